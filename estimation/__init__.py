@@ -1,0 +1,1 @@
+"""Poses, distributions, filters, assignment and metrics. Knows no sensor and no ROS."""

@@ -1,0 +1,94 @@
+"""A planar laser scan as every library here sees it: ranges at equally spaced bearings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimation.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One sweep of a planar range scanner, in the sensor frame (x forward, y left).
+
+    Parameters
+    ----------
+    ranges : (N,) metres; no-returns may be NaN, ±inf, zero or anything outside [range_min, range_max).
+        A reading at range_max is a no-return: scanners report their maximum when nothing answers.
+    angle_min, angle_increment : bearing of the first beam and step between beams, radians.
+        A negative increment is a scanner mounted upside down or turning clockwise.
+    range_min, range_max : metres, valid readings lie in [range_min, range_max).
+    stamp : seconds, time of the first beam.
+    time_increment : seconds between beams, 0 when unknown.
+
+    Raises
+    ------
+    InputError : ranges not one-dimensional, or a bound or angle not finite.
+    """
+
+    ranges: NDArray[np.float64]
+    angle_min: float
+    angle_increment: float
+    range_min: float = 0.0
+    range_max: float = np.inf
+    stamp: float = 0.0
+    time_increment: float = 0.0
+
+    def __init__(
+        self,
+        ranges: ArrayLike,
+        angle_min: float,
+        angle_increment: float,
+        range_min: float = 0.0,
+        range_max: float = np.inf,
+        stamp: float = 0.0,
+        time_increment: float = 0.0,
+    ) -> None:
+        values = np.asarray(ranges, dtype=np.float64)
+        if values.ndim != 1:
+            raise InputError(f"ranges: one-dimensional array expected, got shape {values.shape}")
+        bounds = {
+            "angle_min": angle_min,
+            "angle_increment": angle_increment,
+            "range_min": range_min,
+            "stamp": stamp,
+            "time_increment": time_increment,
+        }
+        for name, value in bounds.items():
+            if not np.isfinite(value):
+                raise InputError(f"{name}: finite number expected, got {value}")
+            object.__setattr__(self, name, float(value))
+        if np.isnan(range_max) or range_max <= range_min:
+            raise InputError(f"range_max: must exceed range_min = {range_min}, got {range_max}")
+        if len(values) > 1 and angle_increment == 0.0:
+            raise InputError("angle_increment: must not be zero for a scan of several beams")
+        object.__setattr__(self, "range_max", float(range_max))
+        object.__setattr__(self, "ranges", values)
+
+    def __len__(self) -> int:
+        return len(self.ranges)
+
+    @property
+    def bearings(self) -> NDArray[np.float64]:
+        """Bearing of each beam, (N,) radians."""
+        return self.angle_min + self.angle_increment * np.arange(len(self.ranges))
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which beams returned, (N,); no-returns are False."""
+        with np.errstate(invalid="ignore"):
+            return (
+                np.isfinite(self.ranges)
+                & (self.ranges > 0.0)
+                & (self.ranges >= self.range_min)
+                & (self.ranges < self.range_max)
+            )
+
+    def points(self) -> NDArray[np.float64]:
+        """Cartesian end points of the returns, (M, 2) metres in the sensor frame, no-returns dropped."""
+        valid = self.valid
+        ranges, bearings = self.ranges[valid], self.bearings[valid]
+        return np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings)))

@@ -1,0 +1,61 @@
+"""ament_python build of `whereabouts`: five libraries, the application over them, and its ROS share files."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "whereabouts"
+TOP_PACKAGES = ["estimation", "registration", "loop_closure", "tracking", "world_model", "whereabouts"]
+NODES = ["scan_registration"]
+
+packages = [
+    package
+    for top in TOP_PACKAGES
+    for package in [top, *(f"{top}.{sub}" for sub in find_packages(top))]
+]
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="ROS 2 perception suite for a mobile service robot",
+    long_description=Path(__file__).with_name("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    maintainer="whereabouts maintainers",
+    maintainer_email="maintainers@users.noreply.h-seed-c5fa768a.example",
+    python_requires=">=3.11,<3.13",
+    packages=packages,
+    package_data={package: ["models/*.json", "defaults/*.yaml"] for package in packages},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", sorted(glob("config/*"))),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/rviz", sorted(glob("rviz/*.rviz"))),
+    ],
+    # Ranges, so that Ubuntu's own packages satisfy them; requirements/ holds the exact versions.
+    install_requires=[
+        "setuptools",
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "numba>=0.58",
+        "kiss-icp>=1.2",
+        "rosbags>=0.11",
+        "mcap>=1.2",
+        "pydantic>=2.4",
+        "pytransform3d>=3.5",
+        "typer>=0.9",
+        "rich>=13",
+        "matplotlib>=3.6",
+        "joblib>=1.2",
+        "pyyaml>=6",
+    ],
+    entry_points={
+        "console_scripts": [
+            "whereabouts = whereabouts.cli.main:main",
+            *(f"{node} = whereabouts.nodes.{node}_node:main" for node in NODES),
+        ],
+    },
+    zip_safe=False,
+)

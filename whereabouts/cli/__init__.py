@@ -1,0 +1,1 @@
+"""The `whereabouts` command: one module per sub-command."""

@@ -1,0 +1,1 @@
+"""Readers and writers of robot logs. Knows no ROS installation."""

@@ -1,0 +1,1 @@
+"""All ROS glue: one module per node, message conversions, parameters, frames and diagnostics."""

@@ -1,0 +1,1 @@
+"""Simulated worlds, laser scanners, people and objects, all seeded."""

@@ -1,0 +1,1 @@
+"""Anchors, hypotheses, memory, maintenance and object search. Knows no ROS."""
