@@ -74,7 +74,7 @@ class Scan:
     @property
     def bearings(self) -> NDArray[np.float64]:
         """Bearing of each beam, (N,) radians."""
-        return self.angle_min + self.angle_increment * np.arange(len(self.ranges))
+        return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     @property
     def valid(self) -> NDArray[np.bool_]:

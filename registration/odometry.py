@@ -1,0 +1,189 @@
+"""Odometry: follows one sensor from scan to scan or cloud to cloud (sections 2.5 and 4.3 of Paper A).
+
+One object follows one sensor and takes either planar scans or spatial clouds, never both. Poses are those
+of the sensor relative to where it stood at the first call.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimation.errors import InputError
+from registration.kiss import KissTracker
+from registration.motion import Array, Step, accumulate, matrix_to_planar, planar_to_matrix
+from registration.scan import Scan
+
+SCAN_METHODS = ("kiss_icp",)
+
+
+def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    metadata = {"unit": unit, "description": text, "low": low, "high": high}
+    value: float = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True)
+class OdometryConfig:
+    """Settings of `Odometry`; each field's metadata has its unit, meaning and allowed range."""
+
+    scan_method: str = field(
+        default="kiss_icp",
+        metadata={"description": "how planar scans are registered", "choices": SCAN_METHODS},
+    )
+    max_range: float = _setting(80.0, "m", "points farther from the sensor are not used", 0.5, 1000.0)
+    scan_voxel_size: float = _setting(0.2, "m", "KISS-ICP's voxel edge for planar scans", 0.01, 10.0)
+    cloud_voxel_size: float = _setting(0.8, "m", "KISS-ICP's voxel edge for clouds", 0.01, 10.0)
+    cloud_noise: float = _setting(0.05, "m", "standard deviation of a cloud point off the map", 0.001, 1.0)
+    static_distance: float = _setting(0.2, "m", "a point this close to the map is static", 0.01, 5.0)
+
+    def __post_init__(self) -> None:
+        if self.scan_method not in SCAN_METHODS:
+            raise InputError(f"scan_method: one of {', '.join(SCAN_METHODS)}, got {self.scan_method!r}")
+        for name, described in self.__dataclass_fields__.items():
+            value = getattr(self, name)
+            low, high = described.metadata.get("low"), described.metadata.get("high")
+            if low is not None and not low <= value <= high:
+                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+
+
+class Odometry:
+    """Pose of a moving range sensor from its scans or clouds.
+
+    Attributes (after a call of `register`)
+    ----------
+    pose : (3,) x, y, yaw for scans, (4, 4) for clouds; of the sensor, from where it stood at the first call.
+    covariance : (3, 3) | (6, 6) of `pose`, accumulated since the first call.
+    increment : motion since the previous call, in the previous sensor frame; same form as `pose`.
+    increment_covariance : (3, 3) | (6, 6) of `increment`.
+    converged : False where `pose` was only predicted or contradicts the data; unsure : its opposite.
+    reason : one sentence saying why it is unsure, empty otherwise.
+    fitness : 0 to 1, share of the points that agree with the map.
+    static_points : (M, 2 | 3) metres, points of the last scan judged static, sensor frame.
+
+    Covariances of spatial poses are of (x, y, z, rotation about x, y, z) in the frame of the pose.
+    """
+
+    def __init__(self, config: OdometryConfig | None = None) -> None:
+        self.config = config or OdometryConfig()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget map, pose and the kind of data: the next call starts a new run."""
+        self._tracker: KissTracker | None = None
+        self._planar = True
+        self._stamp: float | None = None
+        self.pose: Array = np.zeros(3)
+        self.covariance: Array = np.zeros((3, 3))
+        self._take(Step(np.zeros(3), np.zeros((3, 3)), True, "", 1.0, np.zeros((0, 2))))
+
+    @property
+    def unsure(self) -> bool:
+        return not self.converged
+
+    def register(
+        self,
+        scan_or_cloud: Scan | ArrayLike,
+        stamp: float,
+        guess: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+    ) -> Array:
+        """Register the next scan or cloud and return the sensor's pose.
+
+        Parameters
+        ----------
+        scan_or_cloud : `Scan`, or cloud (N, 3) metres; points that are not finite are dropped.
+        stamp : seconds, time of the measurement.
+        guess : motion since the previous call from elsewhere (wheels), in the previous sensor frame,
+            (3,) for scans and (4, 4) for clouds; without it the sensor is taken to go on as before.
+        times : (N,) seconds of each cloud point relative to the first, to undo the motion during the sweep.
+
+        Returns
+        -------
+        (3,) x, y, yaw for a scan, (4, 4) for a cloud. A scan too poor to register yields the predicted pose;
+        `converged` and `reason` say so.
+
+        Raises
+        ------
+        InputError : wrong shape, guess not finite, or a change between scans and clouds without `reset`.
+        """
+        planar = isinstance(scan_or_cloud, Scan)
+        cloud, phases = _as_cloud(scan_or_cloud, times)
+        motion = _as_motion(guess, planar)
+        if not np.isfinite(stamp):
+            raise InputError(f"stamp: finite seconds expected, got {stamp}")
+        if self._tracker is None:
+            self._start(planar)
+        elif planar != self._planar:
+            raise InputError("scan_or_cloud: scans and clouds cannot be mixed; call reset() first")
+        assert self._tracker is not None
+        self._stamp = float(stamp)
+        step = self._tracker.step(cloud, motion, phases)
+        if planar:
+            step = _in_plane(step)
+        self._take(step)
+        self.pose, self.covariance = accumulate(self.pose, self.covariance, step)
+        return self.pose.copy()
+
+    def _start(self, planar: bool) -> None:
+        config = self.config
+        voxel_size = config.scan_voxel_size if planar else config.cloud_voxel_size
+        self._tracker = KissTracker(config.max_range, voxel_size, config.cloud_noise, config.static_distance)
+        self._planar = planar
+        if not planar:
+            self.pose, self.covariance = np.eye(4), np.zeros((6, 6))
+
+    def _take(self, step: Step) -> None:
+        self.increment = step.increment
+        self.increment_covariance = step.covariance
+        self.converged, self.reason = step.converged, step.reason
+        self.fitness = step.fitness
+        self.static_points = step.static_points
+
+
+def _as_cloud(measurement: Scan | ArrayLike, times: ArrayLike | None) -> tuple[Array, Array | None]:
+    """Finite points (N, 3) and, where known, their phase in [0, 1] of the sweep."""
+    if isinstance(measurement, Scan):
+        flat = measurement.points()
+        phase = None
+        if measurement.time_increment > 0.0 and len(measurement) > 1:
+            phase = (np.arange(len(measurement)) / (len(measurement) - 1))[measurement.valid]
+        return np.column_stack((flat, np.zeros(len(flat)))), phase
+    cloud = np.asarray(measurement, dtype=np.float64)
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise InputError(f"scan_or_cloud: Scan or array (N, 3) expected, got shape {cloud.shape}")
+    finite = np.isfinite(cloud).all(axis=1)
+    if times is None:
+        return cloud[finite], None
+    seconds = np.asarray(times, dtype=np.float64)
+    if seconds.shape != (len(cloud),):
+        raise InputError(f"times: one per point, ({len(cloud)},) expected, got shape {seconds.shape}")
+    finite &= np.isfinite(seconds)
+    seconds = seconds[finite]
+    span = np.ptp(seconds) if len(seconds) else 0.0
+    return cloud[finite], (seconds - seconds.min()) / span if span > 0.0 else None
+
+
+def _as_motion(guess: ArrayLike | None, planar: bool) -> Array | None:
+    if guess is None:
+        return None
+    motion = np.asarray(guess, dtype=np.float64)
+    expected = (3,) if planar else (4, 4)
+    if motion.shape != expected or not np.isfinite(motion).all():
+        raise InputError(f"guess: finite array of shape {expected} expected, got shape {motion.shape}")
+    return planar_to_matrix(motion) if planar else motion
+
+
+def _in_plane(step: Step) -> Step:
+    """A step of KISS-ICP on a scan lifted to z = 0, back in the plane."""
+    keep = np.ix_([0, 1, 5], [0, 1, 5])
+    return Step(
+        matrix_to_planar(step.increment),
+        step.covariance[keep],
+        step.converged,
+        step.reason,
+        step.fitness,
+        step.static_points[:, :2],
+    )

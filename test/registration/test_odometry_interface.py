@@ -1,0 +1,65 @@
+"""The contract every caller of Odometry relies on, whatever registers underneath."""
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from registration import Odometry, OdometryConfig, Scan
+
+
+def room_scan(x: float, beams: int = 361) -> Scan:
+    """Scan of an 8 m x 5 m room taken at (x, 0), by plane intersection."""
+    bearings = np.linspace(-2.0, 2.0, beams)
+    with np.errstate(divide="ignore"):
+        walls = [(5.0 - x) / np.cos(bearings), (-3.0 - x) / np.cos(bearings)]
+        walls += [2.0 / np.sin(bearings), -3.0 / np.sin(bearings)]
+    ranges = np.min([np.where(wall > 0.0, wall, np.inf) for wall in walls], axis=0)
+    return Scan(ranges, -2.0, 4.0 / (beams - 1), 0.0, 60.0)
+
+
+def test_first_scan_is_the_origin() -> None:
+    odometry = Odometry()
+    np.testing.assert_allclose(odometry.register(room_scan(0.0), 0.0), np.zeros(3), atol=1e-12)
+    np.testing.assert_allclose(odometry.covariance, np.zeros((3, 3)), atol=1e-12)
+    assert odometry.converged
+
+
+def test_scan_without_returns_keeps_the_prediction_and_says_so() -> None:
+    odometry = Odometry()
+    odometry.register(room_scan(0.0), 0.0)
+    empty = Scan(np.full(361, np.nan), -2.0, 4.0 / 360, 0.0, 60.0)
+    pose = odometry.register(empty, 0.1, guess=[0.1, 0.0, 0.02])
+    np.testing.assert_allclose(pose, [0.1, 0.0, 0.02], atol=1e-9)
+    assert odometry.unsure
+    assert "points" in odometry.reason
+    assert np.linalg.eigvalsh(odometry.covariance).min() > 0.0
+
+
+def test_reset_starts_over_and_allows_the_other_kind() -> None:
+    odometry = Odometry()
+    odometry.register(room_scan(0.0), 0.0)
+    with pytest.raises(InputError, match="reset"):
+        odometry.register(np.zeros((50, 3)), 0.1)
+    odometry.reset()
+    cloud = np.random.default_rng(0).uniform(-10.0, 10.0, (500, 3))
+    np.testing.assert_allclose(odometry.register(cloud, 0.0), np.eye(4), atol=1e-9)
+    assert odometry.covariance.shape == (6, 6)
+
+
+@pytest.mark.parametrize(
+    ("measurement", "stamp", "guess", "named"),
+    [
+        (np.zeros((4, 2)), 0.0, None, "scan_or_cloud"),
+        (room_scan(0.0), np.nan, None, "stamp"),
+        (room_scan(0.0), 0.0, [0.0, 0.0], "guess"),
+        (room_scan(0.0), 0.0, [0.0, np.nan, 0.0], "guess"),
+    ],
+)
+def test_wrong_input_names_the_argument(measurement, stamp, guess, named) -> None:
+    with pytest.raises(InputError, match=named):
+        Odometry().register(measurement, stamp, guess)
+
+
+def test_config_names_the_field_and_its_range() -> None:
+    with pytest.raises(InputError, match="max_range"):
+        OdometryConfig(max_range=-1.0)
