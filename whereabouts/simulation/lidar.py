@@ -1,0 +1,87 @@
+"""A planar laser scanner in a simulated world: noise, dropouts, maximum range, motion during the sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from registration import Scan
+from whereabouts.simulation.rays import cast
+from whereabouts.simulation.shapes import Array, Shapes
+
+
+@dataclass(frozen=True)
+class SimulatedScan:
+    """A scan and the truth about it.
+
+    pose : (3,) x, y, yaw of the sensor in the world at the scan's stamp.
+    owners : (N,) of what each beam hit: 0 building, movers from 1, -1 nothing or lost.
+    """
+
+    scan: Scan
+    pose: Array
+    owners: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A planar scanner.
+
+    beams : number of beams. opening : radians from first to last beam, centred on straight ahead.
+    range_min, range_max : metres. sigma : standard deviation of a range, metres.
+    resolution : ranges are rounded to this, metres, 0 for none. dropout : share of the beams that return
+    nothing. sweep_time : seconds from first to last beam.
+    """
+
+    beams: int = 361
+    opening: float = np.pi
+    range_min: float = 0.05
+    range_max: float = 30.0
+    sigma: float = 0.01
+    resolution: float = 0.0
+    dropout: float = 0.0
+    sweep_time: float = 0.0
+
+    @property
+    def bearings(self) -> Array:
+        """(beams,) radians."""
+        return -0.5 * self.opening + self.opening / (self.beams - 1) * np.arange(self.beams, dtype=np.float64)
+
+    def scan(
+        self,
+        shapes: Shapes,
+        pose: ArrayLike | Callable[[float], Array],
+        rng: np.random.Generator,
+        stamp: float = 0.0,
+    ) -> SimulatedScan:
+        """One sweep through `shapes`.
+
+        pose : (3,) x, y, yaw of the sensor, or a function of time that gives it; with a function each beam
+            is measured from where the sensor is at that beam's time. Movers stand still during a sweep.
+        """
+        step = self.sweep_time / (self.beams - 1)
+        if callable(pose):
+            poses = np.array([pose(stamp + step * beam) for beam in range(self.beams)])
+        else:
+            poses = np.broadcast_to(np.asarray(pose, dtype=np.float64), (self.beams, 3))
+        ranges, owners = cast(shapes, poses[:, :2], poses[:, 2] + self.bearings, self.range_max)
+        ranges = ranges + self.sigma * rng.standard_normal(self.beams)
+        if self.resolution:
+            ranges = np.round(ranges / self.resolution) * self.resolution
+        lost = rng.random(self.beams) < self.dropout
+        # A scanner answers with its maximum where nothing comes back.
+        gone = lost | ~np.isfinite(ranges) | (ranges < self.range_min) | (ranges >= self.range_max)
+        ranges[gone] = self.range_max
+        scan = Scan(
+            ranges,
+            -0.5 * self.opening,
+            self.opening / (self.beams - 1),
+            self.range_min,
+            self.range_max,
+            stamp,
+            step,
+        )
+        return SimulatedScan(scan, poses[0].copy(), np.where(gone, -1, owners))
