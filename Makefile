@@ -1,0 +1,44 @@
+# The two commands are `make demo` and `make test`; each sets up everything it needs in .venv first.
+
+PYTHON ?= python3
+BAG ?=
+BIN := .venv/bin
+# The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.PHONY: help demo test lint setup setup-test bench clean
+
+help:
+	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
+	@echo "make test    lint, type check and all tests"
+	@echo "make bench   benchmarks; results go to bench/*.txt"
+	@echo "make clean   remove .venv and everything generated"
+
+define bootstrap
+@command -v $(PYTHON) >/dev/null 2>&1 || { echo "set-up: stopped: $(PYTHON) was not found: install it with 'apt install python3 python3-venv'."; exit 1; }
+@$(PYTHON) compat/bootstrap.py $(1)
+endef
+
+setup:
+	$(call bootstrap,runtime)
+
+setup-test:
+	$(call bootstrap,test)
+
+demo: setup
+	$(BIN)/whereabouts demo $(if $(BAG),--bag $(BAG))
+
+lint: setup-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: lint
+	$(BIN)/python -m pytest
+
+bench: setup-test
+	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+clean:
+	rm -rf .venv build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,207 @@
+"""Set up `.venv` from nothing: wheels, interface packages, this package. Run by `make`, safe to repeat.
+
+    python3 compat/bootstrap.py [runtime|test|evaluation|viewer ...]
+
+Needs python3 3.11 or 3.12 with the venv module, a C and a C++ compiler. Each step leaves a stamp with a
+digest of what it was made from, so a second call does only what has changed.
+"""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+VENV = ROOT / ".venv"
+STATE = VENV / "set-up"
+PYTHON = VENV / "bin" / "python"
+SUPPORTED = ((3, 11), (3, 12))
+# In order: whereabouts_msgs could come to use the others.
+INTERFACE_PACKAGES = ("compat/tf2_msgs", "compat/vision_msgs", "whereabouts_msgs")
+VERSION_QUERY = "import sys; print('%d.%d' % sys.version_info[:2])"
+
+
+class SetUpError(Exception):
+    """Something the user has to install or decide; the message says what."""
+
+
+def say(text):
+    print("set-up: " + text, flush=True)
+
+
+def find_interpreter():
+    """The running Python if it is supported, else python3.12 or python3.11 from the PATH."""
+    if sys.version_info[:2] in SUPPORTED and sys.prefix == sys.base_prefix:
+        return sys.executable
+    for major, minor in reversed(SUPPORTED):
+        candidate = shutil.which("python%d.%d" % (major, minor))
+        if candidate is None:
+            continue
+        # A version manager's shim may exist without an interpreter behind it.
+        answer = subprocess.run([candidate, "-c", VERSION_QUERY], capture_output=True, text=True)
+        if answer.stdout.strip() == "%d.%d" % (major, minor):
+            return candidate
+    raise SetUpError(
+        "Python 3.11 or 3.12 is needed and python3 is %d.%d: install python3.12 and python3.12-venv "
+        "(ROS 2 Jazzy's wheels exist for these only), or call `make PYTHON=/path/to/python3.12`." % sys.version_info[:2]
+    )
+
+
+def check_compilers():
+    """The generated message code is C and C++."""
+    if not (os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")):
+        raise SetUpError("a C compiler is missing: install it with `apt install build-essential`.")
+    if not (os.environ.get("CXX") or shutil.which("c++") or shutil.which("g++")):
+        raise SetUpError("a C++ compiler is missing: install it with `apt install build-essential`.")
+
+
+def run(command, log, env=None):
+    """Run a command with its output in a log file; show the end of it on failure."""
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as out:
+        code = subprocess.run(
+            [str(part) for part in command], stdout=out, stderr=subprocess.STDOUT, env=env, cwd=str(ROOT)
+        ).returncode
+    if code != 0:
+        tail = "\n".join(log.read_text(errors="replace").splitlines()[-25:])
+        raise SetUpError("%s failed, its last lines:\n%s\nAll of it is in %s" % (command[0], tail, log))
+
+
+def clean_environment():
+    """Environment for child processes: this virtual environment and no other Python or ROS installation."""
+    env = dict(os.environ)
+    for name in list(env):
+        if name in ("PYTHONPATH", "PYTHONHOME", "CMAKE_PREFIX_PATH", "ROS_DISTRO", "VIRTUAL_ENV"):
+            del env[name]
+    # The wheels' start-up hook sets the guard and the library path; both would point into another environment.
+    if env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None):
+        env.pop("LD_LIBRARY_PATH", None)
+    env["AMENT_PREFIX_PATH"] = str(VENV)
+    env["PATH"] = "%s%s%s" % (VENV / "bin", os.pathsep, env.get("PATH", ""))
+    return env
+
+
+def digest(paths):
+    """One digest over names and contents of files; folders count with all files below them."""
+    total = hashlib.sha256()
+    for path in sorted(paths):
+        files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+        for file in files:
+            total.update(str(file.relative_to(ROOT)).encode())
+            total.update(file.read_bytes())
+    return total.hexdigest()
+
+
+def step(name, sources, action, extra=""):
+    """Run `action` unless its stamp says that it was done from the same sources; say how long it took."""
+    stamp = STATE / (name.replace("/", "-") + ".stamp")
+    wanted = digest(sources) + extra
+    if stamp.exists() and stamp.read_text() == wanted:
+        return
+    started = time.monotonic()
+    say("%s ..." % name)
+    action()
+    stamp.parent.mkdir(parents=True, exist_ok=True)
+    stamp.write_text(wanted)
+    say("%s done in %.0f s" % (name, time.monotonic() - started))
+
+
+def create_environment():
+    """Create `.venv`, or replace one that is broken or was made by another Python."""
+    if (VENV / "pyvenv.cfg").exists() and PYTHON.exists():
+        answer = subprocess.run(
+            [str(PYTHON), "-c", VERSION_QUERY + "; import pip"], capture_output=True, text=True, env=clean_environment()
+        )
+        if answer.returncode == 0 and answer.stdout.strip() in ("%d.%d" % v for v in SUPPORTED):
+            return
+        say("replacing .venv, which does not work or has an unsupported Python")
+    interpreter = find_interpreter()
+    say("creating .venv with %s" % interpreter)
+    shutil.rmtree(str(VENV), ignore_errors=True)
+    answer = subprocess.run([interpreter, "-m", "venv", str(VENV)], capture_output=True, text=True)
+    if answer.returncode != 0:
+        shutil.rmtree(str(VENV), ignore_errors=True)
+        raise SetUpError(
+            "Python's venv module is missing or incomplete: install it with `apt install python3-venv`.\n"
+            + (answer.stdout + answer.stderr).strip()
+        )
+
+
+def requirement_files(name):
+    """A requirements file and all that it includes."""
+    path = ROOT / "requirements" / (name + ".txt")
+    if not path.exists():
+        known = ", ".join(sorted(p.stem for p in (ROOT / "requirements").glob("*.txt")))
+        raise SetUpError("no requirements named %s; there are: %s" % (name, known))
+    files = [path]
+    for line in path.read_text().splitlines():
+        if line.startswith("-r "):
+            files += requirement_files(Path(line[3:].strip()).stem)
+    return files
+
+
+def install_requirements(name):
+    command = [PYTHON, "-m", "pip", "install", "--disable-pip-version-check", "-r", "requirements/%s.txt" % name]
+    run(command, STATE / ("requirements-%s.log" % name), clean_environment())
+
+
+def build_interfaces(folder):
+    """Build one rosidl package with CMake into the environment, which is a merged ROS prefix."""
+    name = Path(folder).name
+    build = STATE / "build" / name
+    shutil.rmtree(str(build), ignore_errors=True)
+    env = clean_environment()
+    cmake = VENV / "bin" / "cmake"
+    configure = [
+        cmake, "-S", ROOT / folder, "-B", build, "-G", "Ninja", "-Wno-dev",
+        "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF", "-DCMAKE_INSTALL_RPATH=$ORIGIN",
+        "-DCMAKE_INSTALL_PREFIX=%s" % VENV, "-DPython3_EXECUTABLE=%s" % PYTHON,
+        "-DCMAKE_PROJECT_INCLUDE=%s" % (ROOT / "compat" / "ros_wheels.cmake"),
+    ]  # fmt: skip
+    run(configure, STATE / ("%s-configure.log" % name), env)
+    check_origin(build / "CMakeCache.txt")
+    run([cmake, "--build", build, "--target", "install"], STATE / ("%s-build.log" % name), env)
+    shutil.rmtree(str(build), ignore_errors=True)
+
+
+def check_origin(cache):
+    """A wheel that is missing would silently be replaced by a ROS package found under /usr or /opt/ros."""
+    for line in cache.read_text().splitlines():
+        name, _, value = line.partition("=")
+        if name.endswith("_DIR:PATH") and value.startswith("/") and not value.startswith(str(VENV)):
+            raise SetUpError("%s was found outside .venv, at %s" % (name.split(":")[0], value))
+
+
+def install_package():
+    command = [
+        PYTHON, "-m", "pip", "install", "--disable-pip-version-check",
+        "--no-deps", "--no-build-isolation", "--editable", ".",
+    ]  # fmt: skip
+    run(command, STATE / "package.log", clean_environment())
+
+
+def main(names):
+    started = time.monotonic()
+    try:
+        check_compilers()
+        create_environment()
+        for name in names:
+            step("requirements-" + name, requirement_files(name), lambda name=name: install_requirements(name))
+        build_files = [ROOT / "compat" / "ros_wheels.cmake", ROOT / "requirements" / "build.txt"]
+        for folder in INTERFACE_PACKAGES:
+            step(folder, [*build_files, ROOT / folder], lambda folder=folder: build_interfaces(folder))
+        package_files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml")]
+        step("package", package_files, install_package, extra=str(ROOT))
+    except SetUpError as error:
+        say("stopped: %s" % error)
+        return 1
+    if time.monotonic() - started > 5.0:
+        say("ready after %.0f s" % (time.monotonic() - started))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:] or ["runtime"]))
