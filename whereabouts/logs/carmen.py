@@ -1,0 +1,191 @@
+"""CARMEN logs: one message per line, plain or compressed.
+
+Read are PARAM (maximum range and mounts of the lasers), ODOM, FLASER, RLASER, ROBOTLASER1 and ROBOTLASER2.
+
+* Stamps are those of the sensor message (the first of the two on a line), as recorded: they may go backwards,
+  be rounded or be zero. They are counted, never repaired.
+* A log written by a mapper has NEFF lines. In those every pose is the mapper's, and ODOM lines restart at it:
+  scans carry `pose` and no `odometry`, ODOM lines are skips.
+* The scan topic is `scan` (frame `laser`), the rear laser's `rear_scan` (frame `rear_laser`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from estimation.errors import InputError
+
+from .carmen_laser import BadLineError, LaserLine, LaserParameters, numbers, parse_flaser, parse_robotlaser
+from .errors import NothingRecognisedError
+from .log import Log
+from .planar import compose, invert, wrap
+from .records import OdometryRecord, Record, ScanRecord
+from .text import TextSource
+
+LaserParser = Callable[[Sequence[bytes], "float | None"], LaserLine]
+
+LASERS: dict[bytes, tuple[str, LaserParser]] = {
+    b"FLASER": ("front", parse_flaser),
+    b"RLASER": ("rear", parse_flaser),
+    b"ROBOTLASER1": ("front", parse_robotlaser),
+    b"ROBOTLASER2": ("rear", parse_robotlaser),
+}
+TOPICS = {"front": ("scan", "laser"), "rear": ("rear_scan", "rear_laser")}
+ODOMETRY_TOPIC = "wheel_odom"
+FACING_TOLERANCE = 0.1
+
+# Messages of the format that carry nothing this reader hands out.
+OTHER_MESSAGES = frozenset(
+    b"SYNC NEFF TRUEPOS RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 RAWLASER5 NMEA-GGA NMEA-RMC NMEAGGA NMEARMC "
+    b"IMU SONAR BUMPER GPS MARKER POSITION POINTCLOUD TRUEPOS ARM".split()
+)
+KEYWORDS = frozenset(LASERS) | {b"PARAM", b"ODOM"} | OTHER_MESSAGES
+
+
+class CarmenLog(Log):
+    """A CARMEN log as a stream of ScanRecord and OdometryRecord.
+
+    Parameters
+    ----------
+    path : the file (.clf or .log, plain, .gz or .bz2, or a zip archive holding one).
+    topics : hand out only these (`scan`, `rear_scan`, `wheel_odom`); None for all.
+    max_range : metres from which a reading is a no-return, instead of what the log says.
+    member : name inside a zip archive.
+    """
+
+    format = "carmen"
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str] | None = None,
+        max_range: float | None = None,
+        member: str | None = None,
+    ) -> None:
+        super().__init__(path, topics)
+        self._source = TextSource(path, member)
+        self._max_range = max_range
+        self._lasers: dict[str, LaserParameters] = {}
+        self._corrected = False
+
+    @property
+    def progress(self) -> float:
+        return self._source.progress
+
+    @property
+    def corrected(self) -> bool:
+        """Whether a mapper wrote this log, so that its poses are no odometry."""
+        return is_corrected(self._source.head())
+
+    def _records(self) -> Iterator[Record]:
+        self._lasers = {side: LaserParameters() for side in TOPICS}
+        self._corrected = self.corrected
+        recognised = number = 0
+        for number, line in self._source.lines(self.summary):
+            fields = line.split()
+            if not fields or fields[0].startswith(b"#"):
+                continue
+            try:
+                record = self._parse(fields)
+            except BadLineError as error:
+                self.summary.skip(str(error), f"line {number}")
+                continue
+            except InputError as error:
+                self.summary.skip(f"scan refused: {error}", f"line {number}")
+                continue
+            except _UnusedLineError as unused:
+                recognised += unused.recognised
+                self.summary.skip(unused.reason, f"line {number}")
+                continue
+            recognised += 1
+            if record is not None and self.wants(record.topic):
+                yield record
+        if not recognised:
+            raise NothingRecognisedError(
+                self.path, f"not one of {number} lines is a CARMEN message; is it another format?"
+            )
+
+    def _parse(self, fields: list[bytes]) -> Record | None:
+        keyword = fields[0]
+        laser = LASERS.get(keyword)
+        if laser is not None:
+            side, parser = laser
+            return self._scan(side, parser(fields, self._limit(side)))
+        if keyword == b"ODOM":
+            return self._odometry(fields)
+        if keyword == b"PARAM":
+            self._parameter(fields)
+            return None
+        if keyword in OTHER_MESSAGES:
+            raise _UnusedLineError(f"{keyword.decode()} messages, not used", recognised=True)
+        raise _UnusedLineError("not a CARMEN message", recognised=False)
+
+    def _limit(self, side: str) -> float | None:
+        return self._lasers[side].max_range if self._max_range is None else self._max_range
+
+    def _scan(self, side: str, line: LaserLine) -> ScanRecord:
+        topic, frame = TOPICS[side]
+        laser = line.laser
+        if side == "rear" and abs(wrap(laser[2] - line.robot[2])) < FACING_TOLERANCE:
+            laser = laser[0], laser[1], wrap(laser[2] + math.pi)  # some loggers left the half turn out
+        mount, corrected = self._lasers[side].split(laser, line.robot)
+        odometry: np.ndarray | None = np.array(line.robot)
+        pose: np.ndarray | None = None
+        if self._corrected:
+            odometry, pose = None, odometry
+        elif corrected is not None:
+            pose = np.array(compose(corrected, invert(mount)))
+        return ScanRecord(line.scan, line.stamp, topic, frame, odometry, pose, np.array(mount))
+
+    def _odometry(self, fields: list[bytes]) -> OdometryRecord:
+        if len(fields) < 9:
+            raise BadLineError("ODOM: fields missing")
+        if self._corrected:
+            raise _UnusedLineError("ODOM in a mapper's log: restarts at its poses, is no odometry", True)
+        x, y, yaw, speed, turn, _, stamp = numbers(fields[1:8], "a field of ODOM")
+        return OdometryRecord(
+            np.array((x, y, yaw)), stamp, ODOMETRY_TOPIC, twist=np.array((speed, 0.0, turn))
+        )
+
+    def _parameter(self, fields: list[bytes]) -> None:
+        """Later values of a parameter replace earlier ones, as in the logger."""
+        if len(fields) < 3:
+            raise BadLineError("PARAM: value missing")
+        name = fields[1].decode(errors="replace").replace("front_laser", "frontlaser")
+        name = name.replace("rear_laser", "rearlaser").removeprefix("robot_").removeprefix("laser_")
+        side, _, setting = name.partition("laser_")
+        if side not in TOPICS or setting not in ("max", "offset", "side_offset", "angular_offset"):
+            return
+        value = numbers(fields[2:3], f"PARAM {fields[1].decode(errors='replace')}")[0]
+        self._lasers[side] = _updated(self._lasers[side], side, setting, value)
+
+
+class _UnusedLineError(Exception):
+    """A line that is passed over without being wrong."""
+
+    def __init__(self, reason: str, recognised: bool) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.recognised = recognised
+
+
+def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> LaserParameters:
+    if setting == "max":
+        return LaserParameters(value if value > 0.0 else None, laser.mount)
+    facing = math.pi if side == "rear" else 0.0
+    x, y, yaw = laser.mount or (0.0, 0.0, facing)
+    mount = {
+        "offset": (value, y, yaw),
+        "side_offset": (x, value, yaw),
+        "angular_offset": (x, y, value + facing),
+    }[setting]
+    return LaserParameters(laser.max_range, mount)
+
+
+def is_corrected(head: bytes) -> bool:
+    """Whether a mapper wrote these first lines: NEFF is its effective number of particles."""
+    return head.startswith(b"NEFF ") or b"\nNEFF " in head

@@ -1,0 +1,96 @@
+"""The interface of every readable log: iterate it, and it streams records in file order."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TypeVar
+
+from .records import CloudRecord, OdometryRecord, Record, ScanRecord, TransformRecord, strip_slash
+from .summary import Summary
+
+R = TypeVar("R", ScanRecord, OdometryRecord, CloudRecord, TransformRecord)
+
+
+class Log(ABC):
+    """A recording that is read as a stream, from the start with every iteration.
+
+    path : what was opened.
+    format : short name of the format ("carmen", "g2o", "rosbag1", "rosbag2").
+    summary : account of the running or last pass; complete when the iterator is exhausted.
+
+    Iteration raises DamagedLogError where reading on is not possible and NothingRecognisedError at the end of
+    a file that held no record at all.
+    """
+
+    format: str = ""
+
+    def __init__(self, path: Path, topics: Iterable[str] | None = None) -> None:
+        self.path = path
+        self.summary = Summary()
+        self._wanted = None if topics is None else frozenset(strip_slash(topic) for topic in topics)
+
+    @abstractmethod
+    def _records(self) -> Iterator[Record]:
+        """All records of wanted topics in file order, filling self.summary."""
+
+    @property
+    def progress(self) -> float:
+        """How much of the file the running pass has read, 0 to 1."""
+        return 0.0
+
+    def close(self) -> None:  # noqa: B027 - most formats hold nothing open between passes
+        """Release temporary files. Reading again afterwards is not possible for every format."""
+
+    def wants(self, topic: str) -> bool:
+        """Whether the caller asked for this topic (all of them when none was named)."""
+        return self._wanted is None or strip_slash(topic) in self._wanted
+
+    def __iter__(self) -> Iterator[Record]:
+        self.summary.clear()
+        latest: dict[tuple[type, str], float] = {}
+        for number, record in enumerate(self._records(), start=1):
+            topic = record.topic
+            self.summary.count(topic)
+            kind = (type(record), topic)
+            if not isinstance(record, TransformRecord):  # one tf topic has many publishers
+                previous = latest.get(kind)
+                if previous is not None and record.stamp <= previous:
+                    order = "earlier than" if record.stamp < previous else "equal to"
+                    reason = f"stamp on {topic} {order} the one before it, kept as recorded"
+                    self.summary.note(reason, f"record {number}")
+                latest[kind] = record.stamp
+            yield record
+
+    def scans(self, topic: str | None = None) -> Iterator[ScanRecord]:
+        """Scans of one topic: the one named, else that of the first scan (others are counted as skips)."""
+        return self._of_kind(ScanRecord, topic)
+
+    def odometry(self, topic: str | None = None) -> Iterator[OdometryRecord]:
+        """Odometry of one topic: the one named, else that of the first reading."""
+        return self._of_kind(OdometryRecord, topic)
+
+    def clouds(self, topic: str | None = None) -> Iterator[CloudRecord]:
+        """Clouds of one topic: the one named, else that of the first cloud."""
+        return self._of_kind(CloudRecord, topic)
+
+    def _of_kind(self, kind: type[R], topic: str | None) -> Iterator[R]:
+        chosen = None if topic is None else strip_slash(topic)
+        for record in self:
+            if not isinstance(record, kind):
+                continue
+            chosen = record.topic if chosen is None else chosen
+            if record.topic == chosen:
+                yield record
+            else:
+                self.summary.skip(f"{record.topic}: reading {chosen} only", f"stamp {record.stamp:.6f}")
+
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,84 @@
+"""What a reader left out or kept with a remark: counted by reason, with the place of the first example."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Remark:
+    """One reason: how often it applied and where it did first (`line 12`, `byte 4096`)."""
+
+    count: int = 0
+    first: str = ""
+
+
+@dataclass
+class Summary:
+    """Account of one pass over a log.
+
+    records : number of records handed out, by topic.
+    skipped : what was not handed out, by reason.
+    notes : what was handed out although something about it is unusual (stamps that go backwards), or what is
+        to be known about the whole file (it ends in the middle of a chunk).
+    """
+
+    records: dict[str, int] = field(default_factory=dict)
+    skipped: dict[str, Remark] = field(default_factory=dict)
+    notes: dict[str, Remark] = field(default_factory=dict)
+
+    def count(self, topic: str) -> None:
+        """Count a record handed out on `topic`."""
+        self.records[topic] = self.records.get(topic, 0) + 1
+
+    def skip(self, reason: str, where: str, count: int = 1) -> None:
+        """Count something left out because of `reason`, at `where`."""
+        _add(self.skipped, reason, where, count)
+
+    def note(self, reason: str, where: str, count: int = 1) -> None:
+        """Count something kept although `reason`, at `where`."""
+        _add(self.notes, reason, where, count)
+
+    def clear(self) -> None:
+        """Forget everything, before a new pass."""
+        self.records.clear()
+        self.skipped.clear()
+        self.notes.clear()
+
+    @property
+    def skipped_count(self) -> int:
+        """Number of things left out."""
+        return sum(remark.count for remark in self.skipped.values())
+
+    def as_dict(self) -> dict[str, dict[str, object]]:
+        """Plain values for JSON."""
+        return {
+            "records": dict(self.records),
+            "skipped": {k: {"count": r.count, "first": r.first} for k, r in self.skipped.items()},
+            "notes": {k: {"count": r.count, "first": r.first} for k, r in self.notes.items()},
+        }
+
+    def lines(self) -> list[str]:
+        """One sentence per reason, skips first; empty when there is nothing to say."""
+        return [
+            *(f"skipped {_sentence(reason, remark)}" for reason, remark in self.skipped.items()),
+            *(f"note: {_sentence(reason, remark)}" for reason, remark in self.notes.items()),
+        ]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines()) or "nothing skipped"
+
+
+def _sentence(reason: str, remark: Remark) -> str:
+    return f"{remark.count} × {reason} (first at {remark.first})"
+
+
+def _add(where_to: dict[str, Remark], reason: str, where: str, count: int) -> None:
+    remark = where_to.setdefault(reason, Remark(first=where))
+    remark.count += count
+
+
+def merge_counts(counts: Mapping[str, int]) -> str:
+    """`scan 1265, tf 30`, or `nothing`."""
+    return ", ".join(f"{name} {count}" for name, count in counts.items()) or "nothing"

@@ -1,0 +1,100 @@
+"""Lines of a text log that may be plain, gzipped, bzipped or a member of a zip archive."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from .errors import DamagedLogError, LogNotFoundError
+from .summary import Summary
+
+GZIP_MAGIC = b"\x1f\x8b"
+BZIP2_MAGIC = b"BZh"
+ZIP_MAGIC = b"PK\x03\x04"
+
+# No line of a log is longer; a binary file without line ends must not be read as one line.
+LONGEST_LINE = 1 << 20
+DECODING_ERRORS = (EOFError, OSError, zlib.error, zipfile.BadZipFile)
+
+
+def open_file(path: Path) -> BinaryIO:
+    """The raw file.
+
+    Raises
+    ------
+    LogNotFoundError : it does not exist or may not be read.
+    """
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise LogNotFoundError(path, f"cannot be read ({error.strerror}); check the path") from error
+
+
+def decompressed(raw: BinaryIO, path: Path, member: str | None = None) -> BinaryIO:
+    """Content of the open file, decompressed when its first bytes say so; `member` of a zip archive."""
+    if member is not None:
+        try:
+            content = zipfile.ZipFile(raw).open(member)  # noqa: SIM115 - closed with `raw`
+            return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, content), 1 << 16))
+        except (zipfile.BadZipFile, KeyError, NotImplementedError, RuntimeError) as error:
+            raise DamagedLogError(
+                path, f"member {member} cannot be read ({error}); unpack it first"
+            ) from error
+    magic = raw.read(4)
+    raw.seek(0)
+    if magic.startswith(GZIP_MAGIC):
+        return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, gzip.GzipFile(fileobj=raw)), 1 << 16))
+    if magic.startswith(BZIP2_MAGIC):
+        return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, bz2.BZ2File(raw)), 1 << 16))
+    return raw
+
+
+class TextSource:
+    """Numbered lines of a text log; can be read any number of times."""
+
+    def __init__(self, path: Path, member: str | None = None) -> None:
+        self.path = path
+        self.member = member
+        self._raw: BinaryIO | None = None
+
+    @property
+    def progress(self) -> float:
+        """Share of the (compressed) file read by the running or last pass."""
+        if self._raw is None:
+            return 0.0
+        return 1.0 if self._raw.closed else self._raw.tell() / max(self.path.stat().st_size, 1)
+
+    def head(self, size: int = 1 << 16) -> bytes:
+        """The first bytes of the content."""
+        with open_file(self.path) as raw:
+            try:
+                return decompressed(raw, self.path, self.member).read(size)
+            except DECODING_ERRORS:
+                return b""
+
+    def lines(self, summary: Summary) -> Iterator[tuple[int, bytes]]:
+        """(line number from 1, line), to the end or to where compressed data breaks off, which is noted."""
+        number = 0
+        with open_file(self.path) as raw:
+            self._raw = raw
+            content = decompressed(raw, self.path, self.member)
+            while True:
+                try:
+                    line = content.readline(LONGEST_LINE)
+                except DECODING_ERRORS as error:
+                    reason = f"compressed data breaks off ({error}); read up to there"
+                    summary.note(reason, f"line {number + 1}")
+                    return
+                if not line:
+                    return
+                number += 1
+                if len(line) == LONGEST_LINE:
+                    summary.skip("line longer than 1 MiB", f"line {number}")
+                    continue
+                yield number, line
