@@ -11,6 +11,7 @@ from .errors import (
     UnknownFormatError,
     WriteError,
 )
+from .g2o import Edge, G2oGraph, G2oLog, read_g2o, write_g2o
 from .log import Log
 from .opening import open_log
 from .records import (
@@ -21,6 +22,8 @@ from .records import (
     ScanRecord,
     TransformRecord,
 )
+from .ros import RawLog, RawMessage, RosLog, open_raw
+from .storage import Qos, Topic
 from .summary import Summary
 from .tum import Trajectory, TumWriter, read_tum, write_tum
 
@@ -28,16 +31,24 @@ __all__ = [
     "CarmenLog",
     "CloudRecord",
     "DamagedLogError",
+    "Edge",
     "EmptyLogError",
+    "G2oGraph",
+    "G2oLog",
     "Log",
     "LogError",
     "LogNotFoundError",
     "MessageRecord",
     "NothingRecognisedError",
     "OdometryRecord",
+    "Qos",
+    "RawLog",
+    "RawMessage",
     "Record",
+    "RosLog",
     "ScanRecord",
     "Summary",
+    "Topic",
     "Trajectory",
     "TrajectoryError",
     "TransformRecord",
@@ -45,6 +56,9 @@ __all__ = [
     "UnknownFormatError",
     "WriteError",
     "open_log",
+    "open_raw",
+    "read_g2o",
     "read_tum",
+    "write_g2o",
     "write_tum",
 ]

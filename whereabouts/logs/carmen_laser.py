@@ -142,8 +142,10 @@ def parse_flaser(fields: Sequence[bytes], max_range: float | None) -> LaserLine:
     return LaserLine(scan, (poses[0], poses[1], poses[2]), (poses[3], poses[4], poses[5]), stamp)
 
 
-def parse_robotlaser(fields: Sequence[bytes], max_range: float | None) -> LaserLine:
-    """A line that describes itself.
+def parse_robotlaser(
+    fields: Sequence[bytes], max_range: float | None, stamp: float | None = None
+) -> LaserLine:
+    """A line that describes itself; `stamp` replaces the recorded one.
 
     `ROBOTLASER1 type start fov step max accuracy remission_mode n r1..rn m i1..im laser_pose(3) robot_pose(3)
     tv rv forward_safety side_safety turn_axis stamp host logger_stamp`
@@ -165,7 +167,8 @@ def parse_robotlaser(fields: Sequence[bytes], max_range: float | None) -> LaserL
         raise BadLineError(f"{name}: number of readings and number of fields disagree")
     ranges = readings(fields[9 : 9 + count])
     poses = numbers(rest[:6], "a pose")
-    stamp = numbers(rest[11:12], "a stamp")[0]
+    recorded = numbers(rest[11:12], "a stamp")[0]
+    stamp = recorded if stamp is None else stamp
     increment = head[3] if head[3] > 0.0 else beam_angles(count)[1]
     limit = max_range if max_range is not None else head[4] if head[4] > 0.0 else DEFAULT_MAX_RANGE
     scan = Scan(ranges, head[1], increment, range_max=limit, stamp=stamp)

@@ -55,7 +55,7 @@ def open_log(
         return G2oLog(source, topics, max_range, member)
     from .ros import RosLog
 
-    return RosLog(source, topics)
+    return RosLog(source, topics, name)
 
 
 def detect(path: Path) -> tuple[str, str | None]:

@@ -46,6 +46,19 @@ class Summary:
         self.skipped.clear()
         self.notes.clear()
 
+    def update(self, other: Summary) -> None:
+        """Add the skips and notes of another account."""
+        for reason, remark in other.skipped.items():
+            self.skip(reason, remark.first, remark.count)
+        for reason, remark in other.notes.items():
+            self.note(reason, remark.first, remark.count)
+
+    def copy(self) -> Summary:
+        """An account of its own with the same content."""
+        made = Summary(dict(self.records))
+        made.update(self)
+        return made
+
     @property
     def skipped_count(self) -> int:
         """Number of things left out."""

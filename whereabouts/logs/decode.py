@@ -1,0 +1,167 @@
+"""ROS messages as records, by type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.errors import InputError
+from registration.scan import Scan
+
+from .planar import rotation_of, to_plane
+from .records import (
+    CloudRecord,
+    MessageRecord,
+    OdometryRecord,
+    Record,
+    ScanRecord,
+    TransformRecord,
+    strip_slash,
+)
+
+Array = NDArray[np.float64]
+
+# sensor_msgs/PointField: number of a type to numpy's letter for it.
+POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time")
+PLANE = np.ix_((0, 1, 5), (0, 1, 5))
+
+
+class UnusableMessageError(ValueError):
+    """A well-formed message with content that cannot be used; the message is the reason that is counted."""
+
+
+def seconds(stamp: Any) -> float:
+    """builtin_interfaces/Time as seconds."""
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def scans(message: Any, topic: str) -> Iterator[ScanRecord]:
+    """sensor_msgs/LaserScan."""
+    yield _scan(message, np.asarray(message.ranges, dtype=np.float64), topic)
+
+
+def first_echoes(message: Any, topic: str) -> Iterator[ScanRecord]:
+    """sensor_msgs/MultiEchoLaserScan: the first echo of each beam, NaN where there is none."""
+    ranges = [echo.echoes[0] if len(echo.echoes) else np.nan for echo in message.ranges]
+    yield _scan(message, np.array(ranges, dtype=np.float64), topic)
+
+
+def _scan(message: Any, ranges: Array, topic: str) -> ScanRecord:
+    if not len(ranges):
+        raise UnusableMessageError("scan without readings")
+    stamp = seconds(message.header.stamp)
+    step = float(message.time_increment)
+    try:
+        scan = Scan(
+            ranges,
+            float(message.angle_min),
+            float(message.angle_increment),
+            float(message.range_min),
+            float(message.range_max),
+            stamp,
+            step if np.isfinite(step) else 0.0,
+        )
+    except InputError as error:
+        raise UnusableMessageError(f"scan refused: {error}") from error
+    return ScanRecord(scan, stamp, topic, strip_slash(message.header.frame_id))
+
+
+def odometry(message: Any, topic: str) -> Iterator[OdometryRecord]:
+    """nav_msgs/Odometry; a covariance or twist that is all zero was not filled in."""
+    pose = _matrix(message.pose.pose.position, message.pose.pose.orientation)
+    twist = message.twist.twist
+    velocity = np.array((twist.linear.x, twist.linear.y, twist.angular.z))
+    covariance = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)[PLANE]
+    if not np.isfinite(pose).all() or not np.isfinite(velocity).all():
+        raise UnusableMessageError("odometry that is not finite")
+    known = bool(np.isfinite(covariance).all() and covariance.any())
+    yield OdometryRecord(
+        to_plane(pose),
+        seconds(message.header.stamp),
+        topic,
+        strip_slash(message.header.frame_id),
+        strip_slash(message.child_frame_id),
+        velocity,
+        covariance if known else None,
+        pose,
+    )
+
+
+def transforms(message: Any, topic: str) -> Iterator[TransformRecord]:
+    """tf2_msgs/TFMessage, one record for each transform."""
+    for stamped in message.transforms:
+        matrix = _matrix(stamped.transform.translation, stamped.transform.rotation)
+        if not np.isfinite(matrix).all():
+            raise UnusableMessageError("transform that is not finite")
+        child = strip_slash(stamped.child_frame_id)
+        stamp = seconds(stamped.header.stamp)
+        yield TransformRecord(matrix, stamp, strip_slash(stamped.header.frame_id), child, topic)
+
+
+def _matrix(position: Any, orientation: Any) -> Array:
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_of((orientation.x, orientation.y, orientation.z, orientation.w))
+    matrix[:3, 3] = position.x, position.y, position.z
+    return matrix
+
+
+def clouds(message: Any, topic: str) -> Iterator[CloudRecord]:
+    """sensor_msgs/PointCloud2 of any layout that has x, y and z; organised clouds are flattened."""
+    values = _rows(message)
+    points = np.column_stack([values[axis].astype(np.float64) for axis in "xyz"])
+    finite = np.isfinite(points).all(axis=1)
+    named = [name for name in TIME_FIELDS if name in (values.dtype.names or ())]
+    times = values[named[0]].astype(np.float64)[finite] if named else None
+    stamp = seconds(message.header.stamp)
+    yield CloudRecord(points[finite], stamp, topic, strip_slash(message.header.frame_id), times)
+
+
+def _rows(message: Any) -> NDArray[Any]:
+    """(height · width,) structured array over the fields that are read, in the machine's own layout."""
+    order = ">" if message.is_bigendian else "<"
+    layout = {
+        field.name: (order + POINT_TYPES[field.datatype], int(field.offset))
+        for field in message.fields
+        if field.name in ("x", "y", "z", *TIME_FIELDS) and field.datatype in POINT_TYPES
+    }
+    missing = [axis for axis in "xyz" if axis not in layout]
+    if missing:
+        raise UnusableMessageError(f"cloud without field {', '.join(missing)}")
+    step, width, height = int(message.point_step), int(message.width), int(message.height)
+    if any(offset + np.dtype(kind).itemsize > step for kind, offset in layout.values()):
+        raise UnusableMessageError("cloud with a field outside its points")
+    row = max(int(message.row_step), width * step)
+    data = np.asarray(message.data, dtype=np.uint8)
+    if height and len(data) < (height - 1) * row + width * step:
+        raise UnusableMessageError("cloud with less data than its size says")
+    kinds = {
+        "names": list(layout),
+        "formats": [kind for kind, _ in layout.values()],
+        "offsets": [offset for _, offset in layout.values()],
+        "itemsize": step,
+    }
+    lines = (
+        [data[line * row : line * row + width * step] for line in range(height)] if row > width * step else []
+    )
+    packed = np.concatenate(lines) if lines else data[: height * width * step]
+    return np.frombuffer(packed.tobytes(), dtype=np.dtype(kinds))  # type: ignore[call-overload]
+
+
+def other(message: Any, topic: str, type_name: str, log_time: int) -> MessageRecord:
+    """Any message, for those who asked for its topic."""
+    header = getattr(message, "header", None)
+    stamp = seconds(header.stamp) if header is not None else log_time * 1e-9
+    return MessageRecord(message, type_name, stamp, topic)
+
+
+RECORDS: dict[str, Callable[[Any, str], Iterator[Record]]] = {
+    "sensor_msgs/msg/LaserScan": scans,
+    "sensor_msgs/msg/MultiEchoLaserScan": first_echoes,
+    "sensor_msgs/msg/PointCloud2": clouds,
+    "nav_msgs/msg/Odometry": odometry,
+    "tf2_msgs/msg/TFMessage": transforms,
+}

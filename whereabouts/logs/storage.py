@@ -1,0 +1,162 @@
+"""What every bag file is read as: topics, and stored messages in time order."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol, TypeVar
+
+import yaml
+
+from .records import strip_slash
+
+Place = TypeVar("Place")
+
+# Numbers of rmw, as written by rosbag2 up to Iron; later ones write the names.
+_QOS_NAMES = {
+    "history": {0: "system_default", 1: "keep_last", 2: "keep_all"},
+    "reliability": {0: "system_default", 1: "reliable", 2: "best_effort", 4: "best_available"},
+    "durability": {0: "system_default", 1: "transient_local", 2: "volatile", 4: "best_available"},
+}
+
+
+@dataclass(frozen=True)
+class Qos:
+    """A publisher's offer: history (keep_last, keep_all), depth, reliability (reliable, best_effort),
+    durability (volatile, transient_local); "unknown" or "system_default" where the bag says no more."""
+
+    history: str = "keep_last"
+    depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
+
+
+@dataclass(frozen=True, eq=False)
+class Topic:
+    """One recorded topic.
+
+    name : as recorded, usually with a leading slash.
+    type_name : such as "sensor_msgs/msg/LaserScan".
+    definition : text of the message definition with all types it uses, "" where the bag has none.
+    definition_format : "ros2msg" or "ros2idl".
+    type_hash : "RIHS01_..." where recorded, else "".
+    qos : offers of its publishers at the time of recording, empty where not recorded.
+    to_cdr : makes stored bytes CDR, None where they are.
+    problem : why its messages cannot be read, "" where they can.
+    """
+
+    name: str
+    type_name: str
+    definition: str = ""
+    definition_format: str = "ros2msg"
+    type_hash: str = ""
+    qos: tuple[Qos, ...] = ()
+    to_cdr: Callable[[bytes], bytes] | None = field(default=None, repr=False)
+    problem: str = ""
+
+
+class Stored(NamedTuple):
+    """One message as it lies in the file; `where` is its place, such as "byte 4096"."""
+
+    topic: Topic
+    data: bytes
+    log_time: int
+    where: str
+
+
+class BagFile(Protocol):
+    """A bag file or a set of them."""
+
+    def topics(self) -> list[Topic]:
+        """All topics. Reads the whole file where its index is missing."""
+
+    def messages(self) -> Iterator[Stored]:
+        """All messages by log time, as far as the file's own order of chunks allows it."""
+
+    @property
+    def progress(self) -> float:
+        """Share of the file read by the running pass."""
+
+    def close(self) -> None:
+        """Release files."""
+
+
+def in_time_order(
+    chunks: Iterable[tuple[int, Place]], load: Callable[[Place], list[Stored]]
+) -> Iterator[Stored]:
+    """Messages of chunks by log time, loading a chunk only when its time has come.
+
+    chunks : (log time of the first message, place) of each; sorted here. Chunks that overlap in time are open
+        together, so memory is that of the overlapping chunks.
+    load : messages of one chunk, in any order.
+    """
+    waiting = sorted(enumerate(chunks), key=lambda item: (item[1][0], item[0]))
+    open_chunks: list[tuple[int, int, int, list[Stored]]] = []  # (time, rank, position, messages)
+    rank = 0
+    while rank < len(waiting) or open_chunks:
+        start = waiting[rank][1][0] if rank < len(waiting) else None
+        if start is not None and (not open_chunks or start <= open_chunks[0][0]):
+            messages = sorted(load(waiting[rank][1][1]), key=_log_time)
+            if messages:
+                heapq.heappush(open_chunks, (messages[0].log_time, rank, 0, messages))
+            rank += 1
+            continue
+        _, chunk, position, messages = heapq.heappop(open_chunks)
+        alone = not open_chunks and (start is None or messages[-1].log_time < start)
+        if alone:
+            yield from messages[position:]
+            continue
+        yield messages[position]
+        if position + 1 < len(messages):
+            following = (messages[position + 1].log_time, chunk, position + 1, messages)
+            heapq.heappush(open_chunks, following)
+
+
+def _log_time(message: Stored) -> int:
+    return message.log_time
+
+
+def wanted_by(names: Iterable[str] | None) -> Callable[[str], bool]:
+    """Whether a topic is among `names`, leading slashes aside; None stands for all."""
+    if names is None:
+        return lambda name: True
+    chosen = frozenset(strip_slash(name) for name in names)
+    return lambda name: strip_slash(name) in chosen
+
+
+def parse_qos(text: object) -> tuple[Qos, ...]:
+    """Offers from the YAML text (or the list read from it) that rosbag2 stores; () where unreadable."""
+    if isinstance(text, str):
+        try:
+            text = yaml.safe_load(text)
+        except yaml.YAMLError:
+            return ()
+    if not isinstance(text, list):
+        return ()
+    return tuple(_qos(entry) for entry in text if isinstance(entry, dict))
+
+
+def _qos(entry: dict[str, object]) -> Qos:
+    named = {}
+    for key, names in _QOS_NAMES.items():
+        value = entry.get(key)
+        named[key] = (
+            names.get(value, "unknown") if isinstance(value, int) else str(value or "unknown").lower()
+        )
+    depth = entry.get("depth", 10)
+    return Qos(
+        named["history"], depth if isinstance(depth, int) else 10, named["reliability"], named["durability"]
+    )
+
+
+def format_qos(offers: Sequence[Qos]) -> str:
+    """The YAML text rosbag2 stores; deadlines and lease are written as unset."""
+    unset = "{sec: 9223372036, nsec: 854775807}"
+    return "\n".join(
+        f"- history: {offer.history}\n  depth: {offer.depth}\n  reliability: {offer.reliability}\n"
+        f"  durability: {offer.durability}\n  deadline: {unset}\n  lifespan: {unset}\n"
+        f"  liveliness: automatic\n  liveliness_lease_duration: {unset}\n"
+        "  avoid_ros_namespace_conventions: false"
+        for offer in offers
+    )
