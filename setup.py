@@ -10,9 +10,7 @@ TOP_PACKAGES = ["estimation", "registration", "loop_closure", "tracking", "world
 NODES = ["scan_registration"]
 
 packages = [
-    package
-    for top in TOP_PACKAGES
-    for package in [top, *(f"{top}.{sub}" for sub in find_packages(top))]
+    package for top in TOP_PACKAGES for package in [top, *(f"{top}.{sub}" for sub in find_packages(top))]
 ]
 
 setup(

@@ -37,16 +37,16 @@ def find_interpreter():
     if sys.version_info[:2] in SUPPORTED and sys.prefix == sys.base_prefix:
         return sys.executable
     for major, minor in reversed(SUPPORTED):
-        candidate = shutil.which("python%d.%d" % (major, minor))
+        candidate = shutil.which(f"python{major}.{minor}")
         if candidate is None:
             continue
         # A version manager's shim may exist without an interpreter behind it.
         answer = subprocess.run([candidate, "-c", VERSION_QUERY], capture_output=True, text=True)
-        if answer.stdout.strip() == "%d.%d" % (major, minor):
+        if answer.stdout.strip() == f"{major}.{minor}":
             return candidate
     raise SetUpError(
-        "Python 3.11 or 3.12 is needed and python3 is %d.%d: install python3.12 and python3.12-venv "
-        "(ROS 2 Jazzy's wheels exist for these only), or call `make PYTHON=/path/to/python3.12`." % sys.version_info[:2]
+        f"Python 3.11 or 3.12 is needed and python3 is {sys.version_info[0]}.{sys.version_info[1]}: install python3.12 and python3.12-venv "
+        "(ROS 2 Jazzy's wheels exist for these only), or call `make PYTHON=/path/to/python3.12`."
     )
 
 
@@ -67,7 +67,7 @@ def run(command, log, env=None):
         ).returncode
     if code != 0:
         tail = "\n".join(log.read_text(errors="replace").splitlines()[-25:])
-        raise SetUpError("%s failed, its last lines:\n%s\nAll of it is in %s" % (command[0], tail, log))
+        raise SetUpError(f"{command[0]} failed, its last lines:\n{tail}\nAll of it is in {log}")
 
 
 def clean_environment():
@@ -80,7 +80,7 @@ def clean_environment():
     if env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None):
         env.pop("LD_LIBRARY_PATH", None)
     env["AMENT_PREFIX_PATH"] = str(VENV)
-    env["PATH"] = "%s%s%s" % (VENV / "bin", os.pathsep, env.get("PATH", ""))
+    env["PATH"] = "{}{}{}".format(VENV / "bin", os.pathsep, env.get("PATH", ""))
     return env
 
 
@@ -102,24 +102,29 @@ def step(name, sources, action, extra=""):
     if stamp.exists() and stamp.read_text() == wanted:
         return
     started = time.monotonic()
-    say("%s ..." % name)
+    say(f"{name} ...")
     action()
     stamp.parent.mkdir(parents=True, exist_ok=True)
     stamp.write_text(wanted)
-    say("%s done in %.0f s" % (name, time.monotonic() - started))
+    say(f"{name} done in {time.monotonic() - started:.0f} s")
 
 
 def create_environment():
     """Create `.venv`, or replace one that is broken or was made by another Python."""
     if (VENV / "pyvenv.cfg").exists() and PYTHON.exists():
         answer = subprocess.run(
-            [str(PYTHON), "-c", VERSION_QUERY + "; import pip"], capture_output=True, text=True, env=clean_environment()
+            [str(PYTHON), "-c", VERSION_QUERY + "; import pip"],
+            capture_output=True,
+            text=True,
+            env=clean_environment(),
         )
-        if answer.returncode == 0 and answer.stdout.strip() in ("%d.%d" % v for v in SUPPORTED):
+        if answer.returncode == 0 and answer.stdout.strip() in (
+            f"{major}.{minor}" for major, minor in SUPPORTED
+        ):
             return
         say("replacing .venv, which does not work or has an unsupported Python")
     interpreter = find_interpreter()
-    say("creating .venv with %s" % interpreter)
+    say(f"creating .venv with {interpreter}")
     shutil.rmtree(str(VENV), ignore_errors=True)
     answer = subprocess.run([interpreter, "-m", "venv", str(VENV)], capture_output=True, text=True)
     if answer.returncode != 0:
@@ -135,7 +140,7 @@ def requirement_files(name):
     path = ROOT / "requirements" / (name + ".txt")
     if not path.exists():
         known = ", ".join(sorted(p.stem for p in (ROOT / "requirements").glob("*.txt")))
-        raise SetUpError("no requirements named %s; there are: %s" % (name, known))
+        raise SetUpError(f"no requirements named {name}; there are: {known}")
     files = [path]
     for line in path.read_text().splitlines():
         if line.startswith("-r "):
@@ -144,8 +149,16 @@ def requirement_files(name):
 
 
 def install_requirements(name):
-    command = [PYTHON, "-m", "pip", "install", "--disable-pip-version-check", "-r", "requirements/%s.txt" % name]
-    run(command, STATE / ("requirements-%s.log" % name), clean_environment())
+    command = [
+        PYTHON,
+        "-m",
+        "pip",
+        "install",
+        "--disable-pip-version-check",
+        "-r",
+        f"requirements/{name}.txt",
+    ]
+    run(command, STATE / (f"requirements-{name}.log"), clean_environment())
 
 
 def build_interfaces(folder):
@@ -158,12 +171,12 @@ def build_interfaces(folder):
     configure = [
         cmake, "-S", ROOT / folder, "-B", build, "-G", "Ninja", "-Wno-dev",
         "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF", "-DCMAKE_INSTALL_RPATH=$ORIGIN",
-        "-DCMAKE_INSTALL_PREFIX=%s" % VENV, "-DPython3_EXECUTABLE=%s" % PYTHON,
+        f"-DCMAKE_INSTALL_PREFIX={VENV}", f"-DPython3_EXECUTABLE={PYTHON}",
         "-DCMAKE_PROJECT_INCLUDE=%s" % (ROOT / "compat" / "ros_wheels.cmake"),
     ]  # fmt: skip
-    run(configure, STATE / ("%s-configure.log" % name), env)
+    run(configure, STATE / (f"{name}-configure.log"), env)
     check_origin(build / "CMakeCache.txt")
-    run([cmake, "--build", build, "--target", "install"], STATE / ("%s-build.log" % name), env)
+    run([cmake, "--build", build, "--target", "install"], STATE / (f"{name}-build.log"), env)
     shutil.rmtree(str(build), ignore_errors=True)
 
 
@@ -172,7 +185,7 @@ def check_origin(cache):
     for line in cache.read_text().splitlines():
         name, _, value = line.partition("=")
         if name.endswith("_DIR:PATH") and value.startswith("/") and not value.startswith(str(VENV)):
-            raise SetUpError("%s was found outside .venv, at %s" % (name.split(":")[0], value))
+            raise SetUpError("{} was found outside .venv, at {}".format(name.split(":")[0], value))
 
 
 def install_package():
@@ -189,14 +202,16 @@ def main(names):
         check_compilers()
         create_environment()
         for name in names:
-            step("requirements-" + name, requirement_files(name), lambda name=name: install_requirements(name))
+            step(
+                "requirements-" + name, requirement_files(name), lambda name=name: install_requirements(name)
+            )
         build_files = [ROOT / "compat" / "ros_wheels.cmake", ROOT / "requirements" / "build.txt"]
         for folder in INTERFACE_PACKAGES:
             step(folder, [*build_files, ROOT / folder], lambda folder=folder: build_interfaces(folder))
         package_files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml")]
         step("package", package_files, install_package, extra=str(ROOT))
     except SetUpError as error:
-        say("stopped: %s" % error)
+        say(f"stopped: {error}")
         return 1
     if time.monotonic() - started > 5.0:
         say("ready after %.0f s" % (time.monotonic() - started))

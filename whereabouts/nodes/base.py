@@ -1,0 +1,284 @@
+"""What all nodes share, so that a node is only its own few lines.
+
+A node derives from `SuiteNode`, names its parameter model and implements `setup` (create inputs, outputs and
+services), `start_run` (forget live state) and, if it has something to say, `health`.
+
+Threads: every node runs on one single-threaded executor. No callback may wait for another one. Transforms are
+looked up without blocking (a message whose transform is still to come waits in its `Input`), and long actions
+are coroutines that yield, so that a cancel, a look-up or a service call can always be served.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, ClassVar, TypeVar
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from estimation.errors import InputError, WhereaboutsError
+from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
+from whereabouts.nodes.inputs import Frames, Handler, Input
+from whereabouts.nodes.parameters import ParameterError, ParameterSet
+from whereabouts.nodes.stamps import NANOSECONDS
+from whereabouts.nodes.transforms import TransformBuffer
+from whereabouts.parameters.base import NodeParameters
+from whereabouts_msgs.msg import Processed
+from whereabouts_msgs.srv import Reset
+
+WARNING_PERIOD = 5.0
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TF_QOS = QoSProfile(depth=100)
+TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+NodeType = TypeVar("NodeType", bound="SuiteNode")
+
+
+class SuiteNode(LifecycleNode):
+    """A lifecycle node with validated parameters, accounted inputs, tf and diagnostics.
+
+    Attributes
+    ----------
+    settings : the current parameters, an instance of `parameters_model`.
+    active : whether the lifecycle state is active; inputs and timers rest otherwise.
+    epoch : number of the run; counts up when message time jumps back.
+    """
+
+    parameters_model: ClassVar[type[NodeParameters]] = NodeParameters
+    node_name: ClassVar[str] = ""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(self.node_name, **kwargs)
+        self._parameter_set = ParameterSet(self, self.parameters_model)
+        self.active = False
+        self.epoch = 0
+        self.defects = 0
+        self.complaints = 0
+        self.last_complaint = ""
+        self._silent_until: dict[Any, float] = {}
+        self._newest_stamp: int | None = None
+        self._created: list[tuple[Callable[[Any], object], Any]] = []
+        self.inputs: list[Input] = []
+        self.transforms = TransformBuffer()
+        self.processed = self.create_publisher(Processed, "~/processed", 100)
+        self._diagnostics = DiagnosticsPublisher(self)
+        self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish)
+
+    @property
+    def settings(self) -> Any:
+        """The current parameters."""
+        return self._parameter_set.values
+
+    # What a node implements.
+
+    def setup(self) -> None:
+        """Create inputs, outputs, timers and services."""
+
+    def start_run(self) -> None:
+        """Forget live state: time jumped back, somebody asked for it, or the node starts."""
+
+    def health(self) -> Health:
+        """The node's own judgement of how it is doing."""
+        return Health()
+
+    # What a node uses.
+
+    def add_input(
+        self, message_type: type, topic: str, handler: Handler, frames: Frames | None = None
+    ) -> Input:
+        """Subscribe a sensor topic; see `Input`."""
+        item = Input(self, message_type, topic, handler, frames=frames)
+        self.inputs.append(item)
+        self._created.append((self.destroy_subscription, item.subscription))
+        return item
+
+    def add_output(self, message_type: type, topic: str, qos: QoSProfile | int = 10) -> Any:
+        """A publisher that is silent while the node is inactive."""
+        publisher = self.create_lifecycle_publisher(message_type, topic, qos)
+        self._created.append((self.destroy_lifecycle_publisher, publisher))
+        return publisher
+
+    def add_timer(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back every `period` seconds of the node's ROS clock while it is active."""
+        timer = self.create_timer(period, lambda: callback() if self.active else None)
+        self._created.append((self.destroy_timer, timer))
+
+    def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except WhereaboutsError as error:
+                response.code, response.message = response.REFUSED, str(error)
+                return response
+
+        service = self.create_service(service_type, name, answer)
+        self._created.append((self.destroy_service, service))
+
+    def listen_to_transforms(self) -> None:
+        """Subscribe tf and tf_static."""
+        for topic, static, qos in (("tf", False, TF_QOS), ("tf_static", True, TF_STATIC_QOS)):
+
+            def handle(message: TFMessage, _: int, static: bool = static) -> None:
+                self._take_transforms(message, static)
+
+            item = Input(self, TFMessage, topic, handle, qos=qos, new_runs=False)
+            self.inputs.append(item)
+            self._created.append((self.destroy_subscription, item.subscription))
+
+    def broadcaster(self) -> Any:
+        """A publisher for tf; give it lists of transforms in a TFMessage."""
+        return self.add_output(TFMessage, "tf", TF_QOS)
+
+    def complain(self, text: str, key: Any = None, defect: bool = False) -> None:
+        """Warn, at most once in a while for each key; count always."""
+        self.complaints += 1
+        self.defects += defect
+        self.last_complaint = text.splitlines()[0]
+        now = time.monotonic()
+        if now < self._silent_until.get(key or text, 0.0):
+            return
+        self._silent_until[key or text] = now + WARNING_PERIOD
+        logger = self.get_logger()
+        if defect:
+            logger.error(text)
+        else:
+            logger.warning(text)
+
+    def check_stamp(self, stamp: int, topic: str) -> bool:
+        """Follow message time; a jump back starts a new run. True for a stamp that is late but acceptable."""
+        newest = self._newest_stamp
+        if newest is None or stamp >= newest:
+            self._newest_stamp = stamp
+            return False
+        behind = (newest - stamp) / NANOSECONDS
+        if behind <= self.settings.late_window:
+            return True
+        self.get_logger().info(f"{topic}: time went back by {behind:.3f} s: a new run begins")
+        self.begin_run()
+        self._newest_stamp = stamp
+        return False
+
+    def begin_run(self) -> None:
+        """Start a new epoch: live state is forgotten, static transforms and stored history stay."""
+        self.epoch += 1
+        self._newest_stamp = None
+        self.transforms.forget_moving()
+        for item in self.inputs:
+            item.new_run()
+        self.start_run()
+
+    # Lifecycle.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            self.setup()
+            self.add_service(Reset, "~/reset", self._reset)
+            self._created.append((self.destroy_timer, self.create_timer(0.1, self._serve_waiting)))
+            self.start_run()
+        except WhereaboutsError as error:
+            self.get_logger().error(f"cannot configure: {error}")
+            self._destroy_created()
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = super().on_activate(state)
+        self.active = result == TransitionCallbackReturn.SUCCESS
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._destroy_created()
+        self._newest_stamp = None
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.active = False
+        self._destroy_created()
+        return super().on_shutdown(state)
+
+    def _destroy_created(self) -> None:
+        for destroy, entity in reversed(self._created):
+            destroy(entity)
+        self._created.clear()
+        self.inputs.clear()
+        self.transforms = TransformBuffer()
+
+    def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self.begin_run()
+        because = f" ({request.reason})" if request.reason else ""
+        self.get_logger().info(f"reset{because}")
+        response.code, response.message = Reset.Response.SUCCESS, "started afresh"
+        return response
+
+    def _take_transforms(self, message: TFMessage, static: bool) -> None:
+        problem: InputError | None = None
+        for transform in message.transforms:
+            try:
+                self.transforms.insert(transform, static)
+            except InputError as error:
+                problem = error
+        self._serve_waiting()
+        if problem is not None:
+            raise problem
+
+    def _serve_waiting(self) -> None:
+        if self.active:
+            for item in self.inputs:
+                item.serve_waiting()
+
+
+def run_node(node_type: type[NodeType]) -> int:
+    """Run one node until it is told to stop; the body of every executable.
+
+    Returns the exit code: 0 after SIGINT or SIGTERM, 1 if it could not start, 2 for wrong parameters.
+    """
+    rclpy.init()
+    node: NodeType | None = None
+    try:
+        node = node_type()
+        if node.settings.autostart and not start(node):
+            return 1
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        # What was imported stays for good: the collector need not look at it again while scans arrive.
+        gc.collect()
+        gc.freeze()
+        executor.spin()
+    except ParameterError as error:
+        print(f"{node_type.node_name}: {error}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()  # type: ignore[attr-defined]
+    return 0
+
+
+def start(node: SuiteNode) -> bool:
+    """Configure and activate; whether both succeeded."""
+    return (
+        node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        and node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    )
+
+
+def exit_with(node_type: type[SuiteNode]) -> None:
+    """Run a node and leave the process without tearing down Python, which middleware threads can hang on."""
+    code = run_node(node_type)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

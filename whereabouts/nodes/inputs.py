@@ -1,0 +1,236 @@
+"""One subscription of a node: order, transforms that are still to come, and an account of every message."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from estimation.errors import InputError
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.transforms import TransformError
+from whereabouts_msgs.msg import Processed
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.base import SuiteNode
+
+WAITING_LIMIT = 64
+RELIABLE_DEPTH = 200
+LATENCY_WINDOW = 2000
+
+Handler = Callable[[Any, int], None]
+Frames = Callable[[Any], Sequence[tuple[str, str]]]
+
+
+@dataclass
+class InputCounts:
+    """What became of the messages of one topic."""
+
+    received: int = 0
+    used: int = 0
+    late: int = 0
+    inactive: int = 0
+    lost: int = 0
+    reported_lost: int = 0
+    stamp_gaps: int = 0
+    drops: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def dropped(self) -> int:
+        return sum(self.drops.values())
+
+
+@dataclass
+class Waiting:
+    """A message whose transform is still to come."""
+
+    message: Any
+    stamp: int
+    arrived: float
+
+
+class Input:
+    """Messages of one topic on their way to a handler.
+
+    Parameters
+    ----------
+    handler : called with the message and its stamp in nanoseconds; an `InputError` it raises is a refused
+        message, counted and reported, any other exception a defect that is reported with its trace.
+    frames : pairs (target, source) that must be in tf at the stamp before the handler is called. Until then
+        the message waits, and those behind it with it, so that order is kept.
+    new_runs : whether a stamp that jumps back starts a new run of the node.
+    """
+
+    def __init__(
+        self,
+        node: SuiteNode,
+        message_type: type,
+        topic: str,
+        handler: Handler,
+        *,
+        frames: Frames | None = None,
+        qos: QoSProfile | None = None,
+        new_runs: bool = True,
+    ) -> None:
+        self._node = node
+        self._handler = handler
+        self._frames = frames
+        self._new_runs = new_runs
+        self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
+        self._sequence = 0
+        self._one_publisher = True
+        self._waiting: deque[Waiting] = deque()
+        self._periods: deque[int] = deque(maxlen=50)
+        self._last_stamp: int | None = None
+        self.counts = InputCounts()
+        self.latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
+        self.subscription = node.create_subscription(
+            message_type,
+            topic,
+            self._receive,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
+            qos or sensor_qos(node.settings.input_reliability),
+            callback_group=node.default_callback_group,
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=self._on_lost, use_default_callbacks=False
+            ),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self.topic = self.subscription.topic_name
+
+    def _receive(self, message: Any, info: dict[str, Any]) -> None:
+        arrived = time.perf_counter()
+        self.counts.received += 1
+        sequence = int(info.get("publication_sequence_number") or 0)
+        self._check_sequence(sequence)
+        stamp = nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
+        if not self._node.active:
+            self.counts.inactive += 1
+        else:
+            queued = max(0, time.time_ns() - int(info["received_timestamp"])) / NANOSECONDS
+            self._accept(message, stamp, arrived - queued)
+        if self._node.settings.report_processed:
+            self._acknowledge(stamp, sequence)
+
+    def _accept(self, message: Any, stamp: int, arrived: float) -> None:
+        if self._new_runs and self._stamped:
+            if self._node.check_stamp(stamp, self.topic):
+                self.counts.late += 1
+            self._check_period(stamp)
+        if self._waiting or not self._ready(message, stamp):
+            if len(self._waiting) == WAITING_LIMIT:
+                self._waiting.popleft()
+                self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
+            self._waiting.append(Waiting(message, stamp, arrived))
+            return
+        self._handle(message, stamp, arrived)
+
+    def _handle(self, message: Any, stamp: int, arrived: float) -> None:
+        try:
+            self._handler(message, stamp)
+        except (InputError, TransformError) as error:
+            self.drop("refused", str(error))
+            return
+        except Exception as error:
+            trace = traceback.format_exc(limit=-4)
+            self.drop("internal error", f"{type(error).__name__}: {error}\n{trace}", defect=True)
+            return
+        self.counts.used += 1
+        self.latencies.append(time.perf_counter() - arrived)
+
+    def _ready(self, message: Any, stamp: int) -> bool:
+        """Whether all transforms are there; True also where waiting would not help: the handler then says why."""
+        if self._frames is None:
+            return True
+        try:
+            for target, source in self._frames(message):
+                self._node.transforms.lookup(target, source, stamp)
+        except TransformError as error:
+            return not error.later
+        return True
+
+    def serve_waiting(self) -> None:
+        """Handle messages whose transforms have come, and drop those that have waited too long."""
+        timeout = self._node.settings.transform_timeout
+        while self._waiting:
+            first = self._waiting[0]
+            if self._ready(first.message, first.stamp):
+                self._waiting.popleft()
+                self._handle(first.message, first.stamp, first.arrived)
+            elif time.perf_counter() - first.arrived > timeout:
+                self._waiting.popleft()
+                self.drop("no transform", self._missing(first))
+            else:
+                return
+
+    def _missing(self, waiting: Waiting) -> str:
+        assert self._frames is not None
+        for target, source in self._frames(waiting.message):
+            try:
+                self._node.transforms.lookup(target, source, waiting.stamp)
+            except TransformError as error:
+                return f"no transform from '{source}' to '{target}': {error}; is it on tf or tf_static?"
+        return "transform arrived too late"
+
+    def drop(self, reason: str, detail: str, defect: bool = False) -> None:
+        """Count a message that is given up on, and say so."""
+        self.counts.drops[reason] += 1
+        self._node.complain(f"{self.topic}: {reason}: {detail}", key=(self.topic, reason), defect=defect)
+
+    def new_run(self) -> None:
+        """Forget what belongs to the run before."""
+        self._waiting.clear()
+        self._periods.clear()
+        self._last_stamp = None
+
+    def _check_sequence(self, sequence: int) -> None:
+        """Publishers number their messages: with a single one, a jump is a loss. A smaller number is a restart."""
+        if self._one_publisher and sequence > self._sequence + 1 and self._sequence > 0:
+            lost = sequence - self._sequence - 1
+            self.counts.lost += lost
+            self._node.complain(f"{self.topic}: {lost} messages lost on the way", key=(self.topic, "lost"))
+        self._sequence = sequence
+
+    def watch_publishers(self) -> None:
+        """Numbers of several publishers interleave and say nothing; called now and then, as asking costs time."""
+        self._one_publisher = self._node.count_publishers(self.topic) == 1
+        if not self._one_publisher:
+            self._sequence = 0
+
+    def _check_period(self, stamp: int) -> None:
+        """A gap between stamps of several usual periods: the sensor or its driver left something out."""
+        if self._last_stamp is not None and stamp > self._last_stamp:
+            period = stamp - self._last_stamp
+            if len(self._periods) >= 10:
+                usual = int(np.median(self._periods))
+                self.counts.stamp_gaps += max(0, round(period / usual) - 1) if usual > 0 else 0
+            self._periods.append(period)
+        self._last_stamp = stamp
+
+    def _on_lost(self, event: Any) -> None:
+        self.counts.reported_lost = int(event.total_count)
+
+    def _acknowledge(self, stamp: int, sequence: int) -> None:
+        message = Processed(
+            stamp=time_message(stamp),
+            topic=self.topic,
+            sequence=sequence,
+            received=self.counts.received,
+            dropped=self.counts.dropped,
+            lost=max(self.counts.lost, self.counts.reported_lost),
+        )
+        self._node.processed.publish(message)
+
+
+def sensor_qos(reliability: str) -> QoSProfile:
+    """The sensor-data profile, or a reliable one deep enough for a burst."""
+    if reliability == "reliable":
+        return QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+    return qos_profile_sensor_data

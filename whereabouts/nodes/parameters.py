@@ -1,0 +1,139 @@
+"""Declares a pydantic model as ROS parameters and keeps both the same while a node runs."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any, Generic, TypeVar, get_args
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from estimation.errors import InputError
+from whereabouts.parameters.base import NodeParameters
+
+Model = TypeVar("Model", bound=NodeParameters)
+
+
+class ParameterError(InputError):
+    """A parameter has a wrong type or value; the message names it, the value and what is allowed."""
+
+
+class ParameterSet(Generic[Model]):
+    """The parameters of a running node.
+
+    Attributes
+    ----------
+    values : the validated model, replaced whenever a parameter is set.
+
+    Raises
+    ------
+    ParameterError : a value given at the start is not allowed.
+    """
+
+    def __init__(self, node: Node, model: type[Model]) -> None:
+        self._model = model
+        self._listeners: list[Any] = []
+        given = {name: override.value for name, override in node._parameter_overrides.items()}
+        self._warn_unknown(node, given)
+        self.values = self._validated({name: given[name] for name in model.model_fields if name in given})
+        for name, field in model.model_fields.items():
+            # Dynamic, so that `range: 10` in a YAML file serves where 10.0 was meant; the model still checks.
+            descriptor = describe(field)
+            node.declare_parameter(name, getattr(self.values, name), descriptor, ignore_override=True)
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def on_change(self, listener: Any) -> None:
+        """Call `listener(values)` after every change."""
+        self._listeners.append(listener)
+
+    def _warn_unknown(self, node: Node, given: dict[str, Any]) -> None:
+        known = [*self._model.model_fields, "use_sim_time"]
+        for name in given:
+            if name in known or name.startswith("qos_overrides."):
+                continue
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            node.get_logger().warning(f"parameter '{name}' is unknown and has no effect{hint}")
+
+    def _validated(self, changes: dict[str, Any]) -> Model:
+        current = self.values.model_dump() if hasattr(self, "values") else {}
+        try:
+            return self._model.model_validate({**current, **changes})
+        except ValidationError as error:
+            raise ParameterError(
+                "; ".join(explain(self._model, problem) for problem in error.errors())
+            ) from None
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        changes = {p.name: p.value for p in parameters if p.name in self._model.model_fields}
+        if not changes:
+            return SetParametersResult(successful=True)
+        fixed = [name for name in changes if _extra(self._model.model_fields[name], "fixed")]
+        if fixed:
+            reason = f"{fixed[0]} can only be set when the node starts"
+            return SetParametersResult(successful=False, reason=reason)
+        try:
+            values = self._validated(changes)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.values = values
+        for listener in self._listeners:
+            listener(values)
+        return SetParametersResult(successful=True)
+
+
+def _extra(field: FieldInfo, name: str) -> Any:
+    extra = field.json_schema_extra
+    return extra.get(name) if isinstance(extra, dict) else None
+
+
+def bounds(field: FieldInfo) -> tuple[float | None, float | None]:
+    """Inclusive lower and upper bound of a field, None where it has none."""
+    lower = next((m.ge for m in field.metadata if hasattr(m, "ge")), None)
+    upper = next((m.le for m in field.metadata if hasattr(m, "le")), None)
+    return lower, upper
+
+
+def allowed(field: FieldInfo) -> str:
+    """What values a field takes, in words."""
+    lower, upper = bounds(field)
+    kind = getattr(field.annotation, "__name__", str(field.annotation)).replace("typing.", "")
+    if options := get_args(field.annotation):
+        listed = ", ".join(getattr(option, "__name__", repr(option)) for option in options)
+        kind = f"one of {listed}" if kind == "Literal" else f"{kind} of {listed}"
+    unit = _extra(field, "unit")
+    span = "" if lower is None or upper is None else f" from {lower:g} to {upper:g}"
+    return f"{kind}{span}{f' {unit}' if unit else ''}"
+
+
+def explain(model: type[NodeParameters], problem: Any) -> str:
+    """One validation problem as a sentence: name, value, allowed values."""
+    name = str(problem["loc"][0]) if problem["loc"] else "parameters"
+    field = model.model_fields.get(name)
+    expected = f"{allowed(field)} expected" if field else problem["msg"]
+    if problem["type"] == "value_error":
+        expected = problem["msg"].removeprefix("Value error, ")
+    return f"parameter {name}: {expected}, got {problem['input']!r}"
+
+
+def describe(field: FieldInfo) -> ParameterDescriptor:
+    """ROS descriptor of a field: description, range, whether it is read only."""
+    unit = _extra(field, "unit")
+    descriptor = ParameterDescriptor(
+        description=f"{field.description}{f' [{unit}]' if unit else ''}",
+        additional_constraints=allowed(field),
+        read_only=bool(_extra(field, "fixed")),
+        dynamic_typing=field.annotation is float,
+    )
+    lower, upper = bounds(field)
+    if lower is not None and upper is not None:
+        if field.annotation is int:
+            descriptor.integer_range = [IntegerRange(from_value=int(lower), to_value=int(upper), step=1)]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(lower), to_value=float(upper))
+            ]
+    return descriptor

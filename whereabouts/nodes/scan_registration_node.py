@@ -1,0 +1,194 @@
+"""Node `scan_registration`: follows the robot by its laser scans or clouds.
+
+In: `scan` (LaserScan, one or several topics) or `points` (PointCloud2), `wheel_odom` (Odometry, optional), tf.
+Out: `odometry` (Odometry with covariance), tf odom -> base_link, `static_points` (PointCloud2 without movers).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from nav_msgs.msg import Odometry as OdometryMessage
+from numpy.typing import NDArray
+from sensor_msgs.msg import LaserScan, PointCloud2
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+
+from estimation.poses import (
+    compound,
+    compound_covariance,
+    inverse,
+    pose_from_matrix,
+    pose_to_matrix,
+    pose_to_quaternion,
+    transform_points,
+)
+from registration.mounting import level_pose, seen_from_robot, upright
+from registration.odometry import Odometry, OdometryConfig
+from whereabouts.nodes.base import SuiteNode, exit_with
+from whereabouts.nodes.conversions import (
+    cloud_message,
+    fill_pose,
+    points_from_message,
+    scan_from_message,
+    spatial,
+    spatial_covariance,
+    wheel_pose,
+)
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.transforms import frame_name, transform_message
+from whereabouts.nodes.wheels import WheelHistory
+from whereabouts.parameters.scan_registration import ScanRegistrationParameters
+
+Array = NDArray[np.float64]
+
+
+class ScanRegistrationNode(SuiteNode):
+    """Odometry of the robot from its range sensors."""
+
+    parameters_model = ScanRegistrationParameters
+    node_name = "scan_registration"
+    settings: ScanRegistrationParameters
+
+    def setup(self) -> None:
+        settings = self.settings
+        self._wheels = WheelHistory()
+        self.listen_to_transforms()
+        self.add_input(OdometryMessage, "wheel_odom", self._take_wheels)
+        for topic in settings.clouds:
+            self.add_input(PointCloud2, topic, self._take_cloud, frames=self._frames)
+        if not settings.clouds:
+            for topic in settings.scans:
+                self.add_input(LaserScan, topic, self._take_scan, frames=self._frames)
+        self._odometry_output = self.add_output(OdometryMessage, "odometry")
+        self._static_output = self.add_output(PointCloud2, "static_points")
+        self._tf_output = self.broadcaster()
+
+    def start_run(self) -> None:
+        self._odometry = Odometry(OdometryConfig(max_range=self.settings.max_range))
+        self._wheels.clear()
+        self._last_stamp: int | None = None
+        self._frame: str | None = None
+        self._registered = 0
+        self._unsure = 0
+
+    def health(self) -> Health:
+        if not self.active or self._registered == 0:
+            return Health("waiting for scans")
+        odometry = self._odometry
+        figures: dict[str, object] = {
+            "registered": self._registered,
+            "unsure": self._unsure,
+            "fitness": float(odometry.fitness),
+        }
+        if odometry.converged:
+            return Health("following", figures=figures)
+        return Health(f"unsure: {odometry.reason}", warning=True, figures=figures)
+
+    def _frames(self, message: LaserScan | PointCloud2) -> list[tuple[str, str]]:
+        return [(self.settings.base_frame, message.header.frame_id)]
+
+    def _take_wheels(self, message: OdometryMessage, stamp: int) -> None:
+        self._wheels.insert(stamp, wheel_pose(message))
+
+    def _take_scan(self, message: LaserScan, stamp: int) -> None:
+        scan = scan_from_message(message)
+        mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
+        level = level_pose(mounting)
+        if level is None or len(self.settings.scans) > 1:
+            # Scans of several sensors share one map, and tilted ones a plane: both are the robot's own.
+            scan, level, mounting = seen_from_robot(scan, mounting), np.zeros(3), np.eye(4)
+        else:
+            scan = upright(scan, mounting)
+        self._odometry.register(scan, stamp / NANOSECONDS, guess=self._guess(stamp, level))
+        back = inverse(level)
+        pose = compound(compound(level, self._odometry.pose), back)
+        covariance = _conjugate(level, self._odometry.pose, self._odometry.covariance)
+        step = compound(compound(level, self._odometry.increment), back)
+        step_covariance = _conjugate(level, self._odometry.increment, self._odometry.increment_covariance)
+        self._publish(
+            stamp,
+            spatial(pose),
+            spatial_covariance(covariance),
+            spatial(step),
+            spatial_covariance(step_covariance),
+        )
+        self._publish_static(stamp, transform_points(level, self._odometry.static_points))
+        self._finish(stamp)
+
+    def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
+        points, times = points_from_message(message)
+        mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
+        # Registered in the robot frame, so that several sensors share one map.
+        points = transform_points(mounting, points)
+        guess = self._guess(stamp, np.zeros(3))
+        matrix = None if guess is None else pose_to_matrix(spatial(guess))
+        self._odometry.register(points, stamp / NANOSECONDS, guess=matrix, times=times)
+        self._publish(
+            stamp,
+            pose_from_matrix(self._odometry.pose),
+            self._odometry.covariance.reshape(36),
+            pose_from_matrix(self._odometry.increment),
+            self._odometry.increment_covariance.reshape(36),
+        )
+        self._publish_static(stamp, self._odometry.static_points)
+        self._finish(stamp)
+
+    def _guess(self, stamp: int, level: Array) -> Array | None:
+        """Motion of the sensor since the last scan by the wheels, in its frame then."""
+        if not self.settings.use_wheel_odometry or self._last_stamp is None:
+            return None
+        motion = self._wheels.motion(self._last_stamp, stamp, self.settings.max_wheel_age)
+        return None if motion is None else compound(compound(inverse(level), motion), level)
+
+    def _finish(self, stamp: int) -> None:
+        self._last_stamp = stamp
+        self._registered += 1
+        if self._odometry.unsure:
+            self._unsure += 1
+            self.complain(f"unsure: {self._odometry.reason}", key="unsure")
+
+    def _publish(
+        self, stamp: int, pose: Array, covariance: Array, step: Array, step_covariance: Array
+    ) -> None:
+        settings = self.settings
+        message = OdometryMessage()
+        message.header = Header(stamp=time_message(stamp), frame_id=frame_name(settings.odom_frame))
+        message.child_frame_id = frame_name(settings.base_frame)
+        fill_pose(message.pose.pose, pose)
+        message.pose.covariance = covariance
+        elapsed = 0.0 if self._last_stamp is None else (stamp - self._last_stamp) / NANOSECONDS
+        if elapsed > 0.0:
+            speed, twist = step / elapsed, message.twist.twist
+            twist.linear.x, twist.linear.y, twist.linear.z = (float(value) for value in speed[:3])
+            twist.angular.x, twist.angular.y, twist.angular.z = (float(value) for value in speed[3:])
+            message.twist.covariance = step_covariance / elapsed**2
+        self._odometry_output.publish(message)
+        if settings.publish_tf:
+            position, quaternion = pose_to_quaternion(pose)
+            transform = transform_message(
+                message.header.frame_id, message.child_frame_id, stamp, (*position, *quaternion)
+            )
+            self._tf_output.publish(TFMessage(transforms=[transform]))
+
+    def _publish_static(self, stamp: int, points: Array) -> None:
+        if not self.settings.publish_static_points:
+            return
+        header = Header(stamp=time_message(stamp), frame_id=frame_name(self.settings.base_frame))
+        self._static_output.publish(cloud_message(header, points))
+
+
+def _conjugate(level: Array, motion: Array, covariance: Array) -> Array:
+    """Covariance (3, 3) of the robot's motion from that of its sensor, mounted at `level`."""
+    nothing = np.zeros((3, 3))
+    moved = compound_covariance(level, motion, nothing, covariance)
+    return np.asarray(compound_covariance(compound(level, motion), inverse(level), moved, nothing))
+
+
+def main() -> None:
+    """Entry point of the executable `scan_registration`."""
+    exit_with(ScanRegistrationNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""tf without tf2_ros: a buffer over pytransform3d's graph, a listener and broadcasters."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from numpy.typing import NDArray
+from pytransform3d.rotations import quaternion_slerp
+from pytransform3d.transform_manager import StaticTransform, TemporalTransformManager, TimeVaryingTransform
+from pytransform3d.transformations import transform_from_pq
+
+from estimation.errors import InputError, WhereaboutsError
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
+
+Matrix = NDArray[np.float64]
+HISTORY = 10 * NANOSECONDS
+
+
+class TransformError(WhereaboutsError):
+    """A transform is not to be had. `later` tells whether it may still arrive."""
+
+    def __init__(self, message: str, later: bool) -> None:
+        super().__init__(message)
+        self.later = later
+
+
+class MovingTransform(TimeVaryingTransform):
+    """Stamped transforms of one frame pair over the last ten seconds, interpolated in between."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._stamps: list[int] = []
+        self._poses: list[Matrix] = []
+
+    def insert(self, stamp: int, pose: Matrix) -> None:
+        """Add (7,) position and quaternion (w, x, y, z); a second value for one stamp replaces the first."""
+        if self._stamps and stamp < self._stamps[-1] - HISTORY:
+            self._stamps.clear()
+            self._poses.clear()
+        index = bisect.bisect_left(self._stamps, stamp)
+        if index < len(self._stamps) and self._stamps[index] == stamp:
+            self._poses[index] = pose
+            return
+        self._stamps.insert(index, stamp)
+        self._poses.insert(index, pose)
+        outdated = bisect.bisect_left(self._stamps, self._stamps[-1] - HISTORY)
+        if outdated:
+            del self._stamps[:outdated], self._poses[:outdated]
+
+    def as_matrix(self, query_time: Any) -> Matrix:
+        """The transform at a stamp in nanoseconds, (4, 4)."""
+        if query_time > self._stamps[-1]:
+            ahead = (query_time - self._stamps[-1]) / NANOSECONDS
+            raise TransformError(f"{self._name}: {ahead:.3f} s newer than the newest transform", later=True)
+        if query_time < self._stamps[0]:
+            behind = (self._stamps[0] - query_time) / NANOSECONDS
+            raise TransformError(f"{self._name}: {behind:.3f} s older than the oldest transform", later=False)
+        index = bisect.bisect_left(self._stamps, query_time)
+        after = self._poses[index]
+        if self._stamps[index] == query_time:
+            return np.asarray(transform_from_pq(after))
+        before = self._poses[index - 1]
+        share = (query_time - self._stamps[index - 1]) / (self._stamps[index] - self._stamps[index - 1])
+        position = (1.0 - share) * before[:3] + share * after[:3]
+        rotation = quaternion_slerp(before[3:], after[3:], share, shortest_path=True)
+        return np.asarray(transform_from_pq(np.concatenate((position, rotation))))
+
+    def check_transforms(self) -> MovingTransform:
+        return self
+
+
+class TransformBuffer:
+    """Transforms between frames, by stamp. Never blocks: what is not there is an error that says so."""
+
+    def __init__(self) -> None:
+        self._graph = TemporalTransformManager(check=False)
+        self._parents: dict[str, str] = {}
+        self._moving: dict[str, MovingTransform] = {}
+
+    def insert(self, message: TransformStamped, static: bool = False) -> None:
+        """Add one transform of a tf or tf_static message.
+
+        Raises
+        ------
+        InputError : frames empty or equal, numbers not finite, or the quaternion is not of unit length.
+        """
+        parent, child = frame_name(message.header.frame_id), frame_name(message.child_frame_id)
+        if not parent or not child or parent == child:
+            raise InputError(f"transform from '{child}' to '{parent}': two different frames expected")
+        pose = _pose(message, f"transform from '{child}' to '{parent}'")
+        known = self._parents.get(child)
+        if known is not None and known != parent:
+            self._graph.remove_transform(child, known)
+            self._moving.pop(child, None)
+        self._parents[child] = parent
+        if static:
+            self._moving.pop(child, None)
+            self._graph.add_transform(child, parent, StaticTransform(transform_from_pq(pose)))
+            return
+        if child not in self._moving:
+            self._moving[child] = MovingTransform(f"{child} in {parent}")
+            self._graph.add_transform(child, parent, self._moving[child])
+        self._moving[child].insert(nanoseconds(message.header.stamp), pose)
+
+    def lookup(self, target: str, source: str, stamp: int) -> Matrix:
+        """Transform that takes coordinates in `source` to coordinates in `target` at `stamp`, (4, 4).
+
+        Raises
+        ------
+        TransformError : a frame is unknown, the two are not connected, or the stamp is out of range.
+        """
+        target, source = frame_name(target), frame_name(source)
+        if target == source:
+            return np.eye(4)
+        for frame in (source, target):
+            if not self._graph.has_frame(frame):
+                raise TransformError(f"frame '{frame}' is unknown to tf", later=True)
+        try:
+            return np.asarray(self._graph.get_transform_at_time(source, target, stamp))
+        except KeyError:
+            message = f"frames '{source}' and '{target}' are not connected in tf"
+            raise TransformError(message, later=True) from None
+
+    def forget_moving(self) -> None:
+        """Drop everything but static transforms, as after a jump back in time."""
+        for child in list(self._moving):
+            self._graph.remove_transform(child, self._parents.pop(child))
+        self._moving.clear()
+
+
+def frame_name(name: str) -> str:
+    """A frame without the leading slash that old drivers and bags put there."""
+    return name.lstrip("/")
+
+
+def _pose(message: TransformStamped, where: str) -> Matrix:
+    """Position and quaternion (w, x, y, z) of a transform message, checked, (7,)."""
+    t, r = message.transform.translation, message.transform.rotation
+    pose = np.array([t.x, t.y, t.z, r.w, r.x, r.y, r.z])
+    if not np.isfinite(pose).all():
+        raise InputError(f"{where}: finite numbers expected, got {pose.tolist()}")
+    length = float(np.linalg.norm(pose[3:]))
+    if abs(length - 1.0) > 0.01:
+        raise InputError(f"{where}: quaternion of length 1 expected, got length {length:.3g}")
+    pose[3:] /= length
+    return pose
+
+
+def transform_message(parent: str, child: str, stamp: int, pose: Iterable[float]) -> TransformStamped:
+    """Transform of `child` in `parent` from (7,) x, y, z and quaternion x, y, z, w."""
+    message = TransformStamped()
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = parent
+    message.child_frame_id = child
+    x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
+    translation, rotation = message.transform.translation, message.transform.rotation
+    translation.x, translation.y, translation.z = x, y, z
+    rotation.x, rotation.y, rotation.z, rotation.w = qx, qy, qz, qw
+    return message

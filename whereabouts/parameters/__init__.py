@@ -1,0 +1,1 @@
+"""Parameters of every node as pydantic models: the one source for ROS, YAML files and the docs."""
