@@ -1,6 +1,7 @@
 """Readers and writers of robot logs. Knows no ROS installation."""
 
 from .carmen import CarmenLog
+from .conversion import Conversion, convert_log
 from .errors import (
     DamagedLogError,
     EmptyLogError,
@@ -26,10 +27,12 @@ from .ros import RawLog, RawMessage, RosLog, open_raw
 from .storage import Qos, Topic
 from .summary import Summary
 from .tum import Trajectory, TumWriter, read_tum, write_tum
+from .writer import McapWriter
 
 __all__ = [
     "CarmenLog",
     "CloudRecord",
+    "Conversion",
     "DamagedLogError",
     "Edge",
     "EmptyLogError",
@@ -38,6 +41,7 @@ __all__ = [
     "Log",
     "LogError",
     "LogNotFoundError",
+    "McapWriter",
     "MessageRecord",
     "NothingRecognisedError",
     "OdometryRecord",
@@ -55,6 +59,7 @@ __all__ = [
     "TumWriter",
     "UnknownFormatError",
     "WriteError",
+    "convert_log",
     "open_log",
     "open_raw",
     "read_g2o",

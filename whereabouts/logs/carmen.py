@@ -103,6 +103,7 @@ class CarmenLog(Log):
                 continue
             recognised += 1
             if record is not None and self.wants(record.topic):
+                self._place = f"line {number}"
                 yield record
         if not recognised:
             raise NothingRecognisedError(

@@ -178,6 +178,7 @@ class G2oLog(Log):
                     record = self._scan(fields, graph, odometry, rank if free else None)
                     free = False
                     if self.wants(record.topic):
+                        self._place = f"line {number}"
                         yield record
                 elif fields[0] == b"VERTEX_SE2":
                     _vertex(fields)

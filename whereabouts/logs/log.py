@@ -30,6 +30,7 @@ class Log(ABC):
     def __init__(self, path: Path, topics: Iterable[str] | None = None) -> None:
         self.path = path
         self.summary = Summary()
+        self._place = ""
         self._wanted = None if topics is None else frozenset(strip_slash(topic) for topic in topics)
 
     @abstractmethod
@@ -44,6 +45,11 @@ class Log(ABC):
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open between passes
         """Release temporary files. Reading again afterwards is not possible for every format."""
 
+    @property
+    def place(self) -> str:
+        """Where in the file the last record stood, such as "line 12" or "byte 4096"."""
+        return self._place
+
     def wants(self, topic: str) -> bool:
         """Whether the caller asked for this topic (all of them when none was named)."""
         return self._wanted is None or strip_slash(topic) in self._wanted
@@ -51,7 +57,7 @@ class Log(ABC):
     def __iter__(self) -> Iterator[Record]:
         self.summary.clear()
         latest: dict[tuple[type, str], float] = {}
-        for number, record in enumerate(self._records(), start=1):
+        for record in self._records():
             topic = record.topic
             self.summary.count(topic)
             kind = (type(record), topic)
@@ -60,7 +66,7 @@ class Log(ABC):
                 if previous is not None and record.stamp <= previous:
                     order = "earlier than" if record.stamp < previous else "equal to"
                     reason = f"stamp on {topic} {order} the one before it, kept as recorded"
-                    self.summary.note(reason, f"record {number}")
+                    self.summary.note(reason, self.place)
                 latest[kind] = record.stamp
             yield record
 
@@ -85,7 +91,7 @@ class Log(ABC):
             if record.topic == chosen:
                 yield record
             else:
-                self.summary.skip(f"{record.topic}: reading {chosen} only", f"stamp {record.stamp:.6f}")
+                self.summary.skip(f"{record.topic}: reading {chosen} only", self.place)
 
     def __enter__(self) -> Log:
         return self

@@ -46,6 +46,7 @@ class RosLog(Log):
         for stored in self._bag.messages():
             messages += 1
             if self.wants(stored.topic.name):
+                self._place = stored.where
                 yield from self._decode(stored)
         if not messages:
             raise NothingRecognisedError(self.path, "holds no message" + _first_note(self.summary))
