@@ -1,0 +1,116 @@
+"""A particle filter's state: weighted samples, with weights in the log domain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from estimation.checks import FloatArray, as_floats, as_points
+from estimation.errors import InputError
+
+IntArray = npt.NDArray[np.int64]
+
+
+def normalise_log(log_weights: npt.ArrayLike) -> FloatArray:
+    """Log weights (N,) shifted so that their exponentials add up to 1.
+
+    Raises InputError for NaN and where every weight is zero (-inf): the measurement fits no particle.
+    """
+    w = as_floats("log_weights", log_weights)
+    if w.ndim != 1 or np.isnan(w).any() or np.isposinf(w).any():
+        raise InputError("log_weights must be (N,) numbers below inf")
+    total = logsumexp(w)
+    if not np.isfinite(total):
+        raise InputError("log_weights must not all be -inf")
+    return w - total
+
+
+def effective_size(log_weights: npt.ArrayLike) -> float:
+    """1 / Σ w², between 1 and N, of normalised or unnormalised log weights (N,)."""
+    return float(np.exp(-logsumexp(2.0 * normalise_log(log_weights))))
+
+
+def systematic_resample(log_weights: npt.ArrayLike, rng: np.random.Generator) -> IntArray:
+    """Indices (N,), ascending, drawn in proportion to the weights with one uniform number.
+
+    Each particle is taken ⌊N w⌋ or ⌈N w⌉ times.
+    """
+    w = np.exp(normalise_log(log_weights))
+    edges = np.cumsum(w)
+    edges[-1] = 1.0
+    positions = (np.arange(w.size) + rng.uniform()) / w.size
+    return np.searchsorted(edges, positions, side="right").astype(np.int64)
+
+
+@dataclass
+class Particles:
+    """States (N, d) with log weights (N,), normalised."""
+
+    states: FloatArray
+    log_weights: FloatArray
+
+    @classmethod
+    def equal(cls, states: npt.ArrayLike) -> Particles:
+        """Particles of equal weight."""
+        x = as_points("states", states)
+        if len(x) == 0:
+            raise InputError("states must hold at least one particle")
+        return cls(x, np.full(len(x), -np.log(len(x))))
+
+    @property
+    def effective_size(self) -> float:
+        """1 / Σ w²."""
+        return effective_size(self.log_weights)
+
+    @property
+    def mean(self) -> FloatArray:
+        """(d,)."""
+        result: FloatArray = np.exp(self.log_weights) @ self.states
+        return result
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(d, d), unbiased: (6.15) for equal weights."""
+        w = np.exp(self.log_weights)
+        offsets = self.states - w @ self.states
+        result: FloatArray = (offsets.T * w) @ offsets / (1.0 - w @ w)
+        return result
+
+    def reweight(self, log_likelihood: npt.ArrayLike) -> float:
+        """Multiply the weights by likelihoods (N,); returns the log of their weighted mean, log p(z | past)."""
+        joint = self.log_weights + as_floats("log_likelihood", log_likelihood)
+        self.log_weights = normalise_log(joint)
+        return float(logsumexp(joint))
+
+    def resample(self, rng: np.random.Generator, below: float = 1.0) -> bool:
+        """Systematic resampling where the effective size is under `below` · N; True where it was done."""
+        if self.effective_size > below * len(self.states):
+            return False
+        self.states = self.states[systematic_resample(self.log_weights, rng)]
+        self.log_weights = np.full(len(self.states), -np.log(len(self.states)))
+        return True
+
+
+def particle_entropy(
+    log_likelihood: npt.ArrayLike, log_transition: npt.ArrayLike, log_weights_before: npt.ArrayLike
+) -> float:
+    """Entropy, nat, of a particle filter's posterior density: (3.4) (Boers et al. 2010).
+
+    log_likelihood : (N,), log p(z | q_i) of the predicted particles. log_transition : (N, N), entry [i, j]
+    log p(q_i | q_j of the step before). log_weights_before : (N,). The posterior weights are
+    w_i ∝ p(z | q_i) w_i,before. The text calls the unit bits; its logarithm is the natural one, as here.
+    """
+    likelihood = as_floats("log_likelihood", log_likelihood)
+    before = normalise_log(log_weights_before)
+    transition = as_floats("log_transition", log_transition)
+    if likelihood.shape != before.shape or transition.shape != (before.size, before.size):
+        raise InputError("log_likelihood and log_transition must have shapes (N,) and (N, N)")
+    joint = likelihood + before
+    evidence = logsumexp(joint)
+    after = np.exp(joint - evidence)
+    density = likelihood + logsumexp(transition + before, axis=1)
+    used = after > 0
+    return float(evidence - after[used] @ density[used])
