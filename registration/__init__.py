@@ -1,6 +1,8 @@
 """Scans and clouds, odometry, pairwise and global registration, the joint CRF. Knows no ROS."""
 
+from registration.align import align
 from registration.odometry import Odometry, OdometryConfig
+from registration.result import Registration
 from registration.scan import Scan
 
-__all__ = ["Odometry", "OdometryConfig", "Scan"]
+__all__ = ["Odometry", "OdometryConfig", "Registration", "Scan", "align"]

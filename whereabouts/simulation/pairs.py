@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whereabouts.simulation.lidar import Lidar, SimulatedScan
-from whereabouts.simulation.movers import crowd, outlines
+from whereabouts.simulation.movers import Mover, crowd, outlines
 from whereabouts.simulation.robot import relative
 from whereabouts.simulation.rooms import random_room
 from whereabouts.simulation.shapes import Array, Shapes, joined
@@ -48,6 +48,19 @@ def free_pose(shapes: Shapes, rng: np.random.Generator, reach: float, clearance:
     return np.array([*spot, rng.uniform(-np.pi, np.pi)])
 
 
+def _crowd_around(rng: np.random.Generator, poses: tuple[Array, Array], count: int) -> list[Mover]:
+    """Movers 0.9 to 3 m around the sensor that do not walk over it: clear of both poses at their times."""
+    movers: list[Mover] = []
+    while len(movers) < count:
+        (mover,) = crowd(rng, poses[0][:2], 1, (0.9, 3.0))
+        gaps = [
+            mover.shapes(time, 1).distance(pose[:2]) for time, pose in zip((0.0, 0.5), poses, strict=True)
+        ]
+        if min(gaps) > 0.5:
+            movers.append(mover)
+    return movers
+
+
 def random_pair(rng: np.random.Generator, lidar: Lidar, difficulty: Difficulty) -> Pair:
     """Two scans in a random room, 0.5 s apart, moved by up to the difficulty's translation and rotation."""
     room = random_room(rng)
@@ -58,7 +71,7 @@ def random_pair(rng: np.random.Generator, lidar: Lidar, difficulty: Difficulty) 
         second = first + np.array([away * np.cos(heading), away * np.sin(heading), turn])
         if room.distance(second[:2]) > 0.3:
             break
-    movers = crowd(rng, first[:2], difficulty.movers, (0.9, 3.0))
+    movers = _crowd_around(rng, (first, second), difficulty.movers)
     scans = [
         lidar.scan(joined([room, outlines(movers, time)]), pose, rng, time)
         for time, pose in ((0.0, first), (0.5, second))

@@ -1,0 +1,80 @@
+"""A hash of square cells over points of the plane: who lies near here, in constant time, in any extent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+CELL = 0.25  # metres
+
+EMPTY = -1
+
+
+@njit(cache=True, inline="always")
+def bucket_of(i, j, mask):  # type: ignore[no-untyped-def]
+    """Bucket of cell (i, j); `mask` is the number of buckets, a power of two, less one."""
+    return ((i * 73856093) ^ (j * 19349663)) & mask
+
+
+@njit(cache=True)
+def fill(points, heads, following):  # type: ignore[no-untyped-def]
+    """Chain points (N, 2) into their buckets; `heads` (power of two,) and `following` (N,) are written."""
+    heads[:] = EMPTY
+    mask = len(heads) - 1
+    for k in range(len(points)):
+        cell = bucket_of(math.floor(points[k, 0] / CELL), math.floor(points[k, 1] / CELL), mask)
+        following[k] = heads[cell]
+        heads[cell] = k
+
+
+@njit(cache=True)
+def nearest(x, y, nx, ny, radius, agree, signed, points, normals, heads, following):  # type: ignore[no-untyped-def]
+    """Nearest point within `radius` metres whose normal agrees with (nx, ny) to a cosine of `agree`.
+
+    Without `signed`, normals that point the opposite way agree too. Returns its index or -1. A point without a line has a zero normal and is never found.
+    """
+    mask = len(heads) - 1
+    low_i, high_i = math.floor((x - radius) / CELL), math.floor((x + radius) / CELL)
+    low_j, high_j = math.floor((y - radius) / CELL), math.floor((y + radius) / CELL)
+    best, found = radius * radius, EMPTY
+    for i in range(low_i, high_i + 1):
+        for j in range(low_j, high_j + 1):
+            k = heads[bucket_of(i, j, mask)]
+            while k != EMPTY:
+                dx, dy = x - points[k, 0], y - points[k, 1]
+                square = dx * dx + dy * dy
+                if square < best:
+                    cosine = nx * normals[k, 0] + ny * normals[k, 1]
+                    if cosine >= agree or (not signed and cosine <= -agree):
+                        best, found = square, k
+                k = following[k]
+    return found
+
+
+@njit(cache=True)
+def any_near(x, y, reach, points, heads, following):  # type: ignore[no-untyped-def]
+    """Whether any point lies within `reach` metres."""
+    mask = len(heads) - 1
+    for i in range(math.floor((x - reach) / CELL), math.floor((x + reach) / CELL) + 1):
+        for j in range(math.floor((y - reach) / CELL), math.floor((y + reach) / CELL) + 1):
+            k = heads[bucket_of(i, j, mask)]
+            while k != EMPTY:
+                dx, dy = x - points[k, 0], y - points[k, 1]
+                if dx * dx + dy * dy <= reach * reach:
+                    return True
+                k = following[k]
+    return False
+
+
+def index(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Heads and chains of `points` (N, 2), for `nearest` and `any_near`."""
+    size = 256
+    while size < 2 * len(points):
+        size *= 2
+    heads = np.empty(size, dtype=np.int32)
+    following = np.empty(len(points), dtype=np.int32)
+    fill(points, heads, following)
+    return heads, following

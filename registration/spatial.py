@@ -1,0 +1,114 @@
+"""Registration of clouds by small_gicp: generalised ICP from a guess, coarse to fine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from estimation.errors import InputError
+from registration.motion import Array
+from registration.result import Registration
+
+LEAST_POINTS = 100
+OPEN_VARIANCE = 1.0  # m² and rad²
+LEAST_FITNESS = 0.4
+
+
+def checked_cloud(name: str, cloud: NDArray[np.float64]) -> Array:
+    """(N, 3) float64, what is not finite dropped."""
+    points = np.asarray(cloud, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{name}: array (N, 3) expected, got shape {points.shape}")
+    return np.ascontiguousarray(points[np.isfinite(points).all(axis=1)])
+
+
+def leaf_size(cloud: Array) -> float:
+    """Voxel edge for a cloud, metres: a four-hundredth of its extent, between 2 cm and 0.3 m."""
+    low, high = np.quantile(cloud, (0.02, 0.98), axis=0)
+    return float(np.clip(np.linalg.norm(high - low) / 400.0, 0.02, 0.3))
+
+
+def too_few(source: Array, target: Array, start: Array) -> Registration | None:
+    """A refusal where a cloud has too few distinct points, else None."""
+    for name, cloud in (("source", source), ("target", target)):
+        distinct = len(np.unique(np.round(cloud, 3), axis=0))
+        if distinct < LEAST_POINTS:
+            reason = f"{name} has {distinct} distinct points, {LEAST_POINTS} are needed"
+            return Registration(start, OPEN_VARIANCE * np.eye(6), 0.0, False, reason)
+    return None
+
+
+def align_clouds(source: Array, target: Array, start: Array) -> Registration:
+    """GICP of `source` on `target` (N, 3) metres from `start` (4, 4)."""
+    moving, still = checked_cloud("source", source), checked_cloud("target", target)
+    refusal = too_few(moving, still, start)
+    if refusal is not None:
+        return refusal
+    leaf = leaf_size(still)
+    transform = start
+    for size in (4.0 * leaf, leaf):
+        outcome = _gicp(moving, still, transform, size)
+        transform = np.asarray(outcome.T_target_source)
+    covariance, opened = _covariance(outcome, transform)
+    fitness = overlap(moving, still, transform, 3.0 * leaf)
+    reason = ""
+    if not outcome.converged:
+        reason = "the iterations did not settle"
+    elif fitness < LEAST_FITNESS:
+        reason = f"only {fitness:.0%} of the source lies on the target"
+    elif opened:
+        reason = "the clouds leave a direction of motion open"
+    return Registration(transform, covariance, fitness, not reason or opened, reason)
+
+
+def _gicp(source: Array, target: Array, start: Array, leaf: float) -> Any:
+    # Imported here: planar registration needs neither the library nor the time to load it.
+    import small_gicp
+
+    return small_gicp.align(
+        target,
+        source,
+        init_T_target_source=start,
+        registration_type="GICP",
+        downsampling_resolution=leaf,
+        max_correspondence_distance=max(10.0 * leaf, 0.5),
+        max_iterations=60,
+        translation_epsilon=1e-4,
+        rotation_epsilon=1e-4,
+    )
+
+
+def overlap(source: Array, target: Array, transform: Array, near: float) -> float:
+    """Share of the source's voxels within `near` metres of the target, of those inside the target's extent."""
+    placed = _thin(source, near) @ transform[:3, :3].T + transform[:3, 3]
+    low, high = target.min(axis=0) - near, target.max(axis=0) + near
+    inside = placed[((placed >= low) & (placed <= high)).all(axis=1)]
+    if len(inside) < 0.1 * len(placed):
+        return 0.0
+    distance, _ = cKDTree(target).query(inside, distance_upper_bound=near)
+    return float(np.isfinite(distance).mean())
+
+
+def _thin(cloud: Array, leaf: float) -> Array:
+    """One point per voxel."""
+    _, first = np.unique(np.floor(cloud / leaf).astype(np.int64), axis=0, return_index=True)
+    return cloud[np.sort(first)]
+
+
+def _covariance(outcome: Any, transform: Array) -> tuple[Array, bool]:
+    """(6, 6) of (x, y, z, rotation about x, y, z) in the target frame, and whether a direction is open.
+
+    small_gicp's Hessian is of (rotation, translation) in the source frame and knows the noise only up to a
+    factor, which the residuals give.
+    """
+    square = 2.0 * outcome.error / max(outcome.num_inliers, 1)
+    order = [3, 4, 5, 0, 1, 2]
+    information = np.asarray(outcome.H)[np.ix_(order, order)] / max(square, 1e-12)
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    variances = 1.0 / np.maximum(values, 1.0 / OPEN_VARIANCE)
+    turn = np.kron(np.eye(2), transform[:3, :3])
+    covariance = turn @ ((vectors * variances) @ vectors.T) @ turn.T
+    return covariance, bool(variances.max() > 0.25 * OPEN_VARIANCE)
