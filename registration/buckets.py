@@ -34,7 +34,8 @@ def fill(points, heads, following):  # type: ignore[no-untyped-def]
 def nearest(x, y, nx, ny, radius, agree, signed, points, normals, heads, following):  # type: ignore[no-untyped-def]
     """Nearest point within `radius` metres whose normal agrees with (nx, ny) to a cosine of `agree`.
 
-    Without `signed`, normals that point the opposite way agree too. Returns its index or -1. A point without a line has a zero normal and is never found.
+    Without `signed`, normals that point the opposite way agree too. Returns its index or -1. A point without a
+    line has a zero normal and is never found.
     """
     mask = len(heads) - 1
     low_i, high_i = math.floor((x - radius) / CELL), math.floor((x + radius) / CELL)

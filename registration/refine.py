@@ -27,7 +27,7 @@ AGREE = 0.6  # cosine between normals that may correspond
 
 @dataclass(frozen=True)
 class Target:
-    """Lines to register against: points (M, 2) on them, normals (M, 2), tilt (M,), signed as in `Surface`, and their hash."""
+    """Lines to register against: points (M, 2) on them, normals, tilt and signed as in `Surface`; their hash."""
 
     points: Array
     normals: Array
@@ -62,9 +62,10 @@ class Refined:
 
 
 @njit(cache=True)
-def _match(
+def _match(  # type: ignore[no-untyped-def]
     points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed, matched
-):  # type: ignore[no-untyped-def]
+):
+    """Write the index of each point's nearest target line, or -1."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(points)):
         matched[k] = -1
@@ -204,18 +205,9 @@ def _refine(  # type: ignore[no-untyped-def]
         if not final or moved > 0.002 or turns == 0:
             radius = max(2.0 * width, finest)
             _match(
-                points,
-                normals,
-                usable,
-                pose,
-                radius,
-                spacing,
-                target,
-                target_normals,
-                heads,
-                following,
+                points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed,
                 matched,
-            )
+            )  # fmt: skip
             moved = 0.0
         count = _residuals(points, pose, target, target_normals, matched, residuals)
         if count < 5:
