@@ -16,10 +16,11 @@ from typing import BinaryIO
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Schema
 
-from .errors import DamagedLogError, UnknownFormatError
+from .errors import UnknownFormatError
 from .storage import Stored, Topic, in_time_order, parse_qos
 from .summary import Summary
 from .text import open_file
@@ -36,9 +37,10 @@ _DECODING_ERRORS = (
     KeyError,
     RuntimeError,
     EOFError,
-    struct.error,
-    zstandard.ZstdError,
     MemoryError,
+    struct.error,
+    McapError,
+    zstandard.ZstdError,
 )
 
 
@@ -98,10 +100,10 @@ class McapFile:
             return True
         self._stream.seek(footer.summary_start)
         try:
-            for opcode, offset, content in _frames(self._stream, self._size):
-                self._declare(opcode, content, offset)
+            for opcode, _, content in _frames(self._stream, self._size):
+                self._declare(opcode, content)
                 if opcode == Opcode.CHUNK_INDEX:
-                    self._chunks.append(ChunkIndex.read(ReadDataStream(BytesIO(content))))
+                    self._note_chunk(ChunkIndex.read(ReadDataStream(BytesIO(content))))
                 elif opcode == Opcode.FOOTER:
                     break
         except (_BrokenOffError, *_DECODING_ERRORS):
@@ -111,7 +113,12 @@ class McapFile:
         self._indexed = bool(self._chunks) and bool(self._topics)
         return True
 
-    def _declare(self, opcode: int, content: bytes, offset: int) -> None:
+    def _note_chunk(self, index: ChunkIndex) -> None:
+        if index.chunk_start_offset >= self._size:
+            raise ValueError("chunk outside the file")
+        self._chunks.append(index)
+
+    def _declare(self, opcode: int, content: bytes) -> None:
         """Take note of a schema or a channel."""
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(BytesIO(content)))
@@ -145,59 +152,54 @@ class McapFile:
             if end > len(data):
                 raise ValueError("record longer than its chunk")
             if opcode == Opcode.MESSAGE:
-                found.append(self._message(data[begin:end], where))
+                found += self._message(data[begin:end], where)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._declare(opcode, bytes(data[begin:end]), offset)
+                self._declare(opcode, bytes(data[begin:end]))
             position = end
         return found
 
-    def _message(self, content: memoryview, where: str) -> Stored:
+    def _message(self, content: memoryview, where: str) -> list[Stored]:
+        """The message, or nothing where its channel was never declared, which is counted."""
         channel, _, log_time, _ = _MESSAGE.unpack_from(content)
-        return Stored(self._topics[channel], bytes(content[_MESSAGE.size :]), log_time, where)
+        topic = self._topics.get(channel)
+        if topic is None:
+            self._summary.skip(f"{self._shown.name}: message of an undeclared channel", where)
+            return []
+        return [Stored(topic, bytes(content[_MESSAGE.size :]), log_time, where)]
 
     def _scan(self) -> Iterator[Stored]:
         """From front to back, each chunk by log time, up to where the file breaks off."""
         self._stream.seek(len(MAGIC))
         offset = len(MAGIC)
-        chunks = 0
+        unit = "message"
         try:
             for opcode, offset, content in _frames(self._stream, self._size):
-                if opcode == Opcode.CHUNK:
-                    chunks += 1
-                    yield from self._chunk_in_order(content, offset)
-                elif opcode == Opcode.MESSAGE:
-                    yield from self._single(content, offset)
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._declare(opcode, content, offset)
-                elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                if opcode in (Opcode.DATA_END, Opcode.FOOTER):
                     break
+                if opcode == Opcode.CHUNK:
+                    unit = "chunk"
+                yield from self._read(opcode, content, offset)
         except _BrokenOffError as error:
             offset = error.offset
-        except _DECODING_ERRORS as error:
-            raise DamagedLogError(
-                self._shown, f"cannot be read on ({error}); `mcap recover` may help", f"byte {offset}"
-            ) from error
         self._scanned = True
         if not self._finished:
-            unit = "chunk" if chunks else "message"
             self._summary.note(
                 f"{self._shown.name}: not finished by its recorder, read up to the last whole {unit}",
-                f"byte {min(offset, self._size)}",
+                f"byte {offset}",
             )
 
-    def _chunk_in_order(self, content: bytes, offset: int) -> list[Stored]:
+    def _read(self, opcode: int, content: bytes, offset: int) -> list[Stored]:
+        """Messages of a record outside the index; none where it is damaged, which is counted."""
         try:
-            return sorted(self._unpack(content, offset), key=lambda stored: stored.log_time)
+            if opcode == Opcode.CHUNK:
+                return sorted(self._unpack(content, offset), key=lambda stored: stored.log_time)
+            if opcode == Opcode.MESSAGE:
+                return self._message(memoryview(content), f"byte {offset}")
+            self._declare(opcode, content)
         except _DECODING_ERRORS:
-            self._summary.skip(f"{self._shown.name}: damaged chunk", f"byte {offset}")
-            return []
-
-    def _single(self, content: bytes, offset: int) -> list[Stored]:
-        try:
-            return [self._message(memoryview(content), f"byte {offset}")]
-        except (KeyError, struct.error):
-            self._summary.skip(f"{self._shown.name}: message of an undeclared channel", f"byte {offset}")
-            return []
+            what = "chunk" if opcode == Opcode.CHUNK else "record"
+            self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
+        return []
 
 
 class _BrokenOffError(Exception):

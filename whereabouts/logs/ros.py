@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from .bag_directory import open_bag
 from .decode import RECORDS, UnusableMessageError, other
@@ -57,16 +58,12 @@ class RosLog(Log):
         if isinstance(decoder, str):
             self.summary.skip(decoder, stored.where)
             return
-        name = strip_slash(topic.name)
         try:
-            message = decoder(stored.data)
-            handler = RECORDS.get(topic.type_name)
-            if handler is None:
-                yield other(message, name, topic.type_name, stored.log_time)
-            else:
-                yield from handler(message, name)
+            records = _records_of(decoder(stored.data), stored)
         except (UnreadableTypeError, UnusableMessageError) as error:
             self.summary.skip(f"{topic.name}: {error}", stored.where)
+            return
+        yield from records
 
     def _decoder(self, topic: Topic) -> Decoder | str:
         """What decodes the topic's messages, or why nothing does."""
@@ -83,6 +80,18 @@ class RosLog(Log):
             return Decoder(topic)
         except UnreadableTypeError as error:
             return f"{topic.name}: {topic.type_name} cannot be read: {error}"
+
+
+def _records_of(message: Any, stored: Stored) -> list[Record]:
+    topic = stored.topic
+    name = strip_slash(topic.name)
+    handler = RECORDS.get(topic.type_name)
+    if handler is None:
+        return [other(message, name, topic.type_name, stored.log_time)]
+    try:
+        return list(handler(message, name))
+    except (AttributeError, TypeError) as error:  # the bag's own definition of the type is another one
+        raise UnusableMessageError(f"not the fields of {topic.type_name}") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,6 +104,8 @@ class Ros1File:
                 self._declare(fields, data)
             elif _LENGTH.unpack(fields[b"count"])[0]:
                 position = int.from_bytes(fields[b"chunk_pos"], "little")
+                if position >= self._size:
+                    raise ValueError("chunk outside the file")
                 self._chunks.append((_nanoseconds(fields[b"start_time"]), position))
         self._indexed = True
 
@@ -149,15 +151,16 @@ class Ros1File:
                 reason = f"{self._shown.name}: breaks off, read up to the last whole chunk; {_REINDEX}"
                 self._summary.note(reason, f"byte {offset}")
                 return
-            if operation == CONNECTION:
-                self._declare(fields, data)
-            elif operation == CHUNK:
-                try:
+            messages: list[Stored] = []
+            try:
+                if operation == CONNECTION:
+                    self._declare(fields, data)
+                elif operation == CHUNK:
                     messages = self._unpack(fields, data, offset)
-                except _DECODING_ERRORS:
-                    self._summary.skip(f"{self._shown.name}: damaged chunk", f"byte {offset}")
-                    messages = []
-                yield from sorted(messages, key=lambda stored: stored.log_time)
+            except _DECODING_ERRORS:
+                what = "chunk" if operation == CHUNK else "record"
+                self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
+            yield from sorted(messages, key=lambda stored: stored.log_time)
             offset = following
 
 

@@ -11,6 +11,9 @@ from .errors import DamagedLogError
 from .storage import Stored, Topic, parse_qos
 from .summary import Summary
 
+# Overwritten pages may also show as text that is none, or as names that are missing.
+_READING_ERRORS = (sqlite3.Error, UnicodeDecodeError, KeyError, OverflowError)
+
 
 class SqliteFile:
     """A .db3 file, of any schema version; definitions and type hashes are in files of Iron and later.
@@ -29,7 +32,7 @@ class SqliteFile:
             self._database = _connect(path)
             self._topics = self._read_topics()
             self._last = self._last_row()
-        except sqlite3.Error as error:
+        except _READING_ERRORS as error:
             raise DamagedLogError(
                 self._shown, f"is no readable rosbag2 database ({error}); `sqlite3 FILE .recover` may help"
             ) from error
@@ -58,7 +61,7 @@ class SqliteFile:
                     self._summary.skip(f"{self._shown.name}: row without topic, time or data", f"row {row}")
                     continue
                 yield Stored(topic, data, timestamp, f"row {row}")
-        except sqlite3.Error as error:
+        except _READING_ERRORS as error:
             reason = f"{self._shown.name}: database breaks off ({error}), read up to there"
             self._summary.note(reason, f"after row {row}")
 
