@@ -91,8 +91,8 @@ class Messages:
         self.store = store
         self.ros1 = ros1
 
-    def make(self, name: str, **fields: Any) -> Any:
-        return self.store.types[name](**fields)
+    def make(self, kind: str, /, **fields: Any) -> Any:
+        return self.store.types[kind](**fields)
 
     def header(self, stamp_ns: int, frame: str) -> Any:
         time = self.make("builtin_interfaces/msg/Time", sec=stamp_ns // SECOND, nanosec=stamp_ns % SECOND)

@@ -148,7 +148,7 @@ def _rows(message: Any) -> NDArray[Any]:
         [data[line * row : line * row + width * step] for line in range(height)] if row > width * step else []
     )
     packed = np.concatenate(lines) if lines else data[: height * width * step]
-    return np.frombuffer(packed.tobytes(), dtype=np.dtype(kinds))  # type: ignore[call-overload]
+    return packed.view(np.dtype(kinds))  # type: ignore[call-overload]
 
 
 def other(message: Any, topic: str, type_name: str, log_time: int) -> MessageRecord:
