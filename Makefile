@@ -40,5 +40,5 @@ bench: setup-test
 	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf .venv build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/*.mcap
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -45,7 +45,7 @@ def find_interpreter():
         if answer.stdout.strip() == f"{major}.{minor}":
             return candidate
     raise SetUpError(
-        f"Python 3.11 or 3.12 is needed and python3 is {sys.version_info[0]}.{sys.version_info[1]}: install python3.12 and python3.12-venv "
+        f"Python 3.11 or 3.12 is needed, python3 is {sys.version.split()[0]}: install python3.12 and python3.12-venv "
         "(ROS 2 Jazzy's wheels exist for these only), or call `make PYTHON=/path/to/python3.12`."
     )
 

@@ -18,6 +18,8 @@ from collections.abc import Callable
 from typing import Any, ClassVar, TypeVar
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -34,6 +36,8 @@ from whereabouts_msgs.msg import Processed
 from whereabouts_msgs.srv import Reset
 
 WARNING_PERIOD = 5.0
+# Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself.
+SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -68,7 +72,10 @@ class SuiteNode(LifecycleNode):
         self.transforms = TransformBuffer()
         self.processed = self.create_publisher(Processed, "~/processed", 100)
         self._diagnostics = DiagnosticsPublisher(self)
-        self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish, clock=self._steady)
+        self._supervisor = int(os.environ.get(SUPERVISOR_VARIABLE, 0))
+        self.create_timer(1.0, self._check_supervisor, clock=self._steady)
 
     @property
     def settings(self) -> Any:
@@ -181,7 +188,8 @@ class SuiteNode(LifecycleNode):
         try:
             self.setup()
             self.add_service(Reset, "~/reset", self._reset)
-            self._created.append((self.destroy_timer, self.create_timer(0.1, self._serve_waiting)))
+            waiting = self.create_timer(0.1, self._serve_waiting, clock=self._steady)
+            self._created.append((self.destroy_timer, waiting))
             self.start_run()
         except WhereaboutsError as error:
             self.get_logger().error(f"cannot configure: {error}")
@@ -221,6 +229,11 @@ class SuiteNode(LifecycleNode):
         self.get_logger().info(f"reset{because}")
         response.code, response.message = Reset.Response.SUCCESS, "started afresh"
         return response
+
+    def _check_supervisor(self) -> None:
+        if self._supervisor and os.getppid() != self._supervisor:
+            self.get_logger().error("the supervisor is gone: ending")
+            raise KeyboardInterrupt
 
     def _take_transforms(self, message: TFMessage, static: bool) -> None:
         problem: InputError | None = None

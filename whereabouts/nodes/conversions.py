@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from typing import Any
 
 import numpy as np
@@ -14,22 +15,12 @@ from std_msgs.msg import Header
 from estimation.errors import InputError
 from estimation.poses import pose_from_quaternion, pose_to_quaternion
 from registration import Scan
-from whereabouts.nodes.stamps import seconds
+from whereabouts.logs import decode
 
 Array = NDArray[np.float64]
 # Where x, y and yaw stand among x, y, z, roll, pitch, yaw.
 PLANAR = np.array([0, 1, 5])
 FREE = 1e6
-DATATYPES = {
-    PointField.INT8: "i1",
-    PointField.UINT8: "u1",
-    PointField.INT16: "i2",
-    PointField.UINT16: "u2",
-    PointField.INT32: "i4",
-    PointField.UINT32: "u4",
-    PointField.FLOAT32: "f4",
-    PointField.FLOAT64: "f8",
-}
 
 
 def scan_from_message(message: LaserScan) -> Scan:
@@ -39,17 +30,10 @@ def scan_from_message(message: LaserScan) -> Scan:
     ------
     InputError : no ranges, or bounds and angles that make no sense.
     """
-    if len(message.ranges) == 0:
-        raise InputError("ranges: the scan is empty")
-    return Scan(
-        np.asarray(message.ranges, dtype=np.float64),
-        message.angle_min,
-        message.angle_increment,
-        message.range_min,
-        message.range_max,
-        seconds(message.header.stamp),
-        message.time_increment,
-    )
+    try:
+        return next(decode.scans(message, "")).scan
+    except decode.UnusableMessageError as error:
+        raise InputError(str(error)) from error
 
 
 def points_from_message(message: PointCloud2) -> tuple[Array, Array | None]:
@@ -57,40 +41,15 @@ def points_from_message(message: PointCloud2) -> tuple[Array, Array | None]:
 
     Raises
     ------
-    InputError : no x, y, z fields, or less data than its size claims.
+    InputError : no x, y, z fields, no points, or less data than its size claims.
     """
-    fields = {field.name: field for field in message.fields}
-    missing = [name for name in ("x", "y", "z") if name not in fields]
-    if missing:
-        raise InputError(f"fields: the cloud has no {', '.join(missing)}")
-    rows, columns = int(message.height), int(message.width)
-    if rows * columns == 0:
-        raise InputError("data: the cloud is empty")
-    row_step = int(message.row_step) or columns * int(message.point_step)
-    if len(message.data) < rows * row_step or row_step < columns * message.point_step:
-        wanted = f"{rows} rows of {columns} points of {message.point_step} bytes"
-        raise InputError(f"data: {wanted} do not fit into {len(message.data)} bytes")
-    names = ["x", "y", "z", *[name for name in ("t", "time", "timestamp") if name in fields][:1]]
-    layout = np.dtype(
-        {
-            "names": names,
-            "formats": [_format(fields[name], bool(message.is_bigendian)) for name in names],
-            "offsets": [int(fields[name].offset) for name in names],
-            "itemsize": int(message.point_step),
-        }
-    )
-    raw = np.frombuffer(message.data, dtype=np.uint8)[: rows * row_step].reshape(rows, row_step)
-    table = np.ascontiguousarray(raw[:, : columns * message.point_step]).view(layout).reshape(-1)
-    points = np.column_stack([table[name] for name in ("x", "y", "z")]).astype(np.float64)
-    finite = np.isfinite(points).all(axis=1)
-    times = table[names[3]].astype(np.float64)[finite] if len(names) > 3 else None
-    return points[finite], times
-
-
-def _format(field: PointField, big_endian: bool) -> str:
-    if field.datatype not in DATATYPES:
-        raise InputError(f"fields: {field.name} has the unknown datatype {field.datatype}")
-    return (">" if big_endian else "<") + DATATYPES[field.datatype]
+    try:
+        record = next(decode.clouds(message, ""))
+    except decode.UnusableMessageError as error:
+        raise InputError(str(error)) from error
+    if message.width * message.height == 0:
+        raise InputError("cloud without points")
+    return record.points, record.times
 
 
 def cloud_message(header: Header, points: Array) -> PointCloud2:
@@ -109,8 +68,6 @@ def cloud_message(header: Header, points: Array) -> PointCloud2:
 
 def array_of(code: str, values: NDArray[Any]) -> Any:
     """An array.array from numpy's memory: many times faster to assign to a message than an ndarray."""
-    from array import array
-
     return array(code, values.tobytes())
 
 

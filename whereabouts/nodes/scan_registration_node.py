@@ -24,6 +24,7 @@ from estimation.poses import (
 )
 from registration.mounting import level_pose, seen_from_robot, upright
 from registration.odometry import Odometry, OdometryConfig
+from registration.wheels import WheelHistory
 from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.conversions import (
     cloud_message,
@@ -37,7 +38,6 @@ from whereabouts.nodes.conversions import (
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
-from whereabouts.nodes.wheels import WheelHistory
 from whereabouts.parameters.scan_registration import ScanRegistrationParameters
 
 Array = NDArray[np.float64]
@@ -181,8 +181,8 @@ class ScanRegistrationNode(SuiteNode):
 def _conjugate(level: Array, motion: Array, covariance: Array) -> Array:
     """Covariance (3, 3) of the robot's motion from that of its sensor, mounted at `level`."""
     nothing = np.zeros((3, 3))
-    moved = compound_covariance(level, motion, nothing, covariance)
-    return np.asarray(compound_covariance(compound(level, motion), inverse(level), moved, nothing))
+    moved = compound_covariance(level, nothing, motion, covariance)
+    return np.asarray(compound_covariance(compound(level, motion), moved, inverse(level), nothing))
 
 
 def main() -> None:

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.poses import between, compound, wrap_angle
-from whereabouts.nodes.stamps import NANOSECONDS
 
 Array = NDArray[np.float64]
+NANOSECONDS = 1_000_000_000
 HISTORY = 30 * NANOSECONDS
 
 
 class WheelHistory:
-    """Stamped planar poses of the last half minute, in the wheels' own frame."""
+    """Stamped planar poses of the last half minute, in the wheels' own frame. Stamps are nanoseconds."""
 
     def __init__(self) -> None:
         self._stamps: list[int] = []

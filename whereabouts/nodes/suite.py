@@ -1,0 +1,180 @@
+"""A bag through a set of nodes: start them, replay, record, end them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.nodes.recorder import Recorder
+from whereabouts.nodes.replayer import ReplayAccount, Replayer
+from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
+from whereabouts.resources import config_file
+
+START_TIMEOUT = 60.0
+QUIET = 0.5
+# What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
+REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
+
+
+@dataclass
+class SuiteRun:
+    """What to run.
+
+    rate : multiple of the recorded speed, None for lock-step.
+    record : (topic, type) to record to `output`.
+    on_event : called with a sentence about a node that died, came back or was killed.
+    on_progress : called with the share of the bag that has been sent.
+    """
+
+    bag: Path
+    nodes: Sequence[NodeSpec]
+    log_directory: Path
+    rate: float | None = None
+    namespace: str = ""
+    record: Sequence[tuple[str, str]] = ()
+    output: Path | None = None
+    on_event: Callable[[str], None] = lambda text: None
+    on_progress: Callable[[float], None] = lambda share: None
+    on_message: Callable[[RawMessage], None] = lambda message: None
+    supervisor: Supervisor | None = field(default=None, init=False)
+
+
+def prepare_environment(private: bool = False) -> None:
+    """Environment of this process and its nodes; call it before anything of ROS is created.
+
+    private : stay on this machine and on a domain of one's own, unless the user has chosen one.
+    """
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_file("fastdds.xml")))
+    if private:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        # Domains 1 to 100 leave their ports free of the ones Linux gives to outgoing connections.
+        os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+
+
+def run_suite(run: SuiteRun) -> ReplayAccount:
+    """Replay a bag through nodes.
+
+    Raises
+    ------
+    SuiteError : a node could not be started or kept running.
+    LogError : the bag cannot be read.
+    """
+    with ExitStack() as stack:
+        context = Context()
+        rclpy.init(context=context)
+        stack.callback(context.try_shutdown)
+        node = Node("whereabouts_replay", context=context, namespace=run.namespace or None)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        stack.callback(node.destroy_node)
+        supervisor = stack.enter_context(Supervisor(run.log_directory, on_event=run.on_event))
+        run.supervisor = supervisor
+        replayer = Replayer(
+            node,
+            executor,
+            run.bag,
+            run.rate,
+            watched=[spec.full_name for spec in run.nodes],
+            namespace=run.namespace,
+            is_running=lambda name: supervisor.nodes[name].running,
+        )
+        stack.callback(replayer.close)
+        recorder = None
+        if run.output is not None:
+            writer = stack.enter_context(McapWriter(run.output))
+            recorder = Recorder(node, writer, run.record)
+            recorder.now = lambda: replayer.now
+        for spec in run.nodes:
+            supervisor.start(spec)
+        watch = _Watch(node, executor, supervisor, replayer)
+        watch.wait_until_active()
+
+        def between_messages(message: RawMessage) -> None:
+            run.on_message(message)
+            run.on_progress(replayer.progress)
+            watch.look()
+
+        account = replayer.run(between_messages)
+        if recorder is not None:
+            _let_recorder_finish(executor, recorder)
+        return account
+
+
+class _Watch:
+    """Looks after the nodes between messages, and pauses the replay while one comes back."""
+
+    def __init__(self, node: Node, executor: Any, supervisor: Supervisor, replayer: Replayer) -> None:
+        self._node = node
+        self._executor = executor
+        self._supervisor = supervisor
+        self._replayer = replayer
+        self._clients = {name: node.create_client(GetState, f"{name}/get_state") for name in replayer.watched}
+        self._restarts = 0
+
+    def look(self) -> None:
+        """Notice a node that died; the supervisor has started it again, so wait for it."""
+        self._supervisor.check()
+        restarts = sum(managed.restarts for managed in self._supervisor.nodes.values())
+        if restarts > self._restarts:
+            self._restarts = restarts
+            self.wait_until_active()
+            self._replayer.nodes_changed()
+
+    def wait_until_active(self) -> None:
+        """Until every node is active and known to listen.
+
+        Raises
+        ------
+        SuiteError : one is not after a minute, or has ended.
+        """
+        deadline = time.monotonic() + START_TIMEOUT
+        for name, client in self._clients.items():
+            while not (self._is_active(client) and self._listens(name)):
+                self._supervisor.check()
+                if time.monotonic() > deadline:
+                    tail = self._supervisor.nodes[name].log_tail()
+                    raise SuiteError(
+                        f"{name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
+                    )
+
+    def _is_active(self, client: Any) -> bool:
+        if not client.service_is_ready():
+            self._executor.spin_once(timeout_sec=0.05)
+            return False
+        future = client.call_async(GetState.Request())
+        self._executor.spin_until_future_complete(future, timeout_sec=1.0)
+        if not future.done():
+            client.remove_pending_request(future)
+            return False
+        return bool(future.result().current_state.id == State.PRIMARY_STATE_ACTIVE)
+
+    def _listens(self, name: str) -> bool:
+        """Whether the graph knows of the node's inputs, as it does a moment after the node is active."""
+        self._executor.spin_once(timeout_sec=0.05)
+        before = self._replayer.heard_by(name)
+        self._executor.spin_once(timeout_sec=0.05)
+        return bool(before) and self._replayer.heard_by(name) == before
+
+
+def _let_recorder_finish(executor: Any, recorder: Recorder) -> None:
+    """The nodes are done; what they have sent last is still on its way."""
+    while time.monotonic() - recorder.last_arrival < QUIET:
+        executor.spin_once(timeout_sec=QUIET / 5)
+
+
+def replay_spec(executable: str, **parameters: Any) -> NodeSpec:
+    """A node set up for replay."""
+    return NodeSpec(executable, parameters={**REPLAY_PARAMETERS, **parameters})

@@ -1,0 +1,186 @@
+"""Runs nodes as processes: starts them, brings back those that die, ends them all cleanly."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from estimation.errors import WhereaboutsError
+from whereabouts.nodes.base import SUPERVISOR_VARIABLE
+from whereabouts.resources import config_file
+
+RESTART_LIMIT = 5
+RESTART_WINDOW = 60.0
+GRACE = 5.0
+
+
+class SuiteError(WhereaboutsError):
+    """A node could not be started or kept running; the message has the end of its log."""
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node to run.
+
+    executable : such as "scan_registration". namespace : "" or "/robot1".
+    parameters : set on top of the shipped file and `parameter_file`.
+    remappings : topic names, from -> to.
+    """
+
+    executable: str
+    namespace: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameter_file: Path | None = None
+    remappings: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def full_name(self) -> str:
+        """Fully qualified node name."""
+        return f"{self.namespace.rstrip('/')}/{self.executable}"
+
+    def command(self) -> list[str]:
+        """The process's command line."""
+        command = [sys.executable, "-m", f"whereabouts.nodes.{self.executable}_node", "--ros-args"]
+        if self.namespace:
+            command += ["-r", f"__ns:={self.namespace}"]
+        for source, target in self.remappings.items():
+            command += ["-r", f"{source}:={target}"]
+        files = [config_file(f"{self.executable}.yaml"), self.parameter_file]
+        for path in filter(None, files):
+            command += ["--params-file", str(path)]
+        for name, value in self.parameters.items():
+            command += ["-p", f"{name}:={_literal(value)}"]
+        return command
+
+
+def _literal(value: Any) -> str:
+    """A parameter value as YAML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return str(value)
+
+
+class ManagedNode:
+    """One node's process and its history."""
+
+    def __init__(self, spec: NodeSpec, log: Path, environment: Mapping[str, str]) -> None:
+        self.spec = spec
+        self.log = log
+        self._environment = {**environment, SUPERVISOR_VARIABLE: str(os.getpid())}
+        self.starts: list[float] = []
+        self.process = self._start()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        self.starts.append(time.monotonic())
+        with self.log.open("ab") as out:
+            # A session of its own, so that Ctrl-C reaches the supervisor only, which then ends the nodes in order.
+            return subprocess.Popen(
+                self.spec.command(),
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                start_new_session=True,
+            )
+
+    @property
+    def running(self) -> bool:
+        return self.process.poll() is None
+
+    @property
+    def restarts(self) -> int:
+        return len(self.starts) - 1
+
+    def restart(self) -> bool:
+        """Start again, unless that has been tried too often lately."""
+        recent = [start for start in self.starts if time.monotonic() - start < RESTART_WINDOW]
+        if len(recent) > RESTART_LIMIT:
+            return False
+        self.process = self._start()
+        return True
+
+    def log_tail(self, lines: int = 15) -> str:
+        """The end of its output."""
+        return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+
+
+class Supervisor:
+    """Keeps a set of nodes running; a context manager that ends them when left.
+
+    Parameters
+    ----------
+    log_directory : one log file per node goes there.
+    restart : bring back a node that died of a signal or an error.
+    on_event : called with a sentence whenever a node died, came back or was given up.
+    """
+
+    def __init__(
+        self, log_directory: Path, restart: bool = True, on_event: Callable[[str], None] | None = None
+    ) -> None:
+        self._log_directory = log_directory
+        self._restart = restart
+        self._on_event = on_event or (lambda text: None)
+        self.nodes: dict[str, ManagedNode] = {}
+        self._given_up: set[str] = set()
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self, spec: NodeSpec) -> ManagedNode:
+        """Start one node."""
+        self._log_directory.mkdir(parents=True, exist_ok=True)
+        log = self._log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
+        log.unlink(missing_ok=True)
+        self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ)
+        return self.nodes[spec.full_name]
+
+    def check(self) -> None:
+        """Look after the nodes; call it now and then.
+
+        Raises
+        ------
+        SuiteError : a node refused its parameters, or keeps dying.
+        """
+        for name, node in self.nodes.items():
+            if node.running or name in self._given_up:
+                continue
+            code = node.process.returncode
+            if code in (1, 2):
+                self._given_up.add(name)
+                raise SuiteError(f"{name} could not start; its last lines:\n{node.log_tail()}")
+            if not self._restart:
+                continue
+            if node.restart():
+                self._on_event(f"{name} ended with {_reason(code)} and was started again")
+            else:
+                self._given_up.add(name)
+                raise SuiteError(f"{name} died {node.restarts + 1} times; its last lines:\n{node.log_tail()}")
+
+    def stop(self) -> None:
+        """End all nodes: SIGINT, and for one that does not listen SIGKILL."""
+        for node in self.nodes.values():
+            if node.running:
+                node.process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + GRACE
+        for name, node in self.nodes.items():
+            try:
+                node.process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                self._on_event(f"{name} did not end in {GRACE:.0f} s and was killed")
+                node.process.kill()
+                node.process.wait()
+
+
+def _reason(code: int) -> str:
+    if code < 0:
+        return signal.Signals(-code).name
+    return f"exit code {code}"
