@@ -18,6 +18,15 @@ def ucm_local(r, sr, st):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def mucm_local(r, sr, st):  # type: ignore[no-untyped-def]
+    """MUCM mean along the bearing, variances along and across."""
+    v, s2, r2 = st * st, sr * sr, r * r
+    q, p = math.exp(-v), -math.expm1(-v)
+    along = 0.5 * r2 * p * p + 0.5 * s2 * (1.0 + q * q)
+    return r * math.sqrt(q), along, 0.5 * (r2 + s2) * p * (1.0 + q)
+
+
+@numba.njit(cache=True)
 def shape_ratio(xx, xy, yy):  # type: ignore[no-untyped-def]
     """λmin / λmax of [[xx, xy], [xy, yy]]."""
     largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)

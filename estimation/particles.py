@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +12,14 @@ from scipy.special import logsumexp
 
 from estimation.checks import FloatArray, as_floats, as_points
 from estimation.errors import InputError
+from estimation.gaussians import repair_covariance
 
 IntArray = npt.NDArray[np.int64]
+
+# Effective size after an update, as a share of the particles, below which the update is taken in stages.
+SPARSE = 0.1
+# Smoothing between stages: they are needed where the posterior is far from the prior and may be bent.
+STAGE_SMOOTHING = 0.5
 
 
 def normalise_log(log_weights: npt.ArrayLike) -> FloatArray:
@@ -76,7 +84,8 @@ class Particles:
         """(d, d), unbiased: (6.15) for equal weights."""
         w = np.exp(self.log_weights)
         offsets = self.states - w @ self.states
-        result: FloatArray = (offsets.T * w) @ offsets / (1.0 - w @ w)
+        # All weight on one particle leaves no spread to estimate: zero, not 0 / 0.
+        result: FloatArray = (offsets.T * w) @ offsets / max(1.0 - float(w @ w), 1.0 / len(w))
         return result
 
     def reweight(self, log_likelihood: npt.ArrayLike) -> float:
@@ -85,12 +94,53 @@ class Particles:
         self.log_weights = normalise_log(joint)
         return float(logsumexp(joint))
 
-    def resample(self, rng: np.random.Generator, below: float = 1.0) -> bool:
-        """Systematic resampling where the effective size is under `below` · N; True where it was done."""
-        if self.effective_size > below * len(self.states):
+    def assimilate(
+        self, log_likelihood: Callable[[FloatArray], FloatArray], rng: np.random.Generator, stages: int = 16
+    ) -> int:
+        """Reweight by a likelihood, in tempered stages with smooth resampling where few particles fit it.
+
+        log_likelihood : maps states (N, d) to values (N,). A stage raises the likelihood to the power that
+        halves the effective size. Returns how many it took; 0, with the particles as they were, where `stages`
+        did not suffice: the measurement then is far outside all of them.
+        """
+        before = self.states, self.log_weights
+        remaining, count = 1.0, len(self.states)
+        for stage in range(1, stages + 1):
+            values = log_likelihood(self.states)
+            if effective_size(self.log_weights + remaining * values) >= SPARSE * count:
+                self.reweight(remaining * values)
+                return stage
+            target = 0.5 * self.effective_size
+            low, high = 0.0, remaining
+            for _ in range(20):
+                middle = 0.5 * (low + high)
+                enough = effective_size(self.log_weights + middle * values) >= target
+                low, high = (middle, high) if enough else (low, middle)
+            self.reweight(low * values)
+            self.resample(rng, smooth=STAGE_SMOOTHING)
+            remaining -= low
+        self.states, self.log_weights = before
+        return 0
+
+    def resample(self, rng: np.random.Generator, below: float = 1.0, smooth: float = 0.0) -> bool:
+        """Systematic resampling where the effective size is under `below` · N; True where it was done.
+
+        smooth : above 0, draw from a kernel density in place of the particles (Musso et al. 2001), so that copies
+        part again; shrunk towards the mean, it keeps the weighted mean and covariance (Liu, West 2001). 1 is
+        the width that suits a Gaussian; less blurs other shapes less.
+        """
+        if below < 1.0 and self.effective_size > below * len(self.states):
             return False
-        self.states = self.states[systematic_resample(self.log_weights, rng)]
-        self.log_weights = np.full(len(self.states), -np.log(len(self.states)))
+        count, d = self.states.shape
+        chosen = self.states[systematic_resample(self.log_weights, rng)]
+        if smooth:
+            width = smooth * (4.0 / ((d + 2) * count)) ** (1.0 / (d + 4))
+            mean = self.mean
+            factor = np.linalg.cholesky(repair_covariance(self.covariance))
+            noise = rng.standard_normal((count, d)) @ (width * factor).T
+            chosen = mean + math.sqrt(1.0 - width**2) * (chosen - mean) + noise
+        self.states = chosen
+        self.log_weights = np.full(count, -np.log(count))
         return True
 
 
