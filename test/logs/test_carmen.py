@@ -246,7 +246,7 @@ def test_a_cut_archive_is_read_to_where_it_breaks_off(tmp_path, lines, pack, sha
 
 def test_a_file_without_one_message_is_an_error(tmp_path):
     with pytest.raises(NothingRecognisedError, match=r"a\.clf.*not one of 3 lines"):
-        list(open_log(write(tmp_path / "a.clf", "this\nis\nprose\n")))
+        list(open_log(write(tmp_path / "a.clf", "this\nGPS 1\nprose\n")))
 
 
 def test_prose_with_another_name_is_no_log(tmp_path):

@@ -137,3 +137,11 @@ def test_a_graph_without_vertices_is_an_error(tmp_path):
         list(open_log(path))
     with pytest.raises(NothingRecognisedError):
         read_g2o(path)
+
+
+def test_a_graph_without_scans_is_no_log(tmp_path, lines):
+    path = tmp_path / "a.g2o"
+    path.write_text("".join(line for line in graph_text(lines).splitlines(True) if "LASER" not in line))
+    with pytest.raises(NothingRecognisedError, match="read_g2o"):
+        list(open_log(path))
+    assert len(read_g2o(path).ids) == 4

@@ -194,7 +194,7 @@ def test_random_damage_never_escapes_the_error_family(tmp_path, bag1, noetic, en
     data = bag1(tmp_path / "a.bag", entries(noetic, 12), compression).read_bytes()
     generator = np.random.default_rng(9)
     path = tmp_path / "damaged.bag"
-    for _ in range(60):
+    for _ in range(25):
         damaged = bytearray(data)
         for place in generator.integers(0, len(data), 30):
             damaged[place] = generator.integers(0, 256)

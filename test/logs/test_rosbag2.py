@@ -243,7 +243,7 @@ def test_random_damage_never_escapes_the_error_family(tmp_path, bag2, jazzy, ent
     for plugin, name in ((StoragePlugin.MCAP, "bag.mcap"), (StoragePlugin.SQLITE3, "bag.db3")):
         source = bag2(tmp_path / plugin.name / "bag", entries(jazzy, 12), plugin) / name
         data = source.read_bytes()
-        for _ in range(60):
+        for _ in range(25):
             damaged = bytearray(data)
             for place in generator.integers(0, len(data), 30):
                 damaged[place] = generator.integers(0, 256)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -191,6 +193,13 @@ def test_stamps_that_ros_cannot_express_are_refused(stamp):
 def test_decimal_stamps_keep_their_decimals():
     assert nanoseconds(976052857.337284) == 976052857337284000
     assert nanoseconds(0.0) == 0
+
+
+@settings(deadline=None)
+@given(stamp=st.integers(0, 2**31 * 10**6 - 1).map(lambda micros: micros / 1e6))
+def test_stamps_in_microseconds_come_back_to_the_last_bit(stamp):
+    whole, rest = divmod(nanoseconds(stamp), 10**9)
+    assert whole + rest * 1e-9 == stamp
 
 
 def test_targets_that_cannot_be_written_are_named(tmp_path):

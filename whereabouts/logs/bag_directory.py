@@ -20,7 +20,7 @@ from .mcap_file import McapFile
 from .opening import only_member
 from .rosbag1_file import Ros1File
 from .sqlite_file import SqliteFile
-from .storage import BagFile, Stored, Topic
+from .storage import BagFile, Qos, Stored, Topic, parse_qos
 from .summary import Summary
 from .text import ZIP_MAGIC, open_file
 
@@ -99,7 +99,7 @@ def _inflate_zip(path: Path, target: Path) -> None:
     try:
         with zipfile.ZipFile(path) as archive, archive.open(member) as source, target.open("wb") as sink:
             shutil.copyfileobj(source, sink, 1 << 20)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, zlib.error) as error:
         raise DamagedLogError(path, f"member {member} cannot be unpacked ({error})") from error
 
 
@@ -121,7 +121,7 @@ class BagDirectory:
         self._current: BagFile | None = None
         self._number = 0
         self._inflate: Callable[[bytes], bytes] | None = None
-        self._hashes: dict[tuple[str, str], str] = {}
+        self._recorded: dict[tuple[str, str], tuple[str, tuple[Qos, ...]]] = {}
         if (path / METADATA).is_file():
             self._files = self._described()
         else:
@@ -167,8 +167,14 @@ class BagDirectory:
         self._number = len(self._files)
 
     def _completed(self, topic: Topic) -> Topic:
-        recorded = self._hashes.get((topic.name, topic.type_name), "")
-        return replace(topic, type_hash=topic.type_hash or recorded, to_cdr=self._inflate or topic.to_cdr)
+        """The topic with what only metadata.yaml says: older files lack hash and QoS."""
+        type_hash, qos = self._recorded.get((topic.name, topic.type_name), ("", ()))
+        return replace(
+            topic,
+            type_hash=topic.type_hash or type_hash,
+            qos=topic.qos or qos,
+            to_cdr=self._inflate or topic.to_cdr,
+        )
 
     def _found(self) -> list[Path]:
         files = [path for path in self.path.iterdir() if path.name.endswith(STORAGES)]
@@ -201,7 +207,9 @@ class BagDirectory:
         return files
 
     def _describe(self, topic: dict[str, Any]) -> None:
-        self._hashes[topic["name"], topic["type"]] = topic.get("type_description_hash") or ""
+        type_hash = topic.get("type_description_hash") or ""
+        qos = parse_qos(topic.get("offered_qos_profiles") or "")
+        self._recorded[topic["name"], topic["type"]] = type_hash, qos
 
 
 def inflate_message(data: bytes) -> bytes:

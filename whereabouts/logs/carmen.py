@@ -41,9 +41,11 @@ FACING_TOLERANCE = 0.1
 # Messages of the format that carry nothing this reader hands out.
 OTHER_MESSAGES = frozenset(
     b"SYNC NEFF TRUEPOS RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 RAWLASER5 NMEA-GGA NMEA-RMC NMEAGGA NMEARMC "
-    b"IMU SONAR BUMPER GPS MARKER POSITION POINTCLOUD TRUEPOS ARM".split()
+    b"IMU SONAR BUMPER GPS MARKER POSITION POINTCLOUD ARM".split()
 )
-KEYWORDS = frozenset(LASERS) | {b"PARAM", b"ODOM"} | OTHER_MESSAGES
+KEYWORDS = frozenset(LASERS) | {b"PARAM", b"ODOM"}
+# A mapper's log is told by its first lines; they must reach past its first scan.
+HEAD_BYTES = 1 << 18
 
 
 class CarmenLog(Log):
@@ -79,7 +81,7 @@ class CarmenLog(Log):
     @property
     def corrected(self) -> bool:
         """Whether a mapper wrote this log, so that its poses are no odometry."""
-        return is_corrected(self._source.head())
+        return is_corrected(self._source.head(HEAD_BYTES))
 
     def _records(self) -> Iterator[Record]:
         self._lasers = {side: LaserParameters() for side in TOPICS}
@@ -98,8 +100,7 @@ class CarmenLog(Log):
                 self.summary.skip(f"scan refused: {error}", f"line {number}")
                 continue
             except _UnusedLineError as unused:
-                recognised += unused.recognised
-                self.summary.skip(unused.reason, f"line {number}")
+                self.summary.skip(str(unused), f"line {number}")
                 continue
             recognised += 1
             if record is not None and self.wants(record.topic):
@@ -107,7 +108,7 @@ class CarmenLog(Log):
                 yield record
         if not recognised:
             raise NothingRecognisedError(
-                self.path, f"not one of {number} lines is a CARMEN message; is it another format?"
+                self.path, f"not one of {number} lines is a laser, ODOM or PARAM line; is it another format?"
             )
 
     def _parse(self, fields: list[bytes]) -> Record | None:
@@ -122,8 +123,8 @@ class CarmenLog(Log):
             self._parameter(fields)
             return None
         if keyword in OTHER_MESSAGES:
-            raise _UnusedLineError(f"{keyword.decode()} messages, not used", recognised=True)
-        raise _UnusedLineError("not a CARMEN message", recognised=False)
+            raise _UnusedLineError(f"{keyword.decode()} messages, not used")
+        raise _UnusedLineError("not a CARMEN message")
 
     def _limit(self, side: str) -> float | None:
         return self._lasers[side].max_range if self._max_range is None else self._max_range
@@ -146,7 +147,7 @@ class CarmenLog(Log):
         if len(fields) < 9:
             raise BadLineError("ODOM: fields missing")
         if self._corrected:
-            raise _UnusedLineError("ODOM in a mapper's log: restarts at its poses, is no odometry", True)
+            raise _UnusedLineError("ODOM in a mapper's log: restarts at its poses, is no odometry")
         x, y, yaw, speed, turn, _, stamp = numbers(fields[1:8], "a field of ODOM")
         return OdometryRecord(
             np.array((x, y, yaw)), stamp, ODOMETRY_TOPIC, twist=np.array((speed, 0.0, turn))
@@ -167,11 +168,6 @@ class CarmenLog(Log):
 
 class _UnusedLineError(Exception):
     """A line that is passed over without being wrong."""
-
-    def __init__(self, reason: str, recognised: bool) -> None:
-        super().__init__(reason)
-        self.reason = reason
-        self.recognised = recognised
 
 
 def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> LaserParameters:

@@ -41,7 +41,9 @@ def seconds(stamp: Any) -> float:
 
 def scans(message: Any, topic: str) -> Iterator[ScanRecord]:
     """sensor_msgs/LaserScan."""
-    yield _scan(message, np.asarray(message.ranges, dtype=np.float64), topic)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a no-return like any other
+        ranges = np.asarray(message.ranges, dtype=np.float64)
+    yield _scan(message, ranges, topic)
 
 
 def first_echoes(message: Any, topic: str) -> Iterator[ScanRecord]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 
-from .planar import matrix_of, quaternion_of
+from .planar import quaternion_of
 from .records import Array, CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 from .ros_types import standard_types
 
@@ -59,7 +60,7 @@ def scan_message(record: ScanRecord) -> Any:
 
 def odometry_message(record: OdometryRecord) -> Any:
     """nav_msgs/Odometry; zeros where covariance or twist are unknown."""
-    matrix = matrix_of(record.pose) if record.transform is None else record.transform
+    pose = _planar_pose(record.pose) if record.transform is None else _pose(record.transform)
     covariance = np.zeros((6, 6))
     if record.covariance is not None:
         covariance[np.ix_((0, 1, 5), (0, 1, 5))] = record.covariance
@@ -69,9 +70,7 @@ def odometry_message(record: OdometryRecord) -> Any:
         ODOMETRY_TYPE,
         header=_header(record.stamp, record.frame_id),
         child_frame_id=record.child_frame_id,
-        pose=_make(
-            "geometry_msgs/msg/PoseWithCovariance", pose=_pose(matrix), covariance=covariance.reshape(36)
-        ),
+        pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36)),
         twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
     )
 
@@ -148,6 +147,15 @@ def _vector(x: float, y: float, z: float) -> Any:
 def _quaternion(matrix: Array) -> Any:
     x, y, z, w = quaternion_of(matrix[:3, :3])
     return _make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def _planar_pose(pose: Array) -> Any:
+    x, y, half = float(pose[0]), float(pose[1]), math.remainder(float(pose[2]), 2.0 * math.pi) / 2.0
+    return _make(
+        "geometry_msgs/msg/Pose",
+        position=_make("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
+        orientation=_make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(half), w=math.cos(half)),
+    )
 
 
 def _pose(matrix: Array) -> Any:

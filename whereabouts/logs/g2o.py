@@ -171,12 +171,13 @@ class G2oLog(Log):
             self.summary.note(reason, "the edges", gaps)
         if np.array_equal(graph.stamps, _paced(graph, self._rate), equal_nan=True):
             self.summary.note(f"no stamps in the file: {self._rate:g} scans per second assumed", "its lasers")
-        rank, free = -1, False
+        rank, free, lasers = -1, False, 0
         for number, fields in _fields(self._source, self.summary):
             try:
                 if fields[0] == b"ROBOTLASER1":
                     record = self._scan(fields, graph, odometry, rank if free else None)
                     free = False
+                    lasers += 1
                     if self.wants(record.topic):
                         self._place = f"line {number}"
                         yield record
@@ -189,6 +190,9 @@ class G2oLog(Log):
                     raise BadLineError(f"{fields[0][:20].decode(errors='replace')} lines, not used")
             except (BadLineError, InputError) as error:
                 self.summary.skip(str(error), f"line {number}")
+        if not lasers:
+            problem = "a graph without laser scans (ROBOTLASER1 lines); read_g2o reads the graph alone"
+            raise NothingRecognisedError(self.path, problem)
 
     def _scan(self, fields: list[bytes], graph: G2oGraph, odometry: Array, rank: int | None) -> ScanRecord:
         if rank is None:

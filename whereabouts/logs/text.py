@@ -42,7 +42,7 @@ def decompressed(raw: BinaryIO, path: Path, member: str | None = None) -> Binary
         try:
             content = zipfile.ZipFile(raw).open(member)  # noqa: SIM115 - closed with `raw`
             return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, content), 1 << 16))
-        except (zipfile.BadZipFile, KeyError, NotImplementedError, RuntimeError) as error:
+        except (*DECODING_ERRORS, KeyError, NotImplementedError, RuntimeError) as error:
             raise DamagedLogError(
                 path, f"member {member} cannot be read ({error}); unpack it first"
             ) from error
