@@ -36,7 +36,7 @@ class UnusableMessageError(ValueError):
 
 def seconds(stamp: Any) -> float:
     """builtin_interfaces/Time as seconds."""
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+    return float(stamp.sec) + float(stamp.nanosec) / 1e9
 
 
 def scans(message: Any, topic: str) -> Iterator[ScanRecord]:
@@ -156,7 +156,7 @@ def _rows(message: Any) -> NDArray[Any]:
 def other(message: Any, topic: str, type_name: str, log_time: int) -> MessageRecord:
     """Any message, for those who asked for its topic."""
     header = getattr(message, "header", None)
-    stamp = seconds(header.stamp) if header is not None else log_time * 1e-9
+    stamp = seconds(header.stamp) if header is not None else log_time / 1e9
     return MessageRecord(message, type_name, stamp, topic)
 
 
