@@ -35,8 +35,8 @@ class UnusableMessageError(ValueError):
 
 
 def seconds(stamp: Any) -> float:
-    """builtin_interfaces/Time as seconds."""
-    return float(stamp.sec) + float(stamp.nanosec) / 1e9
+    """builtin_interfaces/Time as seconds, rounded once: a stamp that was a float is that float again."""
+    return (int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)) / 1_000_000_000
 
 
 def scans(message: Any, topic: str) -> Iterator[ScanRecord]:
