@@ -16,6 +16,7 @@ Differences to the text, each because the text's form measured worse or is undef
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,7 @@ from estimation.checks import (
     require_count,
     require_positive,
 )
+from estimation.conversion_kernels import to_map_ucm
 from estimation.errors import InputError
 from estimation.gaussians import repair_covariance
 from estimation.motion import ConstantVelocity, check_step
@@ -45,6 +47,8 @@ Policy = Literal["switch", "kf", "pf"]
 # Standard deviation of one sample's Gaussian, as a share of the measurement's: wide enough for 100 samples to
 # overlap, narrow enough that the arc within one sample is straight.
 SAMPLE_WIDTH = 0.4
+# Standard deviations from the mean beyond which a thousand particles know nothing of the density's shape.
+REACH = 3.5
 # Effective size, as a share of the particles, below which they are resampled.
 RESAMPLE_BELOW = 0.8
 # Additive recurrence on the plastic number: each new point falls into the largest gap of those before it.
@@ -225,7 +229,9 @@ class SwitchingBank:
                 kernels.sampled_log_likelihood(states, samples, self._scratch, values)
             return values
 
-        stages = target.particles.assimilate(log_likelihood, rng)
+        stages = target.particles.assimilate(log_likelihood, rng, stages=1)
+        if stages == 0 and self._within_reach(target.particles, pose, P, z, R):
+            stages = target.particles.assimilate(log_likelihood, rng)
         if stages == 0:
             self._restart(index, pose, P, z, R)
         elif stages == 1:
@@ -235,6 +241,17 @@ class SwitchingBank:
         if gaussian and self._updates - target.last_test >= self._interval:
             target.last_test = self._updates
             self._try_kalman(index)
+
+    @staticmethod
+    def _within_reach(
+        particles: Particles, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray
+    ) -> bool:
+        """Whether the measurement lies among the particles, so that stages can concentrate them there."""
+        sr, sb = math.sqrt(R[0, 0]), math.sqrt(R[1, 1])
+        x, y, xx, xy, yy, _ = to_map_ucm(pose, P, z[0], z[1], sr, sb, False)
+        S = particles.covariance[:2, :2] + [[xx, xy], [xy, yy]]
+        offset = particles.mean[:2] - [x, y]
+        return bool(offset @ np.linalg.solve(S, offset) <= REACH**2)
 
     def _restart(self, index: int, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray) -> None:
         """Kalman update of the particles' Gaussian, sampled anew: for measurements far from every particle."""

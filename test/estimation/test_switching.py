@@ -222,12 +222,14 @@ def test_a_vague_prior_becomes_the_arc():
 
 @pytest.mark.parametrize("distance", [2.0, 30.0])
 def test_a_measurement_far_from_every_particle_is_survived(distance):
-    filter_ = SwitchingFilter(MOTION, [6.0, 0, 0, 0], 0.01 * np.eye(4), policy="pf", particles=300)
+    filter_ = SwitchingFilter(
+        MOTION, [6.0, 0, 0, 0], 0.01 * np.eye(4), policy="pf", particles=300, samples=60
+    )
     for _ in range(25):
         filter_.predict(0.1)
         filter_.update(np.zeros(3), EXACT, [6.0 + distance, 0.0], NOISE)
     assert np.isfinite(filter_.covariance).all()
-    np.testing.assert_allclose(filter_.mean[0], 6.0 + distance, atol=0.1)
+    np.testing.assert_allclose(filter_.mean[0], 6.0 + distance, atol=0.3)
 
 
 def test_seed_decides_the_draws():
