@@ -75,6 +75,15 @@ def test_no_return_values_of_both_modes_are_none_where_the_log_is_silent(tmp_pat
     assert record.scan.valid.tolist() == [True, False, False] * 60
 
 
+@pytest.mark.parametrize(
+    ("stated", "limit"), [(81.9, 81.83), (82.0, 81.83), (80.0, 80.0), (120.0, 120.0), (0.0, 50.0)]
+)
+def test_a_stated_maximum_does_not_make_returns_of_a_sicks_error_codes(tmp_path, lines, stated, limit):
+    text = lines.robotlaser([1.0, 81.83, 81.91], head=f"0 -1.57 3.14 0.0175 {stated} 0.01 0")
+    (record,) = open_log(write(tmp_path / "a.log", text))
+    assert record.scan.range_max == limit
+
+
 def test_the_caller_may_set_the_maximum_range(tmp_path, lines):
     path = write(tmp_path / "a.clf", "PARAM robot_front_laser_max 8.0 0 h 0\n", lines.flaser(RANGES))
     (record,) = open_log(path, max_range=2.0)

@@ -165,6 +165,15 @@ def test_nan_odometry_is_a_skip(tmp_path, bag2, jazzy):
     assert log.summary.skipped_count == 1
 
 
+def test_a_quaternion_that_was_never_set_is_a_skip(tmp_path, bag2, jazzy):
+    message = jazzy.odometry(1, (0, 0, 0))
+    message.pose.pose.orientation = jazzy.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0)
+    log = open_log(bag2(tmp_path / "b", [("/o", "nav_msgs/msg/Odometry", 1, message)]))
+    assert not list(log)
+    (reason,) = log.summary.skipped
+    assert "quaternion" in reason
+
+
 def test_static_transforms(tmp_path, bag2, jazzy):
     message = jazzy.tf(
         jazzy.transform(1, "base_link", "/laser", (0.2, 0.1, np.pi)),

@@ -18,12 +18,20 @@ from pathlib import Path
 import numpy as np
 
 from estimation.errors import InputError
+from estimation.poses import uncompound
 
-from .carmen_laser import BadLineError, LaserLine, LaserParameters, numbers, parse_flaser, parse_robotlaser
+from .carmen_laser import (
+    BadLineError,
+    LaserLine,
+    LaserParameters,
+    numbers,
+    parse_flaser,
+    parse_robotlaser,
+    usable_range,
+)
 from .errors import NothingRecognisedError
 from .log import Log
-from .planar import compose, invert, wrap
-from .records import OdometryRecord, Record, ScanRecord
+from .records import Array, OdometryRecord, Record, ScanRecord
 from .text import TextSource
 
 LaserParser = Callable[[Sequence[bytes], "float | None"], LaserLine]
@@ -132,16 +140,16 @@ class CarmenLog(Log):
     def _scan(self, side: str, line: LaserLine) -> ScanRecord:
         topic, frame = TOPICS[side]
         laser = line.laser
-        if side == "rear" and abs(wrap(laser[2] - line.robot[2])) < FACING_TOLERANCE:
-            laser = laser[0], laser[1], wrap(laser[2] + math.pi)  # some loggers left the half turn out
+        if side == "rear" and abs(math.remainder(laser[2] - line.robot[2], 2.0 * math.pi)) < FACING_TOLERANCE:
+            laser = laser + np.array((0.0, 0.0, math.pi))  # some loggers left the half turn out
         mount, corrected = self._lasers[side].split(laser, line.robot)
-        odometry: np.ndarray | None = np.array(line.robot)
-        pose: np.ndarray | None = None
+        odometry: Array | None = line.robot
+        pose: Array | None = None
         if self._corrected:
             odometry, pose = None, odometry
         elif corrected is not None:
-            pose = np.array(compose(corrected, invert(mount)))
-        return ScanRecord(line.scan, line.stamp, topic, frame, odometry, pose, np.array(mount))
+            pose = uncompound(corrected, mount)
+        return ScanRecord(line.scan, line.stamp, topic, frame, odometry, pose, mount)
 
     def _odometry(self, fields: list[bytes]) -> OdometryRecord:
         if len(fields) < 9:
@@ -172,15 +180,15 @@ class _UnusedLineError(Exception):
 
 def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> LaserParameters:
     if setting == "max":
-        return LaserParameters(value if value > 0.0 else None, laser.mount)
+        return LaserParameters(usable_range(value), laser.mount)
     facing = math.pi if side == "rear" else 0.0
-    x, y, yaw = laser.mount or (0.0, 0.0, facing)
+    x, y, yaw = (0.0, 0.0, facing) if laser.mount is None else laser.mount
     mount = {
         "offset": (value, y, yaw),
         "side_offset": (x, value, yaw),
         "angular_offset": (x, y, value + facing),
     }[setting]
-    return LaserParameters(laser.max_range, mount)
+    return LaserParameters(laser.max_range, np.array(mount))
 
 
 def is_corrected(head: bytes) -> bool:

@@ -6,13 +6,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from estimation.poses import between
 from registration.scan import Scan
 
-from .planar import Pose, relative
+from .records import Array
 
 # Where the log does not say what the scanner reports when nothing answers. The SICK scanners of these logs
 # report 81.83 m and more in one mode and 51.05 m and more in another, and see walls at 30 m at most.
 DEFAULT_MAX_RANGE = 50.0
+
+# A SICK counts centimetres in 13 bits and keeps the last nine numbers for "nothing seen"; logs that state one
+# of these as their maximum would make returns of the others.
+SICK_NO_RETURN, SICK_LARGEST = 81.83, 82.0
 
 # A laser is mounted within this distance of the robot's centre; farther apart, two poses are two estimates.
 LARGEST_MOUNT = 1.5
@@ -30,30 +37,37 @@ class LaserParameters:
     """What PARAM lines say about a laser.
 
     max_range : metres, None where nothing was said.
-    mount : [x, y, yaw] of the laser on the robot, None where nothing was said.
+    mount : (3,) [x, y, yaw] of the laser on the robot, None where nothing was said.
     """
 
     max_range: float | None = None
-    mount: Pose | None = None
-    first_relative: Pose | None = field(default=None, repr=False)
+    mount: Array | None = None
+    first_relative: Array | None = field(default=None, repr=False)
 
-    def split(self, laser: Pose, robot: Pose) -> tuple[Pose, Pose | None]:
+    def split(self, laser: Array, robot: Array) -> tuple[Array, Array | None]:
         """(mount, corrected robot pose or None) from the two poses of a line.
 
         Loggers write the laser's pose and the robot's pose, both by odometry: their difference is the mount.
         Some mappers put their corrected pose into the first field; then the difference wanders, and only the
         mount that was stated or seen first is one.
         """
-        found = relative(robot, laser)
+        found = between(robot, laser)
         if self.first_relative is None:
             near = math.hypot(found[0], found[1]) <= LARGEST_MOUNT
-            self.first_relative = found if near else (0.0, 0.0, 0.0)
+            self.first_relative = found if near else np.zeros(3)
         expected = self.first_relative if self.mount is None else self.mount
         distance = math.hypot(found[0] - expected[0], found[1] - expected[1])
         turned = abs(math.remainder(found[2] - expected[2], 2.0 * math.pi))
         if distance <= MOUNT_TOLERANCE[0] and turned <= MOUNT_TOLERANCE[1]:
             return found, None
         return expected, laser
+
+
+def usable_range(stated: float) -> float | None:
+    """Metres from which a reading is a no-return, by a maximum stated in the log; None where it states none."""
+    if SICK_NO_RETURN < stated <= SICK_LARGEST:
+        return SICK_NO_RETURN
+    return stated if stated > 0.0 else None
 
 
 def beam_angles(count: int) -> tuple[float, float]:
@@ -133,8 +147,8 @@ class LaserLine:
     """One laser line: scan, poses of laser and robot by the log's odometry, and its stamp."""
 
     scan: Scan
-    laser: Pose
-    robot: Pose
+    laser: Array
+    robot: Array
     stamp: float
 
 
@@ -154,7 +168,7 @@ def parse_flaser(fields: Sequence[bytes], max_range: float | None) -> LaserLine:
     limit = DEFAULT_MAX_RANGE if max_range is None else max_range
     angle_min, increment = beam_angles(count)
     scan = Scan(ranges, angle_min, increment, range_max=limit, stamp=stamp)
-    return LaserLine(scan, (poses[0], poses[1], poses[2]), (poses[3], poses[4], poses[5]), stamp)
+    return LaserLine(scan, np.array(poses[:3]), np.array(poses[3:6]), stamp)
 
 
 def parse_robotlaser(
@@ -185,6 +199,7 @@ def parse_robotlaser(
     recorded = numbers(rest[11:12], "a stamp")[0]
     stamp = recorded if stamp is None else stamp
     increment = head[3] if head[3] > 0.0 else beam_angles(count)[1]
-    limit = max_range if max_range is not None else head[4] if head[4] > 0.0 else DEFAULT_MAX_RANGE
+    stated = usable_range(head[4]) if max_range is None else max_range
+    limit = DEFAULT_MAX_RANGE if stated is None else stated
     scan = Scan(ranges, head[1], increment, range_max=limit, stamp=stamp)
-    return LaserLine(scan, (poses[0], poses[1], poses[2]), (poses[3], poses[4], poses[5]), stamp)
+    return LaserLine(scan, np.array(poses[:3]), np.array(poses[3:6]), stamp)

@@ -13,17 +13,15 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-import numpy as np
-
 from estimation.errors import InputError
 
 from .encode import CLOUD_TYPE, ODOMETRY_TYPE, SCAN_TYPE, nanoseconds
 from .errors import NothingRecognisedError
 from .log import Log
 from .opening import detect, open_log
-from .planar import matrix_of
 from .records import BASE_FRAME, OdometryRecord, Record, ScanRecord, TransformRecord
 from .ros import open_raw
+from .rotations import planar_matrix
 from .storage import Topic
 from .summary import Summary
 from .writer import McapWriter
@@ -173,7 +171,7 @@ class _TextSink:
         if record.frame_id in self._mounts or record.sensor_pose is None:
             return
         self._mounts[record.frame_id] = TransformRecord(
-            matrix_of(np.asarray(record.sensor_pose)), record.stamp, BASE_FRAME, record.frame_id, "tf_static"
+            planar_matrix(record.sensor_pose), record.stamp, BASE_FRAME, record.frame_id, "tf_static"
         )
         self._writer.write_transforms(list(self._mounts.values()), self._clock)
 

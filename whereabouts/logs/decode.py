@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from estimation.errors import InputError
 from registration.scan import Scan
 
-from .planar import rotation_of, to_plane
 from .records import (
     CloudRecord,
     MessageRecord,
@@ -21,6 +20,7 @@ from .records import (
     TransformRecord,
     strip_slash,
 )
+from .rotations import rotation_of, to_plane
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,10 @@ def transforms(message: Any, topic: str) -> Iterator[TransformRecord]:
 
 def _matrix(position: Any, orientation: Any) -> Array:
     matrix = np.eye(4)
-    matrix[:3, :3] = rotation_of((orientation.x, orientation.y, orientation.z, orientation.w))
+    try:
+        matrix[:3, :3] = rotation_of((orientation.x, orientation.y, orientation.z, orientation.w))
+    except InputError as error:
+        raise UnusableMessageError(str(error)) from error
     matrix[:3, 3] = position.x, position.y, position.z
     return matrix
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
@@ -11,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
+from estimation.rotations import quaternion_from_rotation
 
-from .planar import quaternion_of
 from .records import Array, CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 from .ros_types import standard_types
+from .rotations import quaternion_of_yaw
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
@@ -145,16 +145,16 @@ def _vector(x: float, y: float, z: float) -> Any:
 
 
 def _quaternion(matrix: Array) -> Any:
-    x, y, z, w = quaternion_of(matrix[:3, :3])
+    x, y, z, w = quaternion_from_rotation(matrix[:3, :3]).tolist()
     return _make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
 
 def _planar_pose(pose: Array) -> Any:
-    x, y, half = float(pose[0]), float(pose[1]), math.remainder(float(pose[2]), 2.0 * math.pi) / 2.0
+    x, y, z, w = quaternion_of_yaw(float(pose[2]))
     return _make(
         "geometry_msgs/msg/Pose",
-        position=_make("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
-        orientation=_make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(half), w=math.cos(half)),
+        position=_make("geometry_msgs/msg/Point", x=float(pose[0]), y=float(pose[1]), z=0.0),
+        orientation=_make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
     )
 
 

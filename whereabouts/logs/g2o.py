@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
+from estimation.poses import between, compound, inverse
 
 from .atomic import atomic_path
 from .carmen_laser import BadLineError, numbers, parse_robotlaser
 from .errors import NothingRecognisedError
 from .log import Log
-from .planar import Pose, compose, invert, relative
 from .records import Array, Record, ScanRecord
 from .summary import Summary
 from .text import TextSource
@@ -97,26 +97,22 @@ class G2oGraph:
         solved poses give the motion.
         """
         sequential = self._split[0]
-        poses: list[Pose] = []
+        poses: list[Array] = []
         gaps = 0
         for rank, solved in enumerate(self.poses):
             if not rank:
-                poses.append(_pose(solved))
+                poses.append(solved)
                 continue
             edge = sequential.get(rank)
             if edge is None:
                 gaps += 1
-                motion = relative(_pose(self.poses[rank - 1]), _pose(solved))
+                motion = between(self.poses[rank - 1], solved)
             elif edge.target == self.ids[rank]:
-                motion = _pose(edge.motion)
+                motion = edge.motion
             else:
-                motion = invert(_pose(edge.motion))
-            poses.append(compose(poses[-1], motion))
+                motion = inverse(edge.motion)
+            poses.append(compound(poses[-1], motion))
         return np.array(poses, dtype=np.float64).reshape(-1, 3), gaps
-
-
-def _pose(values: Array) -> Pose:
-    return float(values[0]), float(values[1]), float(values[2])
 
 
 class G2oLog(Log):
@@ -199,7 +195,7 @@ class G2oLog(Log):
             raise BadLineError("ROBOTLASER1 without a vertex of its own before it")
         stamp = float(graph.stamps[rank])
         line = parse_robotlaser(fields, self._max_range, stamp)
-        mount = np.array(relative(line.robot, line.laser))
+        mount = between(line.robot, line.laser)
         return ScanRecord(
             line.scan, stamp, odometry=odometry[rank], pose=graph.poses[rank], sensor_pose=mount
         )
@@ -250,7 +246,7 @@ def _fields(source: TextSource, summary: Summary) -> Iterator[tuple[int, list[by
 
 def _read_graph(source: TextSource, summary: Summary) -> G2oGraph:
     ids: list[int] = []
-    poses: list[Pose] = []
+    poses: list[list[float]] = []
     edges: list[Edge] = []
     stamps: list[float] = []
     for number, fields in _fields(source, summary):
@@ -284,12 +280,11 @@ def _id(text: bytes) -> int:
     return int(text)
 
 
-def _vertex(fields: list[bytes]) -> tuple[int, Pose]:
+def _vertex(fields: list[bytes]) -> tuple[int, list[float]]:
     """`VERTEX_SE2 id x y yaw`."""
     if len(fields) != 5:
         raise BadLineError("VERTEX_SE2: five fields expected")
-    x, y, yaw = numbers(fields[2:], "VERTEX_SE2: a field")
-    return _id(fields[1]), (x, y, yaw)
+    return _id(fields[1]), numbers(fields[2:], "VERTEX_SE2: a field")
 
 
 def _edge(fields: list[bytes]) -> Edge:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 
@@ -90,8 +89,3 @@ def _sentence(reason: str, remark: Remark) -> str:
 def _add(where_to: dict[str, Remark], reason: str, where: str, count: int) -> None:
     remark = where_to.setdefault(reason, Remark(first=where))
     remark.count += count
-
-
-def merge_counts(counts: Mapping[str, int]) -> str:
-    """`scan 1265, tf 30`, or `nothing`."""
-    return ", ".join(f"{name} {count}" for name, count in counts.items()) or "nothing"

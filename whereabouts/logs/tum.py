@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimation.errors import InputError
+from estimation.rotations import quaternion_from_rotation, rotation_from_quaternion
 
 from .atomic import atomic_path
 from .errors import EmptyLogError, TrajectoryError
-from .planar import quaternion_of, rotation_of, yaw_of
+from .rotations import quaternion_of_yaw, to_plane
 from .summary import Summary
 from .text import TextSource
 
@@ -44,15 +45,13 @@ class Trajectory:
 
     def se2(self) -> Array:
         """(N, 3) [x, y, yaw]."""
-        yaws = [yaw_of(rotation_of((q[0], q[1], q[2], q[3]))) for q in self.quaternions]
-        return np.column_stack((self.positions[:, :2], np.array(yaws, dtype=np.float64)))
+        return to_plane(self.se3())
 
     def se3(self) -> Array:
         """(N, 4, 4) matrices."""
         matrices = np.tile(np.eye(4), (len(self), 1, 1))
-        for matrix, position, q in zip(matrices, self.positions, self.quaternions, strict=True):
-            matrix[:3, :3] = rotation_of((q[0], q[1], q[2], q[3]))
-            matrix[:3, 3] = position
+        matrices[:, :3, :3] = rotation_from_quaternion(self.quaternions)
+        matrices[:, :3, 3] = self.positions
         return matrices
 
 
@@ -104,11 +103,10 @@ def format_line(stamp: float, pose: Array) -> str:
     """
     if pose.shape == (3,):
         x, y, z = float(pose[0]), float(pose[1]), 0.0
-        half = math.remainder(float(pose[2]), 2.0 * math.pi) / 2.0
-        quaternion = (0.0, 0.0, math.sin(half), math.cos(half))
+        quaternion = quaternion_of_yaw(float(pose[2]))
     elif pose.shape == (4, 4):
         x, y, z = (float(v) for v in pose[:3, 3])
-        quaternion = quaternion_of(pose[:3, :3])
+        quaternion = quaternion_from_rotation(pose[:3, :3]).tolist()
     else:
         raise InputError(f"pose: shape (3,) or (4, 4) expected, got {pose.shape}")
     time = np.format_float_positional(stamp, unique=True, trim="0")
