@@ -208,6 +208,13 @@ def test_topics_filter(tmp_path, lines):
     assert [record.topic for record in open_log(path, topics=["wheel_odom"])] == ["wheel_odom"]
 
 
+def test_a_topic_that_is_not_there_is_said(tmp_path, lines):
+    log = open_log(write(tmp_path / "a.clf", lines.flaser(RANGES)), topics=["scan", "front_scan"])
+    assert len(list(log)) == 1
+    (note,) = log.summary.notes
+    assert "front_scan" in note
+
+
 def test_scans_of_one_topic_only(tmp_path, lines):
     text = [lines.flaser(RANGES, stamp=i, keyword=("FLASER", "RLASER")[i % 2]) for i in range(6)]
     log = open_log(write(tmp_path / "a.clf", *text))

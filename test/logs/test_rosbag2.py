@@ -323,6 +323,9 @@ def test_what_is_no_bag(tmp_path, bag2, jazzy, entries):
     with pytest.raises(LogNotFoundError, match="nowhere"):
         open_log(tmp_path / "nowhere")
     (tmp_path / "empty.mcap").touch()
+    (tmp_path / "a.clf").write_text("ODOM 0 0 0 0 0 0 1 h 1\n")
+    with pytest.raises(UnknownFormatError, match="whereabouts convert"):
+        open_raw(tmp_path / "a.clf")
     with pytest.raises(EmptyLogError, match="empty"):
         open_log(tmp_path / "empty.mcap")
     (tmp_path / "directory").mkdir()

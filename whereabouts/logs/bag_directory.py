@@ -53,7 +53,8 @@ def open_bag_file(path: Path, summary: Summary, shown: Path | None = None) -> Ba
         return UnpackedFile(path, summary, _inflate_zstd)
     if magic.startswith(ZIP_MAGIC):
         return UnpackedFile(path, summary, _inflate_zip)
-    raise UnknownFormatError(shown or path, "is no bag: neither MCAP, sqlite3 nor ROS 1")
+    problem = "is no bag: neither MCAP, sqlite3 nor ROS 1; `whereabouts convert` makes one of other logs"
+    raise UnknownFormatError(shown or path, problem)
 
 
 class UnpackedFile:

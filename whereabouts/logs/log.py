@@ -69,6 +69,8 @@ class Log(ABC):
                     self.summary.note(reason, self.place)
                 latest[kind] = record.stamp
             yield record
+        for topic in sorted((self._wanted or frozenset()) - self.summary.records.keys()):
+            self.summary.note(f"no record on topic {topic}, which was asked for", "the end")
 
     def scans(self, topic: str | None = None) -> Iterator[ScanRecord]:
         """Scans of one topic: the one named, else that of the first scan (others are counted as skips)."""
