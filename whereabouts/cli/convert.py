@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from whereabouts.cli.common import JsonFile, write_figures
+
 if TYPE_CHECKING:
     from whereabouts.logs.conversion import Conversion
 
@@ -48,9 +50,7 @@ def convert(
             "stamps are zero, rounded or beyond what ROS can express.",
         ),
     ] = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the figures to FILE as JSON.")
-    ] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Convert a robot log to a rosbag2 recording in MCAP, readable by `ros2 bag`.
 
@@ -80,8 +80,7 @@ def convert(
     for line in result.summary.lines():
         typer.echo(line, err=True)
     typer.echo(_sentence(target, result))
-    if json_file is not None:
-        _write_json(json_file, source, target, result)
+    write_figures(json_file, _figures(source, target, result))
 
 
 def _sentence(target: Path, result: Conversion) -> str:
@@ -94,13 +93,9 @@ def _sentence(target: Path, result: Conversion) -> str:
     return f"{target}: {', '.join(parts)} over {result.duration:.1f} s{left_out}"
 
 
-def _write_json(path: Path, source: Path, target: Path, result: Conversion) -> None:
-    import json
-
-    from whereabouts.logs.atomic import atomic_path
-
+def _figures(source: Path, target: Path, result: Conversion) -> dict[str, object]:
     account = result.summary.as_dict()
-    figures = {
+    return {
         "source": str(source),
         "target": str(target),
         "scans": result.scans,
@@ -111,5 +106,3 @@ def _write_json(path: Path, source: Path, target: Path, result: Conversion) -> N
         "skipped": account["skipped"],
         "notes": account["notes"],
     }
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
