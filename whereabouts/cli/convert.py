@@ -85,9 +85,10 @@ def convert(
 
 def _sentence(target: Path, result: Conversion) -> str:
     """One line: what was written, and how much was left out."""
-    counted = [(result.scans, "scans"), (result.clouds, "clouds"), (result.odometry, "odometry messages")]
+    counted = [(result.scans, "scan"), (result.clouds, "cloud"), (result.odometry, "odometry message")]
     rest = sum(result.messages.values()) - sum(count for count, _ in counted)
-    parts = [f"{count} {name}" for count, name in [*counted, (rest, "other messages")] if count]
+    counted.append((rest, "other message"))
+    parts = [f"{count} {name}{'s' * (count != 1)}" for count, name in counted if count]
     skipped = result.summary.skipped_count
     left_out = f"; {skipped} skipped" if skipped else ""
     return f"{target}: {', '.join(parts)} over {result.duration:.1f} s{left_out}"
