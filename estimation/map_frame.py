@@ -130,7 +130,7 @@ def convert_with_ratio(
     pose, P = NO_POSE, NO_COVARIANCE
     if robot_pose is not None:
         pose, P = check_pose(robot_pose, NO_COVARIANCE if robot_covariance is None else robot_covariance)
-    r, theta, sr, st = (np.ascontiguousarray(a) for a in np.broadcast_arrays(np.atleast_1d(r), theta, sr, st))
+    r, theta, sr, st = (a.copy() for a in np.broadcast_arrays(np.atleast_1d(r), theta, sr, st))
     if r.ndim != 1:
         raise InputError(f"range_ must have shape (M,), not {r.shape}")
     mean, cov, K = np.empty((r.size, 2)), np.empty((r.size, 2, 2)), np.empty(r.size)

@@ -22,6 +22,14 @@ SPARSE = 0.1
 STAGE_SMOOTHING = 0.5
 
 
+def log_total(log_weights: FloatArray) -> float:
+    """Log of the sum of the weights; several times faster than scipy's for the few thousand of a filter."""
+    top = float(log_weights.max())
+    if not math.isfinite(top):
+        return top
+    return top + math.log(float(np.exp(log_weights - top).sum()))
+
+
 def normalise_log(log_weights: npt.ArrayLike) -> FloatArray:
     """Log weights (N,) shifted so that their exponentials add up to 1.
 
@@ -30,15 +38,16 @@ def normalise_log(log_weights: npt.ArrayLike) -> FloatArray:
     w = as_floats("log_weights", log_weights)
     if w.ndim != 1 or np.isnan(w).any() or np.isposinf(w).any():
         raise InputError("log_weights must be (N,) numbers below inf")
-    total = logsumexp(w)
-    if not np.isfinite(total):
+    total = log_total(w)
+    if not math.isfinite(total):
         raise InputError("log_weights must not all be -inf")
     return w - total
 
 
 def effective_size(log_weights: npt.ArrayLike) -> float:
     """1 / Σ w², between 1 and N, of normalised or unnormalised log weights (N,)."""
-    return float(np.exp(-logsumexp(2.0 * normalise_log(log_weights))))
+    w = np.exp(normalise_log(log_weights))
+    return 1.0 / float(w @ w)
 
 
 def systematic_resample(log_weights: npt.ArrayLike, rng: np.random.Generator) -> IntArray:
@@ -92,7 +101,7 @@ class Particles:
         """Multiply the weights by likelihoods (N,); returns the log of their weighted mean, log p(z | past)."""
         joint = self.log_weights + as_floats("log_likelihood", log_likelihood)
         self.log_weights = normalise_log(joint)
-        return float(logsumexp(joint))
+        return log_total(joint)
 
     def assimilate(
         self, log_likelihood: Callable[[FloatArray], FloatArray], rng: np.random.Generator, stages: int = 16
@@ -159,7 +168,7 @@ def particle_entropy(
     if likelihood.shape != before.shape or transition.shape != (before.size, before.size):
         raise InputError("log_likelihood and log_transition must have shapes (N,) and (N, N)")
     joint = likelihood + before
-    evidence = logsumexp(joint)
+    evidence = log_total(joint)
     after = np.exp(joint - evidence)
     density = likelihood + logsumexp(transition + before, axis=1)
     used = after > 0
