@@ -1,0 +1,194 @@
+"""Kalman, particle and multiple-model filters against joint Gaussians, enumeration and closed forms."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal, norm
+
+from estimation import kalman
+from estimation.errors import InputError
+from estimation.gaussians import gaussian_entropy
+from estimation.multiple_model import MultipleModelFilter
+from estimation.particles import Particles, effective_size, particle_entropy, systematic_resample
+
+F = np.array([[1.0, 0.5], [0.0, 0.9]])
+Q = np.array([[0.1, 0.02], [0.02, 0.2]])
+H = np.array([[1.0, 0.3]])
+R = np.array([[0.4]])
+MEAN, COV = np.array([1.0, -2.0]), np.array([[1.0, 0.3], [0.3, 0.5]])
+
+
+def test_kalman_is_conditioning_of_the_joint_gaussian():
+    mean, cov = kalman.predict(MEAN, COV, F, Q)
+    np.testing.assert_allclose(mean, F @ MEAN)
+    np.testing.assert_allclose(cov, F @ COV @ F.T + Q)
+    z = np.array([0.7])
+    S = H @ cov @ H.T + R
+    posterior, P, log_likelihood = kalman.update(mean, cov, z, H, R)
+    gain = cov @ H.T @ np.linalg.inv(S)
+    np.testing.assert_allclose(posterior, mean + gain @ (z - H @ mean))
+    np.testing.assert_allclose(P, np.linalg.inv(np.linalg.inv(cov) + H.T @ np.linalg.inv(R) @ H))
+    assert log_likelihood == pytest.approx(multivariate_normal(H @ mean, S).logpdf(z))
+
+
+def test_many_filters_at_once():
+    rng = np.random.default_rng(0)
+    means, zs = rng.normal(size=(3, 4, 2)), rng.normal(size=(4, 1))
+    posterior, P, log_likelihood = kalman.update(means, COV, zs, H, R)
+    for i, j in np.ndindex(3, 4):
+        single = kalman.update(means[i, j], COV, zs[j], H, R)
+        np.testing.assert_allclose(posterior[i, j], single[0])
+        np.testing.assert_allclose(np.broadcast_to(P, (3, 4, 2, 2))[i, j], single[1])
+        np.testing.assert_allclose(log_likelihood[i, j], single[2])
+
+
+def test_systematic_resampling_takes_floor_or_ceiling():
+    rng = np.random.default_rng(1)
+    w = rng.dirichlet(np.ones(40) * 0.3)
+    totals = np.zeros(40)
+    for _ in range(400):
+        chosen = systematic_resample(np.log(w) + 123.0, rng)
+        counts = np.bincount(chosen, minlength=40)
+        assert (counts >= np.floor(40 * w - 1e-9)).all()
+        assert (counts <= np.ceil(40 * w + 1e-9)).all()
+        totals += counts
+    np.testing.assert_allclose(totals / 400, 40 * w, atol=0.12)
+
+
+def test_effective_size():
+    assert effective_size(np.full(50, -3.0)) == pytest.approx(50)
+    assert effective_size(np.array([0.0, -np.inf, -np.inf])) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("noise", [1.0, 0.02])
+def test_particles_reach_the_kalman_posterior(noise):
+    """Also where the prior is far wider than the likelihood, which needs tempered stages."""
+    rng = np.random.default_rng(2)
+    z = np.array([1.3])
+    expected = kalman.update(MEAN, COV, z, H, [[noise**2]])
+    means, stages = [], []
+    for _ in range(30):
+        particles = Particles.equal(rng.multivariate_normal(MEAN, COV, 1000))
+        stages.append(particles.assimilate(lambda x: norm.logpdf(z, x @ H[0], noise), rng))
+        particles.resample(rng, below=0.5)
+        means.append(particles.mean)
+        assert np.isfinite(particles.covariance).all()
+    assert (max(stages) > 1) == (noise < 0.1)
+    np.testing.assert_allclose(np.mean(means, 0), expected[0], atol=0.04)
+
+
+def test_reweight_returns_the_evidence():
+    rng = np.random.default_rng(3)
+    particles = Particles.equal(rng.multivariate_normal(MEAN, COV, 200_000))
+    evidence = particles.reweight(norm.logpdf(0.4, particles.states @ H[0], np.sqrt(R[0, 0])))
+    assert evidence == pytest.approx(float(kalman.update(MEAN, COV, [0.4], H, R)[2]), abs=0.01)
+
+
+def test_smooth_resampling_keeps_the_moments_and_parts_copies():
+    rng = np.random.default_rng(4)
+    states = rng.normal(size=(20_000, 2))
+    particles = Particles(states, -0.5 * (states[:, 0] - 1) ** 2)
+    particles.reweight(np.zeros(20_000))
+    mean, cov = particles.mean, particles.covariance
+    assert particles.resample(rng, smooth=1.0)
+    np.testing.assert_allclose(particles.mean, mean, atol=0.02)
+    np.testing.assert_allclose(particles.covariance, cov, atol=0.03)
+    assert len(np.unique(particles.states[:, 0])) == 20_000
+    assert not particles.resample(rng, below=0.9)
+
+
+def test_covariance_of_one_surviving_particle_is_zero():
+    particles = Particles(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.0, -np.inf]))
+    np.testing.assert_array_equal(particles.covariance, np.zeros((2, 2)))
+    np.testing.assert_array_equal(particles.mean, [1.0, 2.0])
+
+
+def test_particle_entropy_reaches_the_kalman_filters():
+    """(3.4) on a linear Gaussian step tends to (3.3) of the Kalman posterior."""
+    rng = np.random.default_rng(5)
+    before = rng.multivariate_normal(MEAN, COV, 1500)
+    moved = before @ F.T + rng.multivariate_normal([0, 0], Q, 1500)
+    log_likelihood = norm.logpdf(0.5, moved @ H[0], np.sqrt(R[0, 0]))
+    transition = multivariate_normal([0, 0], Q).logpdf(moved[:, None] - (before @ F.T)[None])
+    ours = particle_entropy(log_likelihood, transition, np.zeros(1500))
+    _, cov = kalman.predict(MEAN, COV, F, Q)
+    _, P, _ = kalman.update(F @ MEAN, cov, [0.5], H, R)
+    assert ours == pytest.approx(gaussian_entropy(P), abs=0.1)
+
+
+def models():
+    return np.stack([np.eye(2), F]), np.stack([0.01 * np.eye(2), Q])
+
+
+def test_multiple_models_first_step_is_exact():
+    """Before any mixing approximation: enumerate both model pairs of the first step."""
+    transition = np.array([[0.9, 0.1], [0.3, 0.7]])
+    start = np.array([0.6, 0.4])
+    Fs, Qs = models()
+    imm = MultipleModelFilter(transition, start, MEAN, COV)
+    imm.predict(Fs, Qs)
+    evidence = imm.update([0.4], H, R)
+    joint, means = {}, {}
+    for i, j in itertools.product(range(2), range(2)):
+        mean, cov = kalman.predict(MEAN, COV, Fs[j], Qs[j])
+        mean, _, log_likelihood = kalman.update(mean, cov, [0.4], H, R)
+        joint[i, j] = np.log(start[i] * transition[i, j]) + log_likelihood
+        means[i, j] = mean
+    total = logsumexp(list(joint.values()))
+    assert evidence == pytest.approx(total)
+    expected = [sum(np.exp(joint[i, j] - total) for i in range(2)) for j in range(2)]
+    np.testing.assert_allclose(imm.probabilities, expected)
+    np.testing.assert_allclose(imm.mean, sum(np.exp(joint[p] - total) * means[p] for p in joint))
+    offsets = imm.means - imm.mean
+    spread = np.einsum("k,ki,kj->ij", imm.probabilities, offsets, offsets)
+    np.testing.assert_allclose(
+        imm.covariance, np.einsum("k,kij->ij", imm.probabilities, imm.covariances) + spread
+    )
+
+
+def test_multiple_models_find_the_model_that_moves_the_target():
+    rng = np.random.default_rng(6)
+    dt = 0.5
+    still = np.diag([1.0, 0.0])
+    moving = np.array([[1.0, dt], [0.0, 1.0]])
+    Fs, Qs = np.stack([still, moving]), np.stack([1e-4 * np.eye(2), 1e-2 * np.eye(2)])
+    imm = MultipleModelFilter([[0.95, 0.05], [0.05, 0.95]], [0.5, 0.5], [0.0, 0.0], np.eye(2))
+    x, favoured = 0.0, []
+    for step in range(60):
+        x += dt * (1.0 if step >= 30 else 0.0)
+        imm.predict(Fs, Qs)
+        imm.update([x + rng.normal(0, 0.05)], [[1.0, 0.0]], [[0.05**2]])
+        favoured.append(imm.probabilities.argmax())
+    assert np.mean(favoured[10:30]) < 0.2
+    assert np.mean(favoured[35:]) > 0.9
+    assert imm.mean[1] == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_model_nobody_enters_stays_valid():
+    imm = MultipleModelFilter(np.eye(2), [1.0, 0.0], MEAN, COV)
+    imm.predict(*models())
+    imm.update([0.4], H, R)
+    assert imm.probabilities.tolist() == [1.0, 0.0]
+    assert np.isfinite(imm.covariance).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: kalman.update(MEAN, COV, [1.0], np.eye(2), R), "H"),
+        (lambda: kalman.update(MEAN, COV, [1.0], H, [[-1.0]]), "R"),
+        (lambda: kalman.predict(MEAN, np.eye(3), F, Q), "covariance"),
+        (lambda: Particles.equal(np.empty((0, 2))), "states"),
+        (lambda: effective_size([-np.inf, -np.inf]), "log_weights"),
+        (lambda: effective_size([np.nan, 0.0]), "log_weights"),
+        (lambda: particle_entropy([0.0], [[0.0, 0.0]], [0.0]), "log_likelihood and"),
+        (lambda: MultipleModelFilter([[1.0, 0.1], [0, 1]], [0.5, 0.5], MEAN, COV), "transition"),
+        (lambda: MultipleModelFilter(np.eye(2), [0.5, 0.6], MEAN, COV), "probabilities"),
+        (lambda: MultipleModelFilter(np.eye(2), [1.5, -0.5], MEAN, COV), "probabilities"),
+    ],
+)
+def test_bad_input_is_named(call, name):
+    with pytest.raises(InputError, match=rf"^{name} "):
+        call()
