@@ -29,7 +29,8 @@ def mucm_local(r, sr, st):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def shape_ratio(xx, xy, yy):  # type: ignore[no-untyped-def]
     """λmin / λmax of [[xx, xy], [xy, yy]]."""
-    largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+    half = 0.5 * (xx - yy)
+    largest = 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)
     return (xx * yy - xy * xy) / (largest * largest)
 
 
@@ -47,16 +48,16 @@ def to_map_ucm(pose, P, r, bearing, sr, st, position_in_ratio):  # type: ignore[
     c, s = math.cos(angle), math.sin(angle)
     m, along, across = ucm_local(r, sr, st)
     xx, xy, yy = rotated(c, s, along, across)
-    lxx, lxy, lyy = rotated(c, s, sr * sr, r * r * st * st)
-    if not position_in_ratio:
-        K = (min(along, across) / max(along, across)) / shape_ratio(lxx, lxy, lyy)
+    lin_along, lin_across = sr * sr, r * r * st * st
+    K = (min(along, across) / max(along, across)) / (min(lin_along, lin_across) / max(lin_along, lin_across))
     # cov(position, r u(θ)) = cov(position, heading) E[r u'(θ)]
     lever = r * math.exp(-0.5 * st * st)
     gx, gy = -s * lever, c * lever
     xx += P[0, 0] + 2.0 * P[0, 2] * gx
     yy += P[1, 1] + 2.0 * P[1, 2] * gy
     xy += P[0, 1] + P[0, 2] * gy + P[1, 2] * gx
-    if position_in_ratio:
+    if position_in_ratio and P[0, 0] + P[1, 1] > 0.0:
+        lxx, lxy, lyy = rotated(c, s, lin_along, lin_across)
         gx, gy = -s * r, c * r
         lxx += P[0, 0] + 2.0 * P[0, 2] * gx
         lyy += P[1, 1] + 2.0 * P[1, 2] * gy

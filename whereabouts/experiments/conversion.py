@@ -211,6 +211,8 @@ def _with_position(options: Options, report: Report, seeds: list[int]) -> None:
 def drive(options: Options, report: Report) -> None:
     """Figure 6.11."""
     simulated = driving.drive(options.seed)
+    if options.quick:
+        simulated = driving.Drive(simulated.stamps[::10], simulated.path[::10], simulated.covariances[::10])
     ranges: dict[str, FloatArray] = {}
     rows = []
     for degrees in (1, 2, 3):
