@@ -142,18 +142,18 @@ def kalman_mode() -> list[tuple[str, float, str, float, str]]:
 def particle_mode() -> list[tuple[str, float, str, float, str]]:
     """One step of 1,000 particles against 250 samples, and against the Kalman mode."""
     filters = {
-        policy: SwitchingFilter(MOTION, [3.0, 1, 0, 0], 0.05 * np.eye(4), policy=policy)
-        for policy in ("pf", "kf")
+        k_crit: SwitchingFilter(MOTION, [3.0, 1, 0, 0], 0.05 * np.eye(4), k_crit=k_crit)
+        for k_crit in (0.0, np.inf)
     }
 
-    def step(policy: str) -> Callable[[], None]:
+    def step(k_crit: float) -> Callable[[], None]:
         def run() -> None:
-            filters[policy].predict(0.025)
-            filters[policy].update(np.zeros(3), ROBOT_COVARIANCE, [3.1, 0.3], NOISE)
+            filters[k_crit].predict(0.025)
+            filters[k_crit].update(np.zeros(3), ROBOT_COVARIANCE, [3.1, 0.3], NOISE)
 
         return run
 
-    pf, kf = least(step("pf"), 5), least(step("kf"))
+    pf, kf = least(step(0.0), 5), least(step(np.inf))
     x = np.random.default_rng(2).normal(size=(1000, 4))
 
     def all_pairs() -> None:

@@ -8,8 +8,9 @@ Differences to the text, each because the text's form measured worse or is undef
 * K compares the covariances in the map, the robot's position covariance in both (`position_in_ratio`). With the
   text's own localisation (6.20) the sum of banana and position error is close to a Gaussian where the banana
   alone is not; `whereabouts experiment conversion` measures both choices.
-* Mardia's test runs only while K is below `k_crit`, on moments in place of all pairs of particles, and counts
-  its interval from the switch: back in Kalman mode any earlier, the next update would switch again.
+* Mardia's test runs only while K is below `k_crit`: back in Kalman mode any earlier, the next update would switch
+  again. Its interval counts from the switch. By moments in place of all pairs the same test, with the same
+  decisions, is cheap enough that no substitute for it is needed (`bench/bench_estimation.py`).
 * Resampling is systematic, waits for the effective size to fall below 0.8 of the particles, and smooths: at 40
   updates a second copies of few particles lose a target that turns, and look less Gaussian than they are.
 """
@@ -30,7 +31,6 @@ from estimation.checks import (
     as_points,
     as_vectors,
     require_count,
-    require_positive,
 )
 from estimation.conversion_kernels import to_map_ucm
 from estimation.errors import InputError
@@ -42,7 +42,6 @@ from estimation.particles import STAGE_SMOOTHING, Particles
 __all__ = ["ConstantVelocity", "SwitchingBank", "SwitchingFilter"]
 
 Mode = Literal["kf", "pf"]
-Policy = Literal["switch", "kf", "pf"]
 
 # Standard deviation of one sample's Gaussian, as a share of the measurement's: wide enough for 100 samples to
 # overlap, narrow enough that the arc within one sample is straight.
@@ -68,10 +67,10 @@ class SwitchingBank:
     """Many switching filters side by side, predicted and updated together.
 
     motion : the motion model. means (M, 4) [x, y, vx, vy] in the map frame, m and m/s; covariances (M, 4, 4).
-    k_crit : K from which a target needs particles (6.13). particles, samples : sizes of the particle set and
-    of the converted measurement sample. mardia_interval : updates in particle mode between normality tests.
+    k_crit : K from which a target needs particles (6.13); 0 is an always-particle filter, inf a Kalman filter.
+    particles, samples : sizes of the particle set and of the converted measurement sample.
+    mardia_interval : updates in particle mode between normality tests.
     seed : of all draws; each target has a stream of its own, so that a bank of M equals M filters.
-    policy : "switch", or "kf" / "pf" to stay in one mode (particles then always use converted samples).
     position_in_ratio : whether K includes the robot's position covariance. Raises InputError.
     """
 
@@ -85,7 +84,6 @@ class SwitchingBank:
         samples: int = 250,
         mardia_interval: int = 40,
         seed: int = 0,
-        policy: Policy = "switch",
         position_in_ratio: bool = True,
     ) -> None:
         self._motion = motion
@@ -97,12 +95,11 @@ class SwitchingBank:
         self._particles = require_count("particles", particles, 10)
         self._samples = require_count("samples", samples, 2)
         self._interval = require_count("mardia_interval", mardia_interval)
-        if policy not in ("switch", "kf", "pf"):
-            raise InputError(f"policy must be 'switch', 'kf' or 'pf', not {policy!r}")
-        self._k_crit = require_positive("k_crit", k_crit)
-        self._policy = policy
-        self._limit = {"switch": self._k_crit, "kf": np.inf, "pf": 0.0}[policy]
+        self._limit = float(k_crit)
+        if not self._limit >= 0.0:
+            raise InputError(f"k_crit must be a number of at least 0, not {k_crit!r}")
         self._position_in_ratio = bool(position_in_ratio)
+        seed = require_count("seed", seed, 0)
         self._rngs = [np.random.default_rng([seed, index]) for index in range(count)]
         self._kalman = np.ones(count, dtype=np.bool_)
         self._targets: dict[int, _ParticleTarget] = {}
@@ -278,8 +275,6 @@ class SwitchingBank:
         self.switches += 1
 
     def _try_kalman(self, index: int) -> None:
-        if self._policy == "pf":
-            return
         self.tests += 1
         particles = self._targets[index].particles
         particles.resample(self._rngs[index], smooth=1.0)
@@ -312,7 +307,6 @@ class SwitchingFilter:
         samples: int = 250,
         mardia_interval: int = 40,
         seed: int = 0,
-        policy: Policy = "switch",
         position_in_ratio: bool = True,
     ) -> None:
         mean = as_vectors("mean", mean, 4)
@@ -327,7 +321,6 @@ class SwitchingFilter:
             samples,
             mardia_interval,
             seed,
-            policy,
             position_in_ratio,
         )
 

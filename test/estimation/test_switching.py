@@ -36,7 +36,7 @@ def test_motion_model():
 
 def test_kalman_mode_is_a_kalman_filter():
     rng = np.random.default_rng(1)
-    filter_ = SwitchingFilter(MOTION, START, SPREAD, policy="kf")
+    filter_ = SwitchingFilter(MOTION, START, SPREAD, k_crit=np.inf)
     mean, cov = START, SPREAD
     H = np.eye(2, 4)
     for _ in range(30):
@@ -95,7 +95,7 @@ def test_particles_hold_the_exact_posterior(robot):
         np.mean(covariances, 0) / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.07
     )
     # The Kalman filter is measurably off here: the test can tell the two apart.
-    plain = SwitchingFilter(MOTION, START, SPREAD, policy="kf")
+    plain = SwitchingFilter(MOTION, START, SPREAD, k_crit=np.inf)
     plain.update(np.zeros(3), robot, z, noise)
     if robot is EXACT:
         assert np.abs((plain.mean - expected_mean) / sigma).max() > 0.2
@@ -130,9 +130,9 @@ def test_modes_follow_the_ratio_and_return_after_the_interval():
     np.testing.assert_allclose(filter_.mean[:2], [1.0, 0.0], atol=0.05)
 
 
-def test_policies():
-    assert set(drive(np.full(60, 1.0), policy="pf", particles=100)[1]) == {"pf"}
-    assert set(drive(np.full(60, 9.0), policy="kf")[1]) == {"kf"}
+def test_limits_that_stay_in_one_mode():
+    assert set(drive(np.full(60, 1.0), k_crit=0.0, particles=100)[1]) == {"pf"}
+    assert set(drive(np.full(60, 9.0), k_crit=np.inf)[1]) == {"kf"}
     far = drive(np.full(60, 9.0), particles=100)[0]
     assert far.mode == "pf"
     assert len(far.particles.states) == 100
@@ -181,8 +181,8 @@ def test_only_the_named_targets_are_updated():
     assert (bank.means[1] != START).any()
 
 
-@pytest.mark.parametrize("policy", ["kf", "pf"])
-def test_consistency_on_the_models_own_targets(policy):
+@pytest.mark.parametrize("k_crit", [np.inf, 0.0])
+def test_consistency_on_the_models_own_targets(k_crit):
     """With truth drawn from the model the NEES of both modes is that of a consistent filter."""
     rng = np.random.default_rng(4)
     runs, steps, dt = 40, 25, 0.2
@@ -191,7 +191,7 @@ def test_consistency_on_the_models_own_targets(policy):
     values = np.empty((runs, steps))
     for run in range(runs):
         truth = rng.multivariate_normal(START, SPREAD)
-        filter_ = SwitchingFilter(MOTION, START, SPREAD, policy=policy, particles=600, samples=60, seed=run)
+        filter_ = SwitchingFilter(MOTION, START, SPREAD, k_crit=k_crit, particles=600, samples=60, seed=run)
         for step in range(steps):
             truth = rng.multivariate_normal(F @ truth, Q)
             pose = rng.multivariate_normal([0, 0, 0], robot)
@@ -222,9 +222,7 @@ def test_a_vague_prior_becomes_the_arc():
 
 @pytest.mark.parametrize("distance", [2.0, 30.0])
 def test_a_measurement_far_from_every_particle_is_survived(distance):
-    filter_ = SwitchingFilter(
-        MOTION, [6.0, 0, 0, 0], 0.01 * np.eye(4), policy="pf", particles=300, samples=60
-    )
+    filter_ = SwitchingFilter(MOTION, [6.0, 0, 0, 0], 0.01 * np.eye(4), k_crit=0.0, particles=300, samples=60)
     for _ in range(25):
         filter_.predict(0.1)
         filter_.update(np.zeros(3), EXACT, [6.0 + distance, 0.0], NOISE)
@@ -287,11 +285,12 @@ def test_bad_updates_are_named(change, name):
         ({"covariance": np.zeros((4, 4))}, "covariance"),
         ({"covariance": np.diag([1, 1, 1, -1.0])}, "covariance"),
         ({"covariance": np.eye(3)}, "covariance"),
-        ({"k_crit": 0}, "k_crit"),
+        ({"k_crit": -1}, "k_crit"),
         ({"particles": 3}, "particles"),
         ({"samples": 1}, "samples"),
         ({"mardia_interval": 0}, "mardia_interval"),
-        ({"policy": "both"}, "policy"),
+        ({"k_crit": np.nan}, "k_crit"),
+        ({"seed": -1}, "seed"),
     ],
 )
 def test_bad_filters_are_named(change, name):

@@ -26,8 +26,8 @@ SCENARIOS = {1: ((0.75, -1.5), 3.0), 2: ((6.0, -1.5), 6.0), 3: ((0.75, -1.5), 6.
 FILTERS: dict[str, dict[str, Any]] = {
     "switching": {},
     "switching, polar K": {"position_in_ratio": False},
-    "always particles": {"policy": "pf"},
-    "always Kalman": {"policy": "kf"},
+    "always particles": {"k_crit": 0.0},
+    "always Kalman": {"k_crit": np.inf},
 }
 
 
@@ -87,7 +87,7 @@ def track(scene: Walk, seed: int, acceleration: float = ACCELERATION, **options:
     start = np.array([*scene.truth[0, :2], 0.0, 1.0])
     spread = np.diag([0.1, 0.1, 0.05, 0.05])
     filter_ = SwitchingFilter(ConstantVelocity(acceleration), start, spread, seed=seed, **options)
-    k_crit = 0.0 if options.get("policy") == "pf" else options.get("k_crit", 1.075)
+    k_crit = options.get("k_crit", 1.075)
     steps = len(scene.truth)
     error, squares, ratio = np.empty((steps, 2)), np.empty(steps), np.empty(steps)
     particles, times, kinds = np.zeros(steps), np.zeros((steps, 2)), []
@@ -122,6 +122,24 @@ def paired(scenario: int, seeds: int, seconds: float, names: list[str], jobs: in
 
     rows = Parallel(n_jobs=jobs)(delayed(_one_seed)(scenario, seed, seconds, names) for seed in range(seeds))
     return {name: np.array([row[name] for row in rows]) for name in names}
+
+
+def fewer_samples(seeds: int, seconds: float, jobs: int) -> dict[int, FloatArray]:
+    """Scenario 2, always particles, by number of converted samples: RMSE, ANEES, mean cost per step (seeds, 3)."""
+    from joblib import Parallel, delayed
+
+    sizes = (250, 50, 10)
+    rows = Parallel(n_jobs=jobs)(delayed(_one_sampled)(seed, seconds, sizes) for seed in range(seeds))
+    return {size: np.array([row[size] for row in rows]) for size in sizes}
+
+
+def _one_sampled(seed: int, seconds: float, sizes: tuple[int, ...]) -> dict[int, tuple[float, ...]]:
+    scene = walk(2, seed, seconds)
+    found: dict[int, tuple[float, ...]] = {}
+    for size in sizes:
+        run = track(scene, seed, k_crit=0.0, samples=size)
+        found[size] = (run.rmse, run.anees, run.cost / len(run.nees))
+    return found
 
 
 def _one_seed(scenario: int, seed: int, seconds: float, names: list[str]) -> dict[str, tuple[float, ...]]:
