@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numba
+import numpy as np
 
 from estimation.conversion_kernels import mucm_local, rotated, to_map_ucm
 
@@ -85,19 +86,26 @@ def predict_kalman(means, covariances, active, dt, q):  # type: ignore[no-untype
 
 @numba.njit(cache=True)
 def _update_one(m, P, zx, zy, rxx, rxy, ryy):  # type: ignore[no-untyped-def]
-    """Kalman update of [x, y, vx, vy] with a position; symmetric by construction."""
+    """Kalman update of [x, y, vx, vy] with a position, in Joseph's form: precise noise on a vague prior is safe."""
     sxx, sxy, syy = P[0, 0] + rxx, P[0, 1] + rxy, P[1, 1] + ryy
     det = sxx * syy - sxy * sxy
     ex, ey = zx - m[0], zy - m[1]
-    px = (P[0, 0], P[1, 0], P[2, 0], P[3, 0])
-    py = (P[0, 1], P[1, 1], P[2, 1], P[3, 1])
+    gain = np.empty((4, 2))
     for i in range(4):
-        kx = (px[i] * syy - py[i] * sxy) / det
-        ky = (py[i] * sxx - px[i] * sxy) / det
-        m[i] += kx * ex + ky * ey
+        gain[i, 0] = (P[i, 0] * syy - P[i, 1] * sxy) / det
+        gain[i, 1] = (P[i, 1] * sxx - P[i, 0] * sxy) / det
+        m[i] += gain[i, 0] * ex + gain[i, 1] * ey
+    # (I - K H) P, with H taking the first two rows.
+    left = np.empty((4, 4))
+    for i in range(4):
+        for j in range(4):
+            left[i, j] = P[i, j] - gain[i, 0] * P[0, j] - gain[i, 1] * P[1, j]
+    for i in range(4):
+        nx = gain[i, 0] * rxx + gain[i, 1] * rxy
+        ny = gain[i, 0] * rxy + gain[i, 1] * ryy
         for j in range(i, 4):
-            P[i, j] -= kx * px[j] + ky * py[j]
-            P[j, i] = P[i, j]
+            kept = left[i, j] - left[i, 0] * gain[j, 0] - left[i, 1] * gain[j, 1]
+            P[i, j] = P[j, i] = kept + nx * gain[j, 0] + ny * gain[j, 1]
 
 
 @numba.njit(cache=True)

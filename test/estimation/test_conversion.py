@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.conversion import (
@@ -230,6 +230,7 @@ SIGMA_RANGE, SIGMA_BEARING = st.floats(1e-4, 2), st.floats(1e-4, 1.0)
 
 
 @given(RANGE, BEARING, SIGMA_RANGE, SIGMA_BEARING, st.sampled_from(CLOSED), st.floats(-np.pi, np.pi))
+@settings(deadline=None)
 def test_turning_the_frame_turns_the_result(r, theta, sr, sb, method, yaw):
     mean, cov = convert(r, theta, sr, sb, method)
     R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
@@ -241,6 +242,7 @@ def test_turning_the_frame_turns_the_result(r, theta, sr, sb, method, yaw):
 
 
 @given(RANGE, BEARING, SIGMA_RANGE, SIGMA_BEARING, st.sampled_from(CLOSED))
+@settings(deadline=None)
 def test_mirror_symmetry_and_scale(r, theta, sr, sb, method):
     mean, cov = convert(r, theta, sr, sb, method)
     mirrored_mean, mirrored_cov = convert(r, -theta, sr, sb, method)
@@ -253,6 +255,7 @@ def test_mirror_symmetry_and_scale(r, theta, sr, sb, method):
 
 
 @given(RANGE, SIGMA_RANGE, SIGMA_BEARING, st.sampled_from(CLOSED))
+@settings(deadline=None)
 def test_both_sides_of_the_seam_at_pi(r, sr, sb, method):
     left, right = convert(r, np.pi, sr, sb, method), convert(r, -np.pi, sr, sb, method)
     np.testing.assert_allclose(left[0], right[0], atol=1e-12 * r)

@@ -53,6 +53,13 @@ def test_kalman_mode_is_a_kalman_filter():
     assert filter_.mode == "kf"
 
 
+def test_a_precise_measurement_of_a_vague_prior_keeps_the_covariance_definite():
+    filter_ = SwitchingFilter(MOTION, [3.0, 1.0, 0, 0], 1e6 * np.eye(4), k_crit=np.inf)
+    for _ in range(3):
+        filter_.update(np.zeros(3), EXACT, [3.0, 0.3], np.diag([1e-6, 1e-6]) ** 2)
+        np.linalg.cholesky(filter_.covariance)
+
+
 def exact_posterior(robot_covariance, z, noise, count=300_000):
     """Posterior mean and covariance by importance sampling with the exact likelihood p(z | x).
 
