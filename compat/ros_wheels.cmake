@@ -1,10 +1,12 @@
 # Lets an interface package build against the ROS wheels of a virtual environment. Given to CMake with
 # -DCMAKE_PROJECT_INCLUDE; on a ROS 2 machine it is neither needed nor used.
 #
-# Expects Python3_EXECUTABLE and CMAKE_INSTALL_PREFIX to be the environment's.
+# Expects Python3_EXECUTABLE to be the environment's Python.
 
-list(PREPEND CMAKE_PREFIX_PATH "${CMAKE_INSTALL_PREFIX}")
-set(ENV{AMENT_PREFIX_PATH} "${CMAKE_INSTALL_PREFIX}")
+execute_process(COMMAND "${Python3_EXECUTABLE}" -c "import sys; print(sys.prefix)"
+  OUTPUT_VARIABLE environment OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+list(APPEND CMAKE_PREFIX_PATH "${environment}")
+set(ENV{AMENT_PREFIX_PATH} "$ENV{AMENT_PREFIX_PATH}:${environment}")
 
 # The wheels' exported targets name the Python headers of the machine that built them (/opt/python/...), and
 # CMake refuses imported targets whose include directories do not exist. Drop those once all are imported.
@@ -25,3 +27,15 @@ function(drop_missing_include_directories)
   endforeach()
 endfunction()
 cmake_language(DEFER CALL drop_missing_include_directories)
+
+# Nearly all build time goes into the C++ headers that each message's type support includes again; compiling a
+# target's sources together reads them once. Sources that clash with each other (plain C, C++ introspection) stay apart.
+function(compile_type_support_together)
+  get_property(targets DIRECTORY PROPERTY BUILDSYSTEM_TARGETS)
+  foreach(target IN LISTS targets)
+    if(target MATCHES "__rosidl_typesupport_(fastrtps_c|fastrtps_cpp|c|cpp)$")
+      set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 20)
+    endif()
+  endforeach()
+endfunction()
+cmake_language(DEFER CALL compile_type_support_together)

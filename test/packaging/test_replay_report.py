@@ -1,0 +1,50 @@
+"""The demo's report, from a recording made here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.poses import between, compound
+from whereabouts.logs import CloudRecord, Edge, G2oGraph, McapWriter, OdometryRecord
+from whereabouts.replay_report import read_replay, revisit_errors, write_report
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "out.mcap"
+    with McapWriter(path) as writer:
+        for k in range(20):
+            pose = np.array([0.5 * k, 0.0, 0.0])
+            writer.write_odometry(OdometryRecord(pose, float(k), topic="odometry"))
+            writer.write_cloud(CloudRecord(np.array([[1.0, 2.0, 0.0]]), float(k), topic="static_points"))
+            writer.write_odometry(OdometryRecord(1.1 * pose, float(k)))
+    return path
+
+
+def test_points_are_placed_by_the_pose_of_their_stamp(recording: Path, tmp_path: Path) -> None:
+    replayed = read_replay(recording, recording)
+    assert replayed.path_length == pytest.approx(9.5)
+    assert np.allclose(replayed.points, [[0.5 * k + 1.0, 2.0] for k in range(20)])
+    assert len(replayed.wheels) == 20
+    page = write_report(tmp_path, "Title", replayed, {"path length": "9.5 m"}, None)
+    assert "| path length | 9.5 m |" in page.read_text()
+    for name in ("trajectory.png", "map.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_revisit_error_is_what_the_trajectory_misses() -> None:
+    rng = np.random.default_rng(1)
+    poses = [np.zeros(3)]
+    for _ in range(99):
+        poses.append(compound(poses[-1], rng.normal([0.5, 0.0, 0.0], [0.1, 0.02, 0.2])))
+    truth = np.array(poses)
+    edge = Edge(3, 90, between(truth[3], truth[90]), np.eye(3))
+    near = Edge(3, 5, np.array([9.0, 9.0, 0.0]), np.eye(3))
+    graph = G2oGraph(np.arange(100), truth, [edge, near])
+    assert np.allclose(revisit_errors(truth, graph), [0.0], atol=1e-9)
+    drifted = truth.copy()
+    drifted[90, :2] += [0.3, -0.4]
+    assert np.allclose(revisit_errors(drifted, graph), [0.5])

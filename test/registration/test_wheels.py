@@ -1,0 +1,51 @@
+"""Wheel odometry between stamps, against the path it was sampled from."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimation.poses import between, compound
+from registration.wheels import NANOSECONDS, WheelHistory
+
+
+def on_circle(time: float) -> np.ndarray:
+    """A robot that drives 1 m/s on a circle of radius 2 m."""
+    angle = time / 2.0
+    return np.array(
+        [2.0 * np.sin(angle), 2.0 - 2.0 * np.cos(angle), np.arctan2(np.sin(angle), np.cos(angle))]
+    )
+
+
+def history(step: float = 0.05, end: float = 20.0, offset: np.ndarray | None = None) -> WheelHistory:
+    wheels = WheelHistory()
+    for time in np.arange(0.0, end, step):
+        pose = on_circle(float(time))
+        wheels.insert(round(time * NANOSECONDS), pose if offset is None else compound(offset, pose))
+    return wheels
+
+
+@given(st.floats(0.0, 19.0), st.floats(0.0, 0.9))
+def test_motion_is_that_of_the_path_wherever_the_wheels_started(start: float, length: float) -> None:
+    expected = between(on_circle(start), on_circle(start + length))
+    for offset in (None, np.array([5.0, -3.0, 2.0])):
+        motion = history(offset=offset).motion(round(start * 1e9), round((start + length) * 1e9), 0.5)
+        assert motion is not None
+        assert np.allclose(motion, expected, atol=2e-3)
+
+
+def test_a_little_beyond_the_newest_is_extrapolated_and_too_far_is_refused() -> None:
+    wheels = history(end=5.0)
+    newest = 4.95
+    motion = wheels.motion(round(4e9), round((newest + 0.05) * 1e9), 0.5)
+    assert motion is not None
+    assert np.allclose(motion, between(on_circle(4.0), on_circle(newest + 0.05)), atol=5e-3)
+    assert wheels.motion(round(4e9), round((newest + 0.6) * 1e9), 0.5) is None
+    assert wheels.motion(-1, round(1e9), 0.5) is None
+    assert WheelHistory().motion(0, 1, 0.5) is None
+
+
+def test_history_is_bounded() -> None:
+    wheels = history(step=0.05, end=100.0)
+    assert len(wheels._stamps) <= 601

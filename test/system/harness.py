@@ -1,0 +1,220 @@
+"""A graph of real nodes on a DDS domain of its own, driven by conditions, never by time."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
+
+from registration import Scan
+from whereabouts.nodes.base import TF_STATIC_QOS
+from whereabouts.nodes.conversions import array_of, fill_pose, spatial
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.supervisor import NodeSpec, Supervisor
+from whereabouts.nodes.transforms import transform_message
+from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
+from whereabouts_msgs.msg import Processed
+
+# Long enough for a machine that is busy with other things; conditions usually hold within a second.
+PATIENCE = 90.0
+START = 1_000 * NANOSECONDS
+
+
+class Graph:
+    """Nodes under test as processes, and a node of the test's own that talks to them."""
+
+    def __init__(self, logs: Path, namespace: str = "") -> None:
+        self.namespace = namespace
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = Node("tester", context=self.context, namespace=namespace or None)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.events: list[str] = []
+        self.supervisor = Supervisor(logs, restart=False, on_event=self.events.append)
+        self._publishers: dict[str, Any] = {}
+
+    def close(self) -> None:
+        self.supervisor.stop()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def start(self, executable: str, wait: bool = True, namespace: str = "", **parameters: Any) -> NodeSpec:
+        defaults = {"input_reliability": "reliable", "report_processed": True, "diagnostics_period": 0.2}
+        spec = NodeSpec(executable, namespace or self.namespace, {**defaults, **parameters})
+        self.supervisor.start(spec)
+        if wait:
+            self.until(lambda: self.state(spec) == State.PRIMARY_STATE_ACTIVE, f"{spec.full_name} is active")
+        return spec
+
+    def log(self, spec: NodeSpec) -> str:
+        return self.supervisor.nodes[spec.full_name].log.read_text()
+
+    def kill(self, spec: NodeSpec) -> None:
+        process = self.supervisor.nodes[spec.full_name].process
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        """Spin until a condition holds and return its value; fail with the nodes' logs if it never does."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            value = condition()
+            if value:
+                return value
+            self.executor.spin_once(timeout_sec=0.05)
+        logs = "\n".join(f"{name}:\n{node.log_tail(30)}" for name, node in self.supervisor.nodes.items())
+        pytest.fail(f"never happened: {what}\n{logs}")
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Call a service and return its answer."""
+        client = self.node.create_client(service_type, name)
+        self.until(client.service_is_ready, f"service {name} is there")
+        future = client.call_async(request)
+        self.until(future.done, f"service {name} answers")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def state(self, spec: NodeSpec) -> int:
+        client = self.node.create_client(GetState, f"{spec.full_name}/get_state")
+        try:
+            if not client.wait_for_service(0.2):
+                return State.PRIMARY_STATE_UNKNOWN
+            future = client.call_async(GetState.Request())
+            self.executor.spin_until_future_complete(future, timeout_sec=1.0)
+            return int(future.result().current_state.id) if future.done() else State.PRIMARY_STATE_UNKNOWN
+        finally:
+            self.node.destroy_client(client)
+
+    def collect(self, message_type: Any, topic: str, qos: Any = 100) -> list[Any]:
+        """A list that fills with the messages of a topic."""
+        received: list[Any] = []
+        self.node.create_subscription(message_type, topic, received.append, qos)
+        return received
+
+    def publish(self, topic: str, message: Any, qos: Any = 100) -> None:
+        """Publish once somebody listens."""
+        key = f"{topic} {type(message).__name__}"
+        if key not in self._publishers:
+            self._publishers[key] = self.node.create_publisher(type(message), topic, qos)
+            self.until(lambda: self._publishers[key].get_subscription_count(), f"somebody listens to {topic}")
+        self._publishers[key].publish(message)
+
+    def mount(
+        self, frame: str = "laser", pose: tuple[float, ...] = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
+    ) -> None:
+        """Say on tf_static how a sensor is mounted: x, y, z and quaternion x, y, z, w."""
+        self.publish("tf_static", TFMessage(transforms=[mounting(frame, pose)]), TF_STATIC_QOS)
+
+
+def mounting(frame: str, pose: tuple[float, ...]) -> TransformStamped:
+    return transform_message("base_link", frame, 0, pose)
+
+
+class Robot:
+    """A robot driving through a furnished room, and what the node under test says about it."""
+
+    def __init__(self, graph: Graph, prefix: str = "") -> None:
+        self.graph = graph
+        self.prefix = prefix
+        self.world = room()
+        self.drive = Drive([(-3.0, -1.5), (2.5, -1.5), (2.5, 1.5), (-3.0, 1.5)], speed=0.5)
+        self.lidar = Lidar(beams=361, opening=np.pi, range_max=25.0)
+        self.rng = np.random.default_rng(7)
+        self.odometry: list[Odometry] = graph.collect(Odometry, f"{prefix}odometry")
+        self.processed: list[Processed] = graph.collect(Processed, f"{prefix}scan_registration/processed")
+        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, f"{prefix}diagnostics")
+
+    def truth(self, time: float) -> np.ndarray:
+        """Pose of the robot in the frame of its start."""
+        from estimation.poses import between
+
+        return np.asarray(between(self.drive(0.0), self.drive(time)))
+
+    def scan(self, time: float, mount: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Scan:
+        from estimation.poses import compound
+
+        return self.lidar.scan(self.world, compound(self.drive(time), np.array(mount)), self.rng, time).scan
+
+    def send(self, message: LaserScan, topic: str = "scan") -> None:
+        """Publish a scan and wait until the node is done with it, one way or another."""
+        before = len(self.processed)
+        self.graph.publish(f"{self.prefix}{topic}", message)
+
+        def answered() -> bool:
+            return any(
+                a.topic.endswith(topic) and a.stamp == message.header.stamp for a in self.processed[before:]
+            )
+
+        self.graph.until(answered, f"{topic} at {message.header.stamp.sec} is processed")
+
+    def go(self, start: float, end: float, step: float = 0.1) -> None:
+        """Drive from one moment to another, scanning."""
+        for time_ in np.arange(start, end, step):
+            self.send(scan_message(self.scan(float(time_))))
+
+    def poses(self) -> dict[float, np.ndarray]:
+        """Published poses (3,) by seconds since the start."""
+        return {
+            (nanoseconds(m.header.stamp) - START) / NANOSECONDS: planar(m.pose.pose) for m in self.odometry
+        }
+
+    def figures(self) -> dict[str, str]:
+        """The node's latest diagnostics."""
+        if not self.diagnostics:
+            return {}
+        return {item.key: item.value for item in self.diagnostics[-1].status[0].values}
+
+
+def room() -> Shapes:
+    """A room of 10 by 7 metres with furniture, no two places alike."""
+    furniture = [
+        box(1.2, 0.6, (-4.0, 2.8, 0.2)),
+        box(0.8, 0.8, (1.0, 3.0, 0.5)),
+        box(2.0, 0.4, (4.2, -2.6, 0.0)),
+        box(0.5, 0.5, (-0.5, 0.1, 0.7)),
+        box(0.6, 1.4, (4.5, 1.0, 0.1)),
+    ]
+    return joined([box(10.0, 7.0), *furniture])
+
+
+def scan_message(scan: Scan, frame: str = "laser") -> LaserScan:
+    message = LaserScan()
+    message.header.stamp = time_message(START + round(scan.stamp * NANOSECONDS))
+    message.header.frame_id = frame
+    message.angle_min = scan.angle_min
+    message.angle_increment = scan.angle_increment
+    message.angle_max = scan.angle_min + scan.angle_increment * (len(scan) - 1)
+    message.range_min, message.range_max = scan.range_min, scan.range_max
+    message.ranges = array_of("f", scan.ranges.astype(np.float32))
+    return message
+
+
+def wheel_message(pose: np.ndarray, time_: float) -> Odometry:
+    message = Odometry()
+    message.header.stamp = time_message(START + round(time_ * NANOSECONDS))
+    message.header.frame_id, message.child_frame_id = "odom", "base_link"
+    fill_pose(message.pose.pose, spatial(pose))
+    return message
+
+
+def planar(pose: Any) -> np.ndarray:
+    q = pose.orientation
+    yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return np.array([pose.position.x, pose.position.y, yaw])
