@@ -1,10 +1,10 @@
 """The switching converted-measurement filter: a Kalman filter while the measurement is Gaussian (Algorithm 1).
 
 While K of (6.12) is below `k_crit` a target is a Gaussian; above, particles updated with converted samples.
-Differences to the text, each because the text's form measured worse or is undefined:
+Where it differs from the text:
 
 * Samples are weighed by the likelihood they stand for, a mixture of small Gaussians, in place of (6.16)-(6.18),
-  whose decay α is a free number and whose weights bear no relation to the measurement's covariance.
+  whose decay α is a free number that has nothing to do with the measurement's covariance.
 * K compares the covariances in the map, the robot's position covariance in both (`position_in_ratio`). With the
   text's own localisation (6.20) the sum of banana and position error is close to a Gaussian where the banana
   alone is not; `whereabouts experiment conversion` measures both choices.
