@@ -6,11 +6,13 @@ BIN := .venv/bin
 # The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint setup setup-test bench clean
+.PHONY: help demo test lint setup setup-test docs colcon bench clean
 
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
 	@echo "make test    lint, type check and all tests"
+	@echo "make docs    rewrite the generated tables of README.md"
+	@echo "make colcon  build the workspace with colcon"
 	@echo "make bench   benchmarks; results go to bench/*.txt"
 	@echo "make clean   remove .venv and everything generated"
 
@@ -35,6 +37,15 @@ lint: setup-test
 
 test: lint
 	$(BIN)/python -m pytest
+
+docs: setup-test
+	$(BIN)/python -m whereabouts.parameters.readme README.md
+
+# The whole workspace as colcon builds it, against the wheels instead of /opt/ros.
+colcon: setup-test
+	PATH="$(CURDIR)/$(BIN):$$PATH" AMENT_PREFIX_PATH="$(CURDIR)/.venv" $(BIN)/colcon build --base-paths . whereabouts_msgs \
+		--cmake-args -G Ninja -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" \
+		-DCMAKE_PROJECT_INCLUDE="$(CURDIR)/compat/ros_wheels.cmake"
 
 bench: setup-test
 	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done

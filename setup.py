@@ -48,6 +48,8 @@ setup(
         "matplotlib>=3.6",
         "joblib>=1.2",
         "pyyaml>=6",
+        "lz4>=4",
+        "zstandard>=0.21",
     ],
     entry_points={
         "console_scripts": [

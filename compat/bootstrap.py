@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,8 +20,8 @@ VENV = ROOT / ".venv"
 STATE = VENV / "set-up"
 PYTHON = VENV / "bin" / "python"
 SUPPORTED = ((3, 11), (3, 12))
-# In order: whereabouts_msgs could come to use the others.
-INTERFACE_PACKAGES = ("compat/tf2_msgs", "compat/vision_msgs", "whereabouts_msgs")
+# The longest build first; none of them uses another.
+INTERFACE_PACKAGES = ("whereabouts_msgs", "compat/vision_msgs", "compat/tf2_msgs")
 VERSION_QUERY = "import sys; print('%d.%d' % sys.version_info[:2])"
 
 
@@ -206,8 +207,19 @@ def main(names):
                 "requirements-" + name, requirement_files(name), lambda name=name: install_requirements(name)
             )
         build_files = [ROOT / "compat" / "ros_wheels.cmake", ROOT / "requirements" / "build.txt"]
-        for folder in INTERFACE_PACKAGES:
-            step(folder, [*build_files, ROOT / folder], lambda folder=folder: build_interfaces(folder))
+        # Configuring runs on one core, so that two packages at a time keep a small machine busy.
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            builds = [
+                pool.submit(
+                    step,
+                    folder,
+                    [*build_files, ROOT / folder],
+                    lambda folder=folder: build_interfaces(folder),
+                )
+                for folder in INTERFACE_PACKAGES
+            ]
+            for build in builds:
+                build.result()
         package_files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml")]
         step("package", package_files, install_package, extra=str(ROOT))
     except SetUpError as error:

@@ -97,21 +97,11 @@ def test_every_node_has_executable_parameter_file_and_launch_file() -> None:
 
 
 def test_parameter_files_state_the_defaults() -> None:
-    import importlib
-
-    from whereabouts.parameters.base import NodeParameters
+    from whereabouts.parameters.readme import model_of
 
     for path in sorted((ROOT / "config").glob("*.yaml")):
-        module = importlib.import_module(f"whereabouts.parameters.{path.stem}")
-        model = next(
-            item
-            for item in vars(module).values()
-            if isinstance(item, type)
-            and issubclass(item, NodeParameters)
-            and item.__module__ == module.__name__
-        )
         given = yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"]
-        assert given == model().model_dump(), f"{path.name} and {model.__name__} differ"
+        assert given == model_of(path.stem)().model_dump(), f"{path.name} does not state the defaults"
 
 
 def test_launch_files_are_python_and_use_only_launch_basics() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from typing import Any, Generic, TypeVar, get_args
+from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 
 from estimation.errors import InputError
 from whereabouts.parameters.base import NodeParameters
+from whereabouts.parameters.description import allowed, bounds, extra
 
 Model = TypeVar("Model", bound=NodeParameters)
 
@@ -71,7 +72,7 @@ class ParameterSet(Generic[Model]):
         changes = {p.name: p.value for p in parameters if p.name in self._model.model_fields}
         if not changes:
             return SetParametersResult(successful=True)
-        fixed = [name for name in changes if _extra(self._model.model_fields[name], "fixed")]
+        fixed = [name for name in changes if extra(self._model.model_fields[name], "fixed")]
         if fixed:
             reason = f"{fixed[0]} can only be set when the node starts"
             return SetParametersResult(successful=False, reason=reason)
@@ -83,30 +84,6 @@ class ParameterSet(Generic[Model]):
         for listener in self._listeners:
             listener(values)
         return SetParametersResult(successful=True)
-
-
-def _extra(field: FieldInfo, name: str) -> Any:
-    extra = field.json_schema_extra
-    return extra.get(name) if isinstance(extra, dict) else None
-
-
-def bounds(field: FieldInfo) -> tuple[float | None, float | None]:
-    """Inclusive lower and upper bound of a field, None where it has none."""
-    lower = next((m.ge for m in field.metadata if hasattr(m, "ge")), None)
-    upper = next((m.le for m in field.metadata if hasattr(m, "le")), None)
-    return lower, upper
-
-
-def allowed(field: FieldInfo) -> str:
-    """What values a field takes, in words."""
-    lower, upper = bounds(field)
-    kind = getattr(field.annotation, "__name__", str(field.annotation)).replace("typing.", "")
-    if options := get_args(field.annotation):
-        listed = ", ".join(getattr(option, "__name__", repr(option)) for option in options)
-        kind = f"one of {listed}" if kind == "Literal" else f"{kind} of {listed}"
-    unit = _extra(field, "unit")
-    span = "" if lower is None or upper is None else f" from {lower:g} to {upper:g}"
-    return f"{kind}{span}{f' {unit}' if unit else ''}"
 
 
 def explain(model: type[NodeParameters], problem: Any) -> str:
@@ -121,11 +98,11 @@ def explain(model: type[NodeParameters], problem: Any) -> str:
 
 def describe(field: FieldInfo) -> ParameterDescriptor:
     """ROS descriptor of a field: description, range, whether it is read only."""
-    unit = _extra(field, "unit")
+    unit = extra(field, "unit")
     descriptor = ParameterDescriptor(
         description=f"{field.description}{f' [{unit}]' if unit else ''}",
         additional_constraints=allowed(field),
-        read_only=bool(_extra(field, "fixed")),
+        read_only=bool(extra(field, "fixed")),
         dynamic_typing=field.annotation is float,
     )
     lower, upper = bounds(field)

@@ -1,0 +1,117 @@
+"""The package as others install it: a wheel outside the checkout, and a colcon workspace."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("estimation", "registration", "loop_closure", "tracking", "world_model", "whereabouts")
+
+
+def checked(command: list[str], **options: object) -> str:
+    answer = subprocess.run(command, capture_output=True, text=True, **options)  # type: ignore[call-overload]
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    return str(answer.stdout)
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the tracked files, so that building leaves nothing in the checkout."""
+    copy = tmp_path_factory.mktemp("source") / "whereabouts"
+    names = checked(["git", "ls-files", "--cached", "--others", "--exclude-standard"], cwd=ROOT).splitlines()
+    for name in names:
+        if (ROOT / name).is_file():
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, copy / name)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A virtual environment with the wheel in it, and this one's other packages within reach."""
+    folder = tmp_path_factory.mktemp("wheel")
+    checked(
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "wheel",
+            "--no-deps",
+            "--no-build-isolation",
+            "-q",
+            "-w",
+            str(folder),
+            str(source),
+        ]
+    )
+    venv = folder / "venv"
+    checked([sys.executable, "-m", "venv", "--without-pip", str(venv)])
+    python = venv / "bin" / "python"
+    wheel = next(folder.glob("*.whl"))
+    checked([sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "-q", str(wheel)])
+    site = next((venv / "lib").glob("python*/site-packages"))
+    # A plain path line: packages are found, start-up hooks and the editable install of this environment are not.
+    (site / "others.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return venv
+
+
+def test_wheel_carries_all_packages_and_their_data(installed: Path, tmp_path: Path) -> None:
+    code = (
+        f"import importlib; ms = [importlib.import_module(n) for n in {PACKAGES!r}]; "
+        "from whereabouts.resources import config_file; "
+        "print('\\n'.join([m.__file__ for m in ms] + [str(config_file('fastdds.xml'))]))"
+    )
+    found = checked([str(installed / "bin/python"), "-c", code], cwd=tmp_path).splitlines()
+    assert len(found) == len(PACKAGES) + 1
+    assert all(Path(path).is_relative_to(installed) for path in found)
+    data = [
+        path
+        for name in PACKAGES
+        for kind in ("models", "defaults")
+        for path in (ROOT / name).glob(f"**/{kind}/*")
+    ]
+    site = Path(found[0]).parents[1]
+    assert all((site / path.relative_to(ROOT)).exists() for path in data)
+
+
+def test_commands_of_the_wheel_run_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
+    listed = checked([str(installed / "bin/whereabouts"), "experiment", "list"], cwd=tmp_path)
+    assert "conversion" in listed
+    command = [str(installed / "bin/scan_registration"), "--ros-args", "-p", "max_range:=-1.0"]
+    answer = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert answer.returncode == 2
+    assert "max_range: float from 0.5 to 1000 m expected, got -1.0" in answer.stderr
+
+
+def test_colcon_finds_and_builds_the_packages(source: Path, tmp_path: Path) -> None:
+    colcon = [str(Path(sys.executable).with_name("colcon")), "--log-base", str(tmp_path / "log")]
+    env = {**os.environ, "COLCON_DEFAULTS_FILE": str(source / "colcon_defaults.yaml")}
+    env["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{env['PATH']}"
+    found = checked([*colcon, "list"], cwd=source, env=env).split("\n")
+    assert "whereabouts\t.\t(ros.ament_python)" in found
+    assert "whereabouts_msgs\twhereabouts_msgs\t(ros.ament_cmake)" in found
+    # The interface package takes a compiler a minute and is in the environment already: `make colcon` builds both.
+    (source / "whereabouts_msgs" / "COLCON_IGNORE").touch()
+    places = ["--build-base", str(tmp_path / "build"), "--install-base", str(tmp_path / "install")]
+    checked([*colcon, "build", *places, "--packages-select", "whereabouts"], cwd=source, env=env)
+    prefix = tmp_path / "install" / "whereabouts"
+    assert (prefix / "share/whereabouts/launch/suite.launch.py").exists()
+    assert (prefix / "share/ament_index/resource_index/packages/whereabouts").exists()
+    executable = prefix / "lib/whereabouts/scan_registration"
+    site = next((prefix / "lib").glob("python*/site-packages"))
+    answer = subprocess.run(
+        [str(executable), "--ros-args", "-p", "max_wheel_age:=77.0"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(site)},
+    )
+    assert answer.returncode == 2, answer.stderr
+    assert "max_wheel_age" in answer.stderr
