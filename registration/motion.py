@@ -24,6 +24,9 @@ class Step:
     converged : False where the increment is only a prediction or contradicts the data; `reason` says why.
     fitness : 0 to 1, share of the points that agree with the map.
     static_points : (M, 2 | 3) metres, sensor frame, points judged not to move.
+    drift : covariance that stays, of the increment; what is left of `covariance` is the measurement's own noise and
+        gone with the next one. None where all of it stays.
+    noise : (3, 3) of the pose against the map it was registered to, odometry frame; None where there is none.
     """
 
     increment: Array
@@ -32,6 +35,8 @@ class Step:
     reason: str
     fitness: float
     static_points: Array
+    drift: Array | None = None
+    noise: Array | None = None
 
 
 def planar_to_matrix(pose: Array) -> Array:
@@ -49,13 +54,14 @@ def matrix_to_planar(matrix: Array) -> Array:
 
 
 def accumulate(pose: Array, covariance: Array, step: Step) -> tuple[Array, Array]:
-    """Pose and covariance after one more step, (3,), (3, 3) or (4, 4), (6, 6)."""
+    """Pose and lasting covariance after one more step, (3,), (3, 3) or (4, 4), (6, 6)."""
     if pose.shape == (3,):
         return _accumulate_planar(pose, covariance, step)
     return _accumulate_spatial(pose, covariance, step)
 
 
 def _accumulate_planar(pose: Array, covariance: Array, step: Step) -> tuple[Array, Array]:
+    lasting = step.covariance if step.drift is None else step.drift
     matrix = planar_to_matrix(pose)
     offset = matrix[:2, :2] @ step.increment[:2]
     moved = np.array([*(pose[:2] + offset), pose[2] + step.increment[2]])
@@ -64,14 +70,15 @@ def _accumulate_planar(pose: Array, covariance: Array, step: Step) -> tuple[Arra
     by_pose[:2, 2] = [-offset[1], offset[0]]
     by_step = np.eye(3)
     by_step[:2, :2] = matrix[:2, :2]
-    return moved, by_pose @ covariance @ by_pose.T + by_step @ step.covariance @ by_step.T
+    return moved, by_pose @ covariance @ by_pose.T + by_step @ lasting @ by_step.T
 
 
 def _accumulate_spatial(pose: Array, covariance: Array, step: Step) -> tuple[Array, Array]:
+    lasting = step.covariance if step.drift is None else step.drift
     rotation = pose[:3, :3]
     x, y, z = rotation @ step.increment[:3, 3]
     by_pose = np.eye(6)
     by_pose[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
     by_step = np.zeros((6, 6))
     by_step[:3, :3] = by_step[3:, 3:] = rotation
-    return pose @ step.increment, by_pose @ covariance @ by_pose.T + by_step @ step.covariance @ by_step.T
+    return pose @ step.increment, by_pose @ covariance @ by_pose.T + by_step @ lasting @ by_step.T

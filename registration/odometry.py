@@ -6,17 +6,20 @@ of the sensor relative to where it stood at the first call.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from estimation.errors import InputError
+from registration.align import as_guess
 from registration.kiss import KissTracker
 from registration.motion import Array, Step, accumulate, matrix_to_planar, planar_to_matrix
 from registration.scan import Scan
+from registration.scan_odometry import ScanTracker, Tuning
 
-SCAN_METHODS = ("kiss_icp",)
+SCAN_METHODS = ("local_map", "kiss_icp")
+SCAN_SETTINGS = [item.name for item in fields(Tuning) if item.name != "drift"]  # fields both share
 
 
 def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
@@ -30,14 +33,35 @@ class OdometryConfig:
     """Settings of `Odometry`; each field's metadata has its unit, meaning and allowed range."""
 
     scan_method: str = field(
-        default="kiss_icp",
+        default="local_map",
         metadata={"description": "how planar scans are registered", "choices": SCAN_METHODS},
     )
     max_range: float = _setting(80.0, "m", "points farther from the sensor are not used", 0.5, 1000.0)
+    map_radius: float = _setting(30.0, "m", "what a scan map keeps around the sensor", 1.0, 500.0)
+    map_memory: float = _setting(
+        100.0, "m", "travel after which what was not seen again leaves a scan map", 1.0, 1e6
+    )
+    key_distance: float = _setting(0.15, "m", "travel after which a scan is added to the map", 0.0, 10.0)
+    key_turn: float = _setting(0.1, "rad", "turn after which a scan is added to the map", 0.0, 3.2)
+    doubt: float = _setting(0.3, "m", "how far a predicted scan may lie off the map", 0.02, 2.0)
+    tolerance: float = _setting(0.08, "m", "deviation from a line up to which a point counts", 0.005, 0.5)
+    patience: int = field(
+        default=8,
+        metadata={
+            "description": "scans in a row that are not found before a new map",
+            "low": 1,
+            "high": 10000,
+        },
+    )
+    learn_offset: bool = field(
+        default=True, metadata={"description": "learn and correct the scanner's constant range offset"}
+    )
     scan_voxel_size: float = _setting(0.2, "m", "KISS-ICP's voxel edge for planar scans", 0.01, 10.0)
     cloud_voxel_size: float = _setting(0.8, "m", "KISS-ICP's voxel edge for clouds", 0.01, 10.0)
     cloud_noise: float = _setting(0.05, "m", "standard deviation of a cloud point off the map", 0.001, 1.0)
-    static_distance: float = _setting(0.2, "m", "a point this close to the map is static", 0.01, 5.0)
+    static_distance: float = _setting(
+        0.2, "m", "a cloud point this close to the last cloud is static", 0.01, 5.0
+    )
 
     def __post_init__(self) -> None:
         if self.scan_method not in SCAN_METHODS:
@@ -55,7 +79,8 @@ class Odometry:
     Attributes (after a call of `register`)
     ----------
     pose : (3,) x, y, yaw for scans, (4, 4) for clouds; of the sensor, from where it stood at the first call.
-    covariance : (3, 3) | (6, 6) of `pose`, accumulated since the first call.
+    covariance : (3, 3) | (6, 6) of `pose`, accumulated since the first call. Consecutive increments share the noise
+        of the scan between them, so this grows less than the sum of `increment_covariance`.
     increment : motion since the previous call, in the previous sensor frame; same form as `pose`.
     increment_covariance : (3, 3) | (6, 6) of `increment`.
     converged : False where `pose` was only predicted or contradicts the data; unsure : its opposite.
@@ -72,11 +97,12 @@ class Odometry:
 
     def reset(self) -> None:
         """Forget map, pose and the kind of data: the next call starts a new run."""
-        self._tracker: KissTracker | None = None
+        self._clouds: KissTracker | None = None
+        self._scans: ScanTracker | None = None
         self._planar = True
-        self._stamp: float | None = None
         self.pose: Array = np.zeros(3)
         self.covariance: Array = np.zeros((3, 3))
+        self._lasting: Array = np.zeros((3, 3))
         self._take(Step(np.zeros(3), np.zeros((3, 3)), True, "", 1.0, np.zeros((0, 2))))
 
     @property
@@ -110,30 +136,50 @@ class Odometry:
         InputError : wrong shape, guess not finite, or a change between scans and clouds without `reset`.
         """
         planar = isinstance(scan_or_cloud, Scan)
-        cloud, phases = _as_cloud(scan_or_cloud, times)
-        motion = _as_motion(guess, planar)
+        shape = (3,) if planar else (4, 4)
+        motion = None if guess is None else as_guess(guess, shape, np.zeros(shape))
         if not np.isfinite(stamp):
             raise InputError(f"stamp: finite seconds expected, got {stamp}")
-        if self._tracker is None:
-            self._start(planar)
-        elif planar != self._planar:
-            raise InputError("scan_or_cloud: scans and clouds cannot be mixed; call reset() first")
-        assert self._tracker is not None
-        self._stamp = float(stamp)
-        step = self._tracker.step(cloud, motion, phases)
-        if planar:
-            step = _in_plane(step)
+        if isinstance(scan_or_cloud, Scan) and self.config.scan_method == "local_map":
+            self._require(self._clouds is None)
+            step = self._scan_tracker().step(scan_or_cloud, float(stamp), motion)
+        else:
+            step = self._by_kiss(scan_or_cloud, motion, times)
         self._take(step)
-        self.pose, self.covariance = accumulate(self.pose, self.covariance, step)
+        self.pose, self._lasting = accumulate(self.pose, self._lasting, step)
+        self.covariance = self._lasting if step.noise is None else self._lasting + step.noise
         return self.pose.copy()
 
-    def _start(self, planar: bool) -> None:
-        config = self.config
-        voxel_size = config.scan_voxel_size if planar else config.cloud_voxel_size
-        self._tracker = KissTracker(config.max_range, voxel_size, config.cloud_noise, config.static_distance)
-        self._planar = planar
+    def _by_kiss(self, measurement: Scan | ArrayLike, motion: Array | None, times: ArrayLike | None) -> Step:
+        planar = isinstance(measurement, Scan)
+        cloud, phases = _as_cloud(measurement, times)
+        self._require(self._scans is None and (self._clouds is None or planar == self._planar))
+        tracker = self._cloud_tracker(planar)
         if not planar:
-            self.pose, self.covariance = np.eye(4), np.zeros((6, 6))
+            return tracker.step(cloud, motion, phases)
+        return _in_plane(tracker.step(cloud, None if motion is None else planar_to_matrix(motion), phases))
+
+    def _require(self, fits: bool) -> None:
+        if not fits:
+            raise InputError("scan_or_cloud: scans and clouds cannot be mixed; call reset() first")
+
+    def _scan_tracker(self) -> ScanTracker:
+        if self._scans is None:
+            shared = {name: getattr(self.config, name) for name in SCAN_SETTINGS}
+            self._scans = ScanTracker(Tuning(**shared))
+        return self._scans
+
+    def _cloud_tracker(self, planar: bool) -> KissTracker:
+        if self._clouds is None:
+            config = self.config
+            voxel_size = config.scan_voxel_size if planar else config.cloud_voxel_size
+            self._clouds = KissTracker(
+                config.max_range, voxel_size, config.cloud_noise, config.static_distance
+            )
+            self._planar = planar
+            if not planar:
+                self.pose, self._lasting = np.eye(4), np.zeros((6, 6))
+        return self._clouds
 
     def _take(self, step: Step) -> None:
         self.increment = step.increment
@@ -164,16 +210,6 @@ def _as_cloud(measurement: Scan | ArrayLike, times: ArrayLike | None) -> tuple[A
     seconds = seconds[finite]
     span = np.ptp(seconds) if len(seconds) else 0.0
     return cloud[finite], (seconds - seconds.min()) / span if span > 0.0 else None
-
-
-def _as_motion(guess: ArrayLike | None, planar: bool) -> Array | None:
-    if guess is None:
-        return None
-    motion = np.asarray(guess, dtype=np.float64)
-    expected = (3,) if planar else (4, 4)
-    if motion.shape != expected or not np.isfinite(motion).all():
-        raise InputError(f"guess: finite array of shape {expected} expected, got shape {motion.shape}")
-    return planar_to_matrix(motion) if planar else motion
 
 
 def _in_plane(step: Step) -> Step:

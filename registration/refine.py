@@ -20,7 +20,7 @@ from registration.motion import Array
 from registration.surface import Surface
 
 TUKEY = 4.685  # 95 % efficiency at the normal distribution
-SHRINKAGE = 0.828  # mean square of normal residuals under Tukey's weights, in units of their variance
+LEAST_SPREAD = 0.002  # metres; residuals of a scan on itself are nothing, its noise is not
 EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
 AGREE = 0.6  # cosine between normals that may correspond
 
@@ -95,7 +95,7 @@ def _residuals(points, pose, target, target_normals, matched, residuals):  # typ
 
 @njit(cache=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    points, pose, target_normals, target_tilt, matched, residuals, width, robust_start
+    points, trust, pose, target_normals, target_tilt, matched, residuals, width, robust_start
 ):
     """Information, its share that is only noise of the normals, gradient, weight and squares; per unit variance."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -107,7 +107,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]
         if m < 0:
             continue
         r = residuals[k]
-        u = (r / width) * (r / width)
+        u = trust[k] * (r / width) * (r / width)
         w = 0.0
         if robust_start:
             w = 1.0 / ((1.0 + u) * (1.0 + u))
@@ -115,6 +115,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             w = (1.0 - u) * (1.0 - u)
         if w == 0.0:
             continue
+        w *= trust[k]
         nx, ny = target_normals[m, 0], target_normals[m, 1]
         rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
         J[0], J[1], J[2] = nx, ny, nx * -ry + ny * rx
@@ -125,7 +126,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             for b in range(3):
                 H[a, b] += w * J[a] * J[b]
                 slack[a, b] += w * v * T[a] * T[b]
-        total += w
+        total += w / trust[k]
         squares += w * r * r
     return H, slack, g, total, squares
 
@@ -175,6 +176,16 @@ def _newton(H, slack, g, variance, arm, floor, information, step):  # type: igno
 
 
 @njit(cache=True)
+def _spread(square, width):  # type: ignore[no-untyped-def]
+    """Standard deviation of normal residuals whose weighted mean square under a kernel of `width` is `square`."""
+    variance = square
+    for _ in range(3):
+        # To first order the biweight takes four times (deviation / width)² off; at 4.685 deviations that is 0.172.
+        variance = square / (1.0 - min(3.78 * variance / (width * width), 0.172))
+    return math.sqrt(max(variance, LEAST_SPREAD * LEAST_SPREAD))
+
+
+@njit(cache=True)
 def _arm(points):  # type: ignore[no-untyped-def]
     """Mean distance from the sensor, metres: what a radian is worth."""
     total = 0.0
@@ -185,7 +196,7 @@ def _arm(points):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _refine(  # type: ignore[no-untyped-def]
-    points, normals, tilt, spacing, target, target_normals, target_tilt, heads, following, signed,
+    points, normals, tilt, spacing, trust, target, target_normals, target_tilt, heads, following, signed,
     guess, doubt, finest, noise, floor, most,
 ):  # fmt: skip
     n = len(points)
@@ -215,13 +226,13 @@ def _refine(  # type: ignore[no-untyped-def]
             information[:, :] = 0.0
             break
         H, slack, g, total, squares = _normal_equations(
-            points, pose, target_normals, target_tilt, matched, residuals, width, not final
+            points, trust, pose, target_normals, target_tilt, matched, residuals, width, not final
         )
         if total <= 0.0:
             opened = 3
             information[:, :] = 0.0
             break
-        spread = min(max(math.sqrt(squares / total / SHRINKAGE), 0.3 * noise), 2.0 * noise)
+        spread = _spread(squares / total, width)
         opened = _newton(H, slack, g, spread * spread, arm, floor, information, step)
         for b in range(3):
             pose[b] += step[b]
@@ -254,7 +265,7 @@ def refine(
     most : iterations.
     """
     pose, information, opened, spread, matched, settled, turns = _refine(
-        source.points, source.normals, source.tilt, source.spacing,
+        source.points, source.normals, source.tilt, source.spacing, source.trust,
         target.points, target.normals, target.tilt, target.heads, target.following,
         source.signed and target.signed, guess, doubt, finest, noise, floor, most,
     )  # fmt: skip

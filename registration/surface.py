@@ -31,7 +31,8 @@ class Surface:
     tilt : (N,) variance of each normal's direction, rad², inf without a line.
     spacing : (N,) metres to the farther neighbour. pieces : (N,) number of the connected piece a point is on.
     noise : metres, how far points lie off their own lines. leverage : mean variance of a foot, in units of a
-    point's. signed : whether normals are known to point towards the sensor.
+    point's. trust : (N,) weight of each point in (0, 1], from the variance of its distance off its line.
+    signed : whether normals are known to point towards the sensor.
     """
 
     points: Array
@@ -42,6 +43,7 @@ class Surface:
     pieces: NDArray[np.int64]
     noise: float
     leverage: float
+    trust: Array
     signed: bool = True
 
     def __len__(self) -> int:
@@ -173,24 +175,51 @@ def _lines(x, y, beams, step, noise):  # type: ignore[no-untyped-def]
     return feet, normals, tilt, spacing, pieces, rough, leverage / max(lined, 1)
 
 
-def scan_surface(scan: Scan, noise: float, max_range: float = np.inf) -> Surface:
-    """Surface of a scan; `noise` is the standard deviation of a range and `max_range` the farthest used, m."""
+def scan_surface(
+    scan: Scan, noise: float, max_range: float = np.inf, offset: float = 0.0, beam_sigma: float = 0.0
+) -> Surface:
+    """Surface of a scan.
+
+    noise : standard deviation of a range. max_range : the farthest used. offset : what ranges read too long; metres.
+    beam_sigma : standard deviation of where within its width a beam is answered, radians.
+    """
     keep = scan.valid
     if np.isfinite(max_range):
         keep &= np.where(keep, scan.ranges, np.inf) <= max_range
     beams = np.flatnonzero(keep)
-    ranges = scan.ranges[beams]
+    ranges = scan.ranges[beams] - offset
     bearings = scan.angle_min + scan.angle_increment * beams
     points = np.empty((len(beams), 2))
     points[:, 0] = ranges * np.cos(bearings)
     points[:, 1] = ranges * np.sin(bearings)
-    return swept_surface(points, beams, abs(scan.angle_increment), noise)
+    return swept_surface(points, beams, abs(scan.angle_increment), noise, beam_sigma)
 
 
-def swept_surface(points: Array, beams: NDArray[np.int64], step: float, noise: float) -> Surface:
+def swept_surface(
+    points: Array, beams: NDArray[np.int64], step: float, noise: float, beam_sigma: float = 0.0
+) -> Surface:
     """Surface of points (N, 2) in the order of their beams, `step` radians apart."""
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
-    return Surface(points, *_lines(x, y, beams, step, noise))
+    feet, normals, tilt, spacing, pieces, rough, leverage = _lines(x, y, beams, step, noise)
+    trust = _trust(points, normals, noise, beam_sigma)
+    return Surface(points, feet, normals, tilt, spacing, pieces, rough, leverage, trust)
+
+
+@njit(cache=True)
+def _trust(points, normals, noise, beam_sigma):  # type: ignore[no-untyped-def]
+    """Variance of a head-on range over that of each point's distance off its line.
+
+    Range noise counts by the cosine of the incidence; the beam's width counts by distance and the sine.
+    """
+    trust = np.ones(len(points))
+    if beam_sigma == 0.0:
+        return trust
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        across = normals[k, 0] * y - normals[k, 1] * x  # range times the sine of the incidence
+        spread = beam_sigma * across / noise
+        trust[k] = 1.0 / (1.0 + spread * spread)
+    return trust
 
 
 def points_surface(points: Array, noise: float) -> Surface:
@@ -200,7 +229,7 @@ def points_surface(points: Array, noise: float) -> Surface:
     feet, normals = points.copy(), np.zeros((n, 2))
     pieces = np.zeros(n, dtype=np.int64)
     if n < 3:
-        return Surface(points, feet, normals, tilt, spacing, pieces, noise, 1.0, False)
+        return Surface(points, feet, normals, tilt, spacing, pieces, noise, 1.0, np.ones(n), False)
     tree = cKDTree(points)
     distance, index = tree.query(points, k=min(n, 2 * MOST_NEIGHBOURS))
     reach = np.maximum(REACH, 1.01 * distance[:, 2])
@@ -223,4 +252,4 @@ def points_surface(points: Array, noise: float) -> Surface:
         beside = np.einsum("ni,ni->n", vectors[:, :, 1], points - centre)[good]
         leverage = float(np.mean(1.0 / count[good] + beside**2 / along[good]))
         noise = float(np.sqrt(np.median(square[good])))
-    return Surface(points, feet, normals, tilt, spacing, pieces, noise, leverage, False)
+    return Surface(points, feet, normals, tilt, spacing, pieces, noise, leverage, np.ones(n), False)

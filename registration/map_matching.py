@@ -1,0 +1,154 @@
+"""Where in a local map a scan was taken: from a prediction, and where that fails, by search around it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.poses import between, compound, inverse, wrap_angle
+from registration.align import keep_open
+from registration.consistency import Agreement, View, weigh
+from registration.correlative import candidates
+from registration.local_map import LocalMap, seen_through
+from registration.motion import Array
+from registration.refine import Refined, refine
+from registration.surface import Surface
+
+SURE = 0.6  # share of a scan's outline that needs no second look where it was predicted to be
+SURER = 0.9  # the same elsewhere: somebody walking along with the sensor pulls it along
+FAR = 0.4  # share asked of a match far from the prediction where nothing but the last motion predicts
+NEVER = 2.0
+NOTHING_SEEN = View(np.zeros(0), 0.0, 1.0)
+NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
+WIDE_SEARCH = (2.8, math.pi, 4)
+SIGHT = 15.0  # metres around the prediction a search looks at
+
+
+@dataclass(frozen=True)
+class Match:
+    """A pose and how the scan agrees with the map there.
+
+    against : metres of outline, the map's or the scan's, that stand where the other saw through.
+    """
+
+    refined: Refined
+    agreement: Agreement
+    against: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """Agreeing share of the scan's outline; what the map does not know counts as not agreeing."""
+        every = self.agreement.agreeing + self.agreement.standing + self.agreement.unknown
+        return self.agreement.agreeing / max(every, 1e-9)
+
+    def expected(self, start: Array) -> bool:
+        """Whether it is about what was predicted."""
+        away = between(start, self.refined.pose)
+        return bool(np.hypot(*away[:2]) < 0.12 and abs(away[2]) < 0.06)
+
+    def believable(self, start: Array, far: float) -> bool:
+        """Whether enough speaks for it: little is enough where it is what was predicted.
+
+        far : share that is asked of a match more than 0.6 m or 0.6 rad from the prediction.
+        """
+        if self.refined.open_directions == 3:
+            return False
+        away = between(start, self.refined.pose)
+        distance, turn = float(np.hypot(*away[:2])), abs(float(away[2]))
+        if distance < 0.25 and turn < 0.12:
+            return self.share >= 0.25
+        least = 0.4 if distance < 0.6 and turn < 0.6 else far
+        return self.share >= least and self.against < 0.4 * self.agreement.agreeing
+
+
+class MapMatcher:
+    """Finds scans in a map.
+
+    doubt : metres a prediction may be off for a plain refinement. tolerance : metres, deviation from a line up to
+    which a point pulls with nearly full weight. It is several times the noise on purpose: a tighter kernel believes
+    the map's own errors and keeps them.
+    """
+
+    def __init__(self, local_map: LocalMap, doubt: float, tolerance: float) -> None:
+        self.map, self._doubt, self._tolerance = local_map, doubt, tolerance
+        self._view, self._view_pose = NOTHING_SEEN, np.zeros(3)
+
+    def saw(self, view: View, pose: Array) -> None:
+        """Remember what the last registered scan saw through."""
+        self._view, self._view_pose = view, pose
+
+    def find(
+        self, surface: Surface, view: View, start: Array, last: Array, far: float = FAR, wide: bool = False
+    ) -> tuple[Match, bool]:
+        """Best match around `start` (3,), and whether it is to be believed.
+
+        far : share asked of a match far from the prediction, above 1 for never.
+        wide : search around `last` too, where the sensor was last sure to be.
+        """
+        best = self._refined(surface, start.copy(), self._doubt)
+        if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
+            return best, True
+        if best.believable(start, far) and best.share >= SURER:
+            return best, True
+        tight = self._refined(surface, start.copy(), 0.1)
+        found = [best, tight, *self._search(surface, start, start, NEAR_SEARCH)]
+        best = self._best(found, surface, view, start, far)
+        if wide and not best.believable(start, far):
+            found = [best, *self._search(surface, last, start, WIDE_SEARCH)]
+            best = self._best(found, surface, view, start, far)
+        return best, best.believable(start, far)
+
+    def _refined(self, surface: Surface, start: Array, doubt: float) -> Match:
+        refined = refine(surface, self.map.target, start, doubt, self._tolerance)
+        return Match(refined, weigh(surface, self.map.target, NOTHING_SEEN, refined.pose, 0.1))
+
+    def _search(
+        self, surface: Surface, around: Array, start: Array, window: tuple[float, float, int]
+    ) -> list[Match]:
+        reach, turn, levels = window
+        local = self.map.points
+        near = np.ascontiguousarray(local[np.hypot(*(local - around[:2]).T) < SIGHT] - around[:2])
+        centre = np.array([0.0, 0.0, around[2]])
+        found = []
+        for candidate in candidates(surface.points, near, centre, reach, turn, levels=levels):
+            pose = candidate[1:] + np.array([around[0], around[1], 0.0])
+            match = self._refined(surface, pose, 0.2)
+            if match.refined.open_directions in (1, 2):
+                held = keep_open(match.refined, start)
+                match = self._refined(surface, held, 0.2)
+            found.append(match)
+        return found
+
+    def _best(self, found: list[Match], surface: Surface, view: View, start: Array, far: float) -> Match:
+        judged = [Match(m.refined, m.agreement, self._against(m, surface, view)) for m in found]
+        return max(judged, key=lambda match: (match.believable(start, far), _merit(match, start)))
+
+    def _against(self, match: Match, surface: Surface, view: View) -> float:
+        """Map outline this scan saw through, and scan outline where the last scan saw through; metres."""
+        pose = match.refined.pose
+        through = seen_through(self.map, pose, view)
+        if not len(self._view.ranges):
+            return through
+        odd = match.agreement.labels != 0
+        placed = compound(inverse(self._view_pose), pose)
+        c, s = math.cos(placed[2]), math.sin(placed[2])
+        points = surface.points[odd]
+        x, y = (
+            placed[0] + c * points[:, 0] - s * points[:, 1],
+            placed[1] + s * points[:, 0] + c * points[:, 1],
+        )
+        beam = np.round(wrap_angle(np.arctan2(y, x) - self._view.angle_min) / self._view.step)
+        beam = np.where(beam < 0, beam + round(2.0 * math.pi / abs(self._view.step)), beam).astype(np.int64)
+        inside = beam < len(self._view.ranges)
+        seen = np.where(inside, self._view.ranges[np.where(inside, beam, 0)], -np.inf)
+        standing = np.isfinite(seen) & (np.hypot(x, y) < seen - 0.25)
+        return through + float(np.minimum(surface.spacing[odd], 0.3)[standing].sum())
+
+
+def _merit(match: Match, start: Array) -> float:
+    """Agreeing outline, less what speaks against it, less for being far from the prediction."""
+    away = between(start, match.refined.pose)
+    far = min(float(np.hypot(*away[:2])) / 0.5 + abs(float(away[2])) / 0.3, 3.0)
+    return match.agreement.agreeing * (1.0 - 0.15 * far) - match.against

@@ -1,0 +1,173 @@
+"""Planar odometry: each scan is registered to the local map around it.
+
+Prediction by the wheels, or by the last motion again (logs have stamps that jitter and run backwards, so no velocity
+is made of them); refinement on lines; where that does not agree with the map, a correlative search around the
+prediction; where that fails too, the prediction is kept and said to be one, and after a while a new map is begun.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.poses import between, compound, wrap_angle
+from registration.consistency import View, view_of
+from registration.local_map import LocalMap
+from registration.map_matching import FAR, NEVER, MapMatcher, Match
+from registration.motion import Array, Step
+from registration.range_offset import RangeOffset
+from registration.refine import EFFICIENCY, Refined
+from registration.scan import Scan
+from registration.surface import Surface, scan_surface, swept_surface
+
+NOISE = 0.01  # metres, of a range, until the data show their own
+LEAST_LINED = 15  # points on lines below which a scan is not registered
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Settings of `ScanTracker`; metres and radians. `OdometryConfig` says what they mean."""
+
+    max_range: float = 80.0
+    map_radius: float = 30.0
+    map_memory: float = 100.0
+    key_distance: float = 0.15
+    key_turn: float = 0.1
+    doubt: float = 0.3
+    tolerance: float = 0.08
+    patience: int = 8
+    learn_offset: bool = True
+    drift: float = 1.0
+
+
+class ScanTracker:
+    """Follows scans against a map of line elements."""
+
+    def __init__(self, tuning: Tuning | None = None) -> None:
+        self.tuning = tuning or Tuning()
+        self.map = LocalMap(self.tuning.map_radius, self.tuning.map_memory)
+        self.offset = RangeOffset()
+        self.pose = np.zeros(3)
+        self._matcher = MapMatcher(self.map, self.tuning.doubt, self.tuning.tolerance)
+        self._key, self._sure = np.zeros(3), np.zeros(3)
+        self._last = np.zeros(3)  # motion of the last step
+        self._stamp: float | None = None
+        self._travelled = 0.0
+        self._lost = 0
+        self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
+
+    def step(self, scan: Scan, stamp: float, guess: Array | None) -> Step:
+        """Register one scan; `guess` (3,) is the expected motion since the last."""
+        elapsed = self._elapsed(stamp)
+        motion = guess if guess is not None else self._last
+        surface = self._surface(scan, motion, elapsed)
+        view = view_of(scan)
+        lined = int(surface.lined.sum())
+        poor = "" if lined >= LEAST_LINED else f"{lined} points on lines, {LEAST_LINED} are needed"
+        if not len(self.map):
+            return self._begin(surface, view, motion, poor)
+        start = compound(self.pose, motion)
+        if poor:
+            return self._predict(motion, guess is not None, poor, 0.0)
+        # Wheels may jump after a gap, but not often: a place far from where they put the sensor needs a second look.
+        astray = self._lost >= 2
+        far = (0.6 if astray else NEVER) if guess is not None else FAR
+        match, believable = self._matcher.find(surface, view, start, self._sure, far, astray or guess is None)
+        if not believable:
+            reason = f"only {match.share:.0%} of the outline agrees with the map: the pose is predicted"
+            return self._predict(motion, guess is not None, reason, match.share)
+        return self._accept(surface, view, motion, guess is not None, match)
+
+    def _elapsed(self, stamp: float) -> float:
+        elapsed = 0.0 if self._stamp is None else stamp - self._stamp
+        self._stamp = stamp
+        return elapsed
+
+    def _surface(self, scan: Scan, motion: Array, elapsed: float) -> Surface:
+        """Surface of a scan as seen from where the sensor was at its first beam."""
+        if scan.time_increment == 0.0 or not 0.0 < elapsed < 1.0:
+            return scan_surface(scan, NOISE, self.tuning.max_range, self.offset.value)
+        keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.tuning.max_range)
+        beams = np.flatnonzero(keep)
+        share = beams * scan.time_increment / elapsed
+        yaw = scan.angle_min + scan.angle_increment * beams + share * motion[2]
+        ranges = scan.ranges[beams] - self.offset.value
+        points = ranges[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw))) + share[:, None] * motion[:2]
+        return swept_surface(np.ascontiguousarray(points), beams, abs(scan.angle_increment), NOISE)
+
+    def _begin(self, surface: Surface, view: View, motion: Array, poor: str) -> Step:
+        """Start a map here: at the first scan, and where the old map is of no use any more."""
+        first = self._travelled == 0.0 and not self._lost
+        self.pose = self.pose if first else compound(self.pose, motion)
+        self._noise = np.zeros((3, 3))
+        if not poor:
+            self._lost = 0
+            self._insert(surface, view)
+        reason = poor or ("" if first else "a new map was begun at the predicted pose")
+        doubt = np.zeros((3, 3)) if first else prediction_covariance(motion)
+        static = surface.points if not poor else surface.points[:0]
+        increment = np.zeros(3) if first else motion
+        return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
+
+    def _predict(self, motion: Array, wheels: bool, reason: str, fitness: float) -> Step:
+        self._lost += 1
+        self.pose = compound(self.pose, motion)
+        # Without wheels, a sensor that is lost is taken to come to rest.
+        self._last = motion if wheels else 0.5 * motion
+        doubt = prediction_covariance(motion)
+        if self._lost >= self.tuning.patience:
+            self.map.clear()
+        return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
+
+    def _accept(self, surface: Surface, view: View, motion: Array, wheels: bool, match: Match) -> Step:
+        before, refined = self.pose, match.refined
+        self._lost = 0
+        self.pose = refined.pose
+        increment = between(before, self.pose)
+        # Motion along an open direction is only a belief, and fades unless something renews it.
+        self._last = increment if wheels or not refined.open_directions else 0.8 * increment
+        self._travelled += float(np.hypot(*increment[:2]))
+        noise = scan_covariance(refined, motion, float(before[2]))
+        covariance = in_frame(noise + self._noise, float(before[2]))
+        self._noise = noise
+        drift = np.zeros((3, 3))
+        turned = abs(wrap_angle(float(self.pose[2] - self._key[2])))
+        moved = float(np.hypot(*(self.pose[:2] - self._key[:2])))
+        if moved > self.tuning.key_distance or turned > self.tuning.key_turn:
+            if self.tuning.learn_offset:
+                self.offset.learn(surface, refined, self.map.target, self.map.facing)
+            self._insert(surface, view)
+            drift = self.tuning.drift * in_frame(noise, float(before[2]))
+        self._sure = self.pose
+        self._matcher.saw(view, self.pose)
+        static = surface.points[match.agreement.labels == 0]
+        reason = "" if match.share >= 0.4 else f"only {match.share:.0%} of the outline agrees with the map"
+        if refined.open_directions:
+            reason = f"{refined.open_directions} of 3 directions of motion are open: they are predicted"
+        sure = match.share >= 0.4
+        return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
+
+    def _insert(self, surface: Surface, view: View) -> None:
+        self.map.add(surface, view, self.pose, self._travelled)
+        self._key = self.pose.copy()
+
+
+def prediction_covariance(motion: Array) -> Array:
+    """(3, 3) doubt about a predicted motion, in the frame it starts from."""
+    away = 0.05 + 0.2 * float(np.hypot(motion[0], motion[1]))
+    return np.diag([away, away, 0.03 + 0.2 * abs(float(motion[2]))]) ** 2
+
+
+def in_frame(covariance: Array, yaw: float) -> Array:
+    """(3, 3) of x, y, yaw in the odometry frame, in a frame turned by `yaw`."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turn @ covariance @ turn.T)
+
+
+def scan_covariance(refined: Refined, motion: Array, yaw: float) -> Array:
+    """(3, 3) of a scan's pose against the map, odometry frame; open directions have the prediction's doubt."""
+    prior = np.linalg.inv(in_frame(prediction_covariance(motion), -yaw))
+    covariance = np.linalg.inv(refined.information / EFFICIENCY + prior)
+    return np.asarray(0.5 * (covariance + covariance.T))
