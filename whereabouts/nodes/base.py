@@ -14,6 +14,7 @@ import gc
 import os
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from typing import Any, ClassVar, TypeVar
 
@@ -113,18 +114,30 @@ class SuiteNode(LifecycleNode):
 
     def add_timer(self, period: float, callback: Callable[[], None]) -> None:
         """Call back every `period` seconds of the node's ROS clock while it is active."""
-        timer = self.create_timer(period, lambda: callback() if self.active else None)
+
+        def tick() -> None:
+            if not self.active:
+                return
+            try:
+                callback()
+            except Exception as error:
+                self._report_defect(f"timer {getattr(callback, '__name__', '')}", error)
+
+        timer = self.create_timer(period, tick)
         self._created.append((self.destroy_timer, timer))
 
     def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence."""
+        """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence, any other a failure."""
 
         def answer(request: Any, response: Any) -> Any:
             try:
                 return callback(request, response)
             except WhereaboutsError as error:
                 response.code, response.message = response.REFUSED, str(error)
-                return response
+            except Exception as error:
+                self._report_defect(f"service {name}", error)
+                response.code, response.message = response.FAILED, f"{type(error).__name__}: {error}"
+            return response
 
         service = self.create_service(service_type, name, answer)
         self._created.append((self.destroy_service, service))
@@ -159,6 +172,13 @@ class SuiteNode(LifecycleNode):
         else:
             logger.warning(text)
 
+    def _report_defect(self, where: str, error: Exception) -> None:
+        """An exception nobody expected: said with its trace, counted, survived."""
+        trace = traceback.format_exc(limit=-4)
+        self.complain(
+            f"{where}: internal error: {type(error).__name__}: {error}\n{trace}", (where, "defect"), True
+        )
+
     def check_stamp(self, stamp: int, topic: str) -> bool:
         """Follow message time; a jump back starts a new run. True for a stamp that is late but acceptable."""
         newest = self._newest_stamp
@@ -169,15 +189,15 @@ class SuiteNode(LifecycleNode):
         if behind <= self.settings.late_window:
             return True
         self.get_logger().info(f"{topic}: time went back by {behind:.3f} s: a new run begins")
+        self.transforms.back_to(stamp)
         self.begin_run()
         self._newest_stamp = stamp
         return False
 
     def begin_run(self) -> None:
-        """Start a new epoch: live state is forgotten, static transforms and stored history stay."""
+        """Start a new epoch: live state is forgotten, transforms and stored history stay."""
         self.epoch += 1
         self._newest_stamp = None
-        self.transforms.forget_moving()
         for item in self.inputs:
             item.new_run()
         self.start_run()

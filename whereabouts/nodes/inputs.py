@@ -86,7 +86,7 @@ class Input:
         self._new_runs = new_runs
         self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
         self._sequence = 0
-        self._one_publisher = True
+        self._one_publisher: bool | None = None
         self._waiting: deque[Waiting] = deque()
         self._periods: deque[int] = deque(maxlen=50)
         self._last_stamp: int | None = None
@@ -186,12 +186,16 @@ class Input:
 
     def new_run(self) -> None:
         """Forget what belongs to the run before."""
+        if self._waiting:
+            self.counts.drops["run ended while waiting"] += len(self._waiting)
         self._waiting.clear()
         self._periods.clear()
         self._last_stamp = None
 
     def _check_sequence(self, sequence: int) -> None:
         """Publishers number their messages: with a single one, a jump is a loss. A smaller number is a restart."""
+        if self._one_publisher is None:
+            self.watch_publishers()
         if self._one_publisher and sequence > self._sequence + 1 and self._sequence > 0:
             lost = sequence - self._sequence - 1
             self.counts.lost += lost

@@ -18,6 +18,7 @@ from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 
 Matrix = NDArray[np.float64]
 HISTORY = 10 * NANOSECONDS
+JUMP = 2 * NANOSECONDS
 
 
 class TransformError(WhereaboutsError):
@@ -37,8 +38,11 @@ class MovingTransform(TimeVaryingTransform):
         self._poses: list[Matrix] = []
 
     def insert(self, stamp: int, pose: Matrix) -> None:
-        """Add (7,) position and quaternion (w, x, y, z); a second value for one stamp replaces the first."""
-        if self._stamps and stamp < self._stamps[-1] - HISTORY:
+        """Add (7,) position and quaternion (w, x, y, z); a second value for one stamp replaces the first.
+
+        A stamp far behind the newest means that time jumped back: the history is forgotten.
+        """
+        if self._stamps and stamp < self._stamps[-1] - JUMP:
             self._stamps.clear()
             self._poses.clear()
         index = bisect.bisect_left(self._stamps, stamp)
@@ -50,6 +54,12 @@ class MovingTransform(TimeVaryingTransform):
         outdated = bisect.bisect_left(self._stamps, self._stamps[-1] - HISTORY)
         if outdated:
             del self._stamps[:outdated], self._poses[:outdated]
+
+    def forget_after(self, stamp: int) -> bool:
+        """Drop what is newer than `stamp`; whether anything is left."""
+        keep = bisect.bisect_right(self._stamps, stamp)
+        del self._stamps[keep:], self._poses[keep:]
+        return keep > 0
 
     def as_matrix(self, query_time: Any) -> Matrix:
         """The transform at a stamp in nanoseconds, (4, 4)."""
@@ -125,11 +135,12 @@ class TransformBuffer:
             message = f"frames '{source}' and '{target}' are not connected in tf"
             raise TransformError(message, later=True) from None
 
-    def forget_moving(self) -> None:
-        """Drop everything but static transforms, as after a jump back in time."""
-        for child in list(self._moving):
-            self._graph.remove_transform(child, self._parents.pop(child))
-        self._moving.clear()
+    def back_to(self, stamp: int) -> None:
+        """Time jumped back to `stamp`: drop moving transforms of the time after it. Static ones stay."""
+        for child, transform in list(self._moving.items()):
+            if not transform.forget_after(stamp + JUMP):
+                self._graph.remove_transform(child, self._parents.pop(child))
+                del self._moving[child]
 
 
 def frame_name(name: str) -> str:
