@@ -36,7 +36,7 @@ def test_motion_model():
 
 def test_kalman_mode_is_a_kalman_filter():
     rng = np.random.default_rng(1)
-    filter_ = SwitchingFilter(MOTION, START, SPREAD, k_crit=np.inf)
+    filter_ = SwitchingFilter(MOTION, START, SPREAD, k_crit=np.inf, decorrelated=False)
     mean, cov = START, SPREAD
     H = np.eye(2, 4)
     for _ in range(30):
@@ -51,6 +51,20 @@ def test_kalman_mode_is_a_kalman_filter():
         np.testing.assert_allclose(filter_.mean, mean, atol=1e-10)
         np.testing.assert_allclose(filter_.covariance, cov, atol=1e-10)
     assert filter_.mode == "kf"
+
+
+def test_the_covariance_lies_along_the_predicted_bearing():
+    """One update by hand: UCM variances along and across the line to the prediction, not to the measurement."""
+    z, tight = np.array([4.3, 0.4]), 0.01 * np.eye(4)
+    _, turned = convert_to_map([0, 0, 0], EXACT, z[0], np.arctan2(START[1], START[0]), 0.02, np.radians(8))
+    mean, measured = convert_to_map([0, 0, 0], EXACT, *z, 0.02, np.radians(8))
+    noise = np.diag([0.02**2, np.radians(8) ** 2])
+    for prior, R in ((tight, turned), (100 * tight, measured)):
+        filter_ = SwitchingFilter(MOTION, START, prior, k_crit=np.inf)
+        filter_.update(np.zeros(3), EXACT, z, noise)
+        expected, cov, _ = kalman.update(START, prior, mean, np.eye(2, 4), R)
+        np.testing.assert_allclose(filter_.mean, expected)
+        np.testing.assert_allclose(filter_.covariance, cov, atol=1e-12)
 
 
 def test_a_precise_measurement_of_a_vague_prior_keeps_the_covariance_definite():
@@ -102,11 +116,15 @@ def test_particles_hold_the_exact_posterior(robot):
     np.testing.assert_allclose(
         np.mean(covariances, 0) / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.1
     )
-    # The Kalman filter is measurably off here: the test can tell the two apart.
-    plain = SwitchingFilter(MOTION, START, SPREAD, k_crit=np.inf)
-    plain.update(np.zeros(3), robot, z, noise)
+    # Kalman filters are measurably off here: the test can tell them apart, and the plain from the decorrelated.
+    errors = []
+    for decorrelated in (False, True):
+        gaussian = SwitchingFilter(MOTION, START, SPREAD, k_crit=np.inf, decorrelated=decorrelated)
+        gaussian.update(np.zeros(3), robot, z, noise)
+        errors.append(np.abs((gaussian.mean - expected_mean) / sigma).max())
     if robot is EXACT:
-        assert np.abs((plain.mean - expected_mean) / sigma).max() > 0.2
+        assert errors[0] > 0.2
+        assert 0.06 < errors[1] < errors[0]
 
 
 def drive(ranges, **options):
