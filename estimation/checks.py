@@ -70,3 +70,11 @@ def require_count(name: str, value: int, minimum: int = 1) -> int:
     if int(value) != value or value < minimum:
         raise InputError(f"{name} must be a whole number of at least {minimum}, not {value!r}")
     return int(value)
+
+
+def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """`value` as a contiguous float64 array of exactly this shape; its contents are not checked."""
+    array = np.ascontiguousarray(as_floats(name, value))
+    if array.shape != shape:
+        raise InputError(f"{name} must have shape {shape}, not {array.shape}")
+    return array

@@ -41,12 +41,19 @@ def rotated(c, s, along, across):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def to_map_ucm(pose, P, r, bearing, sr, st, position_in_ratio):  # type: ignore[no-untyped-def]
-    """UCM of (r, bearing) through the robot pose: x, y, xx, xy, yy and K of (6.12)."""
+def to_map_ucm(pose, P, r, bearing, sr, st, position_in_ratio, toward_x, toward_y):  # type: ignore[no-untyped-def]
+    """UCM of (r, bearing) through the robot pose: x, y, xx, xy, yy and K of (6.12).
+
+    toward_x, toward_y : direction the covariance is aligned with, of any length; (0, 0) for the measured one.
+    """
     st = math.sqrt(st * st + P[2, 2])
     angle = pose[2] + bearing
     c, s = math.cos(angle), math.sin(angle)
     m, along, across = ucm_local(r, sr, st)
+    x, y = pose[0] + m * c, pose[1] + m * s
+    length = math.sqrt(toward_x * toward_x + toward_y * toward_y)
+    if length > 0.0:
+        c, s = toward_x / length, toward_y / length
     xx, xy, yy = rotated(c, s, along, across)
     lin_along, lin_across = sr * sr, r * r * st * st
     K = (min(along, across) / max(along, across)) / (min(lin_along, lin_across) / max(lin_along, lin_across))
@@ -63,14 +70,16 @@ def to_map_ucm(pose, P, r, bearing, sr, st, position_in_ratio):  # type: ignore[
         lyy += P[1, 1] + 2.0 * P[1, 2] * gy
         lxy += P[0, 1] + P[0, 2] * gy + P[1, 2] * gx
         K = shape_ratio(xx, xy, yy) / shape_ratio(lxx, lxy, lyy)
-    return pose[0] + m * c, pose[1] + m * s, xx, xy, yy, K
+    return x, y, xx, xy, yy, K
 
 
 @numba.njit(cache=True)
 def ucm_batch(r, bearing, sr, st, pose, P, position_in_ratio, mean, cov, K):  # type: ignore[no-untyped-def]
     """`to_map_ucm` of flat arrays (M,) into mean (M, 2), cov (M, 2, 2), K (M,)."""
     for i in range(r.size):
-        x, y, xx, xy, yy, K[i] = to_map_ucm(pose, P, r[i], bearing[i], sr[i], st[i], position_in_ratio)
+        x, y, xx, xy, yy, K[i] = to_map_ucm(
+            pose, P, r[i], bearing[i], sr[i], st[i], position_in_ratio, 0.0, 0.0
+        )
         mean[i, 0], mean[i, 1] = x, y
         cov[i, 0, 0], cov[i, 1, 1] = xx, yy
         cov[i, 0, 1] = cov[i, 1, 0] = xy

@@ -109,7 +109,21 @@ def _update_one(m, P, zx, zy, rxx, rxy, ryy):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def update_kalman(means, covariances, kalman, targets, pose, Pr, z, R, k_crit, position, K):  # type: ignore[no-untyped-def]
+def predicted_direction(x, y, xx, xy, yy, pose, Pr, r, variance):  # type: ignore[no-untyped-def]
+    """From the robot to the predicted target, where that is known better than by the measurement; else (0, 0).
+
+    A covariance aligned with the measured bearing is correlated with the measurement's error: the flat side of
+    the ellipse follows the noise, and the target is drawn outwards. (Bordonaro et al. 2012.)
+    """
+    dx, dy = x - pose[0], y - pose[1]
+    across = (dy * dy * xx - 2.0 * dx * dy * xy + dx * dx * yy) / max(dx * dx + dy * dy, 1e-300)
+    if across < r * r * (variance + Pr[2, 2]):
+        return dx, dy
+    return 0.0, 0.0
+
+
+@numba.njit(cache=True)
+def update_kalman(means, covariances, kalman, targets, pose, Pr, z, R, k_crit, position, decorrelated, K):  # type: ignore[no-untyped-def]
     """Kalman update of every target in Kalman mode with K below k_crit; K is filled in for all of them."""
     problem = check(pose, Pr, z, R)
     if problem:
@@ -117,11 +131,15 @@ def update_kalman(means, covariances, kalman, targets, pose, Pr, z, R, k_crit, p
     for i in range(targets.size):
         t = targets[i]
         Ri = R[i % R.shape[0]]
+        m, P = means[t], covariances[t]
+        dx, dy = 0.0, 0.0
+        if decorrelated and kalman[t]:
+            dx, dy = predicted_direction(m[0], m[1], P[0, 0], P[0, 1], P[1, 1], pose, Pr, z[i, 0], Ri[1, 1])
         zx, zy, rxx, rxy, ryy, K[i] = to_map_ucm(
-            pose, Pr, z[i, 0], z[i, 1], math.sqrt(Ri[0, 0]), math.sqrt(Ri[1, 1]), position
+            pose, Pr, z[i, 0], z[i, 1], math.sqrt(Ri[0, 0]), math.sqrt(Ri[1, 1]), position, dx, dy
         )
         if kalman[t] and K[i] < k_crit:
-            _update_one(means[t], covariances[t], zx, zy, rxx, rxy, ryy)
+            _update_one(m, P, zx, zy, rxx, rxy, ryy)
     return 0
 
 
@@ -139,9 +157,11 @@ def predict_particles(states, noise, dt, q):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def gaussian_log_likelihood(states, pose, Pr, z, R, out):  # type: ignore[no-untyped-def]
-    """Log likelihood (up to a constant) of each particle under the converted Gaussian measurement."""
-    zx, zy, rxx, rxy, ryy, _ = to_map_ucm(pose, Pr, z[0], z[1], math.sqrt(R[0, 0]), math.sqrt(R[1, 1]), False)
+def gaussian_log_likelihood(states, pose, Pr, z, R, dx, dy, out):  # type: ignore[no-untyped-def]
+    """Log likelihood (up to a constant) of each particle under the measurement converted along (dx, dy)."""
+    zx, zy, rxx, rxy, ryy, _ = to_map_ucm(
+        pose, Pr, z[0], z[1], math.sqrt(R[0, 0]), math.sqrt(R[1, 1]), False, dx, dy
+    )
     det = rxx * ryy - rxy * rxy
     for n in range(states.shape[0]):
         ex, ey = states[n, 0] - zx, states[n, 1] - zy

@@ -28,6 +28,7 @@ FILTERS: dict[str, dict[str, Any]] = {
     "switching, polar K": {"position_in_ratio": False},
     "always particles": {"k_crit": 0.0},
     "always Kalman": {"k_crit": np.inf},
+    "plain Kalman": {"k_crit": np.inf, "decorrelated": False},
 }
 
 
