@@ -99,7 +99,7 @@ def search(moving: Outline, still: Outline, start: Array, reach: float, turn: fl
     if not ranked:
         return judged(moving, still, None, start, None)
     _, refined, views = max(ranked, key=lambda entry: entry[0])
-    refined, views = _settle(moving, still, refined, views)
+    refined, views = settle(moving, still, refined, views)
     if refined.open_directions in (1, 2):
         refined = replace(refined, pose=keep_open(refined, start))
         views = agreements(moving, still, refined.pose)
@@ -133,7 +133,7 @@ def _merit(views: tuple[Agreement, Agreement], pose: Array, start: Array, reach:
     return gain * (1.0 - 0.1 * min(away / reach, 2.0) * np.sign(gain))
 
 
-def _settle(
+def settle(
     moving: Outline, still: Outline, refined: Refined, views: tuple[Agreement, Agreement]
 ) -> tuple[Refined, tuple[Agreement, Agreement]]:
     """Once more without the pieces that moved."""

@@ -20,6 +20,7 @@ SURE = 0.6  # share of a scan's outline that needs no second look where it was p
 SURER = 0.9  # the same elsewhere: somebody walking along with the sensor pulls it along
 FAR = 0.4  # share asked of a match far from the prediction where nothing but the last motion predicts
 NEVER = 2.0
+LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
 NOTHING_SEEN = View(np.zeros(0), 0.0, 1.0)
 NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
 WIDE_SEARCH = (2.8, math.pi, 4)
@@ -59,7 +60,12 @@ class Match:
         distance, turn = float(np.hypot(*away[:2])), abs(float(away[2]))
         if distance < 0.25 and turn < 0.12:
             return self.share >= 0.25
-        least = 0.4 if distance < 0.6 and turn < 0.6 else far
+        least = 0.4
+        if distance > 0.6 or turn > 0.6:
+            # A few pieces of outline fit in many places.
+            if self.refined.open_directions or self.agreement.agreeing < LEAST_OUTLINE:
+                return False
+            least = far
         return self.share >= least and self.against < 0.4 * self.agreement.agreeing
 
 

@@ -38,18 +38,31 @@ def upright(scan: Scan, mounting: Array) -> Scan:
     )
 
 
-def seen_from_robot(scan: Scan, mounting: Array) -> Scan:
-    """A scan of any mounting, projected to the ground plane and sampled again at bearings around the robot.
+def seen_from_robot(*mounted: tuple[Scan, Array]) -> Scan:
+    """Scans of any mounting, projected to the ground plane and sampled again at bearings around the robot.
+
+    mounted : scans with their mountings (4, 4); the finest bearing step of them is used and the first one's stamp.
 
     Between two returns on one surface the surface is taken to be straight, so that walls stay exact; where
     several surfaces lie on a bearing the nearest counts. Bearings without a return are NaN.
     """
-    step = abs(scan.angle_increment)
-    count = max(1, round(2.0 * np.pi / step)) if step > 0.0 else 1
+    steps = [abs(scan.angle_increment) for scan, _ in mounted if scan.angle_increment != 0.0]
+    count = max(1, round(2.0 * np.pi / min(steps))) if steps else 1
     step = 2.0 * np.pi / count
     centres = np.asarray(-np.pi + step * (np.arange(count) + 0.5), dtype=np.float64)
-    ranges: Array = np.full(count, np.inf)
+    ranges = np.full(count, np.inf)
+    for scan, mounting in mounted:
+        np.minimum(ranges, _resampled(scan, mounting, centres), out=ranges)
+    ranges[np.isinf(ranges)] = np.nan
+    # Seen from the robot's centre a return may lie a lever arm farther away than from the scanner.
+    reach = max(scan.range_max + float(np.hypot(*mounting[:2, 3])) for scan, mounting in mounted)
+    return Scan(ranges, float(centres[0]), step, 0.0, reach, mounted[0][0].stamp)
 
+
+def _resampled(scan: Scan, mounting: Array, centres: Array) -> Array:
+    """Ranges (N,) of one scan at bearings around the robot, infinite where nothing was met."""
+    count, step = len(centres), 2.0 * np.pi / len(centres)
+    ranges: Array = np.full(count, np.inf)
     valid = np.flatnonzero(scan.valid)
     bearings, distances = scan.bearings[valid], scan.ranges[valid]
     flat = np.column_stack((distances * np.cos(bearings), distances * np.sin(bearings)))
@@ -59,15 +72,11 @@ def seen_from_robot(scan: Scan, mounting: Array) -> Scan:
 
     neighbours = np.flatnonzero(np.diff(valid) == 1)
     first, second = points[neighbours], points[neighbours + 1]
-    for shift in (0, 1):
-        # A segment between neighbouring beams spans about one bearing, at most a few when it is near.
-        crossed = np.floor((np.arctan2(first[:, 1], first[:, 0]) + np.pi) / step).astype(int) + shift
-        _cross(ranges, centres, crossed % count, first, second)
-        _cross(ranges, centres, (crossed - 1) % count, first, second)
-    ranges[np.isinf(ranges)] = np.nan
-    # Seen from the robot's centre a return may lie a lever arm farther away than from the scanner.
-    reach = scan.range_max + float(np.hypot(mounting[0, 3], mounting[1, 3]))
-    return Scan(ranges, float(centres[0]), step, 0.0, reach, scan.stamp)
+    crossed = np.floor((np.arctan2(first[:, 1], first[:, 0]) + np.pi) / step).astype(int)
+    # A segment between neighbouring beams spans about one bearing; which side of it depends on the direction.
+    for shift in (-1, 0, 1):
+        _cross(ranges, centres, (crossed + shift) % count, first, second)
+    return ranges
 
 
 def _cross(ranges: Array, centres: Array, index: NDArray[np.intp], first: Array, second: Array) -> None:

@@ -41,16 +41,17 @@ def too_few(source: Array, target: Array, start: Array) -> Registration | None:
     return None
 
 
-def align_clouds(source: Array, target: Array, start: Array) -> Registration:
-    """GICP of `source` on `target` (N, 3) metres from `start` (4, 4)."""
+def align_clouds(source: Array, target: Array, start: Array, close: bool = False) -> Registration:
+    """GICP of `source` on `target` (N, 3) metres from `start` (4, 4), which is within decimetres where `close`."""
     moving, still = checked_cloud("source", source), checked_cloud("target", target)
     refusal = too_few(moving, still, start)
     if refusal is not None:
         return refusal
     leaf = leaf_size(still)
     transform = start
-    for size in (4.0 * leaf, leaf):
-        outcome = _gicp(moving, still, transform, size)
+    stages = ((8.0 * leaf, 2.0), (4.0 * leaf, 1.0), (leaf, 1.0), (leaf, 0.5))
+    for size, near in stages[1 if close else 0 :]:
+        outcome = _gicp(moving, still, transform, size, near)
         transform = np.asarray(outcome.T_target_source)
     covariance, opened = _covariance(outcome, transform)
     fitness = overlap(moving, still, transform, 3.0 * leaf)
@@ -64,7 +65,7 @@ def align_clouds(source: Array, target: Array, start: Array) -> Registration:
     return Registration(transform, covariance, fitness, not reason or opened, reason)
 
 
-def _gicp(source: Array, target: Array, start: Array, leaf: float) -> Any:
+def _gicp(source: Array, target: Array, start: Array, leaf: float, near: float) -> Any:
     # Imported here: planar registration needs neither the library nor the time to load it.
     import small_gicp
 
@@ -74,7 +75,7 @@ def _gicp(source: Array, target: Array, start: Array, leaf: float) -> Any:
         init_T_target_source=start,
         registration_type="GICP",
         downsampling_resolution=leaf,
-        max_correspondence_distance=max(10.0 * leaf, 0.5),
+        max_correspondence_distance=near,
         max_iterations=60,
         translation_epsilon=1e-4,
         rotation_epsilon=1e-4,

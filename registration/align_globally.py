@@ -1,0 +1,122 @@
+"""Registration without a guess: what loop closures and lost robots need (Paper A section 4.3, Bosse and Zlot).
+
+In the plane every rotation and translations of several metres are searched by correlation with bounds; the best
+candidates are refined and scored by overlap and free-space violation, and two places that fit equally well are no
+answer. In space KISS-Matcher finds the rough transform and small_gicp refines it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimation.errors import InputError
+from estimation.poses import between
+from registration.align import agreements, is_cloud, keep_open, settle
+from registration.consistency import Agreement
+from registration.correlative import candidates
+from registration.judgement import GUESS_SIGMA, judged
+from registration.motion import Array
+from registration.outline import Outline, outline_of
+from registration.refine import Refined, refine
+from registration.result import Registration
+from registration.scan import Scan
+from registration.spatial import OPEN_VARIANCE, align_clouds, checked_cloud, leaf_size, too_few
+
+REACH = 6.0  # metres between the two sensors in x and in y
+CANDIDATES = 8
+RIVAL = 0.93  # share of the best merit at which another place is as good
+
+
+def align_globally(source: Scan | ArrayLike, target: Scan | ArrayLike) -> Registration:
+    """Motion that lays `source` on `target`, from anywhere: any rotation, in the plane up to 6 m apart in x and y.
+
+    Parameters
+    ----------
+    source, target : both planar, each a `Scan` or points (N, 2), or both clouds (N, 3); metres, sensor frames.
+
+    Returns
+    -------
+    Registration : `converged` is False and `reason` says why where too little agrees or several places do.
+
+    Raises
+    ------
+    InputError : wrong shapes, or a planar with a spatial argument.
+    """
+    if is_cloud(source) or is_cloud(target):
+        if not (is_cloud(source) and is_cloud(target)):
+            raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
+        return _clouds(np.asarray(source), np.asarray(target))
+    return _outlines(outline_of("source", source), outline_of("target", target))
+
+
+def _outlines(moving: Outline, still: Outline) -> Registration:
+    start = np.zeros(3)
+    found = candidates(
+        moving.surface.points, still.surface.points, start, REACH, np.pi, levels=4, keep=0.75, most=CANDIDATES
+    )
+    ranked: list[tuple[float, Refined, tuple[Agreement, Agreement]]] = []
+    for candidate in found:
+        refined = refine(moving.surface, still.target, candidate[1:].copy(), 0.2)
+        views = agreements(moving, still, refined.pose)
+        ranked.append((_merit(views), refined, views))
+    if not ranked:
+        return judged(moving, still, None, start, None)
+    ranked.sort(key=lambda entry: -entry[0])
+    best, refined, views = ranked[0]
+    refined, views = settle(moving, still, refined, views)
+    if refined.open_directions in (1, 2):
+        refined = replace(refined, pose=keep_open(refined, start))
+        views = agreements(moving, still, refined.pose)
+    outcome = judged(moving, still, refined, start, views)
+    if not outcome.converged:
+        return outcome
+    if refined.open_directions:
+        return _refused(outcome, outcome.reason + ", and there is no guess")
+    for merit, rival, _ in ranked[1:]:
+        away = between(refined.pose, rival.pose)
+        if merit > RIVAL * best and (np.hypot(*away[:2]) > 0.3 or abs(away[2]) > 0.15):
+            return _refused(outcome, "another place fits as well")
+    return outcome
+
+
+def _refused(outcome: Registration, reason: str) -> Registration:
+    covariance = outcome.covariance + np.diag(GUESS_SIGMA**2)
+    return replace(outcome, covariance=covariance, converged=False, reason=reason)
+
+
+def _merit(views: tuple[Agreement, Agreement]) -> float:
+    """Agreeing less contradicting outline, metres."""
+    return sum(view.agreeing - view.standing for view in views)
+
+
+def _clouds(source: Array, target: Array) -> Registration:
+    moving, still = checked_cloud("source", source), checked_cloud("target", target)
+    refusal = too_few(moving, still, np.eye(4))
+    if refusal is not None:
+        return refusal
+    # Imported here: planar registration needs neither the library nor the time to load it.
+    import kiss_matcher
+
+    best: Registration | None = None
+    for voxel in (3.0 * leaf_size(still), 5.0 * leaf_size(still)):
+        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size=voxel))
+        solution = matcher.estimate(moving.astype(np.float32), still.astype(np.float32))
+        start = np.eye(4)
+        start[:3, :3], start[:3, 3] = solution.rotation, np.asarray(solution.translation).ravel()
+        if not np.isfinite(start).all():
+            continue
+        found = align_clouds(moving, still, start, close=True)
+        inliers = matcher.get_num_final_inliers()
+        if found.converged and inliers < 5:
+            reason = f"only {inliers} features correspond"
+            found = replace(found, converged=False, reason=reason)
+        if best is None or (found.converged, found.fitness) > (best.converged, best.fitness):
+            best = found
+        if best.converged and best.fitness > 0.6:
+            break
+    if best is None:
+        return Registration(np.eye(4), OPEN_VARIANCE * np.eye(6), 0.0, False, "no features correspond")
+    return best
