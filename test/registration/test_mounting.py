@@ -56,7 +56,7 @@ def test_tilted_scanner_is_not_level() -> None:
 def test_walls_stay_where_they_are(pitch: float) -> None:
     scan = box_scan(0.5, 0.4, 0.3, pitch=pitch)
     tilted = mounting(0.5, 0.4, Rotation.from_euler("ZY", [0.3, pitch]))
-    seen = seen_from_robot(scan, tilted)
+    seen = seen_from_robot((scan, tilted))
     errors = wall_distance(seen.points())
     # Exact on the walls; where two walls meet, the corner's own sample may stay rough.
     assert np.median(errors) < 1e-6
@@ -69,11 +69,22 @@ def test_nearest_surface_counts() -> None:
     ranges = np.full(181, 5.0)
     ranges[85:96] = 2.0
     scan = Scan(ranges, -np.pi / 2, np.pi / 180, 0.05, 30.0)
-    seen = seen_from_robot(scan, mounting(-1.0, 0.0, Rotation.identity()))
+    seen = seen_from_robot((scan, mounting(-1.0, 0.0, Rotation.identity())))
     ahead = seen.ranges[np.abs(seen.bearings) < 0.05]
     assert np.allclose(ahead, 1.0, atol=0.02)
 
 
 def test_scan_without_returns_gives_none() -> None:
     scan = Scan(np.full(181, np.nan), -np.pi / 2, np.pi / 180, 0.05, 30.0)
-    assert len(seen_from_robot(scan, np.eye(4)).points()) == 0
+    assert len(seen_from_robot((scan, np.eye(4))).points()) == 0
+
+
+def test_two_scanners_together_see_all_around() -> None:
+    front, rear = box_scan(0.5, 0.4, 0.0), box_scan(0.1, 0.4, np.pi)
+    seen = seen_from_robot(
+        (front, mounting(0.2, 0.0, Rotation.identity())),
+        (rear, mounting(-0.2, 0.0, Rotation.from_euler("z", np.pi))),
+    )
+    assert np.isfinite(seen.ranges).mean() > 0.95
+    errors = wall_distance(seen.points() + np.array([0.3, 0.4]))
+    assert np.percentile(errors, 98) < 0.01

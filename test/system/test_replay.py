@@ -61,7 +61,6 @@ def odometry_bytes(path: Path) -> list[bytes]:
         return [bytes(message.data) for message in log]
 
 
-@pytest.mark.xfail(reason="KISS-ICP sums in the order its threads finish", strict=False)
 def test_lock_step_answers_every_message_and_repeats_exactly(bag: Path, tmp_path: Path) -> None:
     outputs = []
     for name in ("first", "second"):

@@ -6,6 +6,8 @@ Out: `odometry` (Odometry with covariance), tf odom -> base_link, `static_points
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from nav_msgs.msg import Odometry as OdometryMessage
 from numpy.typing import NDArray
@@ -23,7 +25,8 @@ from estimation.poses import (
     transform_points,
 )
 from registration.mounting import level_pose, seen_from_robot, upright
-from registration.odometry import Odometry, OdometryConfig
+from registration.odometry import Odometry
+from registration.scan import Scan
 from registration.wheels import WheelHistory
 from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.conversions import (
@@ -41,6 +44,8 @@ from whereabouts.nodes.transforms import frame_name, transform_message
 from whereabouts.parameters.scan_registration import ScanRegistrationParameters
 
 Array = NDArray[np.float64]
+# A scan of a further sensor that is older than this says too little about now.
+OTHERS_AGE = NANOSECONDS // 2
 
 
 class ScanRegistrationNode(SuiteNode):
@@ -58,15 +63,18 @@ class ScanRegistrationNode(SuiteNode):
         for topic in settings.clouds:
             self.add_input(PointCloud2, topic, self._take_cloud, frames=self._frames)
         if not settings.clouds:
-            for topic in settings.scans:
-                self.add_input(LaserScan, topic, self._take_scan, frames=self._frames)
+            for rank, topic in enumerate(settings.scans):
+                handler = self._take_scan if rank == 0 else partial(self._keep_scan, topic)
+                self.add_input(LaserScan, topic, handler, frames=self._frames)
         self._odometry_output = self.add_output(OdometryMessage, "odometry")
         self._static_output = self.add_output(PointCloud2, "static_points")
         self._tf_output = self.broadcaster()
 
     def start_run(self) -> None:
-        self._odometry = Odometry(OdometryConfig(max_range=self.settings.max_range))
+        self._odometry = Odometry(self.settings.odometry)
         self._wheels.clear()
+        self._velocity: Array = np.zeros(3)
+        self._others: dict[str, tuple[int, Scan, Array]] = {}
         self._last_stamp: int | None = None
         self._frame: str | None = None
         self._registered = 0
@@ -96,8 +104,8 @@ class ScanRegistrationNode(SuiteNode):
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
         level = level_pose(mounting)
         if level is None or len(self.settings.scans) > 1:
-            # Scans of several sensors share one map, and tilted ones a plane: both are the robot's own.
-            scan, level, mounting = seen_from_robot(scan, mounting), np.zeros(3), np.eye(4)
+            # Scans of several sensors, and tilted ones, become one scan around the robot itself.
+            scan, level = seen_from_robot((scan, mounting), *self._recent_others(stamp)), np.zeros(3)
         else:
             scan = upright(scan, mounting)
         self._odometry.register(scan, stamp / NANOSECONDS, guess=self._guess(stamp, level))
@@ -106,6 +114,8 @@ class ScanRegistrationNode(SuiteNode):
         covariance = _conjugate(level, self._odometry.pose, self._odometry.covariance)
         step = compound(compound(level, self._odometry.increment), back)
         step_covariance = _conjugate(level, self._odometry.increment, self._odometry.increment_covariance)
+        if self._last_stamp is not None and stamp > self._last_stamp:
+            self._velocity = step / ((stamp - self._last_stamp) / NANOSECONDS)
         self._publish(
             stamp,
             spatial(pose),
@@ -115,6 +125,23 @@ class ScanRegistrationNode(SuiteNode):
         )
         self._publish_static(stamp, transform_points(level, self._odometry.static_points))
         self._finish(stamp)
+
+    def _keep_scan(self, topic: str, message: LaserScan, stamp: int) -> None:
+        """A scan of a further sensor: registered together with the next one of the first."""
+        mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
+        self._others[topic] = (stamp, scan_from_message(message), mounting)
+
+    def _recent_others(self, stamp: int) -> list[tuple[Scan, Array]]:
+        """Latest scans of further sensors, moved to where the robot is at `stamp`."""
+        recent = []
+        for then, scan, mounting in self._others.values():
+            if abs(stamp - then) > OTHERS_AGE:
+                continue
+            motion = self._wheels.motion(then, stamp, self.settings.max_wheel_age) if then <= stamp else None
+            if motion is None:
+                motion = self._velocity * ((stamp - then) / NANOSECONDS)
+            recent.append((scan, pose_to_matrix(spatial(inverse(motion))) @ mounting))
+        return recent
 
     def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
         points, times = points_from_message(message)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from pydantic import field_validator
+from dataclasses import fields
 
+from pydantic import create_model, field_validator
+
+from registration.odometry import OdometryConfig
 from whereabouts.parameters.base import FrameParameters, setting
+from whereabouts.parameters.from_config import settings_of
+
+_WithOdometry = create_model("_WithOdometry", __base__=FrameParameters, **settings_of(OdometryConfig))  # type: ignore[call-overload]
 
 
-class ScanRegistrationParameters(FrameParameters):
-    """Parameters of `scan_registration`."""
+class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, misc]
+    """Parameters of `scan_registration`: its own, and all settings of `OdometryConfig`."""
 
     scan_topics: list[str] = setting(
-        ["scan"], "topics of planar scanners, all registered to one map; [''] for none", fixed=True
+        ["scan"],
+        "topics of planar scanners; those after the first are joined to its scans; [''] for none",
+        fixed=True,
     )
     cloud_topics: list[str] = setting(
         [""], "topics of 3D scanners; used instead of scans if given", fixed=True
@@ -21,9 +29,6 @@ class ScanRegistrationParameters(FrameParameters):
         0.5, "wheel odometry older than this before a scan is not used", unit="s", ge=0.0, le=10.0
     )
     publish_static_points: bool = setting(True, "publish static_points, the scan without movers")
-    max_range: float = setting(
-        80.0, "points farther from the sensor are not used", unit="m", ge=0.5, le=1000.0, fixed=True
-    )
 
     @field_validator("scan_topics", "cloud_topics")
     @classmethod
@@ -31,6 +36,11 @@ class ScanRegistrationParameters(FrameParameters):
         if len(set(topics)) != len(topics):
             raise ValueError("each topic may be named once")
         return topics
+
+    @property
+    def odometry(self) -> OdometryConfig:
+        """The library's settings."""
+        return OdometryConfig(**{item.name: getattr(self, item.name) for item in fields(OdometryConfig)})
 
     @property
     def scans(self) -> list[str]:
