@@ -27,6 +27,7 @@ from estimation.poses import (
 from registration.mounting import level_pose, seen_from_robot, upright
 from registration.odometry import Odometry
 from registration.scan import Scan
+from registration.warm_up import warm_up
 from registration.wheels import WheelHistory
 from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.conversions import (
@@ -57,6 +58,8 @@ class ScanRegistrationNode(SuiteNode):
 
     def setup(self) -> None:
         settings = self.settings
+        if not settings.clouds:
+            warm_up(settings.odometry)
         self._wheels = WheelHistory()
         self.listen_to_transforms()
         self.add_input(OdometryMessage, "wheel_odom", self._take_wheels)

@@ -23,7 +23,8 @@ from whereabouts.nodes.replayer import ReplayAccount, Replayer
 from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts.resources import config_file
 
-START_TIMEOUT = 60.0
+# The very first start on a machine compiles what registration runs per scan.
+START_TIMEOUT = 180.0
 QUIET = 0.5
 # What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
 REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
@@ -138,7 +139,7 @@ class _Watch:
 
         Raises
         ------
-        SuiteError : one is not after a minute, or has ended.
+        SuiteError : one is not in time, or has ended.
         """
         deadline = time.monotonic() + START_TIMEOUT
         for name, client in self._clients.items():
