@@ -101,7 +101,7 @@ def _clouds(source: Array, target: Array) -> Registration:
     import kiss_matcher
 
     best: Registration | None = None
-    for voxel in (3.0 * leaf_size(still), 5.0 * leaf_size(still)):
+    for voxel in (4.0 * leaf_size(still), 7.0 * leaf_size(still)):
         matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size=voxel))
         solution = matcher.estimate(moving.astype(np.float32), still.astype(np.float32))
         start = np.eye(4)
@@ -115,8 +115,6 @@ def _clouds(source: Array, target: Array) -> Registration:
             found = replace(found, converged=False, reason=reason)
         if best is None or (found.converged, found.fitness) > (best.converged, best.fitness):
             best = found
-        if best.converged and best.fitness > 0.6:
-            break
     if best is None:
         return Registration(np.eye(4), OPEN_VARIANCE * np.eye(6), 0.0, False, "no features correspond")
     return best

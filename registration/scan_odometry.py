@@ -22,6 +22,9 @@ from registration.scan import Scan
 from registration.surface import Surface, scan_surface, swept_surface
 
 NOISE = 0.01  # metres, of a range, until the data show their own
+MAP_NOISE = (
+    1.2  # variance of a scan's pose, map and scan noise together, over that from the scan's noise alone
+)
 LEAST_LINED = 15  # points on lines below which a scan is not registered
 
 
@@ -38,7 +41,7 @@ class Tuning:
     tolerance: float = 0.08
     patience: int = 8
     learn_offset: bool = True
-    drift: float = 1.0
+    drift: float = 0.1
 
 
 class ScanTracker:
@@ -169,5 +172,5 @@ def in_frame(covariance: Array, yaw: float) -> Array:
 def scan_covariance(refined: Refined, motion: Array, yaw: float) -> Array:
     """(3, 3) of a scan's pose against the map, odometry frame; open directions have the prediction's doubt."""
     prior = np.linalg.inv(in_frame(prediction_covariance(motion), -yaw))
-    covariance = np.linalg.inv(refined.information / EFFICIENCY + prior)
+    covariance = np.linalg.inv(refined.information / (MAP_NOISE * EFFICIENCY) + prior)
     return np.asarray(0.5 * (covariance + covariance.T))

@@ -18,7 +18,7 @@ from registration.motion import Array
 from registration.scan import Scan
 
 REACH = 0.3  # metres a neighbourhood extends to either side, more where beams are farther apart
-MOST_NEIGHBOURS = 15  # beams to either side
+MOST_NEIGHBOURS = 40  # beams to either side
 GRAZING = 0.12  # sine of the smallest angle between a beam and a surface
 
 
@@ -105,18 +105,21 @@ def _windows(x, y, beams, step):  # type: ignore[no-untyped-def]
         near = math.sqrt(min(x[i] * x[i] + y[i] * y[i], x[i + 1] * x[i + 1] + y[i + 1] * y[i + 1]))
         joined[i] = missed <= 3 and gaps[i] <= max(0.06, missed * step * near / GRAZING)
         pieces[i + 1] = pieces[i] if joined[i] else pieces[i] + 1
+    first = last = 0
     for i in range(n):
         reach = max(REACH, 3.5 * step * math.sqrt(x[i] * x[i] + y[i] * y[i]))
         reach *= reach
-        first = last = i
-        while first > 0 and joined[first - 1] and i - first < MOST_NEIGHBOURS:
-            dx, dy = x[first - 1] - x[i], y[first - 1] - y[i]
-            if dx * dx + dy * dy > reach:
-                break
-            first -= 1
+        # Both ends only move on: along a surface, what was too far behind stays too far.
+        if i > 0 and not joined[i - 1]:
+            first = i
+        first = max(first, i - MOST_NEIGHBOURS)
+        while first < i and (x[first] - x[i]) ** 2 + (y[first] - y[i]) ** 2 > reach:
+            first += 1
+        last = max(last, i)
+        while last > i and (x[last] - x[i]) ** 2 + (y[last] - y[i]) ** 2 > reach:
+            last -= 1
         while last < n - 1 and joined[last] and last - i < MOST_NEIGHBOURS:
-            dx, dy = x[last + 1] - x[i], y[last + 1] - y[i]
-            if dx * dx + dy * dy > reach:
+            if (x[last + 1] - x[i]) ** 2 + (y[last + 1] - y[i]) ** 2 > reach:
                 break
             last += 1
         ends[i, 0], ends[i, 1] = first, last
@@ -231,7 +234,7 @@ def points_surface(points: Array, noise: float) -> Surface:
     if n < 3:
         return Surface(points, feet, normals, tilt, spacing, pieces, noise, 1.0, np.ones(n), False)
     tree = cKDTree(points)
-    distance, index = tree.query(points, k=min(n, 2 * MOST_NEIGHBOURS))
+    distance, index = tree.query(points, k=min(n, 30))
     reach = np.maximum(REACH, 1.01 * distance[:, 2])
     inside = distance <= np.minimum(reach, 1.0)[:, None]
     count = inside.sum(axis=1)
