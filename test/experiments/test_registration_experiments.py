@@ -1,0 +1,69 @@
+"""The registration and odometry experiments run without recordings and report what they measured."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from registration import align
+from whereabouts.datasets import recording
+from whereabouts.experiments import odometry, registration
+from whereabouts.experiments.report import Options, Report
+from whereabouts.logs import open_log
+from whereabouts.simulation import Lidar
+from whereabouts.simulation.pairs import EASY, random_pair
+
+
+def test_a_method_is_tallied_by_its_errors() -> None:
+    rng = np.random.default_rng(0)
+    lidar = Lidar(181, 2.0 * np.pi)
+    tally = registration.measure(align, [random_pair(rng, lidar, EASY) for _ in range(5)])
+    success, median_mm, median_ms, wrong = tally.row()
+    assert success == 100.0
+    assert wrong == 0.0
+    assert 0.0 < median_mm < 20.0
+    assert median_ms > 0.0
+
+
+def test_other_libraries_have_the_signature_of_align() -> None:
+    rng = np.random.default_rng(1)
+    pair = random_pair(rng, Lidar(361, 2.0 * np.pi), EASY)
+    for name, aligner in registration.methods().items():
+        found = aligner(pair.source.scan, pair.target.scan)
+        assert found.transform.shape == (3,), name
+
+
+def test_absent_recordings_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(odometry, "_simulated", lambda options, report: None)
+    report = odometry.run(Options(out=tmp_path, quick=True))
+    assert isinstance(report, Report)
+    assert any("absent" in note for note in report.notes)
+
+
+def test_relative_errors_of_a_stretched_path() -> None:
+    truth = np.column_stack((np.arange(0.0, 60.0, 0.5), np.zeros(120), np.zeros(120)))
+    share, turn = odometry.relative_errors(truth * [1.02, 1.0, 1.0], truth)
+    assert share == pytest.approx(0.02)
+    assert turn == pytest.approx(0.0)
+
+
+def test_simulated_floors_carry_wheels_and_truth() -> None:
+    records, truth = odometry.simulated_floor(0, 1, Lidar(61))
+    assert len(records) == len(truth)
+    assert records[0].odometry is not None
+    outcome = odometry.follow(records[:60], wheels=True)
+    assert outcome.poses.shape == (60, 3)
+
+
+def test_corrected_scans_are_joined_to_raw_ones_in_order() -> None:
+    raw_path, corrected_path = (recording(f"carmen/{name}") for name in list(odometry.RAW.items())[-1])
+    if raw_path is None or corrected_path is None:
+        pytest.skip("the CARMEN recordings are not here")
+    with open_log(raw_path) as log:
+        raw = [record for record, _ in zip(log.scans(), range(200), strict=False)]
+    with open_log(corrected_path) as log:
+        corrected = [record for record, _ in zip(log.scans(), range(100), strict=False)]
+    index = odometry.joined(raw, corrected)
+    known = index[index >= 0]
+    assert len(known) > 90
+    assert (np.diff(known) > 0).all()

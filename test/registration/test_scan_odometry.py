@@ -1,0 +1,171 @@
+"""Scan odometry on simulated floors: drift, gaps, lying wheels, corridors, movers, deskewing, range offset."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from estimation.poses import between, compound, wrap_angle
+from registration import Odometry, OdometryConfig, Scan
+from registration.scan_odometry import ScanTracker
+from whereabouts.simulation import Drive, Lidar, Wheels, box, corridor, crowd, joined, outlines, random_floor
+
+LIDAR = Lidar(181)
+
+
+def floor_run(
+    seed: int, seconds: float = 60.0, lidar: Lidar = LIDAR
+) -> tuple[list[Scan], np.ndarray, np.ndarray]:
+    """Scans, true poses (N, 3) and wheel motions (N, 3) at 5 Hz."""
+    rng = np.random.default_rng(seed)
+    shapes, waypoints = random_floor(rng, rooms=2)
+    drive, wheels = Drive(waypoints), Wheels()
+    seen = [lidar.scan(shapes, drive(stamp), rng, stamp) for stamp in np.arange(0.0, seconds, 0.2)]
+    truth = np.array([scan.pose for scan in seen])
+    motions = [np.zeros(3)] + [wheels.motion(a, b, rng) for a, b in pairwise(truth)]
+    return [scan.scan for scan in seen], truth, np.array(motions)
+
+
+def final_error(odometry: Odometry, truth: np.ndarray) -> tuple[float, float]:
+    error = between(between(truth[0], truth[-1]), odometry.pose)
+    return float(np.hypot(*error[:2])), abs(float(error[2]))
+
+
+@pytest.mark.parametrize("with_wheels", [True, False])
+def test_follows_a_round_through_rooms(with_wheels: bool) -> None:
+    scans, truth, motions = floor_run(1)
+    odometry = Odometry()
+    for scan, motion in zip(scans, motions, strict=True):
+        odometry.register(scan, scan.stamp, motion if with_wheels else None)
+        assert odometry.converged, odometry.reason
+    away, turn = final_error(odometry, truth)
+    assert away < 0.05
+    assert turn < 0.01
+
+
+def test_increments_compound_to_the_pose_and_their_covariance_is_right() -> None:
+    scans, truth, motions = floor_run(2)
+    odometry, pose, squares = Odometry(), np.zeros(3), []
+    for k, (scan, motion) in enumerate(zip(scans, motions, strict=True)):
+        odometry.register(scan, scan.stamp, motion)
+        pose = compound(pose, odometry.increment)
+        np.testing.assert_allclose(pose, odometry.pose, atol=1e-9)
+        if k:
+            error = odometry.increment - between(truth[k - 1], truth[k])
+            error[2] = wrap_angle(error[2])
+            squares.append(error @ np.linalg.solve(odometry.increment_covariance, error))
+    assert 0.5 < np.mean(squares) / 3.0 < 2.0
+
+
+@pytest.mark.parametrize("jump", [[1.0, 0.0, 0.0], [0.0, 0.0, np.deg2rad(60.0)]])
+def test_recovers_from_wheels_that_jump(jump: list[float]) -> None:
+    scans, truth, motions = floor_run(3, seconds=30.0)
+    motions[80] = compound(motions[80], jump)
+    odometry = Odometry()
+    for scan, motion in zip(scans, motions, strict=True):
+        odometry.register(scan, scan.stamp, motion)
+    away, turn = final_error(odometry, truth)
+    assert away < 0.1
+    assert turn < 0.02
+    assert odometry.converged
+
+
+def test_stale_wheels_that_catch_up_do_no_harm() -> None:
+    scans, truth, motions = floor_run(4, seconds=30.0)
+    pending = np.zeros(3)
+    for k in range(60, 66):
+        pending, motions[k] = compound(pending, motions[k]), np.zeros(3)
+    motions[66] = compound(pending, motions[66])
+    odometry = Odometry()
+    for scan, motion in zip(scans, motions, strict=True):
+        odometry.register(scan, scan.stamp, motion)
+    assert final_error(odometry, truth)[0] < 0.1
+
+
+def test_survives_blind_scans() -> None:
+    scans, truth, motions = floor_run(5, seconds=30.0)
+    blind = Scan(np.full(181, np.inf), scans[0].angle_min, scans[0].angle_increment, 0.05, 30.0)
+    odometry = Odometry()
+    for k, (scan, motion) in enumerate(zip(scans, motions, strict=True)):
+        odometry.register(blind if 50 <= k < 54 else scan, scan.stamp, motion)
+        assert odometry.unsure == (50 <= k < 54)
+    assert final_error(odometry, truth)[0] < 0.1
+
+
+def test_a_corridor_is_filled_from_the_wheels_and_open_without() -> None:
+    rng = np.random.default_rng(6)
+    lidar = Lidar(181, range_max=8.0)
+    guided = Odometry()
+    for k in range(40):
+        scan = lidar.scan(corridor(), (0.1 * k - 2.0, 0.2, 0.0), rng, 0.2 * k).scan
+        guided.register(scan, scan.stamp, [0.1, 0.0, 0.0] if k else None)
+    assert abs(guided.pose[0] - 3.9) < 0.1
+    assert abs(guided.pose[1]) < 0.02
+    sigma = np.sqrt(np.diag(guided.increment_covariance))
+    assert sigma[0] > 5.0 * sigma[1]
+    assert "open" in guided.reason
+
+
+def test_people_around_are_neither_followed_nor_static() -> None:
+    rng = np.random.default_rng(7)
+    lidar, room = Lidar(361, 2.0 * np.pi * 360 / 361), box(9.0, 7.0)
+    movers = crowd(rng, np.zeros(2), 4, (1.5, 2.5))
+    odometry, moving, kept = Odometry(), 0, 0
+    for k in range(25):
+        seen = lidar.scan(joined([room, outlines(movers, 0.2 * k)]), (0.02 * k, 0.0, 0.01 * k), rng, 0.2 * k)
+        odometry.register(seen.scan, seen.scan.stamp)
+        if k > 5:
+            points = seen.scan.points()[seen.owners[seen.scan.valid] > 0]
+            static = {tuple(point) for point in np.round(odometry.static_points, 2)}
+            moving += len(points)
+            kept += sum(tuple(point) in static for point in np.round(points, 2))
+    np.testing.assert_allclose(odometry.pose, [0.48, 0.0, 0.24], atol=0.03)
+    assert kept < 0.5 * max(moving, 1)
+
+
+def turning(time: float) -> np.ndarray:
+    """A sensor that stands for 0.4 s, then drives and turns."""
+    moved = max(time - 0.4, 0.0)
+    return np.array([0.5 * moved - 1.0, 0.0, 0.6 * moved])
+
+
+def test_motion_during_the_sweep_is_undone() -> None:
+    rng = np.random.default_rng(8)
+    lidar, room = Lidar(361, 1.5 * np.pi, sweep_time=0.1), box(8.0, 6.0)
+    odometry, stamps = Odometry(), 0.15 * np.arange(30)
+    for k, stamp in enumerate(stamps):
+        scan = lidar.scan(room, turning, rng, stamp).scan
+        odometry.register(scan, stamp, between(turning(stamps[k - 1]), turning(stamp)) if k else None)
+    np.testing.assert_allclose(odometry.pose, between(turning(0.0), turning(stamps[-1])), atol=0.02)
+
+
+def test_a_range_offset_is_learned() -> None:
+    rng = np.random.default_rng(9)
+    shapes, waypoints = random_floor(rng, rooms=2)
+    drive, tracker, last = Drive(waypoints), ScanTracker(), None
+    for stamp in np.arange(0.0, 80.0, 0.2):
+        seen = LIDAR.scan(shapes, drive(stamp), rng, stamp)
+        scan = seen.scan
+        ranges = np.where(scan.valid, scan.ranges + 0.03, scan.ranges)
+        biased = Scan(ranges, scan.angle_min, scan.angle_increment, 0.05, 30.0, stamp)
+        tracker.step(biased, stamp, np.zeros(3) if last is None else between(last, seen.pose))
+        last = seen.pose
+    assert 0.01 < tracker.offset.value < 0.05
+
+
+def test_same_scans_same_poses() -> None:
+    scans, _, motions = floor_run(10, seconds=10.0)
+    outcomes = []
+    for _ in range(2):
+        odometry = Odometry()
+        outcomes.append([odometry.register(s, s.stamp, m) for s, m in zip(scans, motions, strict=True)])
+    np.testing.assert_array_equal(outcomes[0], outcomes[1])
+
+
+def test_kiss_icp_stays_selectable_for_scans() -> None:
+    scans, _, motions = floor_run(11, seconds=4.0)
+    odometry = Odometry(OdometryConfig(scan_method="kiss_icp"))
+    for scan, motion in zip(scans, motions, strict=True):
+        pose = odometry.register(scan, scan.stamp, motion)
+    assert pose.shape == (3,)
+    assert odometry.covariance.shape == (3, 3)
