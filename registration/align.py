@@ -29,6 +29,7 @@ METHODS = ("robust", "icp", "point_to_line", "ndt")
 REACH = 0.8  # metres around the guess that are searched
 TURN = np.deg2rad(50.0)  # radians around the guess that are searched
 CANDIDATES = 3
+SEARCHED = 64  # points of the source that are searched with
 
 
 def align(
@@ -90,7 +91,9 @@ def as_guess(guess: ArrayLike | None, shape: tuple[int, ...], default: Array) ->
 
 def search(moving: Outline, still: Outline, start: Array, reach: float, turn: float) -> Registration:
     """Best of the candidates within `reach` metres and `turn` radians of `start`."""
-    found = candidates(moving.surface.points, still.surface.points, start, reach, turn, most=CANDIDATES)
+    found = candidates(
+        moving.surface.points, still.surface.points, start, reach, turn, most=CANDIDATES, points=SEARCHED
+    )
     ranked = []
     for candidate in found:
         refined = refine(moving.surface, still.target, candidate[1:].copy(), 0.15)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 CELL = 0.25  # metres
 
+APART = 0.025  # metres between points of one line that are worth finding
 EMPTY = -1
 
 
@@ -25,6 +26,25 @@ def fill(points, heads, following):  # type: ignore[no-untyped-def]
     heads[:] = EMPTY
     mask = len(heads) - 1
     for k in range(len(points)):
+        cell = bucket_of(math.floor(points[k, 0] / CELL), math.floor(points[k, 1] / CELL), mask)
+        following[k] = heads[cell]
+        heads[cell] = k
+
+
+@njit(cache=True)
+def fill_thinned(points, normals, apart, heads, following):  # type: ignore[no-untyped-def]
+    """As `fill`, without points of a line closer than `apart` metres to the last one taken: their line is known."""
+    heads[:] = EMPTY
+    mask = len(heads) - 1
+    taken = EMPTY
+    for k in range(len(points)):
+        following[k] = EMPTY
+        if taken != EMPTY:
+            dx, dy = points[k, 0] - points[taken, 0], points[k, 1] - points[taken, 1]
+            same = normals[k, 0] * normals[taken, 0] + normals[k, 1] * normals[taken, 1]
+            if same > 0.95 and dx * dx + dy * dy < apart * apart:
+                continue
+        taken = k
         cell = bucket_of(math.floor(points[k, 0] / CELL), math.floor(points[k, 1] / CELL), mask)
         following[k] = heads[cell]
         heads[cell] = k
@@ -70,12 +90,14 @@ def any_near(x, y, reach, points, heads, following):  # type: ignore[no-untyped-
     return False
 
 
-def index(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Heads and chains of `points` (N, 2), for `nearest` and `any_near`."""
+def index(
+    points: NDArray[np.float64], normals: NDArray[np.float64]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Heads and chains of `points` (N, 2) with `normals` (N, 2), in beam order, for `nearest` and `any_near`."""
     size = 256
     while size < 2 * len(points):
         size *= 2
     heads = np.empty(size, dtype=np.int32)
     following = np.empty(len(points), dtype=np.int32)
-    fill(points, heads, following)
+    fill_thinned(points, normals, APART, heads, following)
     return heads, following

@@ -17,6 +17,8 @@ from registration.refine import EFFICIENCY, Refined
 from registration.result import Registration
 
 GUESS_SIGMA = np.array([0.5, 0.5, 0.5])  # m, m, rad: doubt about a guess where nothing else is known
+# m, m, rad: what many beams cannot average away, points near corners and edges that take a neighbour's line.
+FLOOR = np.array([3e-4, 3e-4, 6e-5])
 LEAST_FITNESS = 0.6
 LEAST_OVERLAP = 0.4
 LEAST_TOGETHER = 1.2  # fitness and overlap: little of the one takes much of the other
@@ -109,5 +111,5 @@ def pairwise_covariance(refined: Refined, still: Outline) -> Array:
     per_point = refined.noise**2 / (1.0 + still.surface.leverage)
     scale = 2.0 * per_point / refined.noise**2 * EFFICIENCY
     prior = np.diag(GUESS_SIGMA**-2.0)
-    covariance = np.linalg.inv(refined.information / scale + prior)
+    covariance = np.linalg.inv(refined.information / scale + prior) + np.diag(FLOOR**2)
     return 0.5 * (covariance + covariance.T)

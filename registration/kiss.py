@@ -16,7 +16,7 @@ from registration.motion import Array, Step
 MINIMUM_POINTS = 10
 NEIGHBOURS = 8
 OPEN_VARIANCE = 1.0  # m² and rad²: a direction the points say nothing about
-COVARIANCE_POINTS = 1500
+COVARIANCE_POINTS = 700
 
 
 class KissTracker:
@@ -74,17 +74,18 @@ class KissTracker:
         return Step(increment, covariance, not reason, reason, fitness, static)
 
     def _support(self, frame: Array, source: Array, increment: Array) -> tuple[Array, float]:
-        """Points of `frame` near the previous cloud, and the share of `source` that is."""
+        """Points of `frame` near the previous cloud, and the share of `source` that is.
+
+        Only `source` is compared point by point; the frame's points go with the voxel they are in.
+        """
         previous = self._previous
         assert previous is not None
+        size = 1.5 * self._engine.config.mapping.voxel_size
         limit = max(self._static_distance, 2.0 * self._engine.config.mapping.voxel_size)
-
-        def near(points: Array) -> NDArray[np.bool_]:
-            moved = points @ increment[:3, :3].T + increment[:3, 3]
-            distance, _ = previous.query(moved, distance_upper_bound=limit)
-            return np.isfinite(distance)
-
-        return frame[near(frame)], float(np.mean(near(source)))
+        moved = source @ increment[:3, :3].T + increment[:3, 3]
+        distance, _ = previous.query(moved, distance_upper_bound=limit)
+        near = np.isfinite(distance)
+        return frame[_in_voxels(frame, source[near], size)], float(np.mean(near))
 
     def _covariance(self, source: Array, increment: Array) -> tuple[Array, str]:
         points = source[:: max(1, len(source) // COVARIANCE_POINTS)]
@@ -100,6 +101,21 @@ class KissTracker:
         if variances.max() > 0.25 * OPEN_VARIANCE:
             return covariance, "the points leave a direction of motion open"
         return covariance, ""
+
+
+def _in_voxels(points: Array, marked: Array, size: float) -> NDArray[np.bool_]:
+    """Which `points` (N, 3) share a voxel of `size` metres with one of `marked` (M, 3)."""
+    if not len(marked):
+        return np.zeros(len(points), dtype=np.bool_)
+    low = marked.min(axis=0)
+    extent = np.floor((marked.max(axis=0) - low) / size).astype(np.int64) + 1
+    strides = np.array([extent[1] * extent[2], extent[2], 1])
+    # One row of zeros at the end answers for points outside.
+    table = np.zeros(int(np.prod(extent)) + 1, dtype=np.bool_)
+    table[np.floor((marked - low) / size).astype(np.int64) @ strides] = True
+    cells = np.floor((points - low) / size).astype(np.int64)
+    inside = ((cells >= 0) & (cells < extent)).all(axis=1)
+    return np.asarray(table[np.where(inside, cells @ strides, len(table) - 1)])
 
 
 def point_to_plane_information(points: Array, noise: float) -> Array:

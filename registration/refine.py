@@ -39,7 +39,7 @@ class Target:
 
 def target_of(surface: Surface) -> Target:
     """A scan's surface as the target of a registration."""
-    heads, following = index(surface.feet)
+    heads, following = index(surface.feet, surface.normals)
     return Target(surface.feet, surface.normals, surface.tilt, heads, following, surface.signed)
 
 
