@@ -48,4 +48,4 @@ def test_a_little_beyond_the_newest_is_extrapolated_and_too_far_is_refused() -> 
 
 def test_history_is_bounded() -> None:
     wheels = history(step=0.05, end=100.0)
-    assert len(wheels._stamps) <= 601
+    assert len(wheels) <= 601

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,6 +13,7 @@ from pytransform3d.transform_manager import StaticTransform, TemporalTransformMa
 from pytransform3d.transformations import transform_from_pq
 
 from estimation.errors import InputError, WhereaboutsError
+from estimation.history import StampedHistory
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 
 Matrix = NDArray[np.float64]
@@ -34,50 +34,36 @@ class MovingTransform(TimeVaryingTransform):
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._stamps: list[int] = []
-        self._poses: list[Matrix] = []
+        self.history: StampedHistory[Matrix] = StampedHistory(HISTORY)
 
     def insert(self, stamp: int, pose: Matrix) -> None:
-        """Add (7,) position and quaternion (w, x, y, z); a second value for one stamp replaces the first.
+        """Add (7,) position and quaternion (w, x, y, z).
 
         A stamp far behind the newest means that time jumped back: the history is forgotten.
         """
-        if self._stamps and stamp < self._stamps[-1] - JUMP:
-            self._stamps.clear()
-            self._poses.clear()
-        index = bisect.bisect_left(self._stamps, stamp)
-        if index < len(self._stamps) and self._stamps[index] == stamp:
-            self._poses[index] = pose
-            return
-        self._stamps.insert(index, stamp)
-        self._poses.insert(index, pose)
-        outdated = bisect.bisect_left(self._stamps, self._stamps[-1] - HISTORY)
-        if outdated:
-            del self._stamps[:outdated], self._poses[:outdated]
-
-    def forget_after(self, stamp: int) -> bool:
-        """Drop what is newer than `stamp`; whether anything is left."""
-        keep = bisect.bisect_right(self._stamps, stamp)
-        del self._stamps[keep:], self._poses[keep:]
-        return keep > 0
+        if self.history.newest is not None and stamp < self.history.newest - JUMP:
+            self.history.clear()
+        self.history.insert(stamp, pose)
 
     def as_matrix(self, query_time: Any) -> Matrix:
         """The transform at a stamp in nanoseconds, (4, 4)."""
-        if query_time > self._stamps[-1]:
-            ahead = (query_time - self._stamps[-1]) / NANOSECONDS
-            raise TransformError(f"{self._name}: {ahead:.3f} s newer than the newest transform", later=True)
-        if query_time < self._stamps[0]:
-            behind = (self._stamps[0] - query_time) / NANOSECONDS
-            raise TransformError(f"{self._name}: {behind:.3f} s older than the oldest transform", later=False)
-        index = bisect.bisect_left(self._stamps, query_time)
-        after = self._poses[index]
-        if self._stamps[index] == query_time:
-            return np.asarray(transform_from_pq(after))
-        before = self._poses[index - 1]
-        share = (query_time - self._stamps[index - 1]) / (self._stamps[index] - self._stamps[index - 1])
+        found = self.history.around(query_time)
+        if found is None:
+            raise self._out_of_range(query_time)
+        before, after, share = found
         position = (1.0 - share) * before[:3] + share * after[:3]
-        rotation = quaternion_slerp(before[3:], after[3:], share, shortest_path=True)
+        rotation = quaternion_slerp(before[3:], after[3:], share, shortest_path=True) if share else before[3:]
         return np.asarray(transform_from_pq(np.concatenate((position, rotation))))
+
+    def _out_of_range(self, stamp: int) -> TransformError:
+        oldest, newest = self.history.oldest, self.history.newest
+        assert oldest is not None
+        assert newest is not None
+        if stamp > newest:
+            ahead = (stamp - newest) / NANOSECONDS
+            return TransformError(f"{self._name}: {ahead:.3f} s newer than the newest transform", later=True)
+        behind = (oldest - stamp) / NANOSECONDS
+        return TransformError(f"{self._name}: {behind:.3f} s older than the oldest transform", later=False)
 
     def check_transforms(self) -> MovingTransform:
         return self
@@ -138,7 +124,8 @@ class TransformBuffer:
     def back_to(self, stamp: int) -> None:
         """Time jumped back to `stamp`: drop moving transforms of the time after it. Static ones stay."""
         for child, transform in list(self._moving.items()):
-            if not transform.forget_after(stamp + JUMP):
+            transform.history.forget_after(stamp + JUMP)
+            if not len(transform.history):
                 self._graph.remove_transform(child, self._parents.pop(child))
                 del self._moving[child]
 
