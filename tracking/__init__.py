@@ -1,1 +1,7 @@
 """Extended-target PHD filters, people in laser scans, motion prediction. Knows no ROS."""
+
+from tracking.phd import ExtendedTargetPhd, PhdHealth, PointTargetPhd
+from tracking.phd_config import PhdConfig
+from tracking.target import Target
+
+__all__ = ["ExtendedTargetPhd", "PhdConfig", "PhdHealth", "PointTargetPhd", "Target"]

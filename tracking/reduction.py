@@ -1,0 +1,101 @@
+"""Pruning, merging and capping of the intensity: Table II of Vo and Ma (2006), with labels kept apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from estimation.checks import FloatArray
+from estimation.gaussians import repair_covariance
+from tracking.components import Components, IntArray
+from tracking.phd_config import PhdConfig
+
+# A label of this much weight is a target of its own, which no other target may swallow.
+ESTABLISHED = 0.5
+
+
+@njit(cache=True)
+def _clusters(
+    means: FloatArray, inverses: FloatArray, labels: IntArray, own: IntArray, limit: float
+) -> IntArray:
+    """Index (J,) of the heaviest component each is merged into; components come heaviest first."""
+    leader = np.full(len(means), -1)
+    for i in range(len(means)):
+        if leader[i] >= 0:
+            continue
+        leader[i] = i
+        for j in range(i + 1, len(means)):
+            if leader[j] >= 0 or (own[i] and own[j] and labels[i] != labels[j]):
+                continue
+            square = 0.0
+            for a in range(4):
+                for b in range(4):
+                    square += (
+                        (means[j, a] - means[i, a]) * inverses[j, a, b] * (means[j, b] - means[i, b])
+                    )
+            if square <= limit:
+                leader[j] = i
+    return leader
+
+
+class Reducer:
+    """Keeps the intensity small."""
+
+    def __init__(self, config: PhdConfig) -> None:
+        self.config = config
+        self.repaired = 0
+
+    def reduce(self, components: Components) -> Components:
+        """Fewer components of nearly the same intensity, heaviest first."""
+        components = self._sound(components.select(components.weights > self.config.prune_weight))
+        components = components.select(np.argsort(-components.weights, kind="stable"))
+        if len(components) < 2:
+            return components
+        merged = self._merged(components)
+        order = np.argsort(-merged.weights, kind="stable")[: self.config.max_components]
+        return merged.select(order)
+
+    def _sound(self, components: Components) -> Components:
+        """Covariances made definite again where rounding took that from them."""
+        try:
+            np.linalg.cholesky(components.covariances)
+        except np.linalg.LinAlgError:
+            self.repaired += 1
+            symmetric = 0.5 * (components.covariances + np.swapaxes(components.covariances, 1, 2))
+            values, vectors = np.linalg.eigh(symmetric)
+            floor = np.maximum(values[:, -1:], 1e-12) * 1e-12
+            raised = (vectors * np.maximum(values, floor)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+            components.covariances = repair_covariance(0.5 * (raised + np.swapaxes(raised, 1, 2)))
+        return components
+
+    def _merged(self, components: Components) -> Components:
+        """Components within the merging distance of a heavier one, joined with their moments kept."""
+        _, name = np.unique(components.labels, return_inverse=True)
+        own = (np.bincount(name, components.weights)[name] >= ESTABLISHED).astype(np.int64)
+        inverses = np.linalg.inv(components.covariances)
+        leader = _clusters(
+            components.means, inverses, components.labels, own, float(self.config.merge_distance)
+        )
+        leaders, member = np.unique(leader, return_inverse=True)
+        if len(leaders) == len(components):
+            return components
+        weights = np.bincount(member, components.weights)
+        share = components.weights / weights[member]
+
+        def mean_of(values: FloatArray) -> FloatArray:
+            total = np.zeros((len(leaders), *values.shape[1:]))
+            np.add.at(total, member, share.reshape(-1, *(1,) * (values.ndim - 1)) * values)
+            return total
+
+        means = mean_of(components.means)
+        offsets = components.means - means[member]
+        covariances = mean_of(components.covariances + offsets[:, :, None] * offsets[:, None, :])
+        return Components(
+            weights,
+            means,
+            covariances,
+            components.labels[leaders],
+            mean_of(components.counts),
+            mean_of(components.spread),
+            mean_of(components.freedom),
+        )
