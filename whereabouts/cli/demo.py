@@ -45,13 +45,7 @@ def demo(
     """
     from whereabouts.bag_profile import profile_of
     from whereabouts.logs import read_g2o
-    from whereabouts.nodes.suite import (
-        REPLAY_PARAMETERS,
-        SuiteError,
-        SuiteRun,
-        prepare_environment,
-        run_suite,
-    )
+    from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, prepare_environment, run_suite
     from whereabouts.nodes.supervisor import NodeSpec, SuiteError
     from whereabouts.progress import progress_bar
     from whereabouts.replay_report import read_replay, revisit_errors, write_report
