@@ -93,6 +93,8 @@ def demo(
         misses = revisit_errors(replayed.poses, graph)
         figures["revisits"] = len(misses)
         figures["revisit_error_median_m"] = _median(misses)
+        for name, poses in (("scan_registration", replayed.poses), ("wheels", replayed.wheels)):
+            figures |= _relative_errors(name, poses, solved)
     page = write_report(out, _title(killian, path), replayed, _facts(figures), solved)
     write_figures(json_file, figures)
     for name, value in _facts(figures).items():
@@ -119,6 +121,21 @@ def _bag(bag: str | None, out: Path) -> Path:
     typer.echo(f"converting {path} to {target}")
     convert_log(path, target)
     return target
+
+
+def _relative_errors(name: str, poses: Any, solved: Any) -> dict[str, float]:
+    """Median error over 20 m against the solved graph, in per cent and degrees."""
+    import numpy as np
+
+    from estimation.metrics import relative_pose_error
+
+    if len(poses) != len(solved):
+        return {}
+    errors = relative_pose_error(poses, solved, 20.0, "metres")
+    return {
+        f"{name}_20m_percent": float(np.median(errors.translation)) / 20.0 * 100.0,
+        f"{name}_20m_degrees": float(np.degrees(np.median(errors.rotation))),
+    }
 
 
 def _median(values: Any) -> float:
@@ -168,4 +185,10 @@ def _facts(figures: dict[str, Any]) -> dict[str, str]:
         facts["miss at known revisits, before any loop is closed"] = (
             f"median {figures['revisit_error_median_m']:.2f} m over {figures['revisits']} revisits"
         )
+    for name in ("scan_registration", "wheels"):
+        if f"{name}_20m_percent" in figures:
+            percent, degrees = figures[f"{name}_20m_percent"], figures[f"{name}_20m_degrees"]
+            facts[f"error over 20 m to the solved graph, {name}"] = (
+                f"{percent:.2f} %, {degrees:.2f}° (medians)"
+            )
     return facts
