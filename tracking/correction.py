@@ -109,9 +109,7 @@ class Corrector:
         c, j = np.nonzero(log_weights > self.log_floor)
         return Components.join([missed, self._detected(predicted, cells, c, j, np.exp(log_weights[c, j]))])
 
-    def _log_pairs(
-        self, predicted: Components, detection: FloatArray, cells: CellStatistics
-    ) -> FloatArray:
+    def _log_pairs(self, predicted: Components, detection: FloatArray, cells: CellStatistics) -> FloatArray:
         """Log of Γ p_D Φ w (C, J): the summands of (9f)."""
         H, R = self.measurement.H, self.measurement.R
         log_phi = centroid_log_likelihood(

@@ -63,9 +63,9 @@ class ExtendedTargetPhd:
         self.detection: Detection = detection or ConstantDetection(self.config)
         self.partitioner = self._partitioner()
         self.corrector = Corrector(self.config, self.measurement, self._returns())
-        self.reducer = Reducer(self.config)
-        self.extractor = Extractor(self.config)
         self.labels = Labels()
+        self.reducer = Reducer(self.config, self.labels)
+        self.extractor = Extractor(self.config)
         self.health = PhdHealth()
         self.components = Components.empty()
         self.stamp: float | None = None

@@ -59,7 +59,7 @@ class PhdConfig:
     """Quantiles of χ² with 2 degrees of freedom between which thresholds are used: σ√δ."""
     subpartitions: bool = True
     """Whether cells are also divided by predicted targets and by likely counts (for targets that meet)."""
-    count_reassignments: bool = False
+    count_reassignments: bool = True
     """Whether a sub-partition also carries the weight of the reassignments of single returns it stands for."""
     prune_weight: float = 1e-3
     """Components of less weight are dropped."""

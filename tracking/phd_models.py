@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from estimation.checks import FloatArray
-from tracking.components import Components
+from tracking.components import Components, IntArray
 from tracking.phd_config import PhdConfig
 
 # Scans' worth of prior returns behind a new target's rate and extent.
@@ -20,7 +20,7 @@ class Labels:
     def __init__(self) -> None:
         self.next = 0
 
-    def take(self, count: int) -> FloatArray:
+    def take(self, count: int) -> IntArray:
         """`count` unused numbers."""
         self.next += count
         return np.arange(self.next - count, self.next)
@@ -74,9 +74,7 @@ class ConstantVelocityMotion:
             labels,
         )
 
-    def spawned(
-        self, survivors: Components, moved: FloatArray, scans: float, labels: Labels
-    ) -> Components:
+    def spawned(self, survivors: Components, moved: FloatArray, scans: float, labels: Labels) -> Components:
         """The spawn intensity (18): around each target; not where pruning would drop it at once."""
         if self.config.spawn is None or len(survivors) == 0:
             return Components.empty()
@@ -96,7 +94,7 @@ class ConstantVelocityMotion:
             weights,
             means,
             covariances,
-            labels.take(count).astype(np.int64),
+            labels.take(count),
             np.tile([PRIOR_SCANS * gamma, PRIOR_SCANS], (count, 1)),
             np.tile(spread, (count, 1, 1)),
             np.full(count, freedom),

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from scipy.optimize import linear_sum_assignment
 
 from estimation.checks import FloatArray
 from estimation.gaussians import repair_covariance
 from tracking.components import Components, IntArray
 from tracking.phd_config import PhdConfig
+from tracking.phd_models import Labels
 
-# A label of this much weight is a target of its own, which no other target may swallow.
+# A component of this much weight is a target of its own, which no other such component may swallow.
 ESTABLISHED = 0.5
+# Components of at least this weight are told apart by their labels.
+DISTINCT = 0.3
 
 
 @njit(cache=True)
-def _clusters(
-    means: FloatArray, inverses: FloatArray, labels: IntArray, own: IntArray, limit: float
-) -> IntArray:
+def _clusters(weights: FloatArray, means: FloatArray, inverses: FloatArray, limit: float) -> IntArray:
     """Index (J,) of the heaviest component each is merged into; components come heaviest first."""
     leader = np.full(len(means), -1)
     for i in range(len(means)):
@@ -25,31 +27,46 @@ def _clusters(
             continue
         leader[i] = i
         for j in range(i + 1, len(means)):
-            if leader[j] >= 0 or (own[i] and own[j] and labels[i] != labels[j]):
+            if leader[j] >= 0 or weights[j] >= ESTABLISHED:
                 continue
             square = 0.0
             for a in range(4):
                 for b in range(4):
-                    square += (
-                        (means[j, a] - means[i, a]) * inverses[j, a, b] * (means[j, b] - means[i, b])
-                    )
+                    square += (means[j, a] - means[i, a]) * inverses[j, a, b] * (means[j, b] - means[i, b])
             if square <= limit:
                 leader[j] = i
     return leader
 
 
+def distinct_labels(weights: FloatArray, evidence: FloatArray, names: IntArray, labels: Labels) -> IntArray:
+    """One label (J,) per component from the weight (J, L) it has from components of each of the L labels `names`.
+
+    Components heavy enough to be targets get different labels, so that as much weight as possible keeps its label;
+    one that shares its only label with a heavier target gets a new one. The others keep their most frequent.
+    """
+    chosen = names[evidence.argmax(1)]
+    heavy = np.flatnonzero(weights >= DISTINCT)
+    rows, columns = linear_sum_assignment(-evidence[heavy])
+    taken = np.full(len(heavy), -1)
+    taken[rows] = columns
+    for i, column in zip(heavy, taken, strict=True):
+        known = column >= 0 and evidence[i, column] > 0
+        chosen[i] = names[column] if known else labels.take(1)[0]
+    return chosen
+
+
 class Reducer:
     """Keeps the intensity small."""
 
-    def __init__(self, config: PhdConfig) -> None:
-        self.config = config
+    def __init__(self, config: PhdConfig, labels: Labels) -> None:
+        self.config, self.labels = config, labels
         self.repaired = 0
 
     def reduce(self, components: Components) -> Components:
         """Fewer components of nearly the same intensity, heaviest first."""
         components = self._sound(components.select(components.weights > self.config.prune_weight))
         components = components.select(np.argsort(-components.weights, kind="stable"))
-        if len(components) < 2:
+        if len(components) == 0:
             return components
         merged = self._merged(components)
         order = np.argsort(-merged.weights, kind="stable")[: self.config.max_components]
@@ -70,15 +87,10 @@ class Reducer:
 
     def _merged(self, components: Components) -> Components:
         """Components within the merging distance of a heavier one, joined with their moments kept."""
-        _, name = np.unique(components.labels, return_inverse=True)
-        own = (np.bincount(name, components.weights)[name] >= ESTABLISHED).astype(np.int64)
         inverses = np.linalg.inv(components.covariances)
-        leader = _clusters(
-            components.means, inverses, components.labels, own, float(self.config.merge_distance)
-        )
+        limit = float(self.config.merge_distance)
+        leader = _clusters(components.weights, components.means, inverses, limit)
         leaders, member = np.unique(leader, return_inverse=True)
-        if len(leaders) == len(components):
-            return components
         weights = np.bincount(member, components.weights)
         share = components.weights / weights[member]
 
@@ -87,6 +99,9 @@ class Reducer:
             np.add.at(total, member, share.reshape(-1, *(1,) * (values.ndim - 1)) * values)
             return total
 
+        names, name = np.unique(components.labels, return_inverse=True)
+        evidence = np.zeros((len(leaders), len(names)))
+        np.add.at(evidence, (member, name), components.weights)
         means = mean_of(components.means)
         offsets = components.means - means[member]
         covariances = mean_of(components.covariances + offsets[:, :, None] * offsets[:, None, :])
@@ -94,7 +109,7 @@ class Reducer:
             weights,
             means,
             covariances,
-            components.labels[leaders],
+            distinct_labels(weights, evidence, names, self.labels),
             mean_of(components.counts),
             mean_of(components.spread),
             mean_of(components.freedom),

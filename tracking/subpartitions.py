@@ -100,9 +100,7 @@ class Subpartitions:
         logs = np.column_stack([np.full(len(z), self.log_clutter), np.log(self.gamma) + density])
         return np.asarray(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)))
 
-    def _by_count(
-        self, points: FloatArray, cell: int, builder: PartitionBuilder
-    ) -> tuple[list[int], float]:
+    def _by_count(self, points: FloatArray, cell: int, builder: PartitionBuilder) -> tuple[list[int], float]:
         """The cell in n/γ clusters."""
         members = builder.members(cell)
         number = max(2, round(len(members) / self.gamma))
