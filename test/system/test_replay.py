@@ -189,8 +189,16 @@ def test_node_ends_when_its_supervisor_is_killed(bag: Path, tmp_path: Path) -> N
 
 
 def children(pid: int) -> list[int]:
-    found = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(text) for text in found.read_text().split()] if found.exists() else []
+    """Processes whose parent is `pid`."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid:
+            found.append(int(path.parent.name))
+    return found
 
 
 def alive(pid: int) -> bool:
