@@ -4,7 +4,7 @@ Common arguments
 ----------------
 r : (N,) ranges in metres in order of acquisition, limited to `limit`; a no-return is at `limit`.
 limit : r_max, metres.
-P : (N, 2 | 3) positions in metres; a row of NaN where the direction of a no-return is unknown.
+P : (N, 3) positions in metres, z = 0 in a planar scan; a row of NaN where the direction of a no-return is unknown.
 steps : (L,) distance from point i to the next one, metres; L = N where the last point is followed by the first
     (a full circle), else N - 1. NaN where a position is unknown.
 
@@ -19,6 +19,8 @@ import math
 import numba
 import numpy as np
 
+# All bin widths of Table 7 are whole multiples of 5 cm: ranges are tabulated once, and counts added up.
+BINS_PER_METRE = 20
 # Sums may be reordered (that makes them vectorise); NaN and infinity keep their meaning.
 _SUMS = {"reassoc", "contract"}
 # Eigenvalues of the scatter below this share of the largest are none: the points lie on a line or in a plane.
@@ -76,34 +78,41 @@ def range_statistics(r, below, limit):  # type: ignore[no-untyped-def]
     return mean_below / limit, mean / limit, deviation_below / limit, deviation / limit
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=_SUMS)
 def _scatter(P):  # type: ignore[no-untyped-def]
-    """Of the known points: number, mean (d,), Σ u uᵀ (d, d), ½ Σ |u|² u (d,), Σ |u|², with u = p - mean."""
-    d = P.shape[1]
-    count, mean = 0, np.zeros(d)
+    """Of the known points: number, mean (3,), Σ u uᵀ (3, 3), ½ Σ |u|² u (3,), with u = p - mean."""
+    count, x, y, z = 0, 0.0, 0.0, 0.0
     for i in range(len(P)):
         if not math.isnan(P[i, 0]):
             count += 1
-            for a in range(d):
-                mean[a] += P[i, a]
-    mean /= max(count, 1)
-    second, third, squares, u = np.zeros((d, d)), np.zeros(d), 0.0, np.empty(d)
+            x += P[i, 0]
+            y += P[i, 1]
+            z += P[i, 2]
+    some = max(count, 1)
+    x, y, z = x / some, y / some, z / some
+    xx, xy, xz, yy, yz, zz, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(P)):
         if math.isnan(P[i, 0]):
             continue
-        size = 0.0
-        for a in range(d):
-            u[a] = P[i, a] - mean[a]
-            size += u[a] * u[a]
-        squares += size
-        for a in range(d):
-            third[a] += 0.5 * size * u[a]
-            for b in range(a + 1):
-                second[a, b] += u[a] * u[b]
-    for a in range(d):
-        for b in range(a):
-            second[b, a] = second[a, b]
-    return count, mean, second, third, squares
+        u, v, w = P[i, 0] - x, P[i, 1] - y, P[i, 2] - z
+        half = 0.5 * (u * u + v * v + w * w)
+        xx, xy, xz = xx + u * u, xy + u * v, xz + u * w
+        yy, yz, zz = yy + v * v, yz + v * w, zz + w * w
+        px, py, pz = px + half * u, py + half * v, pz + half * w
+    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return count, np.array([x, y, z]), second, np.array([px, py, pz])
+
+
+@numba.njit(cache=True, fastmath=_SUMS)
+def _distances(P, centre, kept):  # type: ignore[no-untyped-def]
+    """Distances of the points that are `kept` (N,) to `centre` (3,)."""
+    found, count = np.empty(len(P)), 0
+    x, y, z = centre
+    for i in range(len(P)):
+        if kept[i]:
+            found[count] = math.sqrt((P[i, 0] - x) ** 2 + (P[i, 1] - y) ** 2 + (P[i, 2] - z) ** 2)
+            count += 1
+    return found[:count]
 
 
 @numba.njit(cache=True)
@@ -111,67 +120,45 @@ def circularity(P, limit):  # type: ignore[no-untyped-def]
     """Features 7 to 9, the fitted circle or sphere: r_c / r_max, residual sum of squares / (N r_c), |p_c| / r_max.
 
     The text asks for a least squares fit and does not say of what. Fitted is the linear form |p|² = 2 p·c + k (no
-    iteration, one solution). Points on a line (in a plane, for a sphere) do not determine the centre across it: it is
-    put onto the line (plane). The residual is 0 where r_c is.
+    iteration, one solution). Points in a plane do not determine a centre off it, points on a line none beside it: the
+    centre is put into the plane (which makes it the circle of a planar scan) or onto the line. The residual is 0
+    where r_c is.
     """
-    d = P.shape[1]
-    count, centre, second, third, squares = _scatter(P)
+    count, centre, second, third = _scatter(P)
     if count == 0:
         return 0.0, 0.0, 0.0
     values, vectors = np.linalg.eigh(second)
-    away = 0.0
-    for k in range(d):
-        if values[k] <= _FLAT * values[d - 1]:
-            continue
-        along = 0.0
-        for a in range(d):
-            along += vectors[a, k] * third[a]
-        along /= values[k]
-        away += along * along
-        for a in range(d):
-            centre[a] += along * vectors[a, k]
-    radius = math.sqrt(away + squares / count)
-    residual = 0.0
-    for i in range(len(P)):
-        if math.isnan(P[i, 0]):
-            continue
-        distance = 0.0
-        for a in range(d):
-            distance += (P[i, a] - centre[a]) ** 2
-        residual += (radius - math.sqrt(distance)) ** 2
-    offset = 0.0
-    for a in range(d):
-        offset += centre[a] * centre[a]
-    return radius / limit, residual / (count * radius) if radius > 0.0 else 0.0, math.sqrt(offset) / limit
+    square = (second[0, 0] + second[1, 1] + second[2, 2]) / count
+    for k in range(3):
+        if values[k] > _FLAT * values[2]:
+            along = (vectors[0, k] * third[0] + vectors[1, k] * third[1] + vectors[2, k] * third[2]) / values[
+                k
+            ]
+            square += along * along
+            for a in range(3):
+                centre[a] += along * vectors[a, k]
+    radius = math.sqrt(square)
+    mean, deviation = mean_and_deviation(_distances(P, centre, ~np.isnan(P[:, 0])))
+    residual = deviation * deviation + (radius - mean) ** 2
+    offset = math.sqrt(centre[0] ** 2 + centre[1] ** 2 + centre[2] ** 2)
+    return radius / limit, residual / radius if radius > 0.0 else 0.0, offset / limit
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=_SUMS)
 def centroid(r, P, limit):  # type: ignore[no-untyped-def]
     """Features 10 to 12, of points below the limit: |mean|, then mean and standard deviation of distances to it, m."""
-    d = P.shape[1]
-    count, mean = 0, np.zeros(d)
+    count, x, y, z = 0, 0.0, 0.0, 0.0
     for i in range(len(r)):
         if r[i] < limit:
             count += 1
-            for a in range(d):
-                mean[a] += P[i, a]
+            x += P[i, 0]
+            y += P[i, 1]
+            z += P[i, 2]
     if count == 0:
         return 0.0, 0.0, 0.0
-    mean /= count
-    distances = np.empty(count)
-    k = 0
-    for i in range(len(r)):
-        if r[i] < limit:
-            square = 0.0
-            for a in range(d):
-                square += (P[i, a] - mean[a]) ** 2
-            distances[k] = math.sqrt(square)
-            k += 1
-    offset = 0.0
-    for a in range(d):
-        offset += mean[a] * mean[a]
-    average, deviation = mean_and_deviation(distances)
-    return math.sqrt(offset), average, deviation
+    mean = np.array([x / count, y / count, z / count])
+    average, deviation = mean_and_deviation(_distances(P, mean, r < limit))
+    return math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2), average, deviation
 
 
 @numba.njit(cache=True)
@@ -206,13 +193,9 @@ def distance_and_regularity(r, steps, limit, gate):  # type: ignore[no-untyped-d
 @numba.njit(cache=True)
 def _legs(P, before, here, after):  # type: ignore[no-untyped-def]
     """Of the two legs of a corner: |a × b|, a · b and the distance between its ends, |a + b|."""
-    ax, ay = P[here, 0] - P[before, 0], P[here, 1] - P[before, 1]
-    bx, by = P[after, 0] - P[here, 0], P[after, 1] - P[here, 1]
-    z = ax * by - ay * bx
-    if P.shape[1] == 2:
-        return abs(z), ax * bx + ay * by, math.sqrt((ax + bx) ** 2 + (ay + by) ** 2)
-    az, bz = P[here, 2] - P[before, 2], P[after, 2] - P[here, 2]
-    x, y = ay * bz - az * by, az * bx - ax * bz
+    ax, ay, az = P[here, 0] - P[before, 0], P[here, 1] - P[before, 1], P[here, 2] - P[before, 2]
+    bx, by, bz = P[after, 0] - P[here, 0], P[after, 1] - P[here, 1], P[after, 2] - P[here, 2]
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     far = math.sqrt((ax + bx) ** 2 + (ay + by) ** 2 + (az + bz) ** 2)
     return math.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz, far
 
@@ -236,7 +219,7 @@ def curvature(r, P, steps, limit, gate):  # type: ignore[no-untyped-def]
     first, last = _corners(r, steps)
     found, count = np.empty(n), 0
     for i in range(first, last):
-        before, after = (i - 1) % n, (i + 1) % n
+        before, after = i - 1 if i > 0 else n - 1, i + 1 if i + 1 < n else 0
         if not (r[before] < limit and r[i] < limit and r[after] < limit):
             continue
         if not (0.0 < steps[before] < gate and 0.0 < steps[i] < gate):
@@ -325,7 +308,7 @@ def angular_difference(r, P, steps, limit):  # type: ignore[no-untyped-def]
     first, last = _corners(r, steps)
     total = 0.0
     for i in range(first, last):
-        before, after = (i - 1) % n, (i + 1) % n
+        before, after = i - 1 if i > 0 else n - 1, i + 1 if i + 1 < n else 0
         if r[before] < limit and r[i] < limit and r[after] < limit and steps[before] > 0.0 and steps[i] > 0.0:
             cross, dot, _ = _legs(P, before, i, after)
             # The arc cosine of the text loses half the digits of a small angle; this is the same angle.
@@ -334,14 +317,21 @@ def angular_difference(r, P, steps, limit):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def range_histograms(r, widths, starts):  # type: ignore[no-untyped-def]
+def range_histograms(r, multiples, starts):  # type: ignore[no-untyped-def]
     """Features 36 to 44 in 2D, 33 to 41 in 3D: all ranges tabulated in bins of each width, one after the other.
 
-    widths : (H,) metres;  starts : (H + 1,) where each histogram begins. A range at the limit is in the last bin.
+    multiples : (H,) bin widths in units of 1 / BINS_PER_METRE;  starts : (H + 1,) where each histogram begins. A range
+    at the limit is in the last bin.
     """
+    finest = starts[1] * multiples[0]
+    fine = np.zeros(finest, dtype=np.int64)
+    for i in range(len(r)):
+        # A product, not a quotient: ranges in whole centimetres fall on edges, and 0.7 * 20 is 14 while 0.7 / 0.05
+        # is below it.
+        fine[min(int(r[i] * BINS_PER_METRE), finest - 1)] += 1
     counts = np.zeros(starts[-1])
-    for h in range(len(widths)):
+    for h in range(len(multiples)):
         last = starts[h + 1] - 1
-        for i in range(len(r)):
-            counts[min(starts[h] + int(r[i] / widths[h]), last)] += 1.0
+        for k in range(finest):
+            counts[min(starts[h] + k // multiples[h], last)] += fine[k]
     return counts

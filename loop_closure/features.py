@@ -104,10 +104,10 @@ def features_2d(scan: Scan, max_range: float) -> PlaceFeatures:
     bearings, step = scan.bearings, abs(scan.angle_increment)
     if scan.angle_increment < 0.0:
         r, bearings = r[::-1].copy(), bearings[::-1]
-    P = np.column_stack((r * np.cos(bearings), r * np.sin(bearings)))
+    P = np.column_stack((r * np.cos(bearings), r * np.sin(bearings), np.zeros(count)))
     full_circle = count >= 3 and count * step >= 2.0 * np.pi - 0.5 * step
-    widths, starts = _bins(limit)
-    values, counts = _describe_2d(r, P, full_circle, limit, widths, starts)
+    multiples, starts = _bins(limit)
+    values, counts = _describe_2d(r, P, full_circle, limit, multiples, starts)
     return _place(values, counts, starts, limit)
 
 
@@ -125,8 +125,8 @@ def features_3d(points: npt.ArrayLike, max_range: float) -> PlaceFeatures:
     cloud = as_floats("points", points)
     if cloud.ndim != 2 or cloud.shape[1] != 3 or len(cloud) == 0:
         raise InputError(f"points must have shape (N, 3) with N at least 1, not {cloud.shape}")
-    widths, starts = _bins(limit)
-    values, counts = _describe_3d(np.ascontiguousarray(cloud), limit, widths, starts)
+    multiples, starts = _bins(limit)
+    values, counts = _describe_3d(np.ascontiguousarray(cloud), limit, multiples, starts)
     return _place(values, counts, starts, limit)
 
 
@@ -145,12 +145,12 @@ def scan_order(points: npt.ArrayLike, ring: float = 0.01) -> FloatArray:
 
 
 @cache
-def _bins(limit: float) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Bin widths (9,) and where each of the histograms up to `limit` begins, (10,)."""
+def _bins(limit: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Bin widths as multiples of 5 cm, (9,), and where each of the histograms up to `limit` begins, (10,)."""
     widths = np.array(BIN_WIDTHS)
     # 50 / 0.1 must be 500 bins, whatever its last digit.
-    counts = np.ceil(limit / widths - 1e-9).astype(np.int64)
-    return widths, np.concatenate(([0], np.cumsum(np.maximum(counts, 1))))
+    counts = np.maximum(np.ceil(limit / widths - 1e-9), 1).astype(np.int64)
+    return np.rint(widths * define.BINS_PER_METRE).astype(np.int64), np.concatenate(([0], np.cumsum(counts)))
 
 
 def _place(
@@ -180,31 +180,29 @@ def _common(r, P, steps, limit, power):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _steps(P, full_circle):  # type: ignore[no-untyped-def]
-    """Distance of each point (N, d) to the next, (N,) in a full circle, else (N - 1,)."""
+    """Distance of each point (N, 3) to the next, (N,) in a full circle, else (N - 1,)."""
     n = len(P)
     steps = np.empty(n if full_circle else n - 1)
     for i in range(len(steps)):
         after = i + 1 if i + 1 < n else 0
-        square = 0.0
-        for a in range(P.shape[1]):
-            square += (P[after, a] - P[i, a]) ** 2
-        steps[i] = np.sqrt(square)
+        x, y, z = P[after, 0] - P[i, 0], P[after, 1] - P[i, 1], P[after, 2] - P[i, 2]
+        steps[i] = np.sqrt(x * x + y * y + z * z)
     return steps
 
 
 @numba.njit(cache=True)
-def _describe_2d(r, P, full_circle, limit, widths, starts):  # type: ignore[no-untyped-def]
-    """Scalar features (35,) and concatenated histograms of ranges (N,) at positions (N, 2)."""
+def _describe_2d(r, P, full_circle, limit, multiples, starts):  # type: ignore[no-untyped-def]
+    """Scalar features (35,) and concatenated histograms of ranges (N,) at positions (N, 3)."""
     steps = _steps(P, full_circle)
     values = np.empty(SCALARS_2D)
     values[:SCALARS_3D] = _common(r, P, steps, limit, 2)
     values[32], values[33] = define.groups(r, steps, DISTANCE_GATE, GROUP_MINIMUM)
     values[34] = define.angular_difference(r, P, steps, limit)
-    return values, define.range_histograms(r, widths, starts)
+    return values, define.range_histograms(r, multiples, starts)
 
 
 @numba.njit(cache=True)
-def _describe_3d(points, limit, widths, starts):  # type: ignore[no-untyped-def]
+def _describe_3d(points, limit, multiples, starts):  # type: ignore[no-untyped-def]
     """Scalar features (32,) and concatenated histograms of a cloud (N, 3)."""
     n = len(points)
     r, P = np.empty(n), np.empty((n, 3))
@@ -219,4 +217,4 @@ def _describe_3d(points, limit, widths, starts):  # type: ignore[no-untyped-def]
         scale = limit / distance if distance > limit else 1.0
         P[i, 0], P[i, 1], P[i, 2] = scale * x, scale * y, scale * z
     values = _common(r, P, _steps(P, False), limit, 3)
-    return values, define.range_histograms(r, widths, starts)
+    return values, define.range_histograms(r, multiples, starts)
