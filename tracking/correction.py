@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from estimation.checks import FloatArray
 from tracking.components import Components, IntArray
@@ -61,8 +60,8 @@ def partition_log_weights(log_d: FloatArray, partitions: Partitions) -> tuple[Fl
 
     Groups are independent, so normalising each by itself normalises their product. Returns (partitions,), (C,).
     """
-    totals = np.bincount(partitions.partition, log_d[partitions.cell], len(partitions.group))
-    totals += partitions.multiplicity
+    products = np.bincount(partitions.partition, log_d[partitions.cell], len(partitions.group))
+    totals: FloatArray = products + partitions.multiplicity
     log_omega = totals - _group_logsumexp(totals, partitions.group)[partitions.group]
     inside = np.bincount(partitions.cell, np.exp(log_omega)[partitions.partition], len(log_d))
     with np.errstate(divide="ignore"):
@@ -101,7 +100,7 @@ class Corrector:
         cells = CellStatistics.of(points, partitions)
         log_pairs = self._log_pairs(predicted, detection, cells)
         alone = np.where(cells.counts == 1, 0.0, -np.inf)
-        log_d = np.logaddexp(alone, logsumexp(log_pairs, axis=1))
+        log_d = np.logaddexp(alone, np.logaddexp.reduce(log_pairs, axis=1))
         # A cell nothing explains is impossible, yet a group must keep a partition to be normalised by.
         log_d = np.maximum(log_d, -1e6 * cells.counts)
         _, log_inside = partition_log_weights(log_d, partitions)

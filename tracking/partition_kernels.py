@@ -91,3 +91,44 @@ def k_means(points: FloatArray, k: int, iterations: int) -> tuple[IntArray, Floa
         if not changed:
             break
     return cluster, centres
+
+
+@njit(cache=True)
+def assign_to_targets(
+    z: FloatArray, means: FloatArray, P: FloatArray, variance: float, rate: float, clutter: float, sweeps: int
+) -> tuple[IntArray, FloatArray]:
+    """Likeliest origin of each return (n,), 0 for clutter and k + 1 for target k, and its probability (n,).
+
+    z (n, 2); predicted positions means (K, 2), P (K, 2, 2); variance of a return about its target, m²; expected
+    returns per target; clutter density, 1/m². Between sweeps the positions are corrected by their shares of returns.
+    """
+    n, K = len(z), len(means)
+    x, S, scale = means.copy(), np.empty((K, 2, 2)), np.empty(K)
+    for k in range(K):
+        S[k] = P[k] + variance * np.eye(2)
+    owner, best, shares = np.zeros(n, np.int64), np.zeros(n), np.empty((n, K + 1))
+    for sweep in range(sweeps):
+        for k in range(K):
+            scale[k] = rate / (2.0 * np.pi * np.sqrt(S[k, 0, 0] * S[k, 1, 1] - S[k, 0, 1] ** 2))
+            S[k] = np.linalg.inv(S[k])
+        for i in range(n):
+            shares[i, 0] = clutter
+            for k in range(K):
+                a, b = z[i, 0] - x[k, 0], z[i, 1] - x[k, 1]
+                square = S[k, 0, 0] * a * a + 2.0 * S[k, 0, 1] * a * b + S[k, 1, 1] * b * b
+                shares[i, k + 1] = scale[k] * np.exp(-0.5 * square)
+            shares[i] /= shares[i].sum()
+            owner[i] = shares[i].argmax()
+            best[i] = shares[i, owner[i]]
+        if sweep == sweeps - 1:
+            break
+        for k in range(K):
+            amount = max(shares[:, k + 1].sum(), 1e-6)
+            offset = np.zeros(2)
+            for i in range(n):
+                offset += shares[i, k + 1] / amount * (z[i] - means[k])
+            noise = variance / amount * np.eye(2)
+            gain = P[k] @ np.linalg.inv(P[k] + noise)
+            x[k] = means[k] + gain @ offset
+            S[k] = gain @ noise + variance * np.eye(2)
+    return owner, best

@@ -87,11 +87,11 @@ class Reducer:
 
     def _merged(self, components: Components) -> Components:
         """Components within the merging distance of a heavier one, joined with their moments kept."""
-        inverses = np.linalg.inv(components.covariances)
+        inverses: FloatArray = np.linalg.inv(components.covariances).astype(np.float64)
         limit = float(self.config.merge_distance)
         leader = _clusters(components.weights, components.means, inverses, limit)
         leaders, member = np.unique(leader, return_inverse=True)
-        weights = np.bincount(member, components.weights)
+        weights: FloatArray = np.bincount(member, components.weights).astype(np.float64)
         share = components.weights / weights[member]
 
         def mean_of(values: FloatArray) -> FloatArray:

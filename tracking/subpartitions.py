@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from estimation.checks import FloatArray
 from tracking.components import IntArray
-from tracking.partition_kernels import k_means
+from tracking.partition_kernels import assign_to_targets, k_means
 from tracking.partitions import Choice, PartitionBuilder, PredictedTargets
 from tracking.phd_config import PhdConfig
 
@@ -29,7 +28,7 @@ class Subpartitions:
     def __init__(self, config: PhdConfig) -> None:
         self.gamma = config.measurement_rate
         self.variance = config.measurement_noise**2
-        self.log_clutter = float(np.log(config.clutter_rate / config.area))
+        self.clutter = config.clutter_rate / config.area
         self.gate_square = float(chi2.ppf(config.gate_probability, 2))
         self.count = config.count_reassignments
 
@@ -77,28 +76,18 @@ class Subpartitions:
 
         The targets' positions are corrected by their share of the returns before the last decision.
         """
-        z = points[indices]
-        prior, P = targets.means[near], targets.covariances[near]
-        means, S = prior, P + self.variance * np.eye(2)
-        shares = self._shares(z, means, S)
-        for _ in range(SWEEPS - 1):
-            amount = np.maximum(shares[:, 1:].sum(0), 1e-6)
-            centroid = shares[:, 1:].T @ z / amount[:, None]
-            noise = self.variance / amount[:, None, None] * np.eye(2)
-            gain = P @ np.linalg.inv(P + noise)
-            means = prior + (gain @ (centroid - prior)[..., None])[..., 0]
-            S = gain @ noise + self.variance * np.eye(2)
-            shares = self._shares(z, means, S)
-        owner = shares.argmax(1)
+        owner, share = assign_to_targets(
+            points[indices],
+            targets.means[near],
+            targets.covariances[near],
+            self.variance,
+            self.gamma,
+            self.clutter,
+            SWEEPS,
+        )
         cells = [builder.cell(indices[owner == k]) for k in np.unique(owner) if k > 0]
         cells += [builder.cell(indices[i : i + 1]) for i in np.flatnonzero(owner == 0)]
-        return tuple(cells), self._reassignments(shares)
-
-    def _shares(self, z: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
-        """Probability (n, 1 + K) that each return is clutter or of each target."""
-        density = -0.5 * (_squares(z, means, S) + np.log(np.linalg.det(2 * np.pi * S))[:, None]).T
-        logs = np.column_stack([np.full(len(z), self.log_clutter), np.log(self.gamma) + density])
-        return np.asarray(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)))
+        return tuple(cells), self._reassignments(share)
 
     def _by_count(self, points: FloatArray, cell: int, builder: PartitionBuilder) -> tuple[list[int], float]:
         """The cell in n/γ clusters."""
@@ -107,16 +96,21 @@ class Subpartitions:
         z = points[members]
         cluster, centres = k_means(z, number, 10)
         parts = [builder.cell(members[cluster == k]) for k in range(number) if (cluster == k).any()]
-        logs = -0.5 / self.variance * ((z[:, None] - centres) ** 2).sum(-1)
-        return parts, self._reassignments(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)))
+        likelihoods = np.exp(-0.5 / self.variance * _nearest(((z[:, None] - centres) ** 2).sum(-1)))
+        return parts, self._reassignments(likelihoods.max(1) / likelihoods.sum(1))
 
-    def _reassignments(self, shares: FloatArray) -> float:
+    def _reassignments(self, share: FloatArray) -> float:
         """Log of the weight of all ways to reassign single returns, relative to the likeliest way.
 
         Over targets at known places the returns are independent: the sum over all assignments is the product of
-        each return's likelihood, the likeliest assignment the product of the largest shares.
+        each return's likelihood; `share` (n,) is the part of it that the likeliest origin has.
         """
-        return float(-np.log(shares.max(1)).sum()) if self.count else 0.0
+        return float(-np.log(share).sum()) if self.count else 0.0
+
+
+def _nearest(squares: FloatArray) -> FloatArray:
+    """Squared distances less the smallest of each row, so that no row of likelihoods underflows."""
+    return squares - squares.min(1, keepdims=True)
 
 
 def _squares(points: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
