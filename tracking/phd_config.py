@@ -104,11 +104,21 @@ class PhdConfig:
             raise InputError("distance_probabilities must be two numbers 0 ≤ low ≤ high < 1")
         if self.partitioner not in PARTITIONERS:
             raise InputError(f"partitioner must be one of {PARTITIONERS}, not {self.partitioner!r}")
+        self._shapes()
+
+    def _shapes(self) -> None:
+        """Births and spawn as arrays, checked."""
+        if not isinstance(self.births, (list, tuple)):
+            raise InputError(f"births must be a list of (weight, mean, covariance), not {self.births!r}")
         self.births = [self._birth(birth) for birth in self.births]
-        if self.spawn is not None:
-            self.spawn = self._weighted("spawn", self.spawn[0]), repair_covariance(self.spawn[1], "spawn")
-            if self.spawn[1].shape != (4, 4):
-                raise InputError("spawn must hold a covariance of shape (4, 4)")
+        if self.spawn is None:
+            return
+        if not isinstance(self.spawn, (list, tuple)) or len(self.spawn) != 2:
+            raise InputError(f"spawn must be None or (weight, covariance), not {self.spawn!r}")
+        weight, covariance = self._weighted("spawn", self.spawn[0]), repair_covariance(self.spawn[1], "spawn")
+        if covariance.shape != (4, 4):
+            raise InputError("spawn must hold a covariance of shape (4, 4)")
+        self.spawn = weight, covariance
 
     @property
     def area(self) -> float:
@@ -141,6 +151,8 @@ class PhdConfig:
         return float(weight)
 
     def _birth(self, birth: Birth) -> Birth:
+        if not isinstance(birth, (list, tuple)) or len(birth) != 3:
+            raise InputError(f"births must hold (weight, mean, covariance), not {birth!r}")
         weight, mean, covariance = birth
         mean, covariance = as_finite("births", mean), repair_covariance(covariance, "births")
         if mean.shape != (4,) or covariance.shape != (4, 4):

@@ -1,0 +1,143 @@
+"""Times of the extended-target PHD filter, each as a ratio to a named alternative in the same run.
+
+`python bench/bench_tracking.py` prints the table and writes it to `bench/bench_tracking.txt`. Scans are simulated:
+Poisson numbers of returns about targets at constant velocity, and uniform clutter. Nothing here is a test.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from pathlib import Path
+from time import perf_counter
+
+# Before numpy starts its threads: one core is what is measured.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
+from tracking.correction import CellStatistics, cell_log_factor
+from tracking.correction_kernels import centroid_log_likelihood
+from tracking.partitions import PartitionBuilder
+
+NOISE = 20.0
+
+
+def scene(targets: int, rate: float, clutter: float, steps: int, side: float) -> tuple[PhdConfig, list]:
+    """A configuration with a birth place per target, and `steps` scans of all targets on a grid, moving."""
+    rng = np.random.default_rng(0)
+    columns = int(np.ceil(np.sqrt(targets)))
+    grid = np.array([divmod(i, columns) for i in range(targets)], dtype=float)
+    start = (grid - (columns - 1) / 2) * (1.6 * side / columns)
+    velocity = rng.uniform(-5, 5, (targets, 2))
+    births = [(0.1, np.array([*p, 0.0, 0.0]), np.diag([100.0, 100.0, 25.0, 25.0])) for p in start]
+    config = PhdConfig(
+        surveillance=((-side, side), (-side, side)),
+        clutter_rate=clutter,
+        measurement_rate=rate,
+        births=births,
+    )
+    scans = []
+    for k in range(steps):
+        centres = np.repeat(start + k * velocity, rng.poisson(rate, targets), axis=0)
+        seen = centres + rng.normal(0, NOISE, centres.shape)
+        scans.append(np.vstack([seen, rng.uniform(-side, side, (rng.poisson(clutter), 2))]))
+    return config, scans
+
+
+def run(filter_: ExtendedTargetPhd, scans: list) -> tuple[float, float, float]:
+    """Milliseconds per scan, mean and 99th percentile, without the first five; expected targets at the end."""
+    times = []
+    for k, scan in enumerate(scans):
+        begin = perf_counter()
+        filter_.step(scan, float(k))
+        times.append(1e3 * (perf_counter() - begin))
+    return float(np.mean(times[5:])), float(np.percentile(times[5:], 99)), filter_.expected_count
+
+
+def filters() -> list[str]:
+    """Whole scans, against the same filter with one threshold (one DBSCAN-like partition per scan)."""
+    rows = [f"{'scene':<46}{'filter':<38}{'ms mean':>9}{'p99':>9}{'ratio':>8}{'count':>8}"]
+    for targets, rate, clutter, steps, side in (
+        (2, 10, 10, 150, 1000.0),
+        (5, 10, 10, 150, 1000.0),
+        (10, 20, 10, 40, 1000.0),
+        (50, 20, 50, 30, 4000.0),
+    ):
+        config, scans = scene(targets, rate, clutter, steps, side)
+        single = {**config.__dict__, "partitioner": "single", "subpartitions": False}
+        plain = {**config.__dict__, "subpartitions": False}
+        variants = {
+            "one partition": ExtendedTargetPhd(PhdConfig(**single)),
+            "distance partitions": ExtendedTargetPhd(PhdConfig(**plain)),
+            "default (with sub-partitions)": ExtendedTargetPhd(config),
+        }
+        if targets <= 5:
+            variants["point-target GM-PHD on raw returns"] = PointTargetPhd(config)
+        base = 0.0
+        for name, filter_ in variants.items():
+            mean, high, count = run(filter_, scans)
+            base = base or mean
+            label = f"{targets} targets × {rate} returns + {clutter} clutter"
+            rows.append(f"{label:<46}{name:<38}{mean:9.2f}{high:9.2f}{mean / base:8.2f}{count:8.1f}")
+    return rows
+
+
+def likelihoods(repeats: int = 30) -> list[str]:
+    """Likelihood of 20 cells of 20 returns under 10 components: factorised against stacked (9d)."""
+    rng = np.random.default_rng(1)
+    z, means = rng.normal(0, NOISE, (400, 2)), rng.normal(0, NOISE, (10, 4))
+    P, R = np.tile(100.0 * np.eye(4), (10, 1, 1)), NOISE**2 * np.eye(2)
+    builder = PartitionBuilder()
+    builder.group([(tuple(builder.cell(np.arange(20 * c, 20 * c + 20)) for c in range(20)), 0.0)])
+    partitions = builder.build()
+
+    def factorised() -> np.ndarray:
+        cells = CellStatistics.of(z, partitions)
+        logs = centroid_log_likelihood(cells.means, cells.counts, means[:, :2], P[:, :2, :2], R)
+        return logs + cell_log_factor(cells, R)[:, None]
+
+    def stacked() -> np.ndarray:
+        H, noise = np.tile(np.eye(2, 4), (20, 1)), NOISE**2 * np.eye(40)
+        out = np.empty((20, 10))
+        for c in range(20):
+            for j in range(10):
+                S, e = H @ P[j] @ H.T + noise, z[20 * c : 20 * c + 20].ravel() - H @ means[j]
+                logs = e @ np.linalg.solve(S, e) + np.linalg.slogdet(2 * np.pi * S)[1]
+                out[c, j] = -0.5 * logs
+        return out
+
+    np.testing.assert_allclose(factorised(), stacked())
+    times = []
+    for function in (factorised, stacked):
+        samples = []
+        for _ in range(repeats):
+            begin = perf_counter()
+            function()
+            samples.append(1e3 * (perf_counter() - begin))
+        times.append(min(samples))
+    return [
+        "",
+        "20 cells × 20 returns × 10 components, likelihoods (9d), least of 30 rounds:",
+        f"  factorised {times[0]:.3f} ms, stacked 40 × 40 matrices {times[1]:.3f} ms: "
+        f"ratio {times[0] / times[1]:.4f}",
+    ]
+
+
+def main() -> None:
+    """Prints and writes the table."""
+    head = f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, one core"
+    # Compiled loops are loaded before anything is measured.
+    config, scans = scene(2, 10, 10, 10, 1000.0)
+    run(ExtendedTargetPhd(config), scans)
+    text = "\n".join([head, "", *filters(), *likelihoods()]) + "\n"
+    print(text)
+    Path(__file__).with_suffix(".txt").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
