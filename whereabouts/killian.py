@@ -60,9 +60,10 @@ def graph_file(say: Callable[[str], None] = lambda text: None) -> Path:
 
 
 def recorded_bag(say: Callable[[str], None] = lambda text: None) -> Path:
-    """The recording as a rosbag2 MCAP, converted once."""
+    """The recording as a rosbag2 MCAP, converted once, and again when the converter has changed."""
     bag = bag_directory() / "killian.mcap"
-    if not bag.exists():
+    converter = (Path(__file__).parent / "logs").glob("*.py")
+    if not bag.exists() or bag.stat().st_mtime < max(path.stat().st_mtime for path in converter):
         source = graph_file(say)
         say(f"converting it to {bag.name}")
         convert_log(source, bag)
