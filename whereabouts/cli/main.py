@@ -31,6 +31,16 @@ def main() -> None:
     except WhereaboutsError as error:
         print(f"whereabouts: {error}", file=sys.stderr)
         sys.exit(1)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package != "rclpy" and not package.endswith("_msgs"):
+            raise
+        print(
+            f"whereabouts: this command needs ROS 2, and {package} is not installed here: "
+            "use the environment that `make demo` sets up, or source a ROS 2 workspace that has it",
+            file=sys.stderr,
+        )
+        sys.exit(1)
     except BrokenPipeError:
         # The reader of our output has gone, as `| head` does.
         sys.exit(0)
