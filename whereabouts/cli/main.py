@@ -31,7 +31,7 @@ def main() -> None:
     except WhereaboutsError as error:
         print(f"whereabouts: {error}", file=sys.stderr)
         sys.exit(1)
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         package = (error.name or "").partition(".")[0]
         if package != "rclpy" and not package.endswith("_msgs"):
             raise
