@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -79,6 +80,13 @@ class AdaBoost:
         """The feature each round chose, (T,): early and often means informative."""
         return self._features.copy()
 
+    def first(self, rounds: int) -> AdaBoost:
+        """What as many rounds would have learned: a model of the first stumps. InputError before `fit`."""
+        self._require_fitted()
+        model = AdaBoost(rounds)
+        model._set(self.stumps[:rounds], self.feature_count)
+        return model
+
     def importance(self) -> FloatArray:
         """Share of the vote that rests on each feature, (n,) summing to one. InputError before `fit`."""
         self._require_fitted()
@@ -94,7 +102,7 @@ class AdaBoost:
             or features that are all constant or no better than chance from the first round on.
         """
         features = as_points("F", F)
-        labels = _labels(y, len(features))
+        labels = as_labels(y, len(features))
         columns, order = _sorted_columns(features)
         positive = labels == 1
         weights = np.where(positive, 0.5 / positive.sum(), 0.5 / (~positive).sum())
@@ -140,15 +148,18 @@ class AdaBoost:
 
     def save(self, path: str | Path) -> None:
         """Write the model as readable JSON, numbers in full precision. InputError before `fit`."""
+        Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `save` writes, for models that contain this one. InputError before `fit`."""
         self._require_fitted()
-        content = {
+        return {
             "format": FORMAT,
             "version": VERSION,
             "rounds": self.rounds,
             "feature_count": self.feature_count,
             "stumps": [asdict(stump) for stump in self.stumps],
         }
-        Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> AdaBoost:
@@ -157,6 +168,11 @@ class AdaBoost:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
         except ValueError as error:
             raise InputError(f"path: {path} is not a JSON file") from error
+        return cls.from_dict(content, path)
+
+    @classmethod
+    def from_dict(cls, content: Any, path: str | Path = "model") -> AdaBoost:
+        """The model of `to_dict`; errors as in `load`, `path` says where it was found."""
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise InputError(f"path: {path} does not hold a {FORMAT} model")
         if content.get("version") != VERSION:
@@ -193,7 +209,7 @@ def _stump(entry: dict[str, float], feature_count: int) -> Stump:
     return stump
 
 
-def _labels(y: npt.ArrayLike, count: int) -> npt.NDArray[np.int8]:
+def as_labels(y: npt.ArrayLike, count: int) -> npt.NDArray[np.int8]:
     """Labels (M,) as 0 and 1 of both classes."""
     labels = np.asarray(y)
     if labels.shape != (count,):
