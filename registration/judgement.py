@@ -13,12 +13,14 @@ import numpy as np
 from registration.consistency import Agreement
 from registration.motion import Array
 from registration.outline import Outline
-from registration.refine import EFFICIENCY, Refined
+from registration.refine import KERNEL, Refined
 from registration.result import Registration
+from registration.scatter import scattered_information
 
 GUESS_SIGMA = np.array([0.5, 0.5, 0.5])  # m, m, rad: doubt about a guess where nothing else is known
-# m, m, rad: what many beams cannot average away, points near corners and edges that take a neighbour's line.
-FLOOR = np.array([3e-4, 3e-4, 6e-5])
+# m, m, rad: what many beams cannot average away, points near corners and edges that take a neighbour's line; where
+# a direction is open there are none.
+FLOOR = np.array([3.5e-4, 3.5e-4, 3e-5])
 LEAST_FITNESS = 0.6
 LEAST_OVERLAP = 0.4
 LEAST_TOGETHER = 1.2  # fitness and overlap: little of the one takes much of the other
@@ -79,7 +81,7 @@ def judged(
     if refined is None or views is None:
         return Registration(start, np.diag(GUESS_SIGMA**2), 0.0, False, "nothing in common was found")
     found = evidence(moving, still, views)
-    covariance = pairwise_covariance(refined, still)
+    covariance = pairwise_covariance(refined, moving, still)
     reason = _refusal(refined, found)
     if reason:
         return Registration(refined.pose, covariance + np.diag(GUESS_SIGMA**2), found.fitness, False, reason)
@@ -102,14 +104,10 @@ def _refusal(refined: Refined, found: Evidence) -> str:
     return ""
 
 
-def pairwise_covariance(refined: Refined, still: Outline) -> Array:
-    """(3, 3) of x, y, yaw where both scans are noisy.
-
-    Residuals show the source's noise and the little that smoothing left of the target's, but errors of the
-    smoothed target are shared between neighbours and weigh as much as the source's own.
-    """
-    per_point = refined.noise**2 / (1.0 + still.surface.leverage)
-    scale = 2.0 * per_point / refined.noise**2 * EFFICIENCY
-    prior = np.diag(GUESS_SIGMA**-2.0)
-    covariance = np.linalg.inv(refined.information / scale + prior) + np.diag(FLOOR**2)
+def pairwise_covariance(refined: Refined, moving: Outline, still: Outline) -> Array:
+    """(3, 3) of x, y, yaw where both scans are noisy."""
+    information = scattered_information(refined, moving.surface, still.surface, KERNEL)
+    covariance = np.linalg.inv(information + np.diag(GUESS_SIGMA**-2.0))
+    if refined.open_directions == 0:
+        covariance += np.diag(FLOOR**2)
     return 0.5 * (covariance + covariance.T)

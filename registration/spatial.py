@@ -97,6 +97,15 @@ def _gicp(source: Array, target: Array, start: Array, leaf: float, near: float) 
     )
 
 
+def polish(source: Array, target: Array, start: Array, leaf: float, near: float) -> tuple[Array, bool]:
+    """One GICP of thinned clouds (N, 3) from `start` (4, 4), and whether it settled.
+
+    leaf : metres, voxel edge. near : metres within which points correspond.
+    """
+    outcome = _gicp(source, target, start, leaf, near)
+    return np.asarray(outcome.T_target_source), bool(outcome.converged)
+
+
 def overlap(source: Array, target: Array, transform: Array, near: float) -> float:
     """Share of the source's voxels within `near` metres of the target, of those inside the target's extent."""
     placed = _thin(source, near) @ transform[:3, :3].T + transform[:3, 3]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from registration.crf.online import ScanSegmenter
 from registration.odometry import Odometry, OdometryConfig
 from registration.scan import Scan
 
@@ -16,6 +17,18 @@ def warm_up(config: OdometryConfig | None = None) -> None:
     for step in range(4):
         guess = np.array([0.3, 0.0, 0.02]) if step else None
         odometry.register(_room_scan(0.3 * step - 1.0), float(step), guess=guess)
+
+
+def warm_up_segmenter(segmenter: ScanSegmenter) -> None:
+    """Label a scan with something in it that moved; the segmenter is as new afterwards."""
+    ranges = _room_scan(-1.0).ranges
+    for step in range(2):
+        seen = ranges.copy()
+        seen[100 + 15 * step : 130 + 15 * step] = 1.5
+        scan = Scan(seen, -0.5 * np.pi, np.pi / 360.0, 0.05, 30.0)
+        segmenter.segment(scan, 0.5 * step, np.zeros(3))
+        segmenter.keep(scan, 0.5 * step, np.zeros(3))
+    segmenter.reset()
 
 
 def _room_scan(x: float, beams: int = 361) -> Scan:
