@@ -16,8 +16,8 @@ class Mover:
     """Something that moves at constant velocity, with a turn rate for boxes.
 
     kind : "person" (two legs at knee height), "cylinder", "box". start : (3,) x, y, yaw at time 0, metres.
-    velocity : (2,) m/s. turn_rate : rad/s. size : metres, diameter of a cylinder, length of a box (0.6 wide),
-    stride of a person. phase : radians, of a person's gait.
+    velocity : (2,) m/s. turn_rate : rad/s. size : metres, diameter of a cylinder, length of a box,
+    stride of a person. phase : radians, of a person's gait. width : metres, of a box.
     """
 
     kind: str
@@ -26,6 +26,7 @@ class Mover:
     turn_rate: float = 0.0
     size: float = 0.5
     phase: float = 0.0
+    width: float = 0.6
 
     def pose(self, time: float) -> Array:
         """(3,) x, y, yaw at `time` seconds."""
@@ -38,7 +39,7 @@ class Mover:
         if self.kind == "cylinder":
             outline = circle(x, y, 0.5 * self.size)
         elif self.kind == "box":
-            outline = box(self.size, 0.6, (x, y, yaw))
+            outline = box(self.size, self.width, (x, y, yaw))
         elif self.kind == "person":
             outline = self._legs(time)
         else:

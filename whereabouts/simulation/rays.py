@@ -82,3 +82,14 @@ def cast(
     )
     owners = np.concatenate((shapes.segment_owners, shapes.circle_owners, np.array([-1])))
     return ranges, owners[hits]
+
+
+def cast_shapes(
+    shapes: Shapes, origin: Array, angles: Array, max_range: float = np.inf
+) -> tuple[Array, NDArray[np.int64]]:
+    """As `cast` from one origin (2,), but which outline is met: (N,) segment k, or len(segments) + circle k, or -1."""
+    starts = np.ascontiguousarray(np.broadcast_to(origin, (len(angles), 2)), dtype=np.float64)
+    ranges, hits = _cast(
+        starts, np.asarray(angles, dtype=np.float64), shapes.segments, shapes.circles, max_range
+    )
+    return ranges, hits

@@ -1,0 +1,169 @@
+"""Scenes with people and a laser, and the truth about them: crossings, people hidden, rooms full of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.scan import Scan
+from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.people import Walker, positions, random_build, seen, wander
+from whereabouts.simulation.robot import Drive
+from whereabouts.simulation.rooms import random_room
+from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon
+
+SCANNER = Lidar(beams=361, opening=np.pi, range_max=12.0, sigma=0.01)
+
+
+@dataclass(frozen=True)
+class PeopleScan:
+    """One scan of a scene.
+
+    pose : (3,) of the scanner. people : (P, 2) m. returns : (P,) beams that hit each. in_view : (P,) whether each is
+    within the scanner's range and opening, hidden or not.
+    """
+
+    scan: Scan
+    pose: Array
+    people: Array
+    returns: NDArray[np.int64]
+    in_view: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Outlines, people, a scanner and how it moves: `pose` (3,) or a function of time that gives it."""
+
+    room: Shapes
+    people: list[Walker]
+    duration: float
+    lidar: Lidar = SCANNER
+    pose: Array | Callable[[float], Array] = field(default_factory=lambda: np.zeros(3))
+    rate: float = 10.0
+
+    def scans(self, rng: np.random.Generator) -> Iterator[PeopleScan]:
+        """The scene, scan by scan."""
+        for k in range(int(self.duration * self.rate) + 1):
+            time = k / self.rate
+            shapes = joined([self.room, seen(self.people, time)])
+            simulated = self.lidar.scan(shapes, self.pose, rng, time)
+            people = positions(self.people, time)
+            returns = np.array(
+                [np.sum(simulated.owners == i + 1) for i in range(len(people))], dtype=np.int64
+            )
+            away = people - simulated.pose[:2]
+            bearing = np.arctan2(away[:, 1], away[:, 0]) - simulated.pose[2]
+            bearing = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi)
+            distance = np.hypot(away[:, 0], away[:, 1])
+            in_view = (bearing < 0.5 * self.lidar.opening - 0.05) & (distance < 0.95 * self.lidar.range_max)
+            yield PeopleScan(simulated.scan, simulated.pose, people, returns, in_view)
+
+
+def _hall(rng: np.random.Generator) -> Shapes:
+    """A bare hall 10 m by 8 m in front of the scanner."""
+    shift = rng.uniform(-0.3, 0.3, 2)
+    return box(10.0, 8.0, (4.0 + shift[0], shift[1], 0.0))
+
+
+def crossing(rng: np.random.Generator, body: str = "legs") -> Scene:
+    """Two people whose ways cross 2 to 5 m away, 0.4 to 0.9 m apart at the closest (trunks 0.7 to 1 m)."""
+    middle = np.array([rng.uniform(2.0, 5.0), rng.uniform(-1.0, 1.0)])
+    heading = rng.uniform(-np.pi, np.pi)
+    angle = rng.uniform(np.deg2rad(40.0), np.pi)
+    people = []
+    ways = [heading, heading + angle]
+    speeds = rng.uniform(0.8, 1.4, 2)
+    # Passing at a distance of `gap`: the second is late, or off to the side where they meet head on.
+    gap = rng.uniform(0.4, 0.9) if body == "legs" else rng.uniform(0.7, 1.0)
+    relative = speeds[0] * _unit(ways[0]) - speeds[1] * _unit(ways[1])
+    aside = np.array([-relative[1], relative[0]]) / np.linalg.norm(relative)
+    for k, way in enumerate(ways):
+        offset = gap * aside * (0.5 if k == 0 else -0.5)
+        before, after = 2.5 * speeds[k], 2.5 * speeds[k]
+        ends = np.array([middle + offset - before * _unit(way), middle + offset + after * _unit(way)])
+        people.append(Walker(ends, speeds[k], random_build(rng, body), 0.5, phase=rng.uniform(0.0, 6.0)))
+    return Scene(_around(people, rng), people, 6.0)
+
+
+def hidden(rng: np.random.Generator, behind: str = "pillar", body: str = "legs") -> Scene:
+    """Somebody walks behind a "pillar" or a "person" (who stands) and is wholly hidden for 1.4 to 2.2 s."""
+    bearing, near = rng.uniform(-0.4, 0.4), rng.uniform(1.6, 2.4)
+    speed, far = rng.uniform(0.6, 1.1), rng.uniform(3.5, 5.0)
+    build = random_build(rng, body)
+    wide = 0.5 * (build.stride + 0.2)
+    # The shadow is as wide, where he walks, as a second and a bit of walking and his own stride.
+    half_shadow = 0.5 * rng.uniform(1.1, 1.6) * speed + wide
+    size = near * half_shadow / np.hypot(far, half_shadow)
+    centre = near * _unit(bearing)
+    across = _unit(bearing + 0.5 * np.pi) * rng.choice([-1.0, 1.0])
+    spot = far * _unit(bearing)
+    length = 2.2 * max(speed, 0.8) + half_shadow
+    walker = Walker(
+        np.array([spot - length * across, spot + length * across]),
+        speed,
+        build,
+        0.5,
+        phase=rng.uniform(0.0, 6.0),
+    )
+    people = [walker]
+    if behind == "person":
+        big = random_build(rng, "skirt")
+        stander = Walker(
+            np.array([centre - 1.2 * _unit(bearing + 0.5 * np.pi), centre]),
+            1.0,
+            type(big)("skirt", shoulders=2.0 * size),
+            0.0,
+        )
+        people.append(stander)
+        walker = Walker(walker.waypoints, speed, build, 1.6, phase=walker.phase)
+        people[0] = walker
+        obstacles: list[Shapes] = []
+    else:
+        obstacles = [circle(centre[0], centre[1], size)]
+    return Scene(joined([_around(people, rng), *obstacles]), people, people[0].duration + 0.5)
+
+
+def crowded_room(
+    rng: np.random.Generator, count: int = 4, moving: bool = False, duration: float = 20.0, body: str = "legs"
+) -> Scene:
+    """`count` people who walk and rest in a furnished room with pillars; the scanner sees all around, or drives."""
+    room = random_room(rng)
+    lidar = Lidar(beams=720, opening=2.0 * np.pi * 719 / 720, range_max=12.0, sigma=0.01)
+    spots = [spot for spot in rng.uniform(-2.5, 2.5, (200, 2)) if room.distance(spot) > 0.8]
+    start = spots[0] if spots else np.zeros(2)
+    pose: Array | Callable[[float], Array] = np.array([*start, rng.uniform(-np.pi, np.pi)])
+    if moving:
+        way = [start]
+        for spot in spots[1:]:
+            line = np.linspace(way[-1], spot, 10)
+            if np.linalg.norm(spot - way[-1]) > 1.0 and min(room.distance(point) for point in line) > 0.5:
+                way.append(spot)
+        pose = Drive(np.array(way if len(way) > 1 else [start, start + 0.3]), 0.4)
+    people: list[Walker] = []
+    keep = joined([room, circle(start[0], start[1], 0.3)])
+    times = np.arange(0.0, duration, 0.2)
+    robot = np.array([(pose(time) if callable(pose) else pose)[:2] for time in times])
+    while len(people) < count:
+        # People do not walk through each other, nor through the robot.
+        for _ in range(40):
+            walker = wander(rng, keep, (4.0, 3.5), duration, random_build(rng, body))
+            path = np.array([walker.position(time) for time in times])
+            lines = [robot, *(np.array([other.position(time) for time in times]) for other in people)]
+            if min(np.linalg.norm(path - line, axis=1).min() for line in lines) > 0.6:
+                break
+        people.append(walker)
+    return Scene(room, people, duration, lidar, pose)
+
+
+def _unit(angle: float) -> Array:
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _around(people: list[Walker], rng: np.random.Generator) -> Shapes:
+    """Walls a metre outside of all ways and of the scanner."""
+    points = np.concatenate([np.zeros((1, 2)), *(walker.waypoints for walker in people)])
+    low, high = points.min(0) - rng.uniform(0.8, 2.0, 2), points.max(0) + rng.uniform(0.8, 2.0, 2)
+    return polygon([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
