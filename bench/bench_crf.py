@@ -1,0 +1,65 @@
+"""Times of the joint CRF on one core against beams and movers, and how long until it is ready.
+
+Run: PYTHONPATH=. python bench/bench_crf.py. The last results are in bench_crf.txt.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from registration.crf import JointModel
+from whereabouts.simulation import Lidar, random_room
+from whereabouts.simulation.labelled_pairs import labelled
+from whereabouts.simulation.movers import crowd
+from whereabouts.simulation.pairs import free_pose
+
+READY = """
+import time
+begun = time.perf_counter()
+from registration.crf.online import ScanSegmenter
+from registration.warm_up import warm_up_segmenter
+warm_up_segmenter(ScanSegmenter())
+print(time.perf_counter() - begun)
+"""
+
+
+def pairs_of(beams: int, movers: int, count: int) -> list:
+    """Pairs of scans half a second apart in furnished rooms with that many movers."""
+    rng = np.random.default_rng([beams, movers])
+    lidar = Lidar(beams, np.deg2rad(270.0))
+    pairs = []
+    for _ in range(count):
+        room = random_room(rng)
+        first = free_pose(room, rng, 2.0)
+        second = first + np.array([*rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.1, 0.1)])
+        things = crowd(rng, first[:2], movers, (1.0, 3.0)) if movers else []
+        pairs.append(labelled(room, things, (first, second), (0.0, 0.5), lidar, rng))
+    return pairs
+
+
+def main() -> None:
+    """A line per number of beams and movers: milliseconds of processor time."""
+    model = JointModel.load()
+    print("processor time in ms, per pair of scans; 40 rooms each")
+    for beams in (181, 361, 721, 1081):
+        for movers in (0, 1, 3, 8):
+            pairs = pairs_of(beams, movers, 40)
+            model.infer(pairs[0].scan_a, pairs[0].scan_b)
+            seconds = []
+            for pair in pairs:
+                begun = time.process_time()
+                model.infer(pair.scan_a, pair.scan_b)
+                seconds.append(time.process_time() - begun)
+            median, high = 1e3 * np.median(seconds), 1e3 * np.percentile(seconds, 99)
+            print(f"{beams:5d} beams, {movers} movers: median {median:6.1f}  p99 {high:6.1f}", flush=True)
+    for kind in ("first", "second"):
+        ready = subprocess.run([sys.executable, "-c", READY], capture_output=True, text=True, check=True)
+        print(f"ready to label, {kind} start of a process: {float(ready.stdout):.2f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""The background's motion once it is known what moves: refined on what is left of both outlines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.poses import between
+from registration.align import agreements
+from registration.crf.estimate import JointEstimate
+from registration.judgement import judged
+from registration.outline import outline_of
+from registration.refine import refine
+from registration.result import Registration
+from registration.scan import Scan
+
+DOUBT = 0.08  # metres, how far what stands may still lie off
+MOST = 0.1  # metres and radians the motion may change by; more is another answer, not a better one
+
+
+def without_movers(
+    scan_a: Scan,
+    scan_b: Scan,
+    registration: Registration,
+    associations: NDArray[np.int64],
+    moving: NDArray[np.bool_],
+) -> Registration:
+    """`registration` refined without the beams of scan_a that move, (N,), and their partners in scan_b."""
+    if not moving.any():
+        return registration
+    left = np.zeros(len(scan_b), dtype=bool)
+    left[associations[moving & (associations >= 0)]] = True
+    still_moving, still = outline_of("scan_a", scan_a), outline_of("scan_b", scan_b)
+    rest = still_moving.without(moving[scan_a.valid])
+    target = still.without(left[scan_b.valid])
+    refined = refine(rest.surface, target.target, registration.transform.copy(), DOUBT)
+    if (
+        not refined.settled
+        or refined.open_directions
+        or np.abs(between(registration.transform, refined.pose)).max() > MOST
+    ):
+        return registration
+    found = judged(rest, target, refined, registration.transform, agreements(rest, target, refined.pose))
+    return found if found.converged else replace(registration, transform=refined.pose)
+
+
+@lru_cache(maxsize=1)
+def _shipped() -> object:
+    from registration.crf.model import JointModel
+
+    return JointModel.load()
+
+
+def by_joint_inference(source: Scan, target: Scan, registration: Registration) -> Registration:
+    """A registration improved by joint inference: the background without what moves; method "crf" of `align`."""
+    from registration.crf.model import JointModel
+
+    model = _shipped()
+    assert isinstance(model, JointModel)
+    estimate: JointEstimate = model.infer(source, target, registration)
+    if not estimate.converged:
+        return replace(registration, converged=False, reason=estimate.reason or registration.reason)
+    return replace(registration, transform=estimate.motions[0], covariance=estimate.covariances[0])

@@ -1,0 +1,83 @@
+"""The few points of the second scan that each point of the first may be: its nearest under the current motions.
+
+The text's own proposal (section VI): with a handful of states instead of M, cost is linear in the number of points.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from registration.crf.beams import Beams, beam_at, half_window
+from registration.motion import Array
+
+MOST = 8  # candidates of a point, without the outlier
+OF_BACKGROUND, OF_OBJECT = 4, 2  # nearest that are taken under each motion
+RADIUS = 0.25  # metres, candidates are looked for at least this far, and two beams' distance
+
+
+@njit(cache=True)
+def _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squares):  # type: ignore[no-untyped-def]
+    """Write the points nearest to (x, y), nearest first, and return how many there are."""
+    beams = len(ranges)
+    around = round(2.0 * math.pi / abs(step))
+    centre = beam_at(x, y, angle_min, step)
+    half = half_window(math.hypot(x, y), radius, step, around // 2)
+    count = 0
+    for k in range(-half, half + 1):
+        j = centre + k
+        if j >= around:
+            j -= around
+        elif j < 0:
+            j += around
+        if j < 0 or j >= beams or not ranges[j] < math.inf:
+            continue
+        square = (x - xy[j, 0]) ** 2 + (y - xy[j, 1]) ** 2
+        if square > radius * radius or (count == most and square >= squares[count - 1]):
+            continue
+        at = min(count, most - 1)
+        while at > 0 and squares[at - 1] > square:
+            squares[at], found[at] = squares[at - 1], found[at - 1]
+            at -= 1
+        squares[at], found[at] = square, number[j]
+        count = min(count + 1, most)
+    return count
+
+
+@njit(cache=True)
+def _candidates(points, spacing, motions, active, xy, ranges, number, angle_min, step, states):  # type: ignore[no-untyped-def]
+    states[:, :] = -1
+    found, squares = np.empty(MOST, dtype=np.int64), np.empty(MOST)
+    for i in range(len(points)):
+        count = 0
+        for d in range(len(motions)):
+            if not active[i, d]:
+                continue
+            c, s = math.cos(motions[d, 2]), math.sin(motions[d, 2])
+            x = motions[d, 0] + c * points[i, 0] - s * points[i, 1]
+            y = motions[d, 1] + s * points[i, 0] + c * points[i, 1]
+            most = OF_BACKGROUND if d == 0 else OF_OBJECT
+            radius = max(RADIUS, 2.0 * spacing[i])
+            near = _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squares)
+            for k in range(near):
+                known = False
+                for m in range(count):
+                    known |= states[i, m] == found[k]
+                if not known and count < MOST:
+                    states[i, count] = found[k]
+                    count += 1
+
+
+def candidates(a: Beams, b: Beams, motions: Array, active: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """States of the association nodes, (n, MOST): points of b (numbers in `b.points`), -1 for none.
+
+    motions : (D, 3). active : (n, D) which motions are considered for which point.
+    """
+    number = np.full(len(b.ranges), -1, dtype=np.int64)
+    number[b.beams] = np.arange(len(b))
+    states = np.empty((len(a), MOST), dtype=np.int64)
+    _candidates(a.points, a.spacing, motions, active, b.xy, b.ranges, number, b.angle_min, b.step, states)
+    return states

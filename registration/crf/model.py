@@ -1,0 +1,116 @@
+"""The joint model of data association, motion clustering and rigid motions between two scans, ready to use.
+
+    model = JointModel.load()
+    estimate = model.infer(scan_a, scan_b)     # estimate.clusters > 0 is what moves
+
+Reference: joint reasoning about scan matching, moving objects and their motions by a conditional random field.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.boosting import AdaBoost
+from estimation.errors import InputError
+from registration.crf.background import without_movers
+from registration.crf.estimate import JointEstimate, nothing, unchanged
+from registration.crf.finish import finish
+from registration.crf.inference import infer_labels
+from registration.crf.potentials import WEIGHTS
+from registration.crf.setup import problem_of, start, starts_of
+from registration.motion import Array
+from registration.result import Registration
+from registration.scan import Scan
+
+FORMAT, VERSION = "whereabouts.joint_crf", 1
+LEAST_RETURNS = 20
+
+
+@dataclass(eq=False)
+class JointModel:
+    """Weights (23,) in the order of `potentials.WEIGHTS` and the two boosted classifiers of the local features."""
+
+    weights: Array
+    data: AdaBoost | None = None
+    outlier: AdaBoost | None = None
+    card: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: str | Path | None = None) -> JointModel:
+        """The model of `path`, or the one that is shipped.
+
+        Raises
+        ------
+        InputError : the file is no such model.
+        """
+        if path is None:
+            text = resources.files("registration.crf").joinpath("models/joint.json").read_text("utf-8")
+        else:
+            text = Path(path).read_text(encoding="utf-8")
+        try:
+            content = json.loads(text)
+            if content["format"] != FORMAT or content["version"] != VERSION:
+                raise InputError(f"path: {path} holds no {FORMAT} model of version {VERSION}")
+            weights = np.array([content["weights"][name] for name in WEIGHTS])
+            boosts = [AdaBoost.from_dict(content[name]) for name in ("data", "outlier")]
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(f"path: {path} is no complete {FORMAT} model: {error}") from error
+        return cls(weights, boosts[0], boosts[1], content.get("card", {}))
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as readable JSON. InputError without boosted classifiers."""
+        if self.data is None or self.outlier is None:
+            raise InputError("model: not trained yet")
+        content = {
+            "format": FORMAT,
+            "version": VERSION,
+            "card": self.card,
+            "weights": dict(zip(WEIGHTS, (float(value) for value in self.weights), strict=True)),
+            "data": self.data.to_dict(),
+            "outlier": self.outlier.to_dict(),
+        }
+        Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+    def infer(
+        self, scan_a: Scan, scan_b: Scan, registration: Registration | None = None, schedule: str = "exact"
+    ) -> JointEstimate:
+        """Who is who, what moves and how, between two scans of one place.
+
+        registration : the motion that lays scan_a on scan_b, where it is known already. Their stamps, where they
+            differ, bound how far a thing may have gone. schedule : one of `SCHEDULES`.
+
+        Returns
+        -------
+        JointEstimate : never raises on poor data; `converged` is False and `reason` says why.
+        """
+        count = min(int(scan_a.valid.sum()), int(scan_b.valid.sum()))
+        if count < LEAST_RETURNS:
+            return nothing(len(scan_a), f"{count} returns, {LEAST_RETURNS} are needed")
+        if registration is None and _same(scan_a, scan_b):
+            return unchanged(scan_a.valid)
+        begun = start(scan_a, scan_b, registration)
+        if not begun.registration.converged:
+            return nothing(len(scan_a), begun.registration.reason)
+        starts = starts_of(begun)
+        problem = problem_of(begun, begun.motions, starts, self.data, self.outlier)
+        labelling = infer_labels(problem, self.weights, schedule)
+        estimate = finish(begun, problem, labelling)
+        background = without_movers(
+            scan_a, scan_b, begun.registration, estimate.associations, estimate.moving
+        )
+        estimate.motions[0], estimate.covariances[0] = background.transform, background.covariance
+        return estimate
+
+
+def _same(scan_a: Scan, scan_b: Scan) -> bool:
+    """Whether two scans are one reading: drivers repeat themselves, and nothing has moved then."""
+    angles = (scan_a.angle_min, scan_a.angle_increment) == (scan_b.angle_min, scan_b.angle_increment)
+    return angles and np.array_equal(
+        np.where(scan_a.valid, scan_a.ranges, 0.0), np.where(scan_b.valid, scan_b.ranges, 0.0)
+    )

@@ -1,0 +1,232 @@
+"""What moves in each scan of a running robot: joint inference against a few earlier scans, within a deadline.
+
+Consecutive scans show almost no motion; the scans compared with are those half a second and more ago, so that a slow
+walker has gone farther than the noise. A scan for which there is no time is not labelled, and counted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.errors import InputError
+from estimation.poses import between, inverse, inverse_jacobian
+from registration.align import align
+from registration.crf.estimate import UNKNOWN, JointEstimate
+from registration.crf.model import JointModel
+from registration.crf.window import FARTHEST, decide, vote
+from registration.motion import Array
+from registration.scan import Scan
+
+LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
+LEAST_BEAMS = 30  # of them, likewise
+FORGET = 0.7  # of the expected duration after a scan that was skipped, so that it is tried again
+SPACING = 0.04  # seconds between scans that are remembered
+
+
+@dataclass(frozen=True)
+class SegmenterConfig:
+    """Settings of `ScanSegmenter`; each field's metadata has its unit, meaning and allowed range."""
+
+    segment_scans: bool = field(
+        default=True,
+        metadata={"description": "label what moves in each scan, and follow the robot without it"},
+    )
+    segment_interval: float = field(
+        default=0.5,
+        metadata={
+            "unit": "s",
+            "description": "how long ago the scan compared with is",
+            "low": 0.1,
+            "high": 5.0,
+        },
+    )
+    segment_references: int = field(
+        default=2, metadata={"description": "earlier scans each scan is compared with", "low": 1, "high": 8}
+    )
+    segment_deadline: float = field(
+        default=0.05,
+        metadata={
+            "unit": "s",
+            "description": "a scan whose labels would take longer is registered without; not in lock-step replay",
+            "low": 0.0,
+            "high": 10.0,
+        },
+    )
+
+    def __post_init__(self) -> None:
+        for name, described in self.__dataclass_fields__.items():
+            low, high = described.metadata.get("low"), described.metadata.get("high")
+            value = getattr(self, name)
+            if low is not None and not low <= value <= high:
+                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+
+
+@dataclass(frozen=True, eq=False)
+class MovingSegment:
+    """One rigid body of a scan. motion (3,), covariance (3, 3): of the body from the earlier scan to this one, in this
+    scan's frame; interval : seconds between the two; probability : that it moves."""
+
+    label: int
+    motion: Array
+    covariance: Array
+    interval: float
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class Segmented:
+    """Labels of one scan, (N,): number of the moving segment from 1, 0 static, -1 unknown; probabilities (N,) that each
+    beam moves, NaN where unknown; segments, the background first, none where nothing is known."""
+
+    labels: NDArray[np.int64]
+    probabilities: Array
+    segments: list[MovingSegment]
+
+    def static(self, scan: Scan) -> Scan:
+        """The scan without what moves, or as it is where too little would be left."""
+        moving = self.labels > 0
+        returned = int(scan.valid.sum())
+        left = returned - int(moving.sum())
+        if not moving.any() or left < max(LEAST_LEFT * returned, LEAST_BEAMS):
+            return scan
+        return Scan(
+            np.where(moving, np.nan, scan.ranges), scan.angle_min, scan.angle_increment, scan.range_min,
+            scan.range_max, scan.stamp, scan.time_increment,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    scan: Scan
+    stamp: float
+    pose: Array
+
+
+class ScanSegmenter:
+    """Labels scan after scan of one sensor.
+
+    Attributes
+    ----------
+    labelled, skipped : how many scans were, and how many there was no time for.
+    """
+
+    def __init__(
+        self,
+        config: SegmenterConfig | None = None,
+        in_time: bool = True,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """in_time : keep to the deadline; False where results have to repeat. clock : seconds, monotonic."""
+        self.config = config or SegmenterConfig()
+        self._model = JointModel.load()
+        self._in_time, self._clock = in_time, clock
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all scans."""
+        self._kept: deque[_Kept] = deque()
+        self._expected = 0.0
+        self.labelled = self.skipped = 0
+
+    def keep(self, scan: Scan, stamp: float, pose: Array) -> None:
+        """Remember a scan and where odometry puts its sensor, (3,)."""
+        if self._kept and stamp <= self._kept[-1].stamp:
+            return
+        if not self._kept or stamp - self._kept[-1].stamp >= SPACING:
+            self._kept.append(_Kept(scan, stamp, pose.copy()))
+        longest = self.config.segment_interval * (self.config.segment_references + 0.5)
+        while len(self._kept) > 1 and stamp - self._kept[1].stamp > longest:
+            self._kept.popleft()
+
+    def segment(self, scan: Scan, stamp: float, pose: Array) -> Segmented:
+        """Label a scan whose sensor is expected at `pose` (3,), in the frame of the poses that were kept."""
+        begun = self._clock()
+        references = self._references(stamp, pose)
+        if not references:
+            return _unknown(scan)
+        found: list[tuple[JointEstimate, float]] = []
+        tried = 0
+        for kept in references:
+            before = self._clock()
+            if self._in_time and before - begun + self._expected > self.config.segment_deadline:
+                break
+            tried += 1
+            registration = align(scan, kept.scan, between(kept.pose, pose))
+            if registration.converged:
+                estimate = self._model.infer(scan, kept.scan, registration)
+                if estimate.converged:
+                    found.append((estimate, stamp - kept.stamp))
+            self._expected = 0.7 * self._expected + 0.3 * (self._clock() - before)
+        if not tried:
+            self.skipped += 1
+            self._expected *= FORGET
+            return _unknown(scan)
+        self.labelled += 1
+        return _combined(scan, found)
+
+    def _references(self, stamp: float, pose: Array) -> list[_Kept]:
+        """Earlier scans to compare with, one per multiple of the interval."""
+        interval = self.config.segment_interval
+        chosen: list[_Kept] = []
+        for multiple in range(1, self.config.segment_references + 1):
+            wanted = stamp - multiple * interval
+            near = [kept for kept in self._kept if abs(kept.stamp - wanted) <= 0.5 * interval]
+            near = [kept for kept in near if np.hypot(*(kept.pose[:2] - pose[:2])) < FARTHEST]
+            best = min(near, key=lambda kept: abs(kept.stamp - wanted), default=None)
+            if best is not None and best not in chosen:
+                chosen.append(best)
+        return chosen
+
+
+def _unknown(scan: Scan) -> Segmented:
+    return Segmented(np.full(len(scan), -1, dtype=np.int64), np.full(len(scan), np.nan), [])
+
+
+def _combined(scan: Scan, found: list[tuple[JointEstimate, float]]) -> Segmented:
+    """Labels by the votes of all pairs; each segment has its motion from the first pair that found it."""
+    if not found:
+        return _unknown(scan)
+    first, interval = found[0]
+    moving = first.clusters > 0
+    if len(found) > 1:
+        moving = decide(scan, vote([estimate for estimate, _ in found], len(scan))) > 0
+    known = np.any([estimate.clusters >= 0 for estimate, _ in found], axis=0)
+    labels = np.where(known, 0, -1)
+    probabilities = np.nanmean([np.nan_to_num(each.probabilities) for each, _ in found], axis=0)
+    probabilities[~scan.valid] = np.nan
+    segments = [_segment(0, first.motions[0], first.covariances[0], interval, 0.0)]
+    rest = moving.copy()
+    for estimate, seconds in found:
+        for k in range(1, len(estimate.motions)):
+            members = rest & (estimate.clusters == k)
+            if members.sum() < 3:
+                continue
+            number = len(segments)
+            labels[members], rest[members] = number, False
+            share = float(np.mean(probabilities[members]))
+            segments.append(_segment(number, estimate.motions[k], estimate.covariances[k], seconds, share))
+    if rest.any():
+        # Beams of moving pieces that no cluster of enough beams has: part of the segment nearest in bearing.
+        told = np.flatnonzero(labels > 0)
+        if len(told):
+            loose = np.flatnonzero(rest)
+            labels[loose] = labels[told[np.abs(loose[:, None] - told[None]).argmin(axis=1)]]
+        else:
+            labels[rest] = len(segments)
+            segments.append(_segment(len(segments), first.motions[0], UNKNOWN, interval, 0.5))
+    return Segmented(labels, probabilities, segments)
+
+
+def _segment(
+    label: int, motion: Array, covariance: Array, interval: float, probability: float
+) -> MovingSegment:
+    """`motion` takes this scan's points to the earlier scan; told is the way forward, in this scan's frame."""
+    jacobian = inverse_jacobian(motion)
+    forward = jacobian @ covariance @ jacobian.T
+    return MovingSegment(label, inverse(motion), 0.5 * (forward + forward.T), interval, probability)

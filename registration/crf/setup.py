@@ -1,0 +1,147 @@
+"""From two scans to the problem the joint inference solves: motions to begin with, candidates, boosted features."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.boosting import AdaBoost
+from estimation.poses import inverse
+from registration.align import align, search
+from registration.crf.beams import AGREES, Beams, beams_of, nearness, noise_between, seen_by
+from registration.crf.candidates import candidates
+from registration.crf.hypotheses import Hypothesis, hypotheses
+from registration.crf.potentials import Problem
+from registration.crf.shape_features import outlier_features, pair_features
+from registration.motion import Array
+from registration.outline import outline_of
+from registration.result import Registration
+from registration.scan import Scan
+
+FAR, FAR_TURN = 2.0, np.deg2rad(60.0)  # metres and radians searched where nothing fits near
+FAST = 3.0  # m/s the sensor may go, where stamps tell the interval
+NEAR_REACH = 0.8  # metres `align` searches
+FAR_FITNESS = 0.85  # what is found there has to fit better than most
+LEAST_STANDING = (
+    0.36  # share of either scan's beams that agree with the other: outlines say less where one is filled
+)
+MARGIN = 0.5  # metres around a group within which its motion is considered
+FASTEST = 12.0  # m/s, of anything, where stamps tell the interval
+LEAST_REACH, MOST_REACH = 0.8, 1.5  # metres a thing may have gone between the scans
+
+
+@dataclass(eq=False)
+class Start:
+    """What is known before the first message: made ready scans, the background's motion, groups that may move.
+
+    `gone` are groups that certainly left their place but have no counterpart in scan b.
+    """
+
+    a: Beams
+    b: Beams
+    registration: Registration
+    noise: float
+    sight: NDArray[np.int64]
+    off: Array
+    found: list[Hypothesis]
+    gone: list[Hypothesis]
+
+    @property
+    def motions(self) -> Array:
+        """(D, 3), background first."""
+        return np.array([self.registration.transform, *(each.motion for each in self.found)])
+
+
+def start(scan_a: Scan, scan_b: Scan, registration: Registration | None = None) -> Start:
+    """Register the background and find what does not follow it (InitialiseRT)."""
+    a, b = beams_of(scan_a), beams_of(scan_b)
+    if registration is None:
+        registration = _register(scan_a, scan_b)
+    background = registration.transform
+    noise = noise_between(a, b, background)
+    seen = seen_by(a, b, background, noise)
+    fresh, _ = seen_by(b, a, inverse(background), noise)
+    standing = (
+        min(float(np.mean(seen[0] == AGREES)), float(np.mean(fresh == AGREES))) if len(a) and len(b) else 0.0
+    )
+    if registration.converged and standing < LEAST_STANDING:
+        reason = f"only {standing:.0%} of the beams stand in both scans"
+        registration = replace(registration, converged=False, reason=reason)
+    groups: list[Hypothesis] = []
+    if registration.converged:
+        groups = hypotheses(a, b, background, seen, fresh, reach_of(scan_a, scan_b), noise)
+    found = [group for group in groups if group.matched]
+    gone = [group for group in groups if not group.matched]
+    return Start(a, b, registration, noise, *seen, found, gone)
+
+
+def _register(scan_a: Scan, scan_b: Scan) -> Registration:
+    """The background's motion: near first, then farther, as far as a fast robot goes between the two."""
+    near = align(scan_a, scan_b)
+    reach = min(FAR, FAST * abs(scan_b.stamp - scan_a.stamp))
+    if near.converged or reach < NEAR_REACH:
+        return near
+    moving, still = outline_of("scan_a", scan_a), outline_of("scan_b", scan_b)
+    far = search(moving, still, np.zeros(3), reach, FAR_TURN)
+    if not far.converged and "settle" in far.reason:
+        again = align(scan_a, scan_b, far.transform, "point_to_line")
+        far = again if again.converged else far
+    return far if far.converged and far.fitness > FAR_FITNESS else near
+
+
+def reach_of(scan_a: Scan, scan_b: Scan) -> float:
+    """Metres a thing may have gone between the scans."""
+    interval = abs(scan_b.stamp - scan_a.stamp)
+    return MOST_REACH if interval == 0.0 else float(np.clip(FASTEST * interval, LEAST_REACH, MOST_REACH))
+
+
+def problem_of(
+    begun: Start, motions: Array, starts: NDArray[np.bool_], data: AdaBoost | None, outlier: AdaBoost | None
+) -> Problem:
+    """The problem under `motions` (D, 3) with `starts` (n, D); without boosting its scores are zero."""
+    a, b = begun.a, begun.b
+    active = _near_starts(a, starts)
+    states = candidates(a, b, motions, active)
+    near = nearness(a, begun.noise)
+    scores, doubts = np.zeros(states.shape), np.zeros(len(a))
+    features, hints = boosting_features(begun, motions, starts, states)
+    first = np.where((states >= 0).any(axis=1), features[:, :, -1].argmin(axis=1), states.shape[1])
+    if data is not None and outlier is not None:
+        scores = data.score(features.reshape(-1, features.shape[2])).reshape(states.shape) - 0.5
+        doubts = outlier.score(hints) - 0.5
+    return Problem(
+        a, b, states, scores, doubts, starts, active, near, near + 0.5 * a.spacing, motions.copy(), first
+    )
+
+
+def boosting_features(
+    begun: Start, motions: Array, starts: NDArray[np.bool_], states: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Inputs of data boosting (n, K, 12) and of outlier boosting (n, 20)."""
+    # The motion a point starts with: that of its group, else the background's.
+    own = (
+        np.where(starts[:, 1:].any(axis=1), 1 + starts[:, 1:].argmax(axis=1), 0) if starts.shape[1] > 1 else 0
+    )
+    chosen = np.ascontiguousarray(motions[np.broadcast_to(own, (len(begun.a),))])
+    features = pair_features(begun.a, begun.b, states, chosen)
+    return features, outlier_features(begun.a, features, states, begun.sight, begun.off)
+
+
+def _near_starts(a: Beams, starts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n, D) points for which each motion is considered: those around the group it came from, and of its pieces."""
+    active = np.zeros_like(starts)
+    active[:, 0] = True
+    for d in range(1, starts.shape[1]):
+        members = a.points[starts[:, d]]
+        if len(members):
+            low, high = members.min(axis=0) - MARGIN, members.max(axis=0) + MARGIN
+            active[:, d] = ((a.points >= low) & (a.points <= high)).all(axis=1)
+            active[:, d] |= np.isin(a.pieces, np.unique(a.pieces[starts[:, d]]))
+    return active
+
+
+def starts_of(begun: Start) -> NDArray[np.bool_]:
+    """(n, D) membership of the groups found; the background's column is empty."""
+    return np.column_stack([np.zeros(len(begun.a), dtype=bool), *(each.members for each in begun.found)])

@@ -1,0 +1,34 @@
+"""The joint CRF's experiment: its protocol on a few pairs, and the baselines it compares with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from registration.crf.baselines import free_space, icp_kmeans
+from whereabouts.experiments.crf import FREE, MODELS, leave_one_out
+from whereabouts.experiments.crf_metrics import scores
+from whereabouts.simulation.labelled_pairs import protocol
+
+
+def test_the_joint_model_is_best_on_a_pair_left_out() -> None:
+    pairs = protocol(21)[4:8]
+    found = leave_one_out(pairs, [2])
+    assert set(found) == {*MODELS, FREE}
+    (joint,) = found[MODELS[3]]
+    for name in MODELS[:3]:
+        (other,) = found[name]
+        assert joint.association >= other.association, name
+        assert joint.clustering >= other.clustering, name
+        assert joint.association_sed <= other.association_sed, name
+        assert joint.clustering_sed <= other.clustering_sed, name
+
+
+def test_baselines_answer_in_the_same_form() -> None:
+    pair = protocol(22)[0]
+    for infer in (icp_kmeans, free_space):
+        estimate = infer(pair.scan_a, pair.scan_b)
+        assert estimate.associations.shape == estimate.clusters.shape == (len(pair.scan_a),)
+        assert estimate.clusters.max() < len(estimate.motions)
+        found = scores(pair, estimate)
+        assert 0.2 < found.association <= 1.0
+        assert np.isfinite(found.background).all()

@@ -1,0 +1,256 @@
+"""The joint model as it is shipped: labels, motions and poses against the truth of simulated pairs, and bad input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from estimation.errors import InputError
+from registration import Scan, align, align_globally
+from registration.crf import JointEstimate, JointModel
+from registration.crf.baselines import free_space
+from registration.crf.online import ScanSegmenter, SegmenterConfig
+from registration.crf.window import segment
+from whereabouts.datasets import data_directory
+from whereabouts.experiments.crf import f1_of
+from whereabouts.experiments.crf_metrics import scores
+from whereabouts.experiments.crf_recordings import _counts, _pairs, read_recording
+from whereabouts.simulation import Lidar, Mover, box, corridor, joined, outlines, random_room
+from whereabouts.simulation.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
+from whereabouts.simulation.pairs import free_pose
+
+ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
+
+
+@pytest.fixture(scope="module")
+def model() -> JointModel:
+    return JointModel.load()
+
+
+@pytest.fixture(scope="module")
+def room_scan() -> Scan:
+    room = random_room(np.random.default_rng(3))
+    return ROUND.scan(room, free_pose(room, np.random.default_rng(1), 2.0), np.random.default_rng(0)).scan
+
+
+def estimates(model: JointModel, pairs: list[LabelledPair]) -> list[JointEstimate]:
+    return [model.infer(pair.scan_a, pair.scan_b) for pair in pairs]
+
+
+def test_the_texts_protocol(model: JointModel) -> None:
+    pairs = protocol(11)
+    found = [scores(pair, each) for pair, each in zip(pairs, estimates(model, pairs), strict=True)]
+    assert np.mean([each.association for each in found]) > 0.74
+    assert np.mean([each.clustering for each in found]) > 0.83
+    true = np.mean([each.true_outliers for each in found])
+    assert np.mean([each.outliers_association for each in found]) == pytest.approx(true, abs=0.02)
+    assert np.nanmean([each.found_association for each in found]) > 0.75
+    objects = [error for each in found for error in each.objects]
+    assert len(objects) > 0.6 * sum(len(pair.movers) for pair in pairs)
+    rotation, translation = np.mean(objects, axis=0)
+    assert rotation < 0.03
+    assert translation < 0.3
+    f1, precision, _ = f1_of([each.counts for each in found])
+    free, _, _ = f1_of([scores(pair, free_space(pair.scan_a, pair.scan_b)).counts for pair in pairs])
+    assert f1 > max(0.88, free)
+    assert precision > 0.95
+
+
+@pytest.mark.parametrize("lidar", [ROUND, Lidar(1081, np.deg2rad(270.0))], ids=["361", "1081"])
+def test_moving_beams_indoors(model: JointModel, lidar: Lidar) -> None:
+    counts = []
+    for scene in ("office", "hall"):
+        pairs = random_labelled_pairs(np.random.default_rng(77), scene, 8, lidar=lidar)
+        counts += [
+            scores(pair, each).counts for pair, each in zip(pairs, estimates(model, pairs), strict=True)
+        ]
+    f1, precision, _ = f1_of(counts)
+    assert f1 > 0.88
+    assert precision > 0.95
+
+
+def test_the_pose_is_no_worse_than_by_plain_registration(model: JointModel) -> None:
+    pairs = random_labelled_pairs(np.random.default_rng(78), "crowd", 40, lidar=ROUND)
+    errors = []
+    for pair in pairs:
+        plain = align(pair.scan_a, pair.scan_b)
+        if plain.converged:
+            joint = model.infer(pair.scan_a, pair.scan_b)
+            errors.append(
+                [np.hypot(*(each - pair.motions[0])[:2]) for each in (joint.motions[0], plain.transform)]
+            )
+    assert len(errors) > 30
+    joint_error, plain_error = np.mean(errors, axis=0)
+    assert joint_error <= plain_error
+
+
+def test_crf_is_a_method_of_registration() -> None:
+    (pair,) = random_labelled_pairs(np.random.default_rng(79), "office", 1, lidar=ROUND)
+    for found in (
+        align(pair.scan_a, pair.scan_b, method="crf"),
+        align_globally(pair.scan_a, pair.scan_b, method="crf"),
+    ):
+        assert found.converged
+        assert np.hypot(*(found.transform - pair.motions[0])[:2]) < 0.01
+    with pytest.raises(InputError, match="crf"):
+        align(pair.scan_a.points(), pair.scan_b.points(), method="crf")
+
+
+def test_the_answer_has_one_entry_per_beam_and_repeats(model: JointModel) -> None:
+    (pair,) = random_labelled_pairs(np.random.default_rng(80), "hall", 1)
+    ranges = pair.scan_a.ranges.copy()
+    ranges[::7] = np.nan
+    scan = Scan(ranges, pair.scan_a.angle_min, pair.scan_a.angle_increment, 0.05, 40.0)
+    one, two = model.infer(scan, pair.scan_b), model.infer(scan, pair.scan_b)
+    assert one.associations.shape == one.clusters.shape == one.probabilities.shape == (len(scan),)
+    assert one.motions.shape == (1 + one.clusters.max(), 3)
+    assert one.covariances.shape == (len(one.motions), 3, 3)
+    lost = ~scan.valid
+    assert (one.associations[lost] == -1).all()
+    assert (one.clusters[lost] == -1).all()
+    assert pair.scan_b.valid[one.associations[one.associations >= 0]].all()
+    assert_array_equal(one.associations, two.associations)
+    assert_array_equal(one.clusters, two.clusters)
+    assert_array_equal(one.motions, two.motions)
+
+
+def test_schedules_agree(model: JointModel) -> None:
+    for pair in random_labelled_pairs(np.random.default_rng(81), "street", 3):
+        found = {
+            name: model.infer(pair.scan_a, pair.scan_b, schedule=name)
+            for name in ("exact", "sweep", "flooding")
+        }
+        for name in ("sweep", "flooding"):
+            assert np.mean(found[name].clusters == found["exact"].clusters) > 0.97
+    with pytest.raises(InputError, match="schedule"):
+        model.infer(pair.scan_a, pair.scan_b, schedule="backwards")
+
+
+def nothing(estimate: JointEstimate, beams: int) -> bool:
+    """Defined, and sure of nothing."""
+    return (
+        not estimate.converged
+        and bool(estimate.reason)
+        and len(estimate.clusters) == beams
+        and (estimate.associations == -1).all()
+        and (estimate.clusters == -1).all()
+        and not estimate.motions.any()
+    )
+
+
+def test_identical_scans_are_identity(model: JointModel, room_scan: Scan) -> None:
+    found = model.infer(room_scan, room_scan)
+    assert found.converged
+    assert not found.motions.any()
+    assert_array_equal(found.associations, np.where(room_scan.valid, np.arange(len(room_scan)), -1))
+
+
+def test_scans_without_enough_in_them(model: JointModel, room_scan: Scan) -> None:
+    few = room_scan.ranges.copy()
+    few[10:] = np.inf
+    for ranges in (np.full(361, np.nan), few, np.zeros(361)):
+        poor = Scan(ranges, room_scan.angle_min, room_scan.angle_increment, 0.05, 30.0)
+        assert nothing(model.infer(poor, room_scan), 361)
+        assert nothing(model.infer(room_scan, poor), 361)
+    assert nothing(model.infer(Scan([], 0.0, 0.1), room_scan), 0)
+    assert nothing(model.infer(Scan([1.0], 0.0, 0.1), room_scan), 1)
+
+
+def test_scans_of_different_places(model: JointModel) -> None:
+    rng = np.random.default_rng(4)
+    sure = 0
+    for _ in range(15):
+        scans = []
+        for _ in range(2):
+            room = random_room(rng)
+            scans.append(ROUND.scan(room, free_pose(room, rng, 2.0), rng).scan)
+        estimate = model.infer(*scans)
+        sure += estimate.converged
+        assert estimate.converged or nothing(estimate, 361)
+    assert sure <= 1
+
+
+def test_different_scanners(model: JointModel) -> None:
+    rng, room = np.random.default_rng(5), random_room(np.random.default_rng(6))
+    pose = free_pose(room, rng, 1.5)
+    a = ROUND.scan(room, pose, rng).scan
+    b = Lidar(1081, np.deg2rad(270.0)).scan(room, pose + np.full(3, 0.05), rng).scan
+    there, back = model.infer(a, b), model.infer(b, a)
+    assert there.converged
+    assert back.converged
+    assert len(there.clusters) == 361
+    assert len(back.clusters) == 1081
+    assert np.abs(there.motions[0, 2] + back.motions[0, 2]) < 0.005
+    assert not there.moving.any()
+
+
+def test_a_scan_filled_by_something_near(model: JointModel) -> None:
+    for seed in range(8):
+        rng, room = np.random.default_rng(seed), random_room(np.random.default_rng(seed + 10))
+        pose = free_pose(room, rng, 2.0)
+        near = box(1.2, 0.9, (pose[0] + 0.1, pose[1], seed))
+        clear, filled = ROUND.scan(room, pose, rng).scan, ROUND.scan(joined([room, near]), pose, rng).scan
+        assert nothing(model.infer(clear, filled), 361)
+        assert nothing(model.infer(filled, clear), 361)
+
+
+def test_a_bare_corridor_has_no_movers(model: JointModel) -> None:
+    rng = np.random.default_rng(7)
+    scans = [ROUND.scan(corridor(), np.array([x, 0.1, 0.02]), rng).scan for x in (0.0, 0.3)]
+    assert not model.infer(*scans).moving.any()
+
+
+def test_a_window_sees_what_one_pair_cannot(model: JointModel) -> None:
+    rng, room = np.random.default_rng(9), random_room(np.random.default_rng(12))
+    mover = Mover("box", np.array([1.0, 0.5, 0.4]), np.array([0.5, 0.2]), size=0.8)
+    pose = np.array([0.0, 0.0, 0.3])
+    seen = [
+        ROUND.scan(joined([room, outlines([mover], float(t))]), pose, rng, float(t))
+        for t in np.arange(0, 2.0, 0.1)
+    ]
+    scans, stamps = [each.scan for each in seen], np.array([each.scan.stamp for each in seen])
+    poses = np.tile(pose, (len(seen), 1))
+    counts = np.zeros(3)
+    for index in range(0, len(seen), 3):
+        counts += _counts(seen[index].owners > 0, segment(model, scans, stamps, poses, index) > 0)
+    hits, wrong, missed = counts
+    assert 2.0 * hits / (2.0 * hits + wrong + missed) > 0.9
+
+
+def test_the_online_segmenter_keeps_its_deadline() -> None:
+    (pair,) = random_labelled_pairs(np.random.default_rng(82), "office", 1, lidar=ROUND)
+    seconds = iter(np.arange(0.0, 1e4, 0.03))
+    segmenter = ScanSegmenter(SegmenterConfig(segment_deadline=0.02), clock=lambda: float(next(seconds)))
+    segmenter.keep(pair.scan_a, 0.0, np.zeros(3))
+    found = segmenter.segment(pair.scan_b, 0.5, np.zeros(3))
+    assert segmenter.skipped == 1
+    assert (found.labels == -1).all()
+    assert not found.segments
+    patient = ScanSegmenter(
+        SegmenterConfig(segment_deadline=0.02), in_time=False, clock=lambda: float(next(seconds))
+    )
+    patient.keep(pair.scan_a, 0.0, np.zeros(3))
+    found = patient.segment(pair.scan_b, 0.5, np.zeros(3))
+    assert patient.skipped == 0
+    assert (found.labels >= 0).sum() > 200
+    assert found.static(pair.scan_b).valid.sum() == pair.scan_b.valid.sum() - (found.labels > 0).sum()
+
+
+@pytest.mark.parametrize("name", ["overtake_ego", "parallel"])
+def test_recorded_cars(model: JointModel, name: str) -> None:
+    data = data_directory()
+    path = None if data is None else data / "moving_objects" / f"{name}.bag"
+    if path is None or not path.exists():
+        pytest.skip("moving_objects is absent from the data directory")
+    recorded = read_recording(path)
+    hits, wrong, missed = _pairs(recorded, model, 0.6, 4, False)
+    assert 2.0 * hits / (2.0 * hits + wrong + missed) > 0.70
+    total = np.zeros(3)
+    for index in range(0, len(recorded.scans), 6):
+        labels = segment(model, recorded.scans, recorded.stamps, recorded.poses, index)
+        total += _counts(recorded.moving[index], labels > 0)
+    hits, wrong, missed = total
+    assert 2.0 * hits / (2.0 * hits + wrong + missed) > 0.83
+    assert hits / (hits + wrong) > 0.8
+    assert hits / (hits + missed) > 0.8

@@ -1,0 +1,163 @@
+"""`whereabouts segment`: which beams of a recording hit something that moves, and where the sensor was meanwhile."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from whereabouts.cli.common import JsonFile, write_figures
+
+if TYPE_CHECKING:
+    from registration.scan import Scan
+
+
+def segment(
+    source: Annotated[
+        Path | None,
+        typer.Argument(metavar="[IN]", help="Any readable log with planar scans."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="labels.npz, or with --train the model's JSON file.")
+    ] = None,
+    topic: Annotated[
+        str | None, typer.Option("--topic", help="Scans to label; by default the first topic seen.")
+    ] = None,
+    model_file: Annotated[
+        Path | None, typer.Option("--model", help="A trained model instead of the one that is shipped.")
+    ] = None,
+    pictures: Annotated[
+        Path | None, typer.Option("--pictures", help="Folder for pictures of some labelled scans.")
+    ] = None,
+    train: Annotated[
+        bool, typer.Option("--train", help="Train a model on simulated labelled pairs and write it to --out.")
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Label every beam of a recording: moving or static.
+
+    The file holds `labels` (N, beams): number of the moving segment from 1, 0 static, -1 no return or unknown;
+    `stamps` (N,) seconds; `poses` (N, 3) of the sensor, metres and radians in the frame of the first scan. Scans with
+    fewer beams than the longest are filled with -1.
+    """
+    from estimation.errors import InputError
+
+    if train:
+        if out is None:
+            raise InputError("--out: where to write the trained model")
+        _train(out, json_file)
+        return
+    if source is None:
+        raise InputError("IN: a log to label, or --train")
+    _label(source, out, topic, model_file, pictures, json_file)
+
+
+def _train(out: Path, json_file: Path | None) -> None:
+    from whereabouts.experiments.crf_training import train_shipped
+
+    started = time.perf_counter()
+    model = train_shipped()
+    model.save(out)
+    typer.echo(
+        f"trained on {model.card['pairs']} pairs in {time.perf_counter() - started:.0f} s, written to {out}"
+    )
+    write_figures(json_file, {"pairs": model.card["pairs"]})
+
+
+def _label(
+    source: Path, out: Path | None, topic: str | None, model_file: Path | None, pictures: Path | None,
+    json_file: Path | None,
+) -> None:  # fmt: skip
+    import numpy as np
+
+    from registration.crf import JointModel
+    from registration.crf.window import segment as segment_scan
+    from whereabouts.progress import track
+
+    model = JointModel.load(model_file)
+    scans, stamps, poses = read(source, topic)
+    started = time.perf_counter()
+    labels = np.full((len(scans), max(len(scan) for scan in scans)), -1, dtype=np.int64)
+    for index in track(range(len(scans)), f"labelling {source.name}"):
+        found = segment_scan(model, scans, stamps, poses, index)
+        labels[index, : len(found)] = found
+    elapsed = time.perf_counter() - started
+    returned, moving = int((labels >= 0).sum()), int((labels > 0).sum())
+    if out is not None:
+        _write(out, labels, stamps, poses)
+    if pictures is not None:
+        draw(pictures, scans, labels, stamps)
+    typer.echo(
+        f"{len(scans)} scans, {moving} of {returned} labelled beams move, {len(scans) / max(elapsed, 1e-9):.0f} "
+        f"scans/s{f', written to {out}' if out else ''}"
+    )
+    figures: dict[str, Any] = {"source": str(source), "scans": len(scans), "moving_beams": moving}
+    figures |= {"labelled_beams": returned, "scans_per_second": len(scans) / max(elapsed, 1e-9)}
+    write_figures(json_file, figures)
+
+
+def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
+    """Scans of a log, their stamps (N,) and sensor poses (N, 3) by odometry."""
+    import numpy as np
+
+    from registration.odometry import Odometry
+    from whereabouts.logs import ScanRecord, open_log
+    from whereabouts.logs.errors import NothingRecognisedError
+
+    odometry = Odometry()
+    scans: list[Scan] = []
+    stamps: list[float] = []
+    poses: list[Any] = []
+    with open_log(source) as log:
+        for record in log:
+            if not isinstance(record, ScanRecord) or (
+                topic is not None and record.topic != topic.lstrip("/")
+            ):
+                continue
+            topic = record.topic if topic is None else topic
+            scans.append(record.scan)
+            stamps.append(record.stamp)
+            poses.append(odometry.register(record.scan, record.stamp))
+    if not scans:
+        raise NothingRecognisedError(
+            source, f"there are no scans {f'on topic {topic}' if topic else 'in it'}"
+        )
+    return scans, np.array(stamps), np.array(poses)
+
+
+def _write(out: Path, labels: Any, stamps: Any, poses: Any) -> None:
+    import numpy as np
+
+    from whereabouts.logs.atomic import atomic_path
+
+    with atomic_path(out) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, labels=labels, stamps=stamps, poses=poses)
+
+
+def draw(folder: Path, scans: list[Scan], labels: Any, stamps: Any, count: int = 6) -> list[Path]:
+    """Pictures of `count` scans spread over the recording, what moves in colour."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for index in np.unique(np.linspace(0, len(scans) - 1, count).astype(int)):
+        scan = scans[index]
+        points, found = scan.points(), labels[index, : len(scan)][scan.valid]
+        figure, axes = plt.subplots(figsize=(6, 6))
+        axes.plot(points[found <= 0, 0], points[found <= 0, 1], ".", color="0.5", markersize=3)
+        moving = found > 0
+        axes.scatter(points[moving, 0], points[moving, 1], c=found[moving], cmap="tab10", s=10)
+        axes.plot(0, 0, "k+")
+        axes.set_aspect("equal")
+        axes.set_title(f"{stamps[index] - stamps[0]:.1f} s")
+        path = folder / f"scan_{index:05d}.png"
+        figure.savefig(path, dpi=80)
+        plt.close(figure)
+        written.append(path)
+    return written
