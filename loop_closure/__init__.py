@@ -3,16 +3,28 @@
 from estimation.boosting import AdaBoost
 from loop_closure.comparison import PlaceDatabase, pair_features, pair_features_many
 from loop_closure.features import PlaceFeatures, features_2d, features_3d, scan_order
+from loop_closure.outlines import LocalMap, Outline
+from loop_closure.place_model import PlaceModel
 from loop_closure.recognizer import PlaceRecognizer
+from loop_closure.shipped import shipped_model
+from loop_closure.slam import Closure, Slam, SlamConfig, SlamUpdate
 
 __all__ = [
     "AdaBoost",
+    "Closure",
+    "LocalMap",
+    "Outline",
     "PlaceDatabase",
     "PlaceFeatures",
+    "PlaceModel",
     "PlaceRecognizer",
+    "Slam",
+    "SlamConfig",
+    "SlamUpdate",
     "features_2d",
     "features_3d",
     "pair_features",
     "pair_features_many",
     "scan_order",
+    "shipped_model",
 ]

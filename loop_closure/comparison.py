@@ -20,20 +20,26 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.features import PlaceFeatures
+from loop_closure.outlines import Outline
 
 
 class PlaceDatabase:
     """Places stacked for comparison; adding one takes constant time on average, as the arrays grow by doubling.
 
-    A place takes 8 bytes per scalar feature and 4 per bin: 4.4 kB with r_max = 50 m.
+    A place takes 8 bytes per scalar feature and 4 per bin: 4.4 kB with r_max = 50 m. With `wide` it also takes its
+    signature, 4 bytes per number, and its outline, 2 kB of free cells and 8 bytes per point.
 
     Parameters
     ----------
     places : what to start with; all of one dimension and one max_range.
+    wide : also keep what models beyond the text's features look at, for `compare_wide`.
     """
 
-    def __init__(self, places: Iterable[PlaceFeatures] = ()) -> None:
+    def __init__(self, places: Iterable[PlaceFeatures] = (), wide: bool = False) -> None:
         self._size = 0
+        self.wide = wide
+        self._signatures = np.empty((0, 0), dtype=np.float32)
+        self._outlines: list[Outline | None] = []
         self._first: PlaceFeatures | None = None
         self._values = np.empty((0, 0))
         self._profiles = np.empty((0, 0), dtype=np.float32)
@@ -55,9 +61,19 @@ class PlaceDatabase:
         return self._profiles[: self._size]
 
     @property
+    def signatures(self) -> npt.NDArray[np.float32]:
+        """Signatures of all places (`PlaceFeatures.signature`), (M, S); (0, 0) unless `wide`."""
+        return self._signatures[: self._size]
+
+    def outline(self, index: int) -> Outline | None:
+        """The outline of a place, None where it has none or the database is not `wide`."""
+        return self._outlines[index] if self.wide else None
+
+    @property
     def nbytes(self) -> int:
         """Memory of the stored places in bytes, without the room kept for growth."""
-        return int(self.values.nbytes + self.profiles.nbytes)
+        outlines = sum(outline.nbytes for outline in self._outlines if outline is not None)
+        return int(self.values.nbytes + self.profiles.nbytes + self.signatures.nbytes) + outlines
 
     def append(self, place: PlaceFeatures) -> int:
         """Add a place; returns its index. InputError where it does not match those already there."""
@@ -66,10 +82,17 @@ class PlaceDatabase:
             self._values = np.empty((8, len(place.values)))
             self._profiles = np.empty((8, len(place.profile)), dtype=np.float32)
             self._starts = _starts(place)
-        require_comparable(self._first, place)
+            if self.wide:
+                self._signatures = np.empty((8, len(place.signature)), dtype=np.float32)
+        require_comparable(self._first, place, self.wide)
         if self._size == len(self._values):
             self._values = _doubled(self._values)
             self._profiles = _doubled(self._profiles)
+            if self.wide:
+                self._signatures = _doubled(self._signatures)
+        if self.wide:
+            self._signatures[self._size] = place.signature
+            self._outlines.append(place.outline)
         self._values[self._size] = place.values
         self._profiles[self._size] = place.profile
         self._size += 1
@@ -77,17 +100,44 @@ class PlaceDatabase:
 
     def compare(self, query: PlaceFeatures) -> FloatArray:
         """Pair features of `query` with every place, (M, n). InputError where they cannot be compared."""
+        return self.compare_some(query, np.arange(self._size))
+
+    def compare_some(self, query: PlaceFeatures, rows: npt.NDArray[np.integer]) -> FloatArray:
+        """Pair features of `query` with the places of these indices (K,), (K, n); InputError as `compare`."""
         width = len(query.values) + len(query.histograms)
         if self._first is None:
             return np.empty((0, width))
         require_comparable(self._first, query)
-        pairs = np.empty((self._size, width))
-        _compare(query.values, query.profile, self.values, self.profiles, self._starts, pairs)
+        if len(rows) and not 0 <= rows.min() <= rows.max() < self._size:
+            raise InputError(f"rows: indices from 0 to {self._size - 1} expected")
+        pairs = np.empty((len(rows), width))
+        _compare(query.values, query.profile, self.values, self.profiles, self._starts, rows, pairs)
         return pairs
 
+    def compare_wide(self, query: PlaceFeatures, rows: npt.NDArray[np.integer] | None = None) -> FloatArray:
+        """`compare` and absolute differences of signatures, (K, n + S), with all places or those of `rows`.
 
-def require_comparable(a: PlaceFeatures, b: PlaceFeatures) -> None:
-    """InputError unless both places have the same features, bins and max_range."""
+        Raises
+        ------
+        InputError : a database that is not `wide`, places that cannot be compared, or rows that do not exist.
+        """
+        if not self.wide:
+            raise InputError("places: a wider model needs PlaceDatabase(places, wide=True)")
+        if self._first is None:
+            return np.empty((0, len(query.values) + len(query.histograms) + len(query.signature)))
+        require_comparable(self._first, query, True)
+        rows = np.arange(self._size) if rows is None else rows
+        narrow = self.compare_some(query, rows)
+        wide = np.empty((len(rows), narrow.shape[1] + len(query.signature)))
+        wide[:, : narrow.shape[1]] = narrow
+        np.abs(self._signatures[rows] - query.signature, out=wide[:, narrow.shape[1] :])
+        return wide
+
+
+def require_comparable(a: PlaceFeatures, b: PlaceFeatures, wide: bool = False) -> None:
+    """InputError unless both places have the same features, bins and max_range, and with `wide` outlines or none."""
+    if wide and (a.outline is None) != (b.outline is None):
+        raise InputError("places: one has an outline, the other has none")
     if len(a.values) != len(b.values):
         raise InputError(f"places: {len(a.values)} and {len(b.values)} scalar features cannot be compared")
     if a.max_range != b.max_range:
@@ -133,13 +183,14 @@ def _doubled(array: npt.NDArray[np.floating]) -> npt.NDArray:
 
 # Reordered sums vectorise; every sum is accumulated in double precision.
 @numba.njit(cache=True, fastmath={"reassoc", "contract"})
-def _compare(values, profile, all_values, all_profiles, starts, pairs):  # type: ignore[no-untyped-def]
+def _compare(values, profile, all_values, all_profiles, starts, rows, pairs):  # type: ignore[no-untyped-def]
     scalars = len(values)
-    for i in range(len(all_values)):
+    for i in range(len(rows)):
+        row = rows[i]
         for j in range(scalars):
-            pairs[i, j] = abs(values[j] - all_values[i, j])
+            pairs[i, j] = abs(values[j] - all_values[row, j])
         for h in range(len(starts) - 1):
             total = 0.0
             for k in range(starts[h], starts[h + 1]):
-                total += np.float64(profile[k]) * np.float64(all_profiles[i, k])
+                total += np.float64(profile[k]) * np.float64(all_profiles[row, k])
             pairs[i, scalars + h] = min(max(total, -1.0), 1.0)

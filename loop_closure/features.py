@@ -30,6 +30,8 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_finite, as_floats, require_positive
 from estimation.errors import InputError
 from loop_closure import definitions as define
+from loop_closure.outlines import Outline, outline_of_scan
+from loop_closure.signatures import outline_signature, range_quantiles
 from registration.scan import Scan
 
 # Table 7.
@@ -49,6 +51,8 @@ class PlaceFeatures:
     values : (35,) in 2D or (32,) in 3D, the scalar features; units as in `loop_closure.definitions`.
     histograms : 9 arrays of counts, one per width of BIN_WIDTHS.
     max_range : r_max they were computed with, metres. Only places of equal r_max can be compared.
+    outline : walls and free floor around the place, for models that look further than the text's features; None of a
+        cloud.
 
     Raises
     ------
@@ -58,6 +62,7 @@ class PlaceFeatures:
     values: FloatArray
     histograms: tuple[FloatArray, ...]
     max_range: float
+    outline: Outline | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "max_range", require_positive("max_range", self.max_range))
@@ -79,6 +84,16 @@ class PlaceFeatures:
             parts.append(np.array([float(flat)]))
         return np.concatenate(parts).astype(np.float32) if parts else np.zeros(0, dtype=np.float32)
 
+    @cached_property
+    def signature(self) -> npt.NDArray[np.float32]:
+        """What `loop_closure.signatures` makes of it: (108,) with an outline; of a cloud (56,), with its scalars."""
+        parts = [range_quantiles(self.histograms[0], self.max_range / len(self.histograms[0]))]
+        if self.outline is None:
+            parts.append(np.log(np.abs(self.values) + 1e-3))
+        else:
+            parts.append(outline_signature(self.outline))
+        return np.concatenate(parts).astype(np.float32)
+
 
 def _vector(name: str, value: npt.ArrayLike) -> FloatArray:
     array = as_finite(name, value)
@@ -87,10 +102,11 @@ def _vector(name: str, value: npt.ArrayLike) -> FloatArray:
     return array
 
 
-def features_2d(scan: Scan, max_range: float) -> PlaceFeatures:
-    """The 35 scalar features and 9 range histograms of a planar scan, App. A.A.1.
+def features_2d(scan: Scan, max_range: float, outline: Outline | None = None) -> PlaceFeatures:
+    """The 35 scalar features and 9 range histograms of a planar scan, App. A.A.1, and its outline.
 
-    A scan of no-returns only has features as well: those of nothing are 0.
+    A scan of no-returns only has features as well: those of nothing are 0. `outline` replaces that of the scan, such
+    as by `LocalMap.outline()`.
 
     Raises
     ------
@@ -108,7 +124,7 @@ def features_2d(scan: Scan, max_range: float) -> PlaceFeatures:
     full_circle = count >= 3 and count * step >= 2.0 * np.pi - 0.5 * step
     multiples, starts = _bins(limit)
     values, counts = _describe_2d(r, P, full_circle, limit, multiples, starts)
-    return _place(values, counts, starts, limit)
+    return _place(values, counts, starts, limit, outline_of_scan(scan) if outline is None else outline)
 
 
 def features_3d(points: npt.ArrayLike, max_range: float) -> PlaceFeatures:
@@ -154,9 +170,13 @@ def _bins(limit: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
 
 
 def _place(
-    values: FloatArray, counts: FloatArray, starts: npt.NDArray[np.int64], limit: float
+    values: FloatArray,
+    counts: FloatArray,
+    starts: npt.NDArray[np.int64],
+    limit: float,
+    outline: Outline | None = None,
 ) -> PlaceFeatures:
-    return PlaceFeatures(values, tuple(np.split(counts, starts[1:-1])), limit)
+    return PlaceFeatures(values, tuple(np.split(counts, starts[1:-1])), limit, outline)
 
 
 @numba.njit(cache=True)

@@ -1,8 +1,18 @@
-"""Recognise a place among all seen before: the exhaustive comparison of Paper A, section 3.1, in one batched call."""
+"""Recognise a place among all seen before: section 3.1 of Paper A, in one batched call, and in less for long histories.
+
+    recognizer = PlaceRecognizer()                       # the shipped model for scans or clouds, as the first place is
+    recognizer.add(features_2d(scan, 50.0), stamp)
+    recognizer.query(features_2d(scan, 50.0), k=10)      # [(id, likelihood), ...]
+
+Places are added in order of path, and asked about before they are added: a model with context (that for clouds) also
+looks at the places before the query. Up to `exhaustive` places every one is compared; of longer histories only the
+`candidates` nearest in the index of `loop_closure.retrieval`.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +21,14 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, require_count
 from estimation.errors import InputError
 from loop_closure.comparison import PlaceDatabase, pair_features_many
-from loop_closure.features import PlaceFeatures
+from loop_closure.context import GAP, PREDECESSORS, UNKNOWN, context_features, usual_odds
+from loop_closure.features import SCALARS_2D, PlaceFeatures
+from loop_closure.place_model import PlaceModel
+from loop_closure.retrieval import Embedding, NearestPlaces
+from loop_closure.shipped import shipped_model
+
+# Places that must be known before how a place resembles them says how it resembles others.
+SETTLED = 100
 
 
 class PairClassifier(Protocol):
@@ -25,26 +42,42 @@ class PlaceRecognizer:
 
     Parameters
     ----------
-    model : trained classifier of pair features, such as `AdaBoost.load(path)` or `AdaBoost().fit(F, y)`.
-
-    Raises
-    ------
-    InputError : no model. None is shipped yet.
+    model : a `PlaceModel`, or any classifier of the text's pair features such as `AdaBoost().fit(F, y)`. None: the
+        best shipped model, for scans or for clouds, whichever comes first.
+    looks : pairs of a query that the model's second stage may look at; the rest keep the first stage's order, below.
+    exhaustive : places up to which a query compares all. candidates : of a longer history, how many.
     """
 
-    def __init__(self, model: PairClassifier | None = None) -> None:
-        if model is None:
-            raise InputError(
-                "model: a trained classifier is needed and none is shipped yet; pass "
-                "PlaceRecognizer(model=AdaBoost.load(path)) or one trained with AdaBoost().fit(F, y) "
-                "on the rows of pair_features"
-            )
-        self.model = model
-        self._places = PlaceDatabase()
+    def __init__(
+        self,
+        model: PlaceModel | PairClassifier | None = None,
+        looks: int = 100,
+        exhaustive: int = 4000,
+        candidates: int = 2000,
+    ) -> None:
+        self.looks = require_count("looks", looks)
+        self.exhaustive = require_count("exhaustive", exhaustive)
+        self.candidates = require_count("candidates", candidates)
+        self._index: NearestPlaces | None = None
+        self._asked: tuple[PlaceFeatures, FloatArray] | None = None
+        self._usual: list[FloatArray] = []
+        self._before: deque[FloatArray] = deque(maxlen=PREDECESSORS)
         self._stamps: list[float] = []
+        self._model: PlaceModel | PairClassifier | None = model
+        self._places = PlaceDatabase(wide=isinstance(model, PlaceModel) and model.wide)
 
     def __len__(self) -> int:
         return len(self._places)
+
+    @property
+    def model(self) -> PlaceModel | PairClassifier | None:
+        """The model; None before the first place where none was given."""
+        return self._model
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the stored places in bytes, with the index."""
+        return self._places.nbytes + (0 if self._index is None else self._index.nbytes)
 
     def add(self, features: PlaceFeatures, stamp: float) -> int:
         """Remember a place seen at `stamp` (s); returns its id, counted from 0.
@@ -55,7 +88,18 @@ class PlaceRecognizer:
         """
         if not math.isfinite(stamp):
             raise InputError(f"stamp: finite number of seconds expected, got {stamp}")
+        self._choose(features)
+        if self._in_context:
+            asked = self._asked
+            known = asked is not None and asked[0] is features
+            row = asked[1] if asked is not None and known else self._odds(features)
+            self._before.appendleft(row)
+            self._usual.append(usual_odds(row[: max(len(row) - GAP, 0)]))
         identity = self._places.append(features)
+        if self._embedding is not None:
+            if self._index is None:
+                self._index = NearestPlaces(self._embedding.dimension)
+            self._index.add(self._embedding(features.signature))
         self._stamps.append(float(stamp))
         return identity
 
@@ -65,11 +109,14 @@ class PlaceRecognizer:
             raise InputError(f"identity: 0 to {len(self) - 1} expected, got {identity}")
         return self._stamps[identity]
 
-    def likelihoods(self, features: PlaceFeatures) -> FloatArray:
-        """Likelihood that `features` is each of the places, (M,) in [0, 1] by id."""
+    def likelihoods(self, features: PlaceFeatures, looks: int | None = None) -> FloatArray:
+        """Likelihood that `features` is each of the places, (M,) in [0, 1] by id, all compared.
+
+        `looks` limits the second stage; None lets it look at every pair that passes the first.
+        """
         if len(self) == 0:
             return np.zeros(0)
-        return self.model.score(pair_features_many(features, self._places))
+        return self._score(features, None, looks)
 
     def query(self, features: PlaceFeatures, k: int) -> list[tuple[int, float]]:
         """The `k` most likely places as (id, likelihood), best first; fewer when fewer are known.
@@ -82,12 +129,74 @@ class PlaceRecognizer:
         InputError : k below 1, or features that do not match the history or the model.
         """
         k = require_count("k", k)
-        scores = self.likelihoods(features)
+        if len(self) == 0:
+            return []
+        rows = self._candidates(features, k)
+        scores = self._score(features, rows, max(self.looks, k))
         if k < len(scores):
             # All that reach the k-th best score, so that ties are decided by id and not by the partition.
             least = np.partition(scores, len(scores) - k)[len(scores) - k]
-            candidates = np.flatnonzero(scores >= least)
+            kept = np.flatnonzero(scores >= least)
         else:
-            candidates = np.arange(len(scores))
-        best = candidates[np.argsort(-scores[candidates], kind="stable")[:k]]
-        return [(int(identity), float(scores[identity])) for identity in best]
+            kept = np.arange(len(scores))
+        best = kept[np.argsort(-scores[kept], kind="stable")[:k]]
+        return [(int(i if rows is None else rows[i]), float(scores[i])) for i in best]
+
+    def _candidates(self, features: PlaceFeatures, k: int) -> npt.NDArray[np.int64] | None:
+        """Ids to compare, ascending; None for all."""
+        if self._index is None or self._embedding is None or len(self) <= max(self.exhaustive, k):
+            return None
+        return np.sort(self._index.query(self._embedding(features.signature), max(self.candidates, k)))
+
+    @property
+    def _embedding(self) -> Embedding | None:
+        return self._model.embedding if isinstance(self._model, PlaceModel) else None
+
+    def _choose(self, features: PlaceFeatures) -> None:
+        """Load the shipped model where none was given, once it is known what the places are."""
+        if self._model is None:
+            name = "best_2d" if len(features.values) == SCALARS_2D else "best_3d"
+            self._model = shipped_model(name)
+            self._places = self._model.database()
+
+    def _usual_odds(self, row: FloatArray) -> FloatArray:
+        """`usual_odds` of all places; of those added to a short history the query's stand for them, (M, 3)."""
+        own = usual_odds(row[: max(len(row) - GAP, 0)])
+        return np.array([own if k < SETTLED else usual for k, usual in enumerate(self._usual)])
+
+    @property
+    def _in_context(self) -> bool:
+        return isinstance(self._model, PlaceModel) and self._model.context is not None
+
+    def _odds(self, features: PlaceFeatures) -> FloatArray:
+        """First-stage log odds of all places, (M,); of a long history only those of candidates, the rest unknown."""
+        assert isinstance(self._model, PlaceModel)
+        if len(self) == 0:
+            return np.zeros(0)
+        rows = self._candidates(features, 1)
+        if rows is None:
+            return self._model.odds(features, self._places)
+        odds = np.full(len(self), UNKNOWN)
+        odds[rows] = self._model.odds(features, self._places, rows)
+        return odds
+
+    def _score(
+        self, features: PlaceFeatures, rows: npt.NDArray[np.integer] | None, looks: int | None
+    ) -> FloatArray:
+        if isinstance(self._model, PlaceModel) and self._model.context is not None:
+            odds = self._odds(features)
+            self._asked = (features, odds)
+            count = len(self)
+            chain = [odds, *(_padded(row, count) for row in self._before)]
+            F = context_features(chain, np.arange(count) < count - GAP, self._usual_odds(odds))
+            return self._model.context.score(F if rows is None else F[rows])
+        if isinstance(self._model, PlaceModel):
+            return self._model.likelihoods(features, self._places, rows, looks)
+        assert self._model is not None  # chosen with the first place
+        pairs = pair_features_many(features, self._places)
+        return self._model.score(pairs if rows is None else pairs[rows])
+
+
+def _padded(row: FloatArray, count: int) -> FloatArray:
+    """A row of log odds of an earlier query, for a history that has grown to `count` places since."""
+    return np.concatenate((row, np.full(count - len(row), UNKNOWN)))

@@ -1,0 +1,127 @@
+"""Scans worth keeping, a step of path apart, and local maps of the path around them."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from loop_closure.motions import length, motion, turn
+from registration.local_map import LocalMap
+from registration.scan import Scan
+from registration.submap import RADIUS, Glance, Submap, fuse, glance
+
+MOST = 24  # scans in one direction from the anchor: a robot that turns on the spot keeps many
+CACHED = 400  # local maps kept for the next who asks
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """One kept scan or cloud.
+
+    stamp : seconds. odometry : pose (3,) or (4, 4) in the odometry frame. path : metres travelled until here.
+    scan, glance : None of a cloud. points : of a cloud (N, 3) metres, None of a scan.
+    """
+
+    stamp: float
+    odometry: FloatArray
+    path: float
+    glance: Glance | None
+    points: FloatArray | None = None
+    scan: Scan | None = None
+
+
+class Keyframes:
+    """Kept scans in order, and local maps around them."""
+
+    def __init__(self) -> None:
+        self._frames: list[Keyframe] = []
+        self._paths: list[float] = []
+        self._gap = 0.0
+        self._breaks: set[int] = set()
+        self._workspace = LocalMap(RADIUS, np.inf)
+        self._cache: OrderedDict[tuple[int, int, int], Submap] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, k: int) -> Keyframe:
+        return self._frames[k]
+
+    @property
+    def paths(self) -> FloatArray:
+        """Metres travelled until each, (N,)."""
+        return np.array(self._paths)
+
+    def wanted(self, odometry: FloatArray, distance: float, angle: float) -> bool:
+        """Whether a scan at `odometry` is far enough from the last one kept."""
+        if not self._frames:
+            return True
+        step = motion(self._frames[-1].odometry, odometry)
+        return length(step) >= distance or turn(step) >= angle
+
+    def add_scan(
+        self, scan: Scan, odometry: FloatArray, max_range: float, path: float | None = None
+    ) -> Keyframe:
+        """Keep a scan; `path` is given where it is known better than from the odometry."""
+        travelled = self._path(odometry) if path is None else path
+        return self._add(Keyframe(scan.stamp, odometry, travelled, glance(scan, max_range), None, scan))
+
+    def add_cloud(
+        self, points: FloatArray, stamp: float, odometry: FloatArray, path: float | None = None
+    ) -> Keyframe:
+        """Keep a cloud (N, 3), already thinned."""
+        travelled = self._path(odometry) if path is None else path
+        return self._add(Keyframe(stamp, odometry, travelled, None, points))
+
+    def gap(self, metres: float) -> None:
+        """The next keyframe is from another run: no local map reaches across."""
+        self._gap = metres
+
+    def break_off(self) -> None:
+        """The step to the last keyframe was guessed: no local map reaches across it."""
+        self._breaks.add(len(self) - 1)
+
+    def _path(self, odometry: FloatArray) -> float:
+        if not self._frames:
+            return 0.0
+        gap, self._gap = self._gap, 0.0
+        return self._frames[-1].path + gap + length(motion(self._frames[-1].odometry, odometry))
+
+    def _add(self, frame: Keyframe) -> Keyframe:
+        self._frames.append(frame)
+        self._paths.append(frame.path)
+        return frame
+
+    def window(self, k: int, back: float, fore: float) -> tuple[int, int]:
+        """First and last keyframe within `back` metres of path before `k` and `fore` after it."""
+        first = last = k
+        here = self._paths[k]
+        while first > 0 and here - self._paths[first - 1] <= back and k - first < MOST:
+            if first in self._breaks:
+                break
+            first -= 1
+        while last < len(self) - 1 and self._paths[last + 1] - here <= fore and last - k < MOST:
+            if last + 1 in self._breaks:
+                break
+            last += 1
+        return first, last
+
+    def local_map(self, k: int, back: float, fore: float) -> Submap:
+        """Fused outline of the scans around keyframe `k`, in its frame."""
+        first, last = self.window(k, back, fore)
+        key = (k, first, last)
+        if key in self._cache:
+            self._cache.move_to_end(key)
+            return self._cache[key]
+        anchor = self._frames[k].odometry
+        frames = self._frames[first : last + 1]
+        glances = [frame.glance for frame in frames if frame.glance is not None]
+        poses = np.array([motion(anchor, frame.odometry) for frame in frames])
+        made = fuse(glances, poses, self._workspace)
+        self._cache[key] = made
+        if len(self._cache) > CACHED:
+            self._cache.popitem(last=False)
+        return made

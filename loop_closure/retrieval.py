@@ -1,0 +1,176 @@
+"""Candidates from a long history in less than linear time: nearest neighbours in a metric learned from pairs.
+
+    embedding = learn_embedding(signatures_a, signatures_b, same)     # signatures (M, S) of pairs
+    index = NearestPlaces(embedding.dimension)
+    index.add(embedding(signature)); index.query(embedding(signature), count=1000)
+
+The metric is that of linear discriminants: differences within one place are made alike in all directions, and those
+directions are kept in which different places differ most. The index sorts places into about √N cells around centres
+and looks only into the cells nearest to the query: O(√N) per query. Cells are made anew whenever the history has
+doubled, so that adding takes constant time on average; what was added since goes into the cell of its nearest centre.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import eigh
+
+from estimation.checks import FloatArray, as_finite, as_points, require_count
+from estimation.errors import InputError
+
+Vectors = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Embedding:
+    """Linear map of signatures: matrix (d, S). Euclidean distance of mapped signatures says how unlike places are."""
+
+    matrix: FloatArray
+
+    @property
+    def dimension(self) -> int:
+        return len(self.matrix)
+
+    def __call__(self, signature: npt.ArrayLike) -> Vectors:
+        """Signature (S,) or signatures (M, S) as vectors (d,) or (M, d)."""
+        return (np.asarray(signature, dtype=np.float64) @ self.matrix.T).astype(np.float32)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain numbers, six digits of each."""
+        return {"matrix": [[float(f"{value:.6g}") for value in row] for row in self.matrix]}
+
+    @classmethod
+    def from_dict(cls, content: Any) -> Embedding:
+        """What `to_dict` described; InputError where it is not complete."""
+        try:
+            matrix = as_points("matrix", content["matrix"])
+        except (KeyError, TypeError) as error:
+            raise InputError(f"embedding: not complete: {error}") from error
+        return cls(matrix)
+
+
+def learn_embedding(
+    differences: npt.ArrayLike, same: npt.ArrayLike, dimension: int = 16, weights: npt.ArrayLike | None = None
+) -> Embedding:
+    """The discriminant metric of signature differences (M, S) of pairs labelled `same` (M,).
+
+    Signs do not matter: absolute differences do as well as far as second moments of single numbers go, but lose how
+    numbers go together; pass signed ones.
+
+    Raises
+    ------
+    InputError : wrong shapes, one class only, or more dimensions than numbers in a signature.
+    """
+    D, labels = as_points("differences", differences), np.asarray(same)
+    weight = np.ones(len(D)) if weights is None else as_finite("weights", weights)
+    if labels.shape != (len(D),) or weight.shape != (len(D),) or not 0 < (labels == 1).sum() < len(D):
+        raise InputError("same and weights must be (M,), with pairs of both classes")
+    if require_count("dimension", dimension) > D.shape[1]:
+        raise InputError(f"dimension must be at most {D.shape[1]}, not {dimension}")
+    moments = []
+    for value in (1, 0):
+        rows = labels == value
+        scaled = D[rows] * np.sqrt(weight[rows, None] / weight[rows].sum())
+        moments.append(scaled.T @ scaled)
+    within, between = moments
+    # Directions that hardly vary within a place would count without bound.
+    within = within + np.diag(0.05 * np.diag(within) + 1e-6 * np.trace(within))
+    _, vectors = eigh(between, within)
+    return Embedding(np.ascontiguousarray(vectors[:, ::-1][:, :dimension].T))
+
+
+class NearestPlaces:
+    """Vectors that can be asked for the nearest ones to another.
+
+    Parameters
+    ----------
+    dimension : d. probed : cells that a query looks into, at least; more where they hold too few.
+    smallest : vectors up to which all are compared.
+    """
+
+    def __init__(self, dimension: int, probed: int = 32, smallest: int = 2000) -> None:
+        self.dimension = require_count("dimension", dimension)
+        self.probed, self.smallest = require_count("probed", probed), require_count("smallest", smallest)
+        self._vectors = np.empty((16, dimension), dtype=np.float32)
+        self._size, self._built = 0, 0
+        self._centres = np.empty((0, dimension), dtype=np.float32)
+        self._cells: list[list[int]] = []
+
+    def __len__(self) -> int:
+        return self._size
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the stored vectors and their places in the cells, in bytes."""
+        return self._size * (4 * self.dimension + 8) + int(self._centres.nbytes)
+
+    def add(self, vector: npt.ArrayLike) -> int:
+        """Remember a vector (d,); returns its id, counted from 0. InputError for another shape."""
+        vector = np.asarray(vector, dtype=np.float32)
+        if vector.shape != (self.dimension,):
+            raise InputError(f"vector must have shape ({self.dimension},), not {vector.shape}")
+        if self._size == len(self._vectors):
+            self._vectors = np.concatenate((self._vectors, np.empty_like(self._vectors)))
+        self._vectors[self._size] = vector
+        self._size += 1
+        if self._size >= max(self.smallest, 2 * self._built):
+            self._build()
+        elif self._built:
+            self._cells[int(_squares(self._centres, vector).argmin())].append(self._size - 1)
+        return self._size - 1
+
+    def query(self, vector: npt.ArrayLike, count: int) -> npt.NDArray[np.int64]:
+        """Ids of about the `count` nearest vectors, nearest first; all of them where there are fewer."""
+        vector = np.asarray(vector, dtype=np.float32)
+        few = not self._built or count >= self._size
+        rows = np.arange(self._size) if few else self._near(vector, count)
+        squares = _squares(self._vectors[rows], vector)
+        if count < len(rows):
+            kept = np.argpartition(squares, count)[:count]
+            rows, squares = rows[kept], squares[kept]
+        return np.asarray(rows[np.lexsort((rows, squares))], dtype=np.int64)
+
+    def _near(self, vector: Vectors, count: int) -> npt.NDArray[np.int64]:
+        """Ids in the nearest cells: `probed` of them, and on until twice as many as are wanted are there."""
+        order = np.argsort(_squares(self._centres, vector), kind="stable")
+        found: list[int] = []
+        for rank, cell in enumerate(order):
+            if rank >= self.probed and len(found) >= 2 * count:
+                break
+            found += self._cells[cell]
+        return np.array(found, dtype=np.int64)
+
+    def _build(self) -> None:
+        """Centres by a few rounds of k-means on a sample, from evenly drawn vectors: no chance in it."""
+        vectors = self._vectors[: self._size]
+        cells = max(1, math.isqrt(self._size))
+        sample = vectors[:: max(1, self._size // (40 * cells))]
+        centres = sample[np.linspace(0, len(sample) - 1, cells).astype(np.int64)].copy()
+        for _ in range(6):
+            nearest = _nearest(centres, sample)
+            sums = np.zeros((cells, self.dimension))
+            np.add.at(sums, nearest, sample)
+            members = np.bincount(nearest, minlength=cells)
+            centres[members > 0] = (sums[members > 0] / members[members > 0, None]).astype(np.float32)
+        self._centres, self._built = centres, self._size
+        self._cells = [[] for _ in range(cells)]
+        for identity, cell in enumerate(_nearest(centres, vectors)):
+            self._cells[cell].append(identity)
+
+
+def _squares(vectors: Vectors, vector: Vectors) -> Vectors:
+    """Squared distances (M,) of vectors (M, d) to one."""
+    apart = vectors - vector
+    return np.asarray(np.einsum("ij,ij->i", apart, apart))
+
+
+def _nearest(centres: Vectors, vectors: Vectors) -> npt.NDArray[np.int64]:
+    """Index of the nearest centre of each vector, (M,), in parts that fit into memory."""
+    squares = np.einsum("ij,ij->i", centres, centres)
+    parts = np.array_split(vectors, 1 + len(vectors) // 20_000)
+    return np.concatenate([np.argmin(squares - 2.0 * part @ centres.T, axis=1) for part in parts])

@@ -1,0 +1,435 @@
+"""SLAM on a trajectory of keyframes: recognise, verify, close, smooth (chapters 2 and 4, Paper A section 4.3).
+
+Slam().process(scan, odometry) -> SlamUpdate(pose, closures)
+Slam().trajectory() -> (N, 4) stamp, x, y, yaw
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray
+from estimation.errors import InputError
+from loop_closure.closing import Fit, Gate, Search, agree, look, off
+from loop_closure.graph import Edge, PoseGraph, SmoothedGraph, residuals
+from loop_closure.hypotheses import Guess, Hypotheses
+from loop_closure.keyframes import Keyframes
+from loop_closure.motions import (
+    as_pose,
+    blend,
+    compose,
+    grown,
+    identity,
+    invert,
+    length,
+    motion,
+    orthonormal,
+    planar,
+    positions,
+    row,
+    turn,
+)
+from loop_closure.spatial import LEAF, polished_step, thinned
+from loop_closure.uncertainty import Uncertainty
+from registration.scan import Scan
+
+
+def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    metadata = {"unit": unit, "description": text, "low": low, "high": high}
+    value: float = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True)
+class SlamConfig:
+    """Settings of `Slam`; each field's metadata has its unit, meaning and allowed range."""
+
+    key_distance: float = _setting(0.5, "m", "travel after which a scan is kept", 0.05, 20.0)
+    key_turn: float = _setting(0.5, "rad", "turn after which a scan is kept", 0.05, 3.2)
+    max_range: float = _setting(25.0, "m", "points farther from the sensor are not used", 1.0, 500.0)
+    loop_path: float = _setting(10.0, "m", "path between a place and its revisit", 5.0, 1000.0)
+    odometry_drift: float = _setting(
+        0.01, "m/m", "standard deviation of odometry per metre of a step", 0.0001, 1.0
+    )
+    odometry_turn_drift: float = _setting(
+        0.003, "rad", "standard deviation of the heading per kept scan", 0.0001, 1.0
+    )
+    certain: float = _setting(
+        0.4, "m", "standard deviation of the place below which one closure needs no others", 0.05, 5.0
+    )
+    farthest: float = _setting(
+        25.0, "m", "standard deviation of the place beyond which nothing is looked for", 1.0, 1000.0
+    )
+
+    def __post_init__(self) -> None:
+        for name, described in self.__dataclass_fields__.items():
+            value = getattr(self, name)
+            low, high = described.metadata.get("low"), described.metadata.get("high")
+            if low is not None and not low <= value <= high:
+                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+
+
+PER_KEYFRAME = 2  # keyframes looked at again with each new one
+NEW_RUN = 1000.0  # metres of path that stand for a restart
+OWN_DOUBT = 30.0  # variances odometry reports of itself are those of white noise; its errors last
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """Two places of the trajectory found to be one.
+
+    earlier, later : numbers of the keyframes; stamps in seconds. relative : pose of the later in the frame of the
+    earlier, (3,) or (4, 4); covariance (3, 3) or (6, 6), in that frame. likelihood : of the classifier, 0 where the
+    place alone led there. fitness : agreeing share of what both saw. reason : why it was accepted.
+    """
+
+    earlier: int
+    later: int
+    earlier_stamp: float
+    later_stamp: float
+    relative: FloatArray
+    covariance: FloatArray
+    likelihood: float
+    fitness: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class SlamUpdate:
+    """What one scan led to.
+
+    pose : (3,) or (4, 4) of the sensor in the map. closures : accepted with this scan. keyframe : number of the
+    keyframe the scan became, None if it was not kept. waiting : closures that are not decided yet.
+    """
+
+    pose: FloatArray
+    closures: list[Closure]
+    keyframe: int | None = None
+    waiting: int = 0
+
+
+@dataclass
+class _Visit:
+    """One processed scan: hangs on a keyframe."""
+
+    stamp: float
+    keyframe: int
+    step: FloatArray
+    odometry: FloatArray
+
+
+class Slam:
+    """Consistent map of a moving range sensor from its scans or clouds and its odometry."""
+
+    def __init__(self, config: SlamConfig | None = None, graph: PoseGraph | None = None) -> None:
+        self.config = config or SlamConfig()
+        self._new_graph = graph
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the next scan starts a new map."""
+        self.graph: PoseGraph = self._new_graph if self._new_graph is not None else SmoothedGraph()
+        self.keyframes = Keyframes()
+        self.closures: list[Closure] = []
+        self._hypotheses = Hypotheses()
+        self._uncertainty = Uncertainty()
+        self._visits: list[_Visit] = []
+        self._covariance: FloatArray | None = None
+        self._queue: list[int] = []  # of those, what is to be looked at next
+        self._again: set[int] = set()  # keyframes worth another look, their place being better known now
+        self._frame: FloatArray | None = None  # of the odometry of a resumed run, in the map
+        self._new_run = False
+        self._dirty = False
+        self._search = Search(
+            apart=self.config.loop_path, certain=self.config.certain, farthest=self.config.farthest
+        )
+
+    def process(
+        self,
+        scan: Scan | npt.ArrayLike,
+        odometry: npt.ArrayLike,
+        covariance: npt.ArrayLike | None = None,
+        stamp: float | None = None,
+    ) -> SlamUpdate:
+        """Take the next scan.
+
+        Parameters
+        ----------
+        scan : `Scan`, or cloud (N, 3) metres.
+        odometry : pose of the sensor in the odometry frame, (3,) for scans and (4, 4) for clouds.
+        covariance : (3, 3) or (6, 6) of `odometry` since its start, where it is known.
+        stamp : seconds; a scan brings its own.
+
+        Raises
+        ------
+        InputError : wrong shapes, numbers that are not finite, or a change between scans and clouds.
+        """
+        here = as_pose("odometry", odometry)
+        if isinstance(scan, Scan) != planar(here):
+            raise InputError("odometry: (3,) goes with a Scan, (4, 4) with a cloud")
+        if self._visits and planar(here) != planar(self._visits[-1].odometry):
+            raise InputError("scan: scans and clouds cannot be mixed; call reset() first")
+        when = (
+            stamp if stamp is not None else scan.stamp if isinstance(scan, Scan) else float(len(self._visits))
+        )
+        known = None if covariance is None else np.asarray(covariance, dtype=np.float64)
+        if self._frame is not None:
+            here = compose(self._frame, here)
+        if not self._new_run and not self.keyframes.wanted(
+            here, self.config.key_distance, self.config.key_turn
+        ):
+            step = motion(self.keyframes[-1].odometry, here)
+            self._visits.append(_Visit(when, len(self.keyframes) - 1, step, here))
+            return SlamUpdate(self.pose, [], None, len(self._hypotheses.waiting))
+        return self._keep(scan, here, known, when)
+
+    @property
+    def pose(self) -> FloatArray:
+        """Pose of the sensor in the map at the last scan."""
+        if not self._visits:
+            raise InputError("pose: no scan was processed yet")
+        last = self._visits[-1]
+        return compose(self.graph.poses[last.keyframe], last.step)
+
+    @property
+    def correction(self) -> FloatArray:
+        """The odometry frame in the map frame, now."""
+        odometry = self._visits[-1].odometry
+        if self._frame is not None:
+            odometry = compose(invert(self._frame), odometry)
+        return compose(self.pose, invert(odometry))
+
+    def trajectory(self) -> FloatArray:
+        """All processed scans: (N, 4) stamp, x, y, yaw, or of clouds (N, 7) stamp, x, y, z, roll, pitch, yaw."""
+        self.finish()
+        poses = self.visited()
+        return np.array([[visit.stamp, *row(pose)] for visit, pose in zip(self._visits, poses, strict=True)])
+
+    def visited(self) -> list[FloatArray]:
+        """Pose of every processed scan by the current estimate; between keyframes corrections are blended."""
+        nodes = self.graph.poses
+        placed = []
+        for visit in self._visits:
+            k = visit.keyframe
+            pose = compose(nodes[k], visit.step)
+            if k + 1 < len(nodes):
+                following = compose(nodes[k + 1], motion(self.keyframes[k + 1].odometry, visit.odometry))
+                whole = self.keyframes[k + 1].odometry
+                before, after = length(visit.step), length(motion(visit.odometry, whole))
+                before, after = before + turn(visit.step), after + turn(motion(visit.odometry, whole))
+                pose = blend(pose, following, before / max(before + after, 1e-9))
+            placed.append(pose)
+        return placed
+
+    def visited_positions(self) -> FloatArray:
+        """(N, 2 | 3) metres, of every processed scan by the current estimate."""
+        return positions(np.array(self.visited()))
+
+    def first_visits(self) -> dict[int, int]:
+        """Number of the scan that each keyframe is."""
+        first: dict[int, int] = {}
+        for number, visit in enumerate(self._visits):
+            first.setdefault(visit.keyframe, number)
+        return first
+
+    def finish(self) -> None:
+        """Look again at what was passed before its place was known, and settle the estimate."""
+        if not self._dirty:
+            return
+        self._dirty = False
+        for _ in range(3):
+            again, self._again = sorted(self._again), set()
+            if not self._second_look(again):
+                break
+        self.graph.settle()
+        self._drop_outliers()
+
+    def restore(self, keyframes: Keyframes, poses: FloatArray, edges: list[Edge]) -> None:
+        """The state of a saved map; `resume` says where its next scan is."""
+        self.reset()
+        self.keyframes = keyframes
+        if len(poses):
+            self.graph.restore(poses, edges)
+        frames = [keyframes[k] for k in range(len(keyframes))]
+        self._visits = [_Visit(f.stamp, k, identity(f.odometry), f.odometry) for k, f in enumerate(frames)]
+
+    def resume(self, correction: FloatArray) -> None:
+        """Go on with the map in a new run, whose odometry frame lies at `correction` in the map."""
+        self._frame = correction
+        self._covariance = None
+        self.keyframes.gap(NEW_RUN)
+        self._new_run = True
+
+    # One keyframe.
+
+    def _keep(
+        self, scan: Scan | npt.ArrayLike, here: FloatArray, covariance: FloatArray | None, when: float
+    ) -> SlamUpdate:
+        before = self.keyframes[-1].odometry if len(self.keyframes) else None
+        if isinstance(scan, Scan):
+            self.keyframes.add_scan(scan, here, self.config.max_range)
+        else:
+            points = thinned(_cloud(scan), 0.5 * LEAF)
+            if before is not None and not self._new_run:
+                better = self._polished(points, before, here)
+                if better is not here:
+                    # What odometry says of itself does not hold for a step that was measured anew.
+                    here, covariance = better, None
+            self.keyframes.add_cloud(points, when, here)
+        k = len(self.keyframes) - 1
+        if before is None:
+            self.graph.begin(here)
+        else:
+            step = motion(before, here)
+            if self._new_run:
+                # What odometry does not say the map does: the pose that was found in it, loosely.
+                step = motion(self.graph.poses[-1], here)
+                doubt = np.diag(
+                    [0.2**2] * (2 if planar(here) else 3) + [0.05**2] * (1 if planar(here) else 3)
+                )
+            else:
+                doubt = self._doubt(step, before, covariance)
+            self._new_run = False
+            self.graph.extend(step, doubt)
+        self._visits.append(_Visit(when, k, identity(here), here))
+        self._covariance = covariance
+        accepted = self._close(k)
+        return SlamUpdate(self.pose, accepted, k, len(self._hypotheses.waiting))
+
+    def _polished(self, points: FloatArray, before: FloatArray, here: FloatArray) -> FloatArray:
+        """Odometry of a cloud, laid on the clouds before it; what it was off by stays taken off."""
+        step = polished_step(self.keyframes, points, motion(before, here))
+        if step is None:
+            return here
+        better = orthonormal(compose(before, step))
+        raw = here if self._frame is None else compose(invert(self._frame), here)
+        self._frame = orthonormal(compose(better, invert(raw)))
+        return better
+
+    def _doubt(self, step: FloatArray, before: FloatArray, covariance: FloatArray | None) -> FloatArray:
+        """Covariance of an odometry step: what any odometry may be off, and what this one says itself."""
+        away = 0.005 + self.config.odometry_drift * length(step)
+        angle = self.config.odometry_turn_drift + 0.02 * turn(step)
+        size = 2 if planar(step) else 3
+        doubt = np.diag([away**2] * size + [angle**2] * (1 if planar(step) else 3))
+        if covariance is None or self._covariance is None:
+            return doubt
+        own = grown(before, step, self._covariance, covariance)
+        if np.sqrt(np.linalg.eigvalsh(own[:size, :size])[-1]) > 0.04 + 0.1 * length(step):
+            # Predicted, not measured.
+            self.keyframes.break_off()
+        return doubt + OWN_DOUBT * own
+
+    def _close(self, k: int) -> list[Closure]:
+        paths = self.keyframes.paths
+        if paths[k] - paths[0] < self._search.apart:
+            return []
+        fits = self._look(k)
+        self._hypotheses.forget(paths, k)
+        accepted = self._take(fits)
+        accepted += self._decide()
+        if accepted:
+            self._queue = sorted(self._again - {k})
+        # A few at a time, so that no scan waits long; the latest first.
+        turns = [self._queue.pop() for _ in range(min(PER_KEYFRAME, len(self._queue)))]
+        accepted += self._second_look(turns)
+        if accepted:
+            self._dirty = True
+        return accepted
+
+    def _look(self, k: int, both: bool = False) -> list[Fit]:
+        self._uncertainty.learn(self.graph.edges)
+        poses = self.graph.poses
+        gate = Gate(*self._uncertainty.around(poses, k))
+        search = replace(self._search, only_certain=True) if both else self._search
+        fits = look(k, self.keyframes, poses, gate, search, None, both)
+        if not fits:
+            self._again.add(k)
+        return fits
+
+    def _take(self, fits: list[Fit]) -> list[Closure]:
+        """Accept what is certain, let the rest wait."""
+        poses = self.graph.poses
+        certain = [fit for fit in fits if fit.certain and fit.alone]
+        if certain and agree(certain, poses):
+            return self._accept([(fit.edge, fit) for fit in certain], "at the expected place")
+        for fit in fits:
+            guess = Guess(fit.edge, fit.merit, fit.fitness, fit.likelihood, fit.sigma)
+            self._hypotheses.add(guess, poses, self._spread)
+        return []
+
+    def _decide(self) -> list[Closure]:
+        won = self._hypotheses.decide(self.keyframes.paths)
+        if not won:
+            return []
+        edges = [(guess.edge, guess) for guess in won]
+        accepted = self._accept(edges, f"{len(won)} closures along the path agree")
+        recent = [g.edge.b for g in won]
+        paths = self.keyframes.paths
+        accepted += self._second_look(
+            [k for k in sorted(self._again) if paths[k] >= paths[min(recent)] - 30.0]
+        )
+        return accepted
+
+    def _second_look(self, keys: list[int]) -> list[Closure]:
+        """Keyframes passed before their place was known well enough."""
+        accepted: list[Closure] = []
+        for k in keys:
+            self._again.discard(k)
+            fits = [fit for fit in self._look(k, True) if fit.certain and fit.alone]
+            if fits and agree(fits, self.graph.poses):
+                accepted += self._accept(
+                    [(fit.edge, fit) for fit in fits], "at the expected place, in hindsight"
+                )
+        return accepted
+
+    def _accept(self, edges: Sequence[tuple[Edge, Fit | Guess]], reason: str) -> list[Closure]:
+        self.graph.close([edge for edge, _ in edges])
+        made = []
+        for edge, why in edges:
+            made.append(
+                Closure(
+                    edge.a,
+                    edge.b,
+                    self.keyframes[edge.a].stamp,
+                    self.keyframes[edge.b].stamp,
+                    edge.motion,
+                    edge.covariance,
+                    why.likelihood,
+                    why.fitness,
+                    reason,
+                )
+            )
+        self.closures += made
+        return made
+
+    def _spread(self, i: int, j: int) -> tuple[float, float]:
+        paths = self.keyframes.paths
+        away = min(abs(paths[i] - paths[j]), 30.0)
+        return 0.03 + 0.01 * away, 0.01 + 0.001 * away
+
+    def _drop_outliers(self) -> None:
+        """Take out closures that the whole contradicts."""
+        squares = residuals(self.graph.edges, self.graph.poses)
+        wrong = {
+            number
+            for number, edge in enumerate(self.graph.edges)
+            if edge.closure and squares[number] > 60.0 and off(edge, self.graph.poses)[0] > 0.3
+        }
+        if not wrong:
+            return
+        gone = {(self.graph.edges[number].a, self.graph.edges[number].b) for number in wrong}
+        self.graph.settle(wrong)
+        self._uncertainty.reset()
+        self.closures = [c for c in self.closures if (c.earlier, c.later) not in gone]
+
+
+def _cloud(cloud: npt.ArrayLike) -> FloatArray:
+    points = np.asarray(cloud, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"scan: Scan or cloud (N, 3) expected, got shape {points.shape}")
+    return points

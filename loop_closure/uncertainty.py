@@ -1,0 +1,100 @@
+"""How far off a place may be: uncertainty of every node of a graph relative to one, along the best path of edges.
+
+Any other path could only make it better, so this errs on the safe side, and it costs one shortest-path search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from estimation.checks import FloatArray
+from loop_closure.graph import Edge
+from loop_closure.motions import planar, positions
+
+ARM = (
+    5.0  # metres at which the turn error of an edge is weighed against its position error in choosing a path
+)
+
+
+class Uncertainty:
+    """Variances of the edges of a growing graph."""
+
+    def __init__(self) -> None:
+        self._best: dict[tuple[int, int], int] = {}
+        self._ends: list[tuple[int, int]] = []
+        self._spread: list[tuple[float, float]] = []
+        self._read = 0
+
+    def reset(self) -> None:
+        """Forget all edges: some were taken out."""
+        self.__init__()  # type: ignore[misc]
+
+    def learn(self, edges: list[Edge]) -> None:
+        """Take in the edges that are new since the last call."""
+        for edge in edges[self._read :]:
+            pair, spread = (edge.a, edge.b), _variances(edge)
+            known = self._best.get(pair)
+            if known is None:
+                self._best[pair] = len(self._ends)
+                self._ends.append(pair)
+                self._spread.append(spread)
+            elif sum(spread) < sum(self._spread[known]):
+                self._spread[known] = spread
+        self._read = len(edges)
+
+    def around(self, poses: FloatArray, node: int) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations of position (N,) m and heading (N,) rad of all nodes relative to `node`.
+
+        A turn error at an edge displaces what lies behind it by its distance, so that sums of σ², σ² p and σ² p·p
+        along the path are all that is needed.
+        """
+        count = len(poses)
+        ends, spread = np.array(self._ends).reshape(-1, 2), np.array(self._spread).reshape(-1, 2)
+        matrix = csr_matrix((spread @ [1.0, ARM**2], (ends[:, 0], ends[:, 1])), shape=(count, count))
+        distance, previous = dijkstra(matrix, directed=False, indices=node, return_predecessors=True)
+        places = np.zeros((count, 3))
+        where = positions(poses)
+        places[:, : where.shape[1]] = where
+        # Edges in the order of their far ends, so that the walk below finds each by its pair.
+        order = np.lexsort((ends[:, 0], ends[:, 1]))
+        starts = np.searchsorted(ends[order, 1], np.arange(count + 1))
+        return _walk(
+            np.argsort(distance), previous, places, ends[order, 0].copy(), starts, spread[order].copy()
+        )
+
+
+@njit(cache=True)
+def _walk(order, previous, places, firsts, starts, spread):  # type: ignore[no-untyped-def]
+    count = len(places)
+    sums = np.zeros((count, 6))
+    sigma, turn = np.full(count, np.inf), np.full(count, np.inf)
+    for n in order:
+        p = previous[n]
+        if p >= 0:
+            low, high = min(p, n), max(p, n)
+            for k in range(starts[high], starts[high + 1]):
+                if firsts[k] == low:
+                    t, r = spread[k, 0], spread[k, 1]
+                    square = 0.0
+                    for a in range(3):
+                        square += places[n, a] * places[n, a]
+                        sums[n, 3 + a] = sums[p, 3 + a] + r * places[n, a]
+                    sums[n, 0] = sums[p, 0] + t
+                    sums[n, 1] = sums[p, 1] + r
+                    sums[n, 2] = sums[p, 2] + r * square
+                    break
+        lever = sums[n, 2]
+        for a in range(3):
+            lever += places[n, a] * (places[n, a] * sums[n, 1] - 2.0 * sums[n, 3 + a])
+        sigma[n], turn[n] = np.sqrt(max(sums[n, 0] + lever, 0.0)), np.sqrt(sums[n, 1])
+    return sigma, turn
+
+
+def _variances(edge: Edge) -> tuple[float, float]:
+    """Largest variance of position and of heading."""
+    size = 2 if planar(edge.motion) else 3
+    blocks = edge.covariance[:size, :size], edge.covariance[size:, size:]
+    return float(np.linalg.eigvalsh(blocks[0])[-1]), float(np.linalg.eigvalsh(blocks[1])[-1])

@@ -1,0 +1,28 @@
+"""Compile what closing loops runs, before the first scan has to wait for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.grid import OccupancyGrid
+from loop_closure.graph import Edge
+from loop_closure.uncertainty import Uncertainty
+from registration.align_submaps import align_submaps
+from registration.scan import Scan
+from registration.submap import fuse, glance
+
+
+def warm_up() -> None:
+    """Lay a local map of a simple room on itself; takes a moment once per machine, nothing afterwards."""
+    bearings = np.linspace(-1.5, 1.5, 181)
+    ranges = np.minimum(
+        4.0 / np.maximum(np.cos(bearings), 0.1), 3.0 / np.maximum(np.abs(np.sin(bearings)), 0.1)
+    )
+    glances = [glance(Scan(ranges, -1.5, 3.0 / 180.0, 0.05, 30.0))] * 2
+    place = fuse(glances, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]))
+    align_submaps(place, place, np.zeros(3), 0.5, 0.2)
+    align_submaps(place, place, np.zeros(3), 3.0, 0.2)
+    OccupancyGrid(0.1).integrate(np.zeros(3), place.points)
+    uncertainty = Uncertainty()
+    uncertainty.learn([Edge(0, 1, np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3))])
+    uncertainty.around(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 1)

@@ -1,0 +1,78 @@
+"""The loop-closure experiment on simulated floors: its tables are whole and say what they should."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from loop_closure.pairs import PairRule
+from loop_closure.training import Recording
+from whereabouts.experiments.loops_across import across_places, shipped_models
+from whereabouts.experiments.loops_changes import dynamic_objects
+from whereabouts.experiments.loops_data import Reading, every, simulated
+from whereabouts.experiments.loops_features import repetitive_structure, training_rounds
+from whereabouts.experiments.report import Options, Report
+
+
+@pytest.fixture(scope="module")
+def floor() -> Recording:
+    return simulated(0, Reading(step=0.6, local_map=0.0))
+
+
+def rule_of(recording: Recording, distance: float) -> PairRule:
+    return PairRule(distance, 20.0, math.radians(45.0))
+
+
+def whole(report: Report) -> None:
+    for table in report.tables:
+        assert table.rows, table.title
+        assert all(len(row) == len(table.columns) for row in table.rows)
+
+
+def test_error_falls_with_rounds_and_ratios_are_given(floor: Recording, tmp_path: Path) -> None:
+    report, options = Report("loops"), Options(tmp_path, quick=True)
+    training_rounds(options, report, {"intel": floor}, rule_of)
+    repetitive_structure(options, report, {"intel": floor}, rule_of)
+    whole(report)
+    errors = [row[2] for row in report.tables[0].rows]
+    assert errors[-1] < 0.7 * errors[0]
+
+
+def test_a_floor_is_judged_by_what_was_learned_on_another(floor: Recording, tmp_path: Path) -> None:
+    other = simulated(3, Reading(step=0.6, local_map=0.0))
+    recordings = {
+        "a": Recording("a", "a", floor.places, floor.poses, floor.path),
+        "b": Recording("b", "b", other.places, other.poses, other.path),
+    }
+    report = Report("loops")
+    across_places(Options(tmp_path, quick=True), report, recordings, rule_of)
+    whole(report)
+    rates = [row[4:] for row in report.tables[-1].rows]
+    assert all(0.0 <= zero <= tenth <= one <= 100.0 for zero, tenth, one in rates)
+    single = Report("loops")
+    across_places(Options(tmp_path, quick=True), single, {"a": recordings["a"]}, rule_of)
+    assert not single.tables
+    assert single.notes
+
+
+def test_movers_lower_the_likelihood_and_cards_are_listed(tmp_path: Path) -> None:
+    report = Report("loops")
+    dynamic_objects(Options(tmp_path, quick=True), report)
+    shipped_models(report)
+    whole(report)
+    likelihoods = [row[2] for row in report.tables[0].rows]
+    assert likelihoods[0] > likelihoods[-1]
+
+
+def test_every_second_beam_keeps_its_bearing() -> None:
+    import numpy as np
+
+    from whereabouts.simulation import Lidar, random_room
+
+    rng = np.random.default_rng(0)
+    scan = Lidar(beams=181).scan(random_room(rng), np.zeros(3), rng).scan
+    half = every(scan, 2)
+    np.testing.assert_array_equal(half.ranges, scan.ranges[::2])
+    np.testing.assert_allclose(half.bearings, scan.bearings[::2])

@@ -1,0 +1,173 @@
+"""SLAM on simulated rounds: closed from the same and the opposite direction, saved, found again."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from estimation.metrics import absolute_trajectory_error, align_points
+from estimation.poses import between, compound
+from loop_closure.localization import Localizer
+from loop_closure.map_file import read_map, write_map
+from loop_closure.slam import Slam, SlamConfig
+from registration import Scan
+from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
+
+SPOTS = (
+    (-7.5, 5.4), (-3.0, 5.5), (1.2, 5.3), (6.0, 5.4), (7.6, 0.8), (7.4, -3.0), (4.2, -5.5), (0.3, -5.4),
+    (-4.4, -5.5), (-7.6, -1.2), (-7.4, 2.2), (2.5, 2.9), (-4.0, -2.9),
+)  # fmt: skip
+CORNERS = [(-6.8, -4.7), (6.8, -4.7), (6.8, 4.7), (-6.8, 4.7)]
+
+
+def ring() -> Shapes:
+    """A round of 46 m through a furnished building."""
+    rng = np.random.default_rng(3)
+    furniture = [
+        box(rng.uniform(0.3, 1.2), rng.uniform(0.2, 0.5), (x, y, rng.uniform(0.0, 3.0))) for x, y in SPOTS
+    ]
+    return joined([box(16.0, 12.0), box(11.0, 7.0), *furniture])
+
+
+def drive_of(corners: list[tuple[float, float]]) -> Drive:
+    return Drive(corners, speed=0.7, turn_rate=0.8)
+
+
+def recorded(drive: Drive, seed: int, drift: float) -> tuple[list[Scan], np.ndarray, np.ndarray]:
+    """Scans, odometry that drifts (m and rad per metre), and the truth; at 4 Hz."""
+    rng, lidar, world = np.random.default_rng(seed), Lidar(181), ring()
+    scans, odometry, truth = [], [np.zeros(3)], []
+    for k in range(int(drive.duration / 0.25)):
+        pose = drive(0.25 * k)
+        scans.append(lidar.scan(world, pose, rng, 0.25 * k).scan)
+        truth.append(pose)
+        if k:
+            step = between(truth[-2], pose)
+            far = np.hypot(*step[:2])
+            step = (
+                step * (1.0 + 0.3 * drift)
+                + np.array([0.0, 0.0, drift * far])
+                + 0.002 * rng.standard_normal(3)
+            )
+            odometry.append(compound(odometry[-1], step))
+    return scans, np.array(odometry), np.array(truth)
+
+
+def mapped(scans: list[Scan], odometry: np.ndarray) -> Slam:
+    slam = Slam()
+    for scan, pose in zip(scans, odometry, strict=True):
+        slam.process(scan, pose)
+    return slam
+
+
+@pytest.fixture(scope="module")
+def same_way() -> tuple[Slam, np.ndarray, np.ndarray]:
+    scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    return mapped(scans, odometry), odometry, truth
+
+
+def wrong(slam: Slam, truth: np.ndarray) -> list[float]:
+    first = slam.first_visits()
+    misses = [
+        between(between(truth[first[c.earlier]], truth[first[c.later]]), c.relative) for c in slam.closures
+    ]
+    return [float(np.hypot(*miss[:2])) for miss in misses]
+
+
+def test_a_second_round_is_closed_and_the_drift_gone(same_way: tuple[Slam, np.ndarray, np.ndarray]) -> None:
+    slam, odometry, truth = same_way
+    trajectory = slam.trajectory()
+    assert trajectory.shape == (len(truth), 4)
+    np.testing.assert_allclose(trajectory[:, 0], 0.25 * np.arange(len(truth)))
+    before = absolute_trajectory_error(odometry[:, :2], truth[:, :2]).rmse
+    after = absolute_trajectory_error(trajectory[:, 1:3], truth[:, :2]).rmse
+    assert before > 0.4
+    assert after < 0.12
+    assert len(slam.closures) > 20
+    assert max(wrong(slam, truth)) < 0.2
+    for closure in slam.closures:
+        assert np.linalg.eigvalsh(closure.covariance).min() > 0.0
+
+
+def test_the_way_back_is_closed_from_the_opposite_direction() -> None:
+    scans, odometry, truth = recorded(drive_of([*CORNERS, CORNERS[2], CORNERS[1], CORNERS[0]]), 2, 0.003)
+    slam = mapped(scans, odometry)
+    after = absolute_trajectory_error(slam.trajectory()[:, 1:3], truth[:, :2]).rmse
+    assert after < 0.12
+    assert max(wrong(slam, truth)) < 0.2
+    assert any(abs(abs(c.relative[2]) - np.pi) < 0.5 for c in slam.closures)
+
+
+def test_the_same_scans_give_the_same_map(same_way: tuple[Slam, np.ndarray, np.ndarray]) -> None:
+    scans, odometry, _ = recorded(drive_of([*CORNERS, *CORNERS[:2]]), 1, 0.004)
+    np.testing.assert_array_equal(mapped(scans, odometry).trajectory(), mapped(scans, odometry).trajectory())
+
+
+def test_a_saved_map_is_the_same_and_the_robot_is_found_in_it(
+    same_way: tuple[Slam, np.ndarray, np.ndarray], tmp_path
+) -> None:
+    slam, _, truth = same_way
+    slam.finish()
+    file = tmp_path / "ring.npz"
+    with file.open("wb") as out:
+        write_map(slam, out)
+    again = read_map(file)
+    np.testing.assert_allclose(again.graph.poses, slam.graph.poses, atol=1e-9)
+    assert [(c.earlier, c.later) for c in again.closures] == [(c.earlier, c.later) for c in slam.closures]
+    scans, odometry, way = recorded(drive_of([CORNERS[1], CORNERS[2], CORNERS[3]]), 9, 0.0)
+    localizer = Localizer(again.keyframes, again.graph.poses)
+    located = [localizer.process(scan, pose) for scan, pose in zip(scans, odometry, strict=True)]
+    found = [k for k, item in enumerate(located) if item.pose is not None]
+    assert found, "never found"
+    assert found[0] * 0.25 * 0.7 < 12.0, "metres until it was found"
+    lag = align_points(slam.visited_positions(), truth[:, :2])
+    for k in found:
+        pose = located[k].pose
+        assert pose is not None
+        assert np.linalg.norm(lag[:2, :2] @ pose[:2] + lag[:2, 2] - way[k, :2]) < 0.25
+
+
+def test_a_map_that_cannot_be_read_says_so(tmp_path) -> None:
+    for content in (None, b"", b"nonsense"):
+        file = tmp_path / "map.npz"
+        if content is not None:
+            file.write_bytes(content)
+        with pytest.raises(InputError, match=r"map\.npz"):
+            read_map(file)
+    other = io.BytesIO()
+    np.savez(other, something=np.zeros(3))
+    (tmp_path / "map.npz").write_bytes(other.getvalue())
+    with pytest.raises(InputError, match=r"map\.npz"):
+        read_map(tmp_path / "map.npz")
+
+
+@pytest.mark.parametrize(
+    ("scan", "odometry"),
+    [
+        (Scan(np.ones(10), -1.0, 0.2), np.eye(4)),
+        (np.zeros((5, 3)), np.zeros(3)),
+        (Scan(np.ones(10), -1.0, 0.2), [0.0, np.nan, 0.0]),
+        (Scan(np.ones(10), -1.0, 0.2), np.zeros(4)),
+    ],
+)
+def test_bad_input_is_named(scan, odometry) -> None:
+    with pytest.raises(InputError, match="odometry"):
+        Slam().process(scan, odometry)
+
+
+def test_settings_have_limits() -> None:
+    with pytest.raises(InputError, match="key_distance"):
+        SlamConfig(key_distance=-1.0)
+    with pytest.raises(InputError, match="no scan"):
+        _ = Slam().pose
+
+
+def test_scans_without_returns_do_no_harm() -> None:
+    slam = Slam()
+    for k in range(30):
+        update = slam.process(Scan(np.full(50, np.inf), -1.0, 0.04), np.array([0.6 * k, 0.0, 0.0]))
+        assert update.closures == []
+    assert slam.trajectory().shape == (30, 4)

@@ -1,0 +1,237 @@
+"""`whereabouts loops`: train, judge and look into what tells one place from another, on logs with poses."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from whereabouts.cli.common import JsonFile, write_figures
+
+if TYPE_CHECKING:
+    from loop_closure.pairs import PairRule
+    from loop_closure.place_model import PlaceModel
+    from loop_closure.roc import Roc
+    from loop_closure.training import Recording
+
+app = typer.Typer(help="Train, evaluate and inspect the loop-closure classifier.", no_args_is_help=True)
+
+Logs = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG...",
+        help="Logs with poses (any readable log), or a .csv of 3D features. LOG@PLACE says which building it is of.",
+    ),
+]
+Method = Annotated[str, typer.Option("--method", help="plain: the text's AdaBoost; best: the cascade.")]
+Distance = Annotated[float, typer.Option("--distance", min=0.01, help="Metres within which it is one place.")]
+Heading = Annotated[
+    float, typer.Option("--heading", min=1.0, max=180.0, help="Largest difference of headings, degrees.")
+]
+PathGap = Annotated[
+    float, typer.Option("--path-gap", min=0.0, help="Metres of path between the two at least.")
+]
+IndexGap = Annotated[
+    int, typer.Option("--index-gap", min=1, help="Places of the log between the two at least.")
+]
+LocalMapLength = Annotated[
+    float, typer.Option("--local-map", min=0.0, help="Metres of path in an outline; 0: the scan alone.")
+]
+Rounds = Annotated[int, typer.Option("--rounds", min=1, help="Stumps of the plain method.")]
+Negatives = Annotated[int, typer.Option("--negatives", min=10, help="Negative pairs drawn from each log.")]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of all random draws.")]
+
+
+@app.command()
+def train(
+    logs: Logs,
+    out: Annotated[Path, typer.Option("--out", metavar="model.json", help="Where the model goes.")],
+    method: Method = "best",
+    distance: Distance = 2.5,
+    heading: Heading = 180.0,
+    path_gap: PathGap = 20.0,
+    index_gap: IndexGap = 1,
+    local_map: LocalMapLength = 10.0,
+    rounds: Rounds = 50,
+    simulation: Annotated[
+        int, typer.Option("--simulation", min=0, help="Simulated office floors to train on besides.")
+    ] = 0,
+    pairs: Annotated[
+        int, typer.Option("--pairs", min=50, help="Positive pairs from each log, of the cascade.")
+    ] = 1200,
+    judged: Annotated[
+        bool, typer.Option(help="Also judge by leaving out one place at a time, for the card.")
+    ] = False,
+    seed: Seed = 0,
+    json_file: JsonFile = None,
+) -> None:
+    """Train a model on logs and write it as JSON, with a card of what it was trained on.
+
+    The cascade is trained on single scans (headings within 45°) and on local maps (up to --heading) alike.
+    """
+    from loop_closure.pairs import PairRule
+    from whereabouts.experiments.loops_training import train_on_logs
+    from whereabouts.progress import progress_bar
+
+    rule = PairRule(distance, path_gap, math.radians(heading), index_gap=index_gap)
+    with progress_bar() as bar:
+        task = bar.add_task("training", total=None)
+        model = train_on_logs(
+            logs,
+            rule,
+            _method(method),
+            local_map,
+            rounds,
+            simulation,
+            seed,
+            judged,
+            pairs,
+            say=lambda text: bar.update(task, description=text),
+            finished=lambda trained: trained.save(out),
+        )
+    model.save(out)
+    size = out.stat().st_size
+    typer.echo(f"trained on {', '.join(model.card['trained_on'])}; {out}: {size / 1000:.0f} kB")
+    write_figures(json_file, {"model": str(out), "bytes": size, **model.card})
+
+
+@app.command()
+def evaluate(
+    logs: Logs,
+    model: Annotated[
+        str,
+        typer.Option("--model", help="Model file; or a shipped one: best, plain. Not used with --protocol."),
+    ] = "best",
+    protocol: Annotated[
+        str,
+        typer.Option(
+            "--protocol",
+            help="model: judge --model on each log; cross: train on the other places; k-fold: within each log.",
+        ),
+    ] = "model",
+    method: Method = "plain",
+    distances: Annotated[str, typer.Option("--distances", help="Distances to judge at, metres.")] = "1,2,3",
+    heading: Heading = 180.0,
+    path_gap: PathGap = 20.0,
+    index_gap: IndexGap = 1,
+    local_map: LocalMapLength = 10.0,
+    rounds: Rounds = 50,
+    positives: Annotated[int, typer.Option("--positives", min=10, help="Positive pairs at most.")] = 3000,
+    negatives: Negatives = 20_000,
+    folds: Annotated[int, typer.Option("--folds", min=2, help="Folds of the k-fold protocol.")] = 10,
+    repetitions: Annotated[int, typer.Option("--repetitions", min=1, help="Permutations of k-fold.")] = 5,
+    seed: Seed = 0,
+    curve: Annotated[Path | None, typer.Option("--roc", metavar="PNG", help="Draw the ROC curves.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Judge a classifier of places: detection rate D at 0, 0.1 and 1 % false alarms.
+
+    Pairs are scans of a log more than --path-gap metres of path apart: positive within each of --distances, negative a
+    random subset of the others.
+    """
+    from dataclasses import replace
+
+    from loop_closure.pairs import PairRule
+    from whereabouts.experiments.loops_data import Reading, read_recording
+    from whereabouts.experiments.loops_judging import draw_curves, judge
+    from whereabouts.progress import track
+
+    reading = Reading(local_map=local_map)
+    recordings = [read_recording(log, reading) for log in track(logs, "reading")]
+    rule = PairRule(1.0, path_gap, math.radians(heading), index_gap=index_gap)
+    rules = [replace(rule, distance=value) for value in _numbers(distances)]
+    chosen = _model(model, recordings) if protocol == "model" else None
+    found = judge(
+        recordings,
+        rules,
+        protocol,
+        chosen,
+        _method(method),
+        rounds,
+        positives,
+        negatives,
+        folds,
+        repetitions,
+        seed,
+        track=lambda items: track(items, "judging"),
+    )
+    typer.echo(
+        f"{'log':28}{'within':>8}{'pairs +':>9}{'pairs -':>9}{'D@0%':>8}{'D@0.1%':>8}{'D@1%':>8}{'AP':>7}"
+    )
+    for row in found:
+        typer.echo(_line(row.name, row.rule, row.curve) + row.spread_text())
+    if curve is not None:
+        draw_curves(found, curve)
+    write_figures(json_file, {"protocol": protocol, "results": [row.as_dict() for row in found]})
+
+
+@app.command()
+def inspect(
+    logs: Logs,
+    distance: Distance = 1.0,
+    heading: Heading = 45.0,
+    path_gap: PathGap = 20.0,
+    index_gap: IndexGap = 1,
+    rounds: Rounds = 50,
+    most: Annotated[int, typer.Option("--pairs", min=20, help="Pairs of each class at most.")] = 1500,
+    seed: Seed = 0,
+    json_file: JsonFile = None,
+) -> None:
+    """Say of each log which features tell its places apart, how many stumps are enough, and how repetitive it is.
+
+    Test 1: features chosen in the first five rounds. Test 2: features whose removal costs most. Then training and
+    validation error by rounds, and the features that are alike at different places.
+    """
+    from loop_closure.pairs import PairRule
+    from whereabouts.experiments.loops_data import Reading, read_recording
+    from whereabouts.experiments.loops_judging import look_into
+    from whereabouts.progress import track
+
+    rule = PairRule(distance, path_gap, math.radians(heading), index_gap=index_gap)
+    results = []
+    for log in track(logs, "inspecting"):
+        recording = read_recording(log, Reading(local_map=0.0))
+        found = look_into(recording, rule, rounds, most, seed)
+        results.append(found)
+        typer.echo(f"{found['name']}: {found['positives']} positive and {found['negatives']} negative pairs")
+        typer.echo(f"  test 1, chosen first:       {found['chosen_first']}")
+        removed = ", ".join(f"{feature} ({error:.2f} %)" for feature, error in found["missed_most"])
+        typer.echo(f"  test 2, missed most:        {removed}")
+        errors = ", ".join(f"{t}: {a:.1f}/{b:.1f}" for t, a, b in found["error_by_rounds"])
+        typer.echo(f"  error by rounds, %:         {errors}")
+        typer.echo(f"  alike at different places:  {found['repetitive']}")
+    write_figures(json_file, {"results": results})
+
+
+def _method(method: str) -> str:
+    from estimation.errors import InputError
+
+    if method not in ("plain", "best"):
+        raise InputError(f"--method: plain or best expected, got {method!r}")
+    return method
+
+
+def _numbers(text: str) -> list[float]:
+    from estimation.errors import InputError
+
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise InputError(f"--distances: numbers with commas expected, got {text!r}") from error
+
+
+def _model(name: str, recordings: list[Recording]) -> PlaceModel:
+    from loop_closure.place_model import PlaceModel
+    from loop_closure.shipped import shipped_model
+
+    if name in ("best", "plain"):
+        return shipped_model(f"{name}_{recordings[0].dimension}d")
+    return PlaceModel.load(name)
+
+
+def _line(name: str, rule: PairRule, curve: Roc) -> str:
+    rates = "".join(f"{100.0 * curve.detection_at(rate):8.1f}" for rate in (0.0, 0.001, 0.01))
+    precision = f"{curve.average_precision:7.3f}"
+    return f"{name:28}{rule.distance:>6g} m{curve.positives:>9}{curve.negatives:>9}{rates}{precision}"

@@ -1,0 +1,173 @@
+"""SLAM over a recorded log, without ROS: odometry, loop closure and a map of the log's scans or clouds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.grid import OccupancyGrid
+from estimation.poses import compound, inverse
+from loop_closure.slam import Slam, SlamConfig
+from whereabouts.follow import FollowedPose, follow
+from whereabouts.logs import CloudRecord, Log
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Mapped:
+    """What SLAM made of a log.
+
+    stamps (N,) and poses (N, 3) or (N, 4, 4) of the robot, one per scan in the log's order, first one at the origin.
+    odometry : the same before any loop was closed. closures : between robot poses. mounts : (N, 3) or None each.
+    """
+
+    slam: Slam
+    stamps: list[float] = field(default_factory=list)
+    odometry: list[Array] = field(default_factory=list)
+    mounts: list[Array | None] = field(default_factory=list)
+    poses: list[Array] = field(default_factory=list)
+    closures: list[tuple[float, float, Array]] = field(default_factory=list)
+
+
+def map_log(
+    log: Log,
+    config: SlamConfig | None = None,
+    use_wheels: bool = True,
+    topic: str | None = None,
+    on_scan: Callable[[int], None] = lambda count: None,
+) -> Mapped:
+    """Follow a log and close its loops."""
+    mapped = Mapped(Slam(config))
+    for followed in follow(log, use_wheels=use_wheels, topic=topic):
+        add(mapped, followed)
+        on_scan(len(mapped.stamps))
+    if mapped.stamps:
+        finish(mapped)
+    return mapped
+
+
+def add(mapped: Mapped, followed: FollowedPose) -> None:
+    """One more scan."""
+    record = followed.record
+    mapped.stamps.append(followed.stamp)
+    mapped.odometry.append(followed.pose)
+    if isinstance(record, CloudRecord):
+        mapped.mounts.append(None)
+        mapped.slam.process(record.points, followed.pose, followed.covariance, followed.stamp)
+        return
+    mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
+    mapped.mounts.append(mount)
+    # The map is made in the frame the sensor started in: there its scans need no mounting.
+    sensor = compound(compound(inverse(mount), followed.pose), mount)
+    mapped.slam.process(record.scan, sensor, followed.covariance, followed.stamp)
+
+
+def finish(mapped: Mapped) -> None:
+    """Settle the map and take poses and closures from it, moved from the sensor to the robot."""
+    slam = mapped.slam
+    slam.finish()
+    mapped.poses = [
+        pose if mount is None else compound(compound(mount, pose), inverse(mount))
+        for pose, mount in zip(slam.visited(), mapped.mounts, strict=True)
+    ]
+    first = slam.first_visits()
+    mapped.closures = []
+    for closure in slam.closures:
+        mount = mapped.mounts[first[closure.later]]
+        relative = closure.relative
+        if mount is not None:
+            relative = compound(compound(mount, relative), inverse(mount))
+        mapped.closures.append((closure.earlier_stamp, closure.later_stamp, relative))
+
+
+class MapGrid:
+    """Occupancy grid of a map's keyframes that is kept up to date; made anew where the map has moved.
+
+    What moved fades from it: two later scans that see through a cell outweigh one that hit something there.
+    """
+
+    def __init__(self, resolution: float = 0.05) -> None:
+        self.grid = OccupancyGrid(resolution)
+        self._drawn = np.zeros((0, 3))
+
+    def update(self, slam: Slam) -> None:
+        """Draw what is new, or all of it."""
+        poses = slam.graph.poses
+        known = len(self._drawn)
+        moved = np.abs(poses[:known] - self._drawn)
+        if known and moved.max() > 0.5 * self.grid.resolution:
+            self.grid = OccupancyGrid(self.grid.resolution)
+            known = 0
+        for k in range(known, len(poses)):
+            glance = slam.keyframes[k].glance
+            if glance is not None:
+                self.grid.integrate(poses[k], glance.surface.points)
+        self._drawn = poses.copy()
+
+
+def map_grid(slam: Slam, resolution: float = 0.05) -> OccupancyGrid:
+    """Occupancy grid of the keyframes of a planar map, in the map frame."""
+    made = MapGrid(resolution)
+    made.update(slam)
+    return made.grid
+
+
+def map_points(slam: Slam, grid: OccupancyGrid) -> Array:
+    """The map as points (M, 2 | 3): occupied cells in the plane, thinned clouds in space."""
+    if slam.keyframes[0].scan is not None:
+        return grid.centres(np.argwhere(grid.occupied))
+    clouds = []
+    for k, pose in enumerate(slam.graph.poses):
+        points = slam.keyframes[k].points
+        assert points is not None
+        clouds.append(points @ pose[:3, :3].T + pose[:3, 3])
+    points = np.concatenate(clouds)
+    _, first = np.unique(
+        np.floor(points / (4.0 * grid.resolution)).astype(np.int64), axis=0, return_index=True
+    )
+    return points[np.sort(first)]
+
+
+def draw_grid(
+    path: Path, grid: OccupancyGrid, poses: Array, closures: list[tuple[Array, Array]] | None = None
+) -> None:
+    """The grid from above with the trajectory (N, 2 | 3) through it and lines between closed places."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 8.0), dpi=130, layout="constrained")
+    axes = figure.add_subplot()
+    shade = np.where(grid.occupied, 0.0, np.where(grid.free, 1.0, 0.82))
+    height, width = grid.shape
+    x, y = grid.origin
+    extent = (x, x + width * grid.resolution, y, y + height * grid.resolution)
+    axes.imshow(
+        shade, origin="lower", extent=extent, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest"
+    )
+    if len(poses):
+        axes.plot(poses[:, 0], poses[:, 1], color="tab:blue", linewidth=0.7)
+    if closures:
+        lines = LineCollection([[a[:2], b[:2]] for a, b in closures], colors="tab:red", linewidths=0.6)
+        axes.add_collection(lines)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    FigureCanvasAgg(figure).print_png(str(path))
+
+
+def closure_rows(mapped: Mapped) -> list[str]:
+    """Lines of the closures file: stamp_a, stamp_b and the pose of b in a."""
+    rows = ["stamp_a,stamp_b,x,y,yaw"]
+    for a, b, relative in mapped.closures:
+        planar = relative if relative.shape == (3,) else _planar(relative)
+        rows.append(f"{a:.9f},{b:.9f},{planar[0]:.6f},{planar[1]:.6f},{planar[2]:.6f}")
+    return rows
+
+
+def _planar(matrix: Array) -> Array:
+    return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
