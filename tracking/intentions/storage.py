@@ -1,0 +1,86 @@
+"""Learned intentions on disk: one npz file with a header that says what it is, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimation.errors import InputError
+from tracking.intentions.config import IntentionConfig
+
+if TYPE_CHECKING:
+    from tracking.intentions.model import IntentionModel
+
+FORMAT = "whereabouts.intentions"
+VERSION = 1
+
+
+def save(model: IntentionModel, path: Path, map_id: str) -> Path:
+    """Write a model; `map_id` names the map its frame belongs to. Returns the path.
+
+    Raises
+    ------
+    InputError : the folder does not exist or may not be written.
+    """
+    header = {
+        "format": FORMAT,
+        "version": VERSION,
+        "map_id": map_id,
+        "learned": model.learned,
+        "config": asdict(model.config),
+    }
+    arrays: dict[str, Any] = {"header": np.array(json.dumps(header))}
+    arrays |= {f"routes_{name}": value for name, value in model.routes.as_arrays().items()}
+    arrays |= {f"hmm_{name}": value for name, value in model.hmm.as_arrays().items()}
+    arrays |= {f"places_{name}": value for name, value in model.hmm.places.as_arrays().items()}
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, **arrays)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+    return path
+
+
+def load(path: Path, map_id: str | None) -> IntentionModel:
+    """Read a model written by `save`."""
+    from tracking.intentions.model import IntentionModel
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file")
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            arrays = {name: content[name] for name in content.files}
+        header = json.loads(str(arrays.pop("header")))
+        kind, version = header["format"], header["version"]
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: is no saved intention model, or is damaged ({error})") from error
+    if kind != FORMAT:
+        raise InputError(f"{path}: holds {kind!r}, not {FORMAT!r}")
+    if version != VERSION:
+        raise InputError(f"{path}: has version {version}; this program reads version {VERSION}: learn anew")
+    if map_id is not None and header["map_id"] != map_id:
+        raise InputError(f"{path}: was learned in map {header['map_id']!r}, not {map_id!r}")
+    try:
+        model = IntentionModel(IntentionConfig(**header["config"]))
+        model.learned = int(header["learned"])
+        for prefix, part in (("places_", model.hmm.places), ("hmm_", model.hmm), ("routes_", model.routes)):
+            part.from_arrays({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: is damaged or incomplete ({error})") from error
+    return model

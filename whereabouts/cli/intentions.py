@@ -1,0 +1,87 @@
+"""`whereabouts intentions`: learn and predict from recorded trajectories, without ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from whereabouts.cli.common import JsonFile, write_figures
+
+
+def intentions(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Trajectories: Edinburgh Informatics Forum, ETH obsmat, or CSV with time, label, x, y.",
+        ),
+    ],
+    method: Annotated[
+        str, typer.Option("--method", help="routes (default) or ghmm, the plain growing hidden Markov model.")
+    ] = "routes",
+    horizon: Annotated[
+        float, typer.Option("--horizon", min=0.1, max=60.0, help="Seconds to look ahead.")
+    ] = 4.8,
+    radius: Annotated[
+        float, typer.Option("--radius", min=0.01, help="Metres around the exit that count as correct.")
+    ] = 0.716,
+    load: Annotated[
+        Path | None, typer.Option("--load", metavar="M.npz", help="Go on from a saved model.")
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option("--save", metavar="M.npz", help="Save what was learned.")
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="P.png", help="Draw what was learned and predictions.")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Learn from recorded trajectories, one after the other, and predict each before it is learned.
+
+    Printed are the share of correct exits after parts of each walk, and the error of the predicted path beside
+    constant velocity. Trajectories that teach nothing are counted with the reason.
+    """
+    from dataclasses import replace
+
+    from tracking.intentions import IntentionConfig, IntentionModel
+    from whereabouts.experiments.intentions_run import learn_and_predict
+    from whereabouts.logs.trajectories import read_trajectories
+    from whereabouts.progress import progress_bar
+
+    recorded = read_trajectories(source)
+    for line in recorded.summary.lines():
+        typer.echo(line, err=True)
+    model = (
+        IntentionModel(replace(IntentionConfig(), method=method))
+        if load is None
+        else IntentionModel.load(load)
+    )
+    with progress_bar() as bar:
+        task = bar.add_task(f"learning {source.name}", total=len(recorded.trajectories))
+        told = learn_and_predict(
+            model, list(recorded.trajectories.values()), horizon, radius, lambda: bar.advance(task)
+        )
+    typer.echo(
+        f"{len(recorded.trajectories)} trajectories ({recorded.kind}), {told.taught} learned, "
+        f"{model.learned} in the model ({model.config.method})"
+    )
+    for reason, count in sorted(told.refused.items()):
+        typer.echo(f"{count} taught nothing: {reason}")
+    for reason, count in sorted(told.dropped.items()):
+        typer.echo(f"{count} observations left out: {reason}")
+    for fraction, rate in told.correct.items():
+        typer.echo(f"correct exit after {100 * fraction:3g} %: {rate:.3f} of {told.predictions}")
+    if told.moments:
+        typer.echo(
+            f"error after {horizon:g} s: {told.error:.3f} m, constant velocity {told.constant:.3f} m, "
+            f"{told.moments} moments"
+        )
+    if save is not None:
+        typer.echo(f"saved to {model.save(save)}")
+    if picture is not None:
+        from whereabouts.experiments.intentions_run import draw
+
+        typer.echo(f"drawn to {draw(model, list(recorded.trajectories.values()), picture)}")
+    write_figures(json_file, {"source": str(source), "method": model.config.method, **told.figures()})

@@ -1,0 +1,178 @@
+"""What `intentions` measures: correct exits while learning online, displacement errors, how much paths swing, times."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracking.intentions import IntentionConfig, IntentionModel
+from tracking.intentions.motion import estimate
+from whereabouts.logs.trajectories import EDINBURGH_METRES
+
+Array = NDArray[np.float64]
+FRACTIONS = (0.05, 0.2, 0.4, 0.6, 0.85)
+CORRECT = 29.0 * EDINBURGH_METRES
+FIRST = 10  # trajectories learned before the first prediction
+OBSERVED, AHEAD = 8, 12  # frames of the hotel recording: 3.2 s seen, 4.8 s predicted
+METHODS = ("routes", "ghmm", "linear")
+
+
+@dataclass
+class Online:
+    """Online learning through a day: `correct` (predictions, fractions) and, per learned walk, sizes and times."""
+
+    correct: NDArray[np.bool_]
+    learn_ms: list[float] = field(default_factory=list)
+    belief_ms: list[float] = field(default_factory=list)
+    sizes: list[tuple[int, int, int]] = field(default_factory=list)  # nodes, states, edges
+    model: IntentionModel | None = None
+
+    @property
+    def rates(self) -> Array:
+        """Share of correct exits per fraction."""
+        return np.asarray(self.correct.mean(axis=0))
+
+
+def part(rows: Array, fraction: float) -> Array:
+    """The first share of a walk's observations, two at least."""
+    return rows[: max(2, round(fraction * len(rows)))]
+
+
+def is_complete(rows: Array, low: Array, high: Array, margin: float = 0.6) -> bool:
+    """Whether a walk leads from the border of the area to another place there, without standing about."""
+
+    def outside(point: Array) -> bool:
+        return bool((point < low + margin).any() or (point > high - margin).any())
+
+    way = float(np.hypot(*np.diff(rows[:, :2], axis=0).T).sum())
+    net = float(np.hypot(*(rows[-1] - rows[0])[:2]))
+    return outside(rows[0, :2]) and outside(rows[-1, :2]) and net > 3.0 and way < 1.6 * net
+
+
+def linear_exit(rows: Array, low: Array, high: Array) -> Array:
+    """Where straight on leaves the area: linear extrapolation, which social forces follow."""
+    state = estimate(rows, 1.5, 0.06).state
+    ahead = state[2:]
+    ends = [
+        ((high if ahead[a] > 0.0 else low)[a] - state[a]) / ahead[a] for a in range(2) if abs(ahead[a]) > 1e-9
+    ]
+    return np.asarray(state[:2] + ahead * max(0.0, min(ends, default=0.0)))
+
+
+def online(
+    walks: list[Array], method: str, on_step: Callable[[], None] = lambda: None, radius: float = CORRECT
+) -> Online:
+    """Predict each walk's exit after each fraction, then learn it; the first ten are only learned."""
+    both = np.concatenate(walks)
+    low, high = both[:, :2].min(axis=0), both[:, :2].max(axis=0)
+    model = IntentionModel(IntentionConfig(method="routes" if method == "linear" else method))
+    outcome = Online(np.zeros((0, len(FRACTIONS)), dtype=bool), model=model)
+    correct = []
+    for k, walk in enumerate(walks):
+        if k >= FIRST:
+            row = []
+            for fraction in FRACTIONS:
+                begun = time.process_time()
+                if method == "linear":
+                    goal = linear_exit(part(walk, fraction), low, high)
+                else:
+                    goal = model.intentions(part(walk, fraction), 10.0)[0][0]
+                outcome.belief_ms.append(1e3 * (time.process_time() - begun))
+                row.append(bool(np.hypot(*(goal - walk[-1, :2])) <= radius))
+            correct.append(row)
+        if method != "linear":
+            begun = time.process_time()
+            model.learn(walk)
+            outcome.learn_ms.append(1e3 * (time.process_time() - begun))
+        hmm = model.hmm
+        outcome.sizes.append((len(hmm.places), len(hmm), hmm.edge_count))
+        on_step()
+    outcome.correct = np.array(correct, dtype=bool).reshape(-1, len(FRACTIONS))
+    return outcome
+
+
+def swing(walks: list[Array], method: str, count: int = 40) -> Array:
+    """How much a predicted path moves when 0.5 s of observations arrive, m, per moment; the last `count` walks.
+
+    The mean distance of two consecutive predictions at the same times, over the 5 s that both look at: what a robot
+    that plans around the person would have to replan.
+    """
+    model = IntentionModel(IntentionConfig(method="routes" if method == "linear" else method))
+    fresh = IntentionModel()
+    split = max(1, len(walks) - count)
+    for walk in walks[:split]:
+        model.learn(walk)
+    moved = []
+    for walk in walks[split:]:
+        last: Array | None = None
+        for t in np.arange(walk[0, 2] + 1.0, walk[-1, 2], 0.5):
+            seen = walk[walk[:, 2] <= t]
+            path = (fresh if method == "linear" else model).predict(seen, 5.5).path
+            if last is not None:
+                times = np.linspace(t, t + 5.0, 11)
+                now, before = (
+                    np.column_stack([np.interp(times, p[:, 2], p[:, a]) for a in (0, 1)])
+                    for p in (path, last)
+                )
+                moved.append(float(np.hypot(*(now - before).T).mean()))
+            last = path
+        if method != "linear":
+            model.learn(walk)
+    return np.array(moved)
+
+
+def displacement(
+    people: dict[int, Array],
+    method: str,
+    config: IntentionConfig | None = None,
+    others: bool = False,
+    stride: int = 1,
+) -> tuple[Array, Array]:
+    """Errors (moments, 12) m at 0.4 s to 4.8 s ahead, and squared Mahalanobis distances of the same.
+
+    method : "learned" (online, people learned when their tracks end), "fresh" (nothing learned), "last step" or
+        "mean of 8" (constant velocity of the last step, or over the 3.2 s seen).
+    """
+    model = IntentionModel(config)
+    ended = sorted(people, key=lambda label: float(people[label][-1, 2]))
+    errors, squares = [], []
+    moments = [
+        (label, k)
+        for label in ended
+        for k in range(OBSERVED, len(people[label]) - AHEAD + 1, stride)
+        if people[label][k + AHEAD - 1, 2] - people[label][k - 1, 2] < 4.81
+    ]
+    moments.sort(key=lambda m: float(people[m[0]][m[1] - 1, 2]))
+    learned = 0
+    for label, k in moments:
+        rows = people[label]
+        now = float(rows[k - 1, 2])
+        while method == "learned" and learned < len(ended) and people[ended[learned]][-1, 2] < now:
+            model.learn(people[ended[learned]])
+            learned += 1
+        truth = rows[k : k + AHEAD]
+        if method in ("last step", "mean of 8"):
+            first = rows[k - 2] if method == "last step" else rows[k - OBSERVED]
+            velocity = (rows[k - 1] - first)[:2] / (rows[k - 1, 2] - first[2])
+            guess = rows[k - 1, :2] + velocity * (truth[:, 2:] - now)
+        else:
+            beside = None
+            if others:
+                beside = [
+                    track[track[:, 2] <= now + 1e-6]
+                    for other, track in people.items()
+                    if other != label and track[0, 2] <= now <= track[-1, 2]
+                ]
+            told = model.predict(rows[:k], 4.8, others=beside)
+            guess = np.column_stack(
+                [np.interp(truth[:, 2], told.path[:, 2], told.path[:, a]) for a in (0, 1)]
+            )
+            index = np.searchsorted(told.path[:, 2], truth[:, 2] - 1e-6).clip(max=len(told.path) - 1)
+            e = guess - truth[:, :2]
+            squares.append(np.einsum("ti,tij,tj->t", e, np.linalg.inv(told.covariances[index]), e))
+        errors.append(np.hypot(*(guess - truth[:, :2]).T))
+    return np.array(errors), np.array(squares)
