@@ -1,16 +1,20 @@
-"""Times of the extended-target PHD filter, each as a ratio to a named alternative in the same run.
+"""Times and OSPA of the extended-target filters, beside named alternatives in the same run.
 
-`python bench/bench_tracking.py` prints the table and writes it to `bench/bench_tracking.txt`. Scans are simulated:
-Poisson numbers of returns about targets at constant velocity, and uniform clutter. Nothing here is a test.
+`python bench/bench_tracking.py` prints the tables and writes them to `bench/bench_tracking.txt`. Scans are simulated
+(Poisson numbers of returns about targets at constant velocity, and uniform clutter) or, where they are present, those
+of `extended_targets`. Stone Soup takes part where it is installed (requirements/evaluation.txt). Times are of
+processor time on one core. Nothing here is a test.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import sys
+from importlib.util import find_spec
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 # Before numpy starts its threads: one core is what is measured.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -18,11 +22,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from stone_soup_phd import StoneSoupPhd
 
+from estimation.metrics import ospa
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
 from tracking.correction import CellStatistics, cell_log_factor
 from tracking.correction_kernels import centroid_log_likelihood
+from tracking.evaluation import positions
 from tracking.partitions import PartitionBuilder
+from whereabouts.datasets import recording
+from whereabouts.experiments.phd_recorded import SCENES, config_of
 
 NOISE = 20.0
 
@@ -49,33 +58,46 @@ def scene(targets: int, rate: float, clutter: float, steps: int, side: float) ->
     return config, scans
 
 
-def run(filter_: ExtendedTargetPhd, scans: list) -> tuple[float, float, float]:
+Tracker = ExtendedTargetPhd | StoneSoupPhd
+
+
+def run(filter_: Tracker, scans: list) -> tuple[float, float, float]:
     """Milliseconds per scan, mean and 99th percentile, without the first five; expected targets at the end."""
     times = []
     for k, scan in enumerate(scans):
-        begin = perf_counter()
+        begin = process_time()
         filter_.step(scan, float(k))
-        times.append(1e3 * (perf_counter() - begin))
+        times.append(1e3 * (process_time() - begin))
     return float(np.mean(times[5:])), float(np.percentile(times[5:], 99)), filter_.expected_count
 
 
+def trackers(config: PhdConfig) -> dict[str, Tracker]:
+    """What is compared."""
+    text = {**config.__dict__, "filter": "phd"}
+    found: dict[str, Tracker] = {
+        "PMBM (default)": ExtendedTargetPhd(config),
+        "ET-GM-PHD (the text)": ExtendedTargetPhd(PhdConfig(**text)),
+        "ET-GM-PHD, one partition": ExtendedTargetPhd(
+            PhdConfig(**{**text, "partitioner": "single", "subpartitions": False})
+        ),
+    }
+    if find_spec("stonesoup"):
+        found["Stone Soup GM-PHD on DBSCAN clusters"] = StoneSoupPhd(config)
+    return found
+
+
 def filters() -> list[str]:
-    """Whole scans, against the same filter with one threshold (one DBSCAN-like partition per scan)."""
+    """Whole scans of well separated targets, as a ratio to the default."""
     rows = [f"{'scene':<46}{'filter':<38}{'ms mean':>9}{'p99':>9}{'ratio':>8}{'count':>8}"]
     for targets, rate, clutter, steps, side in (
         (2, 10, 10, 150, 1000.0),
         (5, 10, 10, 150, 1000.0),
         (10, 20, 10, 40, 1000.0),
-        (50, 20, 50, 30, 4000.0),
+        (25, 20, 25, 40, 2800.0),
+        (50, 20, 50, 40, 4000.0),
     ):
         config, scans = scene(targets, rate, clutter, steps, side)
-        single = {**config.__dict__, "partitioner": "single", "subpartitions": False}
-        plain = {**config.__dict__, "subpartitions": False}
-        variants = {
-            "one partition": ExtendedTargetPhd(PhdConfig(**single)),
-            "distance partitions": ExtendedTargetPhd(PhdConfig(**plain)),
-            "default (with sub-partitions)": ExtendedTargetPhd(config),
-        }
+        variants = trackers(config)
         if targets <= 5:
             variants["point-target GM-PHD on raw returns"] = PointTargetPhd(config)
         base = 0.0
@@ -84,6 +106,33 @@ def filters() -> list[str]:
             base = base or mean
             label = f"{targets} targets × {rate} returns + {clutter} clutter"
             rows.append(f"{label:<46}{name:<38}{mean:9.2f}{high:9.2f}{mean / base:8.2f}{count:8.1f}")
+    return rows
+
+
+def recorded() -> list[str]:
+    """Mean OSPA (p = 2, c = 60 m) and time on the recorded scans."""
+    rows = ["", f"{'recorded scans, all realisations':<46}{'filter':<38}{'OSPA':>9}{'ms mean':>9}{'p99':>8}"]
+    for name in SCENES:
+        path = recording(f"extended_targets/{name}.npz")
+        if path is None:
+            return ["", "extended_targets is absent: no recorded scans"]
+        with np.load(path) as data:
+            truth, returns, given = data["truth"], data["meas"], json.loads(str(data["params"]))
+        errors: dict[str, list[float]] = {}
+        times: dict[str, list[float]] = {}
+        for realisation in np.unique(returns[:, 0]):
+            mine = returns[returns[:, 0] == realisation]
+            for label, filter_ in trackers(config_of(given)).items():
+                for k in range(1, given["K"] + 1):
+                    begin = process_time()
+                    targets = filter_.step(mine[mine[:, 1] == k, 2:4], k * given["T"])
+                    times.setdefault(label, []).append(1e3 * (process_time() - begin))
+                    found = targets if isinstance(targets, np.ndarray) else positions(targets)
+                    error = ospa(found, truth[truth[:, 0] == k, 2:4], given["ospa_c"], given["ospa_p"])
+                    errors.setdefault(label, []).append(error)
+        for label, values in errors.items():
+            mean, high = np.mean(times[label]), np.percentile(times[label], 99)
+            rows.append(f"{name:<46}{label:<38}{np.mean(values):9.2f}{mean:9.2f}{high:8.2f}")
     return rows
 
 
@@ -116,9 +165,9 @@ def likelihoods(repeats: int = 30) -> list[str]:
     for function in (factorised, stacked):
         samples = []
         for _ in range(repeats):
-            begin = perf_counter()
+            begin = process_time()
             function()
-            samples.append(1e3 * (perf_counter() - begin))
+            samples.append(1e3 * (process_time() - begin))
         times.append(min(samples))
     return [
         "",
@@ -133,8 +182,9 @@ def main() -> None:
     head = f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, one core"
     # Compiled loops are loaded before anything is measured.
     config, scans = scene(2, 10, 10, 10, 1000.0)
-    run(ExtendedTargetPhd(config), scans)
-    text = "\n".join([head, "", *filters(), *likelihoods()]) + "\n"
+    for filter_ in trackers(config).values():
+        run(filter_, scans)
+    text = "\n".join([head, "", *filters(), *recorded(), *likelihoods()]) + "\n"
     print(text)
     Path(__file__).with_suffix(".txt").write_text(text, encoding="utf-8")
 

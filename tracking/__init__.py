@@ -1,7 +1,18 @@
 """Extended-target PHD filters, people in laser scans, motion prediction. Knows no ROS."""
 
+from tracking.people import PeopleTracker, Person
+from tracking.people_config import PeopleConfig
 from tracking.phd import ExtendedTargetPhd, PhdHealth, PointTargetPhd
 from tracking.phd_config import PhdConfig
 from tracking.target import Target
 
-__all__ = ["ExtendedTargetPhd", "PhdConfig", "PhdHealth", "PointTargetPhd", "Target"]
+__all__ = [
+    "ExtendedTargetPhd",
+    "PeopleConfig",
+    "PeopleTracker",
+    "Person",
+    "PhdConfig",
+    "PhdHealth",
+    "PointTargetPhd",
+    "Target",
+]

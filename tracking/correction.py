@@ -20,7 +20,7 @@ from tracking.components import Components, IntArray
 from tracking.correction_kernels import centroid_log_likelihood
 from tracking.partitions import Partitions
 from tracking.phd_config import PhdConfig
-from tracking.phd_models import OneReturn, PoissonCount, PositionMeasurement
+from tracking.phd_models import OneReturn, PoissonCount, PositionMeasurement, Sight
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
@@ -90,15 +90,20 @@ class Corrector:
         self.log_floor = float(np.log(max(config.prune_weight, 1e-12))) - 7.0
 
     def correct(
-        self, predicted: Components, detection: FloatArray, points: FloatArray, partitions: Partitions
+        self,
+        predicted: Components,
+        sight: Sight,
+        points: FloatArray,
+        partitions: Partitions,
     ) -> Components:
         """The corrected intensity (7): missed components (8), then one per cell and component (9)."""
         missed = predicted.select(np.arange(len(predicted)))
-        missed.weights *= 1.0 - self.returns.seen * detection
+        missed.weights *= 1.0 - self.returns.seen(sight.share) * sight.probability
+        missed.means, missed.covariances = sight.means, sight.covariances
         if len(points) == 0 or len(predicted) == 0:
             return missed
         cells = CellStatistics.of(points, partitions)
-        log_pairs = self._log_pairs(predicted, detection, cells)
+        log_pairs = self._log_pairs(predicted, sight, cells)
         alone = np.where(cells.counts == 1, 0.0, -np.inf)
         log_d = np.logaddexp(alone, np.logaddexp.reduce(log_pairs, axis=1))
         # A cell nothing explains is impossible, yet a group must keep a partition to be normalised by.
@@ -108,17 +113,18 @@ class Corrector:
         c, j = np.nonzero(log_weights > self.log_floor)
         return Components.join([missed, self._detected(predicted, cells, c, j, np.exp(log_weights[c, j]))])
 
-    def _log_pairs(self, predicted: Components, detection: FloatArray, cells: CellStatistics) -> FloatArray:
+    def _log_pairs(self, predicted: Components, sight: Sight, cells: CellStatistics) -> FloatArray:
         """Log of Γ p_D Φ w (C, J): the summands of (9f)."""
         H, R = self.measurement.H, self.measurement.R
         log_phi = centroid_log_likelihood(
             cells.means, cells.counts, predicted.means @ H.T, H @ predicted.covariances @ H.T, R
         )
         by_cell = cell_log_factor(cells, R) - cells.counts * self.log_clutter
-        by_cell += self.returns.log_weight(cells.counts)
         with np.errstate(divide="ignore"):
-            by_component = np.log(predicted.weights * detection)
-        result: FloatArray = log_phi + by_cell[:, None] + by_component
+            by_component = np.log(predicted.weights * sight.probability)
+        result: FloatArray = (
+            log_phi + by_cell[:, None] + by_component + self.returns.log_weight(cells.counts, sight.share)
+        )
         return result
 
     def _detected(

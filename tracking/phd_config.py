@@ -11,6 +11,7 @@ from estimation.errors import InputError
 from estimation.gaussians import repair_covariance
 
 Birth = tuple[float, FloatArray, FloatArray]
+FILTERS = ("pmbm", "phd")
 PARTITIONERS = ("distance", "kmeans", "all", "single")
 
 
@@ -33,6 +34,8 @@ class PhdConfig:
     Probabilities and weights of survival, birth and spawn are per `scan_period`; other intervals scale them.
     """
 
+    filter: str = "pmbm"
+    """"pmbm": Poisson multi-Bernoulli mixture, the best by measurement; "phd": the text's ET-GM-PHD filter."""
     surveillance: tuple[tuple[float, float], tuple[float, float]] = ((-1000.0, 1000.0), (-1000.0, 1000.0))
     """((x0, x1), (y0, y1)), m: where clutter falls, uniformly."""
     clutter_rate: float = 10.0
@@ -51,6 +54,20 @@ class PhdConfig:
     """New targets: (expected number per `scan_period`, mean (4,), covariance (4, 4)), in m and m/s."""
     spawn: tuple[float, FloatArray] | None = field(default_factory=_default_spawn)
     """Targets that split off: (expected number per target and `scan_period`, added covariance (4, 4))."""
+    rate_spread: float = 0.0
+    """pmbm: relative standard deviation of γ over targets: 0 where every target has the configured rate, otherwise
+    each one's own is learnt and used (0.5 for people in a laser scan, near and far)."""
+    spread_known: bool = True
+    """pmbm: whether returns spread as configured (`measurement_noise`); otherwise each target's own extent is learnt
+    and used. Both are estimated and reported either way."""
+    occlusion: bool = True
+    """Whether targets hide each other, where `step` is told the pose of the sensor."""
+    occluder_width: float = 2.5
+    """Half of what a target hides, in standard deviations of its returns."""
+    sensor_range: float = 1e6
+    """How far the sensor sees, m; used with its pose."""
+    field_of_view: float = 6.283185307179586
+    """Full opening of the sensor, rad; used with its pose."""
     scan_period: float = 1.0
     """Interval the per-scan probabilities refer to, s."""
     partitioner: str = "distance"
@@ -61,14 +78,23 @@ class PhdConfig:
     """Whether cells are also divided by predicted targets and by likely counts (for targets that meet)."""
     count_reassignments: bool = True
     """Whether a sub-partition also carries the weight of the reassignments of single returns it stands for."""
+    max_hypotheses: int = 20
+    """pmbm: hypotheses kept per group of targets that share returns."""
+    hypothesis_margin: float = 9.0
+    """pmbm: a hypothesis this far below the likeliest in log-weight is dropped."""
+    hypothesis_distance: float = 2.0
+    """pmbm: squared Mahalanobis distance up to which two hypotheses say the same of a target."""
     prune_weight: float = 1e-3
     """Components of less weight are dropped."""
     merge_distance: float = 4.0
     """Squared Mahalanobis distance within which components are merged."""
     max_components: int = 300
     """Components kept at most, the heaviest."""
-    extraction_weight: float = 0.5
-    """Weight from which a component is reported as a target, in (0, 1)."""
+    extraction_weight: float = 0.45
+    """Weight from which a target is reported, in (0, 1); below a half, as one scan without returns at
+    p_D = p_S = 0.99 leaves 0.4975."""
+    confirmation_weight: float = 0.9
+    """pmbm: weight from which a target is reported for the first time, in (0, 1)."""
     gate_probability: float = 0.9999
     """Probability of a target's own cell falling in its gate, in (0, 1)."""
     memory: float = 10.0
@@ -78,7 +104,9 @@ class PhdConfig:
     max_partitions: int = 60
     """Partitions per group of nearby returns at most; more thresholds are thinned evenly and counted."""
     late_window: float = 1.0
-    """A stamp this much behind, s, is a late scan and is skipped; further behind is a new run."""
+    """A stamp this much behind, s, is a late scan and is worked in; further behind is a new run."""
+    late_scans: int = 20
+    """Scans remembered at most for that; one that comes after more later ones is skipped and counted."""
     max_gap: float = 60.0
     """After a longer silence, s, nothing known is still true: the filter starts anew."""
 
@@ -86,22 +114,38 @@ class PhdConfig:
         area = self._array("surveillance", (2, 2))
         if not (area[:, 0] < area[:, 1]).all():
             raise InputError("surveillance must be ((x0, x1), (y0, y1)) with x0 < x1 and y0 < y1")
-        for name in ("clutter_rate", "measurement_noise", "measurement_rate", "scan_period", "max_gap"):
+        for name in (
+            "clutter_rate",
+            "measurement_noise",
+            "measurement_rate",
+            "scan_period",
+            "max_gap",
+            "occluder_width",
+            "sensor_range",
+            "field_of_view",
+        ):
             self._number(name, 0.0, np.inf, open_below=True)
-        for name in ("process_noise", "late_window", "prune_weight", "merge_distance"):
+        for name in ("process_noise", "late_window", "rate_spread", "prune_weight", "merge_distance"):
             self._number(name, 0.0, np.inf)
         for name in ("detection_probability", "survival_probability"):
             self._number(name, 0.0, 1.0, open_below=True)
-        for name in ("extraction_weight", "gate_probability"):
+        for name in ("hypothesis_margin", "hypothesis_distance"):
+            self._number(name, 0.0, np.inf)
+        for name in ("spread_known", "occlusion", "subpartitions", "count_reassignments"):
+            if not isinstance(getattr(self, name), (bool, np.bool_)):
+                raise InputError(f"{name} must be true or false, not {getattr(self, name)!r}")
+        for name in ("extraction_weight", "confirmation_weight", "gate_probability"):
             self._number(name, 0.0, 1.0, open_below=True, open_above=True)
         self._number("memory", 1.0, np.inf)
-        for name in ("max_components", "max_measurements", "max_partitions"):
+        for name in ("max_components", "max_hypotheses", "late_scans", "max_measurements", "max_partitions"):
             value = getattr(self, name)
             if not isinstance(value, (int, np.integer)) or value < 1:
                 raise InputError(f"{name} must be a whole number of at least 1, not {value!r}")
         low, high = self._array("distance_probabilities", (2,))
         if not 0.0 <= low <= high < 1.0:
             raise InputError("distance_probabilities must be two numbers 0 ≤ low ≤ high < 1")
+        if self.filter not in FILTERS:
+            raise InputError(f"filter must be one of {FILTERS}, not {self.filter!r}")
         if self.partitioner not in PARTITIONERS:
             raise InputError(f"partitioner must be one of {PARTITIONERS}, not {self.partitioner!r}")
         self._shapes()

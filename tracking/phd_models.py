@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -43,6 +44,14 @@ class ConstantVelocityMotion:
         """Survivors, births and spawned components after dt ≥ 0 seconds: (6) one step on."""
         if dt == 0.0:
             return components
+        scans = dt / self.config.scan_period
+        survivors, moved = self.survivors(components, dt)
+        return Components.join(
+            [survivors, self.births(scans, labels), self.spawned(survivors, moved, scans, labels)]
+        )
+
+    def survivors(self, components: Components, dt: float) -> tuple[Components, FloatArray]:
+        """Components dt seconds on, and their covariances (J, 4, 4) before process noise is added."""
         F, Q = self.matrices(dt)
         scans = dt / self.config.scan_period
         means = components.means @ F.T
@@ -58,9 +67,7 @@ class ConstantVelocityMotion:
             components.spread * keep,
             components.freedom * keep,
         )
-        return Components.join(
-            [survivors, self.births(scans, labels), self.spawned(survivors, moved, scans, labels)]
-        )
+        return survivors, moved
 
     def births(self, scans: float, labels: Labels) -> Components:
         """The birth intensity (17) over `scans` scan periods, each component with a number of its own."""
@@ -88,6 +95,8 @@ class ConstantVelocityMotion:
     ) -> Components:
         """Components of targets nobody has seen yet: rate and extent as configured."""
         count, gamma = len(weights), self.config.measurement_rate
+        spread_of_rate = self.config.rate_spread
+        shape = 1.0 / spread_of_rate**2 if spread_of_rate > 0.0 else PRIOR_SCANS * gamma
         freedom = max(PRIOR_SCANS * gamma, 2.0)
         spread = freedom * self.config.measurement_noise**2 * np.eye(2)
         return Components(
@@ -95,7 +104,7 @@ class ConstantVelocityMotion:
             means,
             covariances,
             labels.take(count),
-            np.tile([PRIOR_SCANS * gamma, PRIOR_SCANS], (count, 1)),
+            np.tile([shape, shape / gamma], (count, 1)),
             np.tile(spread, (count, 1, 1)),
             np.full(count, freedom),
         )
@@ -117,6 +126,49 @@ class Detection(Protocol):
         """Probabilities (J,) for the predicted means (J, 4)."""
 
 
+@dataclass
+class Sight:
+    """What can be seen of J components.
+
+    probability (J,) : p_D; share (J,) : of its returns a target gives where it is seen; means (J, 4), covariances
+    (J, 4, 4) : its state given that it was not.
+    """
+
+    probability: FloatArray
+    share: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+
+    @classmethod
+    def plain(cls, probability: FloatArray, components: Components) -> Sight:
+        """p_D (J,) that says nothing of where a target is."""
+        return cls(probability, np.ones(len(components)), components.means, components.covariances)
+
+
+class SceneDetection(Protocol):
+    """p_D that also depends on the other targets; used in place of a plain call where a model has it."""
+
+    def in_scene(
+        self, components: Components, weights: FloatArray, tracks: int, sensor_pose: FloatArray | None
+    ) -> Sight:
+        """What can be seen of the components; the first `tracks` hide others, by `weights` (tracks,)."""
+
+
+def detect(
+    model: Detection | SceneDetection,
+    components: Components,
+    weights: FloatArray,
+    tracks: int,
+    sensor_pose: FloatArray | None,
+) -> Sight:
+    """What either kind of model says."""
+    if hasattr(model, "in_scene"):
+        found: Sight = model.in_scene(components, weights, tracks, sensor_pose)
+        return found
+    assert callable(model)
+    return Sight.plain(model(components.means, sensor_pose), components)
+
+
 class ConstantDetection:
     """The same p_D everywhere."""
 
@@ -129,27 +181,30 @@ class ConstantDetection:
 
 
 class PoissonCount:
-    """Γ of (9b): a detected extended target gives Poisson(γ) returns."""
+    """Γ of (9b): a detected extended target gives Poisson(γ) returns, fewer where a part of it is hidden."""
 
     def __init__(self, config: PhdConfig) -> None:
         self.gamma = config.measurement_rate
 
-    def log_weight(self, counts: FloatArray) -> FloatArray:
-        """log(e^-γ γ^n) for cells of n returns."""
-        result: FloatArray = counts * np.log(self.gamma) - self.gamma
+    def log_weight(self, counts: FloatArray, share: FloatArray) -> FloatArray:
+        """log(e^-γ γ^n) (C, J) for cells of n (C,) returns of targets of which a share (J,) is visible."""
+        gamma = self.gamma * share
+        result: FloatArray = counts[:, None] * np.log(gamma) - gamma
         return result
 
-    @property
-    def seen(self) -> float:
-        """Probability that a detected target gives a return at all."""
-        return float(-np.expm1(-self.gamma))
+    def seen(self, share: FloatArray) -> FloatArray:
+        """Probability (J,) that a detected target gives a return at all."""
+        result: FloatArray = -np.expm1(-self.gamma * share)
+        return result
 
 
 class OneReturn:
     """A point target gives exactly one return (Vo and Ma 2006)."""
 
-    seen = 1.0
+    def log_weight(self, counts: FloatArray, share: FloatArray) -> FloatArray:
+        """0 for one return, -inf for more, (C, 1)."""
+        return np.where(counts == 1, 0.0, -np.inf)[:, None]
 
-    def log_weight(self, counts: FloatArray) -> FloatArray:
-        """0 for one return, -inf for more."""
-        return np.where(counts == 1, 0.0, -np.inf)
+    def seen(self, share: FloatArray) -> FloatArray:
+        """1, (J,)."""
+        return np.ones(len(share))

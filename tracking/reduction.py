@@ -94,7 +94,7 @@ class Reducer:
         weights: FloatArray = np.bincount(member, components.weights).astype(np.float64)
         share = components.weights / weights[member]
 
-        def mean_of(values: FloatArray) -> FloatArray:
+        def mean_of(values: FloatArray, share: FloatArray = share) -> FloatArray:
             total = np.zeros((len(leaders), *values.shape[1:]))
             np.add.at(total, member, share.reshape(-1, *(1,) * (values.ndim - 1)) * values)
             return total
@@ -102,6 +102,12 @@ class Reducer:
         names, name = np.unique(components.labels, return_inverse=True)
         evidence = np.zeros((len(leaders), len(names)))
         np.add.at(evidence, (member, name), components.weights)
+        chosen = distinct_labels(weights, evidence, names, self.labels)
+        # Births and splits that merge into a target know nothing of its rate and extent: its own components tell.
+        own = np.where(components.labels == chosen[member], components.weights, 0.0)
+        totals: FloatArray = np.bincount(member, own).astype(np.float64)
+        known = totals[member] > 0
+        own = np.where(known, own / np.where(known, totals[member], 1.0), share)
         means = mean_of(components.means)
         offsets = components.means - means[member]
         covariances = mean_of(components.covariances + offsets[:, :, None] * offsets[:, None, :])
@@ -109,8 +115,8 @@ class Reducer:
             weights,
             means,
             covariances,
-            distinct_labels(weights, evidence, names, self.labels),
-            mean_of(components.counts),
-            mean_of(components.spread),
-            mean_of(components.freedom),
+            chosen,
+            mean_of(components.counts, own),
+            mean_of(components.spread, own),
+            mean_of(components.freedom, own),
         )

@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
+from tracking import PhdConfig, PointTargetPhd
 from tracking.components import Components
 from tracking.correction import CellStatistics, Corrector, cell_log_factor
 from tracking.correction_kernels import centroid_log_likelihood
 from tracking.partitioning import Distances, Exhaustive, Singletons, all_partitions
 from tracking.partitions import PartitionBuilder, PredictedTargets
-from tracking.phd_models import Labels, OneReturn, PoissonCount, PositionMeasurement
+from tracking.phd_models import (
+    ConstantVelocityMotion,
+    Labels,
+    OneReturn,
+    PoissonCount,
+    PositionMeasurement,
+    Sight,
+)
 
 CONFIG = PhdConfig(measurement_noise=2.0, measurement_rate=3.0, clutter_rate=4.0, prune_weight=0.0)
 
@@ -21,8 +28,7 @@ def mixture(rng: np.random.Generator, count: int) -> Components:
     """Random components around the origin."""
     root = rng.normal(size=(count, 4, 4))
     covariances = root @ np.swapaxes(root, 1, 2) + np.eye(4)
-    filter_ = ExtendedTargetPhd(CONFIG)
-    return filter_.motion.fresh(
+    return ConstantVelocityMotion(CONFIG).fresh(
         rng.uniform(0.2, 1.2, count), rng.normal(0, 4, (count, 4)), covariances, Labels()
     )
 
@@ -83,7 +89,7 @@ def test_correction_equals_brute_force_over_all_partitions() -> None:
     corrector.log_floor = -np.inf
     partitions = Exhaustive().partition(z, PredictedTargets.none())
     assert len(partitions.group) == 15
-    corrected = corrector.correct(predicted, np.full(2, p_d), z, partitions)
+    corrected = corrector.correct(predicted, Sight.plain(np.full(2, p_d), predicted), z, partitions)
     missed = predicted.weights * (1 - (1 - np.exp(-CONFIG.measurement_rate)) * p_d)
     np.testing.assert_allclose(corrected.weights[:2], missed)
     expected = brute_force(predicted, z, p_d)
@@ -113,7 +119,10 @@ def test_independent_groups_weigh_like_their_product() -> None:
     joint.group([(p + q, 0.0) for p, _ in choices[joint][0] for q, _ in choices[joint][1]])
     corrector = Corrector(CONFIG, PositionMeasurement(CONFIG), PoissonCount(CONFIG))
     corrector.log_floor = -np.inf
-    results = [corrector.correct(predicted, np.full(2, 0.9), z, b.build()) for b in (apart, joint)]
+    results = [
+        corrector.correct(predicted, Sight.plain(np.full(2, 0.9), predicted), z, b.build())
+        for b in (apart, joint)
+    ]
     np.testing.assert_allclose(results[0].weights, results[1].weights, rtol=1e-9)
 
 
@@ -146,7 +155,7 @@ def test_point_filter_is_that_of_vo_and_ma() -> None:
     corrector = Corrector(CONFIG, PositionMeasurement(CONFIG), OneReturn())
     corrector.log_floor = -np.inf
     partitions = Singletons().partition(z, PredictedTargets.none())
-    corrected = corrector.correct(predicted, np.full(3, p_d), z, partitions)
+    corrected = corrector.correct(predicted, Sight.plain(np.full(3, p_d), predicted), z, partitions)
     q = np.array(
         [
             [
@@ -160,4 +169,4 @@ def test_point_filter_is_that_of_vo_and_ma() -> None:
     expected = top / (CONFIG.clutter_rate / CONFIG.area + top.sum(1, keepdims=True))
     np.testing.assert_allclose(corrected.weights[:3], predicted.weights * (1 - p_d))
     np.testing.assert_allclose(corrected.weights[3:], expected.ravel(), rtol=1e-9)
-    assert isinstance(PointTargetPhd().partitioner, Singletons)
+    assert isinstance(PointTargetPhd().recursion.partitioner, Singletons)

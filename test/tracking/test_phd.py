@@ -14,7 +14,8 @@ from estimation.metrics import ospa
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd, Target
 from tracking.components import Components
 from tracking.phd_config import FIELDS
-from tracking.phd_models import Labels
+from tracking.phd_models import ConstantDetection, Labels
+from tracking.phd_recursion import PhdRecursion
 from tracking.reduction import Reducer, distinct_labels
 from whereabouts.datasets import recording
 
@@ -26,6 +27,11 @@ def scan(rng: np.random.Generator, centres: list, clutter: float = 10.0, rate: f
     parts = [np.array(c) + rng.normal(0, 20, (rng.poisson(rate), 2)) for c in centres]
     parts.append(rng.uniform(-1000, 1000, (rng.poisson(clutter), 2)))
     return rng.permutation(np.vstack(parts))
+
+
+def text_filter(config: PhdConfig) -> PhdRecursion:
+    """The parts of the text's filter."""
+    return PhdRecursion(config, ConstantDetection(config))
 
 
 def positions(targets: list[Target]) -> np.ndarray:
@@ -53,19 +59,20 @@ def test_one_target_is_followed() -> None:
     assert np.linalg.eigvalsh(target.covariance).min() > 0
 
 
-def test_rate_and_extent_are_estimated() -> None:
+@pytest.mark.parametrize(("name", "tolerance"), [("pmbm", 0.2), ("phd", 0.25)])
+def test_rate_and_extent_are_estimated(name: str, tolerance: float) -> None:
     """Configured for 10 returns of 20 m spread; the target gives 13, wider in x than in y.
 
-    Fresh components merged into a target carry the prior, which leaves a bias towards it.
+    The text's filter also merges what comes of cells that are cut too large: 20.4 % off.
     """
     rng = np.random.default_rng(1)
-    filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS, memory=30.0))
+    filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS, memory=30.0, filter=name))
     for k in range(60):
         z = [12.0 * k, 0.0] + rng.normal(0, 1, (rng.poisson(13), 2)) * [18.0, 7.0]
         targets = filter_.step(z, float(k))
     (target,) = targets
-    assert 11.0 < target.rate < 14.5
-    np.testing.assert_allclose(np.sqrt(np.diag(target.extent)), [18.0, 7.0], rtol=0.25)
+    assert 11.5 < target.rate < 14.5
+    np.testing.assert_allclose(np.sqrt(np.diag(target.extent)), [18.0, 7.0], rtol=tolerance)
 
 
 def test_labels_persist_and_differ() -> None:
@@ -87,7 +94,7 @@ def test_labels_persist_and_differ() -> None:
 def test_target_that_stops_being_seen_is_given_up() -> None:
     filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS))
     followed(filter_)
-    for k in range(20, 24):
+    for k in range(20, 25):
         targets = filter_.step(np.zeros((0, 2)), float(k))
     assert targets == []
 
@@ -110,7 +117,7 @@ def test_target_that_splits_is_counted_as_two() -> None:
 def test_prediction_moves_bears_and_spawns() -> None:
     """Survivors by F P Fᵀ + Q, then births, then (18) around each survivor."""
     config = PhdConfig(births=BIRTHS, process_noise=3.0)
-    filter_ = ExtendedTargetPhd(config)
+    filter_ = text_filter(config)
     m, P = np.array([1.0, 2.0, 3.0, 4.0]), np.diag([4.0, 5.0, 6.0, 7.0])
     old = filter_.motion.fresh(np.array([0.8]), m[None], P[None], filter_.labels)
     new = filter_.motion.predict(old, 2.0, filter_.labels)
@@ -153,7 +160,7 @@ def test_detection_model_is_replaceable() -> None:
     filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS), detection=model)
     followed(filter_)
     model.hidden = True
-    for k in range(20, 23):
+    for k in range(20, 25):
         targets = filter_.step(np.zeros((0, 2)), float(k), sensor_pose=[1.0, 2.0, 0.0])
     assert len(targets) == 1
     np.testing.assert_array_equal(poses[-1], [1.0, 2.0, 0.0])
@@ -172,22 +179,31 @@ def test_broken_points_are_dropped_and_counted() -> None:
     assert clean.health.dropped == 0
 
 
-def test_thousands_of_returns_are_thinned_with_a_warning() -> None:
-    filter_ = ExtendedTargetPhd(PhdConfig(max_measurements=500, max_partitions=10))
+@pytest.mark.parametrize("name", ["pmbm", "phd"])
+def test_thousands_of_returns_are_thinned_with_a_warning(name: str) -> None:
+    filter_ = ExtendedTargetPhd(PhdConfig(max_measurements=500, max_partitions=10, filter=name))
     z = np.random.default_rng(6).normal(0, 100, (5000, 2))
     with pytest.warns(UserWarning, match="5000 returns"):
         filter_.step(z, 0.0)
     assert filter_.health.thinned_scans == 1
-    assert filter_.health.thinned_partitions >= 1
+    assert filter_.health.thinned_partitions >= (name == "phd")
     assert np.isfinite(filter_.expected_count)
 
 
-def test_stamps_late_equal_old_and_far_apart() -> None:
+def test_a_crowded_place_of_birth_costs_no_more_than_is_allowed() -> None:
+    """1500 returns where 10 are a target: what is searched is cut, counted, and gives finite targets."""
+    rng = np.random.default_rng(10)
+    filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS))
+    for k in range(7):
+        targets = filter_.step(rng.normal(0, 25, (1500, 2)), float(k))
+    assert filter_.health.thinned_partitions >= 1
+    assert all(np.isfinite(target.mean).all() for target in targets)
+    assert np.isfinite(filter_.expected_count)
+
+
+def test_stamps_equal_old_and_far_apart() -> None:
     filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS, late_window=1.0, max_gap=30.0))
-    (target,) = followed(filter_)
-    late = filter_.step(np.zeros((0, 2)), 18.5)
-    assert filter_.health.late == 1
-    np.testing.assert_array_equal(positions(late), [target.mean[:2]])
+    followed(filter_)
     same = filter_.step(np.zeros((0, 2)), 19.0)
     assert filter_.health.restarts == 0
     assert len(same) <= 1
@@ -197,6 +213,36 @@ def test_stamps_late_equal_old_and_far_apart() -> None:
     assert filter_.health.restarts == 1
     filter_.step(np.zeros((0, 2)), 71.0)
     assert filter_.health.restarts == 2
+
+
+@pytest.mark.parametrize("name", ["pmbm", "phd"])
+def test_late_scans_end_where_punctual_ones_do(name: str) -> None:
+    """Scans that arrive in another order within the window give the same targets under the same labels."""
+    rng = np.random.default_rng(9)
+    scans = [(0.1 * k, scan(rng, [[float(k), -0.5 * k]])) for k in range(40)]
+    order = [int(k) for block in range(8) for k in 5 * block + rng.permutation(5)]
+    order[order.index(0)], order[0] = order[0], 0
+    config = PhdConfig(births=BIRTHS, filter=name, scan_period=0.1)
+    punctual, shuffled = ExtendedTargetPhd(config), ExtendedTargetPhd(config)
+    for stamp, points in scans:
+        expected = punctual.step(points, stamp)
+    for k in order:
+        stamp, points = scans[k]
+        found = shuffled.step(points, stamp)
+    assert shuffled.health.late > 10
+    assert shuffled.health.skipped == shuffled.health.restarts == 0
+    assert [target.label for target in found] == [target.label for target in expected]
+    np.testing.assert_allclose(positions(found), positions(expected))
+    assert shuffled.expected_count == pytest.approx(punctual.expected_count)
+
+
+def test_a_scan_later_than_remembered_is_skipped_and_counted() -> None:
+    filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS, late_window=50.0, late_scans=3))
+    (target,) = followed(filter_)
+    (same,) = filter_.step(np.zeros((0, 2)), 2.5)
+    assert filter_.health.skipped == 1
+    assert filter_.health.late == 0
+    np.testing.assert_array_equal(same.mean, target.mean)
 
 
 def test_rates_do_not_depend_on_the_scan_interval() -> None:
@@ -214,18 +260,20 @@ def test_rates_do_not_depend_on_the_scan_interval() -> None:
 
 
 def test_indefinite_covariances_are_repaired() -> None:
-    filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS))
-    followed(filter_)
+    whole = ExtendedTargetPhd(PhdConfig(births=BIRTHS, filter="phd"))
+    followed(whole)
+    filter_ = whole.recursion
+    assert isinstance(filter_, PhdRecursion)
     broken = filter_.components
     broken.covariances[0] = np.diag([10.0, 10.0, 5.0, -1e-6])
-    reduced = Reducer(filter_.config, filter_.labels)
+    reduced = Reducer(whole.config, filter_.labels)
     fixed = reduced.reduce(broken)
     assert reduced.repaired == 1
     assert np.linalg.eigvalsh(fixed.covariances).min() > 0
 
 
 def test_merging_keeps_weight_and_moments() -> None:
-    filter_ = ExtendedTargetPhd(PhdConfig(merge_distance=1e9))
+    filter_ = text_filter(PhdConfig(merge_distance=1e9))
     rng = np.random.default_rng(8)
     root = rng.normal(size=(5, 4, 4))
     P = root @ np.swapaxes(root, 1, 2) + np.eye(4)
@@ -243,7 +291,7 @@ def test_merging_keeps_weight_and_moments() -> None:
 
 
 def test_capping_keeps_the_heaviest() -> None:
-    filter_ = ExtendedTargetPhd(PhdConfig(max_components=3, merge_distance=0.0))
+    filter_ = text_filter(PhdConfig(max_components=3, merge_distance=0.0))
     weights = np.array([0.1, 0.4, 0.2, 0.3, 0.0001])
     means = np.arange(20.0).reshape(5, 4) * 100
     kept = filter_.reducer.reduce(
@@ -340,10 +388,10 @@ def mean_ospa(name: str, realisations: int, **parameters: object) -> float:
 @pytest.mark.parametrize(("name", "limit"), [("cross_spawn", 12.0), ("parallel", 10.5)])
 def test_benchmark_scans(name: str, limit: float) -> None:
     """The text's method must reach 15.0 and 14.0; these limits hold what has been reached."""
-    assert mean_ospa(name, 10) <= limit
+    assert mean_ospa(name, 10, filter="phd") <= limit
 
 
 def test_subpartitions_and_many_thresholds_help_targets_that_meet() -> None:
-    best = mean_ospa("cross_spawn", 5)
-    single = mean_ospa("cross_spawn", 5, partitioner="single", subpartitions=False)
+    best = mean_ospa("cross_spawn", 5, filter="phd")
+    single = mean_ospa("cross_spawn", 5, filter="phd", partitioner="single", subpartitions=False)
     assert best < single - 2.0

@@ -1,0 +1,33 @@
+"""Time per scan of the people tracker: `python bench/bench_people.py`; last result in bench_people.txt."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from tracking import PeopleTracker
+from tracking.people_warm_up import warm_up
+from whereabouts.simulation.people_scenes import crowded_room
+
+
+def main() -> None:
+    """Rooms with more and more people, a scanner of 720 beams at 10 Hz; processor time on one core."""
+    warm_up()
+    print("people  candidates  mean ms  p99 ms")
+    for count in (1, 4, 8, 12):
+        took, candidates = [], []
+        for seed in range(3):
+            rng = np.random.default_rng([count, seed])
+            tracker = PeopleTracker()
+            for scan in crowded_room(rng, count, moving=seed > 0, duration=15.0).scans(rng):
+                begun = time.process_time()
+                tracker.step(scan.scan, scan.pose, scan.scan.stamp)
+                took.append(time.process_time() - begun)
+                candidates.append(tracker.health.potential)
+        mean, most = 1e3 * np.mean(took), 1e3 * np.percentile(took, 99)
+        print(f"{count:6d}  {np.mean(candidates):10.1f}  {mean:7.2f}  {most:6.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""`whereabouts track` as a user types it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from estimation.poses import between, compound
+from whereabouts.cli.main import app
+from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord
+from whereabouts.simulation import Drive, Lidar, box, joined
+from whereabouts.simulation.people import Walker, seen
+
+runner = CliRunner()
+DRIVE = Drive([(-3.0, -1.5), (2.5, -1.5)], speed=0.3)
+PERSON = Walker(np.array([(2.5, 1.5), (0.0, -0.5)]), 0.7)
+STAMPS = 1_400_000_000.123 + 0.1 * np.arange(50)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bag") / "people.mcap"
+    world = joined([box(10.0, 7.0), box(1.0, 0.5, (1.0, 2.9, 0.4)), box(0.6, 0.6, (-4.0, 1.0, 0.2))])
+    rng = np.random.default_rng(5)
+    with McapWriter(path) as writer:
+        for k, stamp in enumerate(STAMPS):
+            time = 0.1 * k
+            scan = Lidar().scan(joined([world, seen([PERSON], time)]), DRIVE(time), rng, stamp).scan
+            writer.write_odometry(OdometryRecord(DRIVE(time), stamp))
+            writer.write_scan(ScanRecord(scan, stamp))
+    return path
+
+
+@pytest.mark.parametrize("frame", ["odom", "laser"])
+def test_rows_carry_the_stamps_of_the_scans_and_the_frame_asked_for(
+    bag: Path, tmp_path: Path, frame: str
+) -> None:
+    out, figures = tmp_path / "tracks.csv", tmp_path / "f.json"
+    result = runner.invoke(
+        app, ["track", str(bag), "--out", str(out), "--frame", frame, "--json", str(figures)]
+    )
+    assert result.exit_code == 0, result.output
+    with out.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["time", "label", "x", "y", "vx", "vy", "weight"]
+    times = np.array([float(row["time"]) for row in rows])
+    index = np.abs(times[:, None] - STAMPS).argmin(1)
+    assert np.allclose(times, STAMPS[index], atol=1e-6)
+    assert len(rows) > 20
+    for row, k in zip(rows, index, strict=True):
+        origin = DRIVE(0.0) if frame == "odom" else DRIVE(0.1 * k)
+        truth = compound(between(origin, np.zeros(3)), np.array([*PERSON.position(0.1 * k), 0.0]))
+        assert np.hypot(float(row["x"]) - truth[0], float(row["y"]) - truth[1]) < 0.3
+    assert json.loads(figures.read_text())["scans"] == 50
+
+
+def test_a_log_without_scans_says_so_and_leaves_no_file(tmp_path: Path) -> None:
+    empty, out = tmp_path / "wheels.mcap", tmp_path / "tracks.csv"
+    with McapWriter(empty) as writer:
+        writer.write_odometry(OdometryRecord(np.zeros(3), 1.0))
+    result = runner.invoke(app, ["track", str(empty), "--out", str(out)])
+    assert result.exit_code != 0
+    assert not out.exists()

@@ -1,0 +1,193 @@
+"""The Poisson multi-Bernoulli mixture: what it counts, how hypotheses are kept, and what it reaches."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tracking import ExtendedTargetPhd, PhdConfig
+from tracking.components import Components
+from tracking.evaluation import Score, clear_mot, labels_kept
+from tracking.hypotheses import Hypotheses
+from tracking.phd_models import ConstantVelocityMotion, Labels
+from tracking.pmbm import PmbmRecursion
+from whereabouts.datasets import recording
+from whereabouts.experiments.phd_monte_carlo import crossing_kept, scored
+from whereabouts.experiments.phd_recorded import config_of
+from whereabouts.simulation.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
+
+BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]
+
+
+def tracks(means: np.ndarray, existence: np.ndarray, labels: list[int]) -> Components:
+    """Tracks with unit covariances."""
+    count = len(means)
+    made = ConstantVelocityMotion(PhdConfig()).fresh(
+        existence, means, np.tile(np.eye(4), (count, 1, 1)), Labels()
+    )
+    made.labels = np.array(labels, dtype=np.int64)
+    return made
+
+
+def test_a_detection_counts_once_however_improbable_it_was() -> None:
+    """1 + P_E (1 - p_D) targets is what a PHD filter makes of one detection (Section 5.3); one is right."""
+    rng = np.random.default_rng(0)
+    counts = {}
+    for name in ("pmbm", "phd"):
+        config = PhdConfig(
+            births=BIRTHS, spawn=None, detection_probability=0.3, filter=name, clutter_rate=0.01
+        )
+        filter_ = ExtendedTargetPhd(config)
+        for k in range(6):
+            filter_.step(rng.normal(0, 20, (10, 2)), float(k))
+        counts[name] = filter_.expected_count
+    # What may be there unseen is counted by both.
+    unseen = 0.1 * 0.7 / (1 - 0.7)
+    assert counts["pmbm"] == pytest.approx(1.0 + unseen, abs=0.05)
+    assert counts["phd"] > counts["pmbm"] + 0.3
+
+
+def test_existence_after_a_miss_is_bayes() -> None:
+    filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS, spawn=None, detection_probability=0.9))
+    rng = np.random.default_rng(1)
+    for k in range(40):
+        filter_.step(rng.normal((12.0 * k, 0.0), 20, (12, 2)), float(k))
+    (target,) = filter_.step(np.zeros((0, 2)), 40.0)
+    miss = 1.0 - 0.9 * (1.0 - np.exp(-10.0))
+    assert target.weight == pytest.approx(0.99 * miss / (1.0 - 0.99 + 0.99 * miss), rel=1e-6)
+
+
+def test_far_targets_do_not_know_of_each_other() -> None:
+    """Two targets in one filter are followed exactly as each in a filter of its own."""
+    rng = np.random.default_rng(2)
+    places = [-600.0, 600.0]
+    births = [(0.1, [x, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0])) for x in places]
+    both = ExtendedTargetPhd(PhdConfig(births=births))
+    single = [ExtendedTargetPhd(PhdConfig(births=[birth])) for birth in births]
+    for k in range(15):
+        z = [np.array([x, 4.0 * k]) + rng.normal(0, 20, (rng.poisson(10), 2)) for x in places]
+        together = both.step(np.vstack(z), float(k))
+        apart = [filter_.step(part, float(k)) for filter_, part in zip(single, z, strict=True)]
+    assert len(together) == 2
+    assert isinstance(both.recursion, PmbmRecursion)
+    assert len(set(both.recursion.hypotheses.group.tolist())) == 2
+    for target, (own,) in zip(sorted(together, key=lambda t: t.mean[0]), apart, strict=True):
+        np.testing.assert_allclose(target.mean, own.mean, rtol=1e-9)
+        np.testing.assert_allclose(target.covariance, own.covariance, rtol=1e-9)
+    assert both.expected_count == pytest.approx(sum(filter_.expected_count for filter_ in single))
+
+
+def test_hypotheses_that_agree_are_merged_with_their_moments() -> None:
+    means = np.array([[0.0, 0, 0, 0], [50, 0, 0, 0], [0.5, 0, 0, 0], [50.2, 0, 0, 0], [0.0, 0, 0, 0]])
+    made = tracks(means, np.array([1.0, 1.0, 1.0, 0.5, 1.0]), [7, 8, 7, 8, 7])
+    group = [(np.log(0.6), (0, 1)), (np.log(0.3), (2, 3)), (np.log(0.1), (4,))]
+    reduced = Hypotheses.of(made, [group]).reduced(1.0, 20.0, 10, 1e-3)
+    assert len(reduced) == 1
+    assert reduced.log_weights[0] == pytest.approx(0.0)
+    assert reduced.tracks.labels.tolist() == [7, 8]
+    np.testing.assert_allclose(reduced.tracks.weights, [1.0, 0.6 + 0.3 * 0.5])
+    assert reduced.tracks.means[0, 0] == pytest.approx(0.3 * 0.5)
+    spread = 0.7 * 0.15**2 + 0.3 * 0.35**2
+    assert reduced.tracks.covariances[0, 0, 0] == pytest.approx(1.0 + spread)
+
+
+def test_hypotheses_that_differ_stay_and_are_capped() -> None:
+    means = np.array(
+        [[0.0, 0, 0, 0], [50, 0, 0, 0], [50.0, 0, 0, 0], [0, 0, 0, 0], [9, 0, 0, 0], [90, 0, 0, 0]]
+    )
+    made = tracks(means, np.ones(6), [7, 8, 7, 8, 7, 8])
+    group = [(np.log(0.6), (0, 1)), (np.log(0.39), (2, 3)), (np.log(0.01), (4, 5))]
+    hypotheses = Hypotheses.of(made, [group])
+    assert len(hypotheses.reduced(1.0, 20.0, 10, 1e-3)) == 3
+    assert len(hypotheses.reduced(1.0, 20.0, 2, 1e-3)) == 2
+    assert len(hypotheses.reduced(1.0, 1.0, 10, 1e-3)) == 2
+    assert np.exp(hypotheses.reduced(1.0, 1.0, 10, 1e-3).log_weights).sum() == pytest.approx(1.0)
+
+
+def test_groups_divide_by_marginals_and_join_by_products() -> None:
+    means = np.arange(16.0).reshape(4, 4) * 100
+    made = tracks(means, np.ones(4), [7, 8, 7, 9])
+    hypotheses = Hypotheses.of(made, [[(np.log(0.7), (0, 1)), (np.log(0.3), (2,))], [(0.0, (3,))]])
+    divided = hypotheses.arranged([0, 1, 0, 2], 10)
+    assert {len(value) for value in divided.values()} == {1, 2}
+    weights = sorted(np.exp(value) for value, _ in divided[1])
+    np.testing.assert_allclose(weights, [0.3, 0.7])
+    assert (pytest.approx(np.log(0.3)), ()) in divided[1]
+    joined = hypotheses.arranged([0, 0, 0, 0], 10)
+    assert [rows for _, rows in joined[0]] == [(0, 1, 3), (2, 3)]
+
+
+def test_rates_are_learnt_and_used() -> None:
+    """A target of 25 returns where 10 are configured is one target once rates may differ."""
+    sensor = TargetSensor(rate=25.0)
+    found = {}
+    for spread in (0.0, 0.5):
+        rng = np.random.default_rng(3)
+        filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS, rate_spread=spread))
+        counts = []
+        for k in range(25):
+            targets = filter_.step(sensor.returns(np.array([[6.0 * k, 3.0 * k]]), rng), float(k))
+            counts.append(len(targets))
+        found[spread] = float(np.mean(counts[5:]))
+    assert found[0.5] == pytest.approx(1.0, abs=0.1)
+    assert found[0.0] > 1.5
+    assert 21.0 < targets[0].rate < 29.0
+
+
+def test_many_targets_from_a_wide_place_of_birth() -> None:
+    """Targets appear anywhere: one birth component over the whole area."""
+    births = [(0.5, [0.0, 0.0, 0.0, 0.0], np.diag([1e6, 1e6, 100.0, 100.0]))]
+    rng = np.random.default_rng(4)
+    places = np.array([[-500.0, 300.0], [0.0, 0.0], [400.0, -700.0], [120.0, 40.0]])
+    scene = joined_tracks([(0, straight(place, [5.0, -3.0], 25)) for place in places], 25)
+    filter_ = ExtendedTargetPhd(PhdConfig(births=births, spawn=None))
+    score = Score(60.0)
+    for k, there in enumerate(scene.positions):
+        score.add(filter_.step(TargetSensor().returns(there, rng), float(k)), there, filter_.expected_count)
+    assert score.count[5:] == [4] * 20
+    assert np.mean(score.ospa[5:]) < 12.0
+
+
+def test_crossings_keep_their_labels() -> None:
+    """At least 95 % must (`whereabouts experiment phd` takes 500)."""
+    assert np.mean([crossing_kept({}, seed) for seed in range(40)]) >= 0.95
+
+
+def test_evaluation_agrees_with_itself() -> None:
+    """CLEAR MOT, GOSPA's parts, cardinality and labels of one run."""
+    pytest.importorskip("motmetrics")
+    scene = cross_and_spawn(60)
+    score = scored(scene, {}, 5)
+    found = clear_mot(score, scene.positions, scene.identities, 60.0)
+    assert found["mota"] > 0.9
+    assert found["num_switches"] == 0
+    assert found["motp"] < 15.0
+    total = np.array(score.localisation) + score.missed + score.false
+    np.testing.assert_allclose(np.array(score.gospa) ** 2, total)
+    assert score.count_bias == pytest.approx(0.0, abs=0.1)
+    assert labels_kept(score, scene.positions, 40, 59)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"), [("cross_spawn", 10.5), ("parallel", 6.2), ("six", 7.0), ("six_pd09", 9.5)]
+)
+def test_recorded_scans(name: str, limit: float) -> None:
+    """OSPA and cardinality on the scans of `extended_targets`."""
+    path = recording(f"extended_targets/{name}.npz")
+    if path is None:
+        pytest.skip("the benchmark scans are not here")
+    with np.load(path) as data:
+        truth, rows, given = data["truth"], data["meas"], json.loads(str(data["params"]))
+    scores = []
+    for realisation in np.unique(rows[:, 0]):
+        filter_, score = ExtendedTargetPhd(config_of(given)), Score(60.0)
+        mine = rows[rows[:, 0] == realisation]
+        for k in range(1, given["K"] + 1):
+            targets = filter_.step(mine[mine[:, 1] == k, 2:4], float(k))
+            score.add(targets, truth[truth[:, 0] == k, 2:4], filter_.expected_count)
+        scores.append(score)
+    assert np.mean([score.mean_ospa for score in scores]) <= limit
+    assert abs(np.mean([score.count_bias for score in scores])) <= 0.1
+    assert abs(np.mean([score.expected_bias for score in scores])) <= 0.1

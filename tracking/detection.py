@@ -1,0 +1,104 @@
+"""Where targets can be seen: p_D from what stands nearer to the sensor, walls, range and field of view (Section 5.3).
+
+The text lowers p_D behind a target by its weight and bearing spread. Here a target's returns are spread over its own
+bearings; what of them nearer bodies cover is not returned. The expected visible share thins its rate, and p_D is the
+chance of any return at all, averaged over how uncertain its bearing is: smooth in all positions, 1 in the open. A
+target that gives no return is rather where it cannot be seen, and its state is corrected by that.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_finite
+from estimation.errors import InputError
+from tracking.components import Components
+from tracking.phd_config import PhdConfig
+from tracking.phd_models import Sight
+from tracking.visibility_kernels import visible
+
+# Others of less weight hide nothing.
+LEAST = 0.05
+
+
+class OcclusionDetection:
+    """p_D and visible share of every component, from the pose of the sensor."""
+
+    def __init__(self, config: PhdConfig, walls: npt.ArrayLike | None = None) -> None:
+        """walls (M, 2, 2) : segments nothing is seen behind, m, in the frame of the measurements. Raises InputError."""
+        self.config = config
+        self.walls = np.zeros((0, 2, 2)) if walls is None else as_finite("walls", walls)
+        if self.walls.ndim != 3 or self.walls.shape[1:] != (2, 2):
+            raise InputError(f"walls must have shape (M, 2, 2), not {self.walls.shape}")
+
+    def __call__(self, means: FloatArray, sensor_pose: FloatArray | None) -> FloatArray:
+        """Probabilities (J,) for means (J, 4) with nothing in between."""
+        return np.full(len(means), self.config.detection_probability)
+
+    def in_scene(
+        self, components: Components, weights: FloatArray, tracks: int, sensor_pose: FloatArray | None
+    ) -> Sight:
+        """What can be seen of the components, and where they are if they are not.
+
+        The first `tracks` components are targets that hide others, by `weights` (tracks,); those of one label are
+        one target. Without a pose nothing is hidden.
+        """
+        p = np.full(len(components), self.config.detection_probability)
+        if sensor_pose is None or len(components) == 0:
+            return Sight.plain(p, components)
+        hiding, totals = _heaviest(components.labels[:tracks], weights)
+        extents = components.spread / np.maximum(components.freedom, 1e-6)[:, None, None]
+        labels = components.labels.copy()
+        # What is not a target yet has a label of no other's.
+        labels[tracks:] = -1
+        chance, share, unseen = visible(
+            sensor_pose,
+            np.ascontiguousarray(components.means[:, :2]),
+            np.ascontiguousarray(components.covariances[:, :2, :2]),
+            extents,
+            labels,
+            components.means[hiding, :2],
+            components.covariances[hiding, :2, :2],
+            extents[hiding],
+            labels[hiding],
+            totals,
+            self.walls,
+            self.config.occluder_width,
+            self.config.sensor_range,
+            self.config.field_of_view,
+            self.config.measurement_rate,
+            self.config.detection_probability,
+            # A PHD filter's count jumps the more the lower p_D is.
+            self.config.filter == "pmbm",
+        )
+        means, covariances = _moved(components, sensor_pose, unseen)
+        return Sight(p * chance, share, means, covariances)
+
+
+def _moved(
+    components: Components, sensor_pose: FloatArray, unseen: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Means (J, 4) and covariances (J, 4, 4) with the position across the line of sight as in `unseen` (J, 2)."""
+    offsets = components.means[:, :2] - sensor_pose[:2]
+    left = np.column_stack([-offsets[:, 1], offsets[:, 0]])
+    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
+    P = components.covariances
+    reach = (P[:, :, :2] @ left[:, :, None])[:, :, 0]
+    variance = np.maximum((reach[:, :2] * left).sum(1), 1e-18)
+    gain = reach / variance[:, None]
+    less = np.clip(variance - unseen[:, 1], 0.0, variance)
+    return (
+        components.means + gain * unseen[:, :1],
+        P - less[:, None, None] * gain[:, :, None] * gain[:, None, :],
+    )
+
+
+def _heaviest(labels: npt.NDArray[np.int64], weights: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """The heaviest component of every label, and the label's total weight where that is not negligible."""
+    names, name = np.unique(labels, return_inverse=True)
+    totals: FloatArray = np.bincount(name, weights, len(names)).astype(np.float64)
+    order = np.lexsort((-weights, name))
+    first = order[np.unique(name[order], return_index=True)[1]]
+    keep = totals > LEAST
+    return first[keep], totals[keep]

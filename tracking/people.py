@@ -1,0 +1,462 @@
+"""People in planar laser scans (item 5 of the tracker): clusters, what is behind them, and who they belong to.
+
+Every cluster of returns may be a leg, both legs or a trunk. Potential people are Bernoulli components with a label:
+an existence probability that knows about occlusion, a constant-velocity state, and two kinds of evidence that it is a
+person: the shape of its clusters, averaged, and that it walked to where the laser had seen nothing before. A person
+who once walked stays one while standing. All clusters and potential people are associated jointly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_finite
+from estimation.errors import InputError
+from estimation.poses import between, compound, inverse
+from registration.scan import Scan
+from tracking.background import Background
+from tracking.legs import Clusters, clusters_of
+from tracking.occlusion import WEIGHTS, seen_shares
+from tracking.people_association import WIDE, Seen, associate
+from tracking.people_config import PeopleConfig
+from tracking.people_mask import OwnBody
+from tracking.people_shape import shape_model
+from tracking.people_sweep import Sweep
+from tracking.people_tracks import SURE, BoolArray, IntArray, Tracks
+from tracking.target import Target
+
+LEG_RADIUS = 0.05  # metres from the middle of a leg's returns to its axis
+LARGEST = 0.9  # metres, a cluster wider than that is no person
+LEAST_JUMP = 0.05  # metres, or twice the radians, that a pose must change by to have jumped
+DOUBLE, DOUBLED = 0.55, 0.5  # metres and seconds for which two with a leg each are taken for two
+SAME = 0.4  # metres, two potential people closer than that are one
+FULL = 8  # returns with which a cluster shows its shape
+GONE = 0.25  # probability of being there below which somebody reported no longer is
+LAG = 1.5  # seconds over which walking shows
+COASTING = 0.35  # seconds after which somebody not seen is taken to be hidden
+SLIDING = 0.25  # m/s, slower than that is not walking
+MOST_CLUSTERS = 400
+
+
+@dataclass(frozen=True)
+class Person(Target):
+    """A tracked person.
+
+    person : probability that it is one. occluded : hidden now, kept by prediction. last_seen : stamp, s.
+    """
+
+    person: float = 1.0
+    occluded: bool = False
+    last_seen: float = 0.0
+
+
+@dataclass
+class PeopleHealth:
+    """late : scans skipped for their stamp. restarts : new runs. thinned : scans of more clusters than are looked at.
+    jumps : poses that jumped. potential : potential people after the last scan."""
+
+    late: int = 0
+    restarts: int = 0
+    thinned: int = 0
+    jumps: int = 0
+    potential: int = 0
+
+
+class PeopleTracker:
+    """Tracks people from scans and the robot's pose; see the module."""
+
+    def __init__(self, config: PeopleConfig | None = None) -> None:
+        self.config = config or PeopleConfig()
+        self.health = PeopleHealth()
+        self._shape = shape_model()
+        self._given = 0
+        self._named = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody and the surroundings; labels go on counting."""
+        self.tracks = Tracks.none()
+        self.background = Background()
+        self._own = OwnBody()
+        self.stamp: float | None = None
+        self._pose: FloatArray | None = None
+
+    @property
+    def expected_count(self) -> float:
+        """Expected number of people, counting undecided ones."""
+        return float(self.tracks.exists @ self.tracks.person(self.config.prior))
+
+    def step(
+        self, scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None = None
+    ) -> list[Target]:
+        """People after a scan.
+
+        pose : (3,) x, y, yaw of the scanner, metres and radians; people are in its frame. stamp : seconds.
+        labels : (N,) per beam, > 0 moving, 0 static, < 0 unknown, by scan registration; None without.
+
+        Raises InputError for other shapes and for a pose or stamp that is not finite.
+        """
+        place, beams = self._checked(scan, pose, stamp, labels)
+        dt = self._interval(float(stamp))
+        if dt is None:
+            return self._reported()
+        self.tracks.predict(dt, self.config.acceleration, self.config.memory)
+        before, self._pose = self._pose, place
+        sweep = Sweep.of(scan, place, before, dt)
+        own = self._own.mask(scan, place)
+        clusters, seen = self._look(scan, sweep, own, beams)
+        owners, scores = self._associate(seen, place, before)
+        shares, places = self._shares(scan, place)
+        names = self.tracks.names
+        self._update(seen, owners, scores, shares, places, dt, float(stamp))
+        self._find_doubles(seen, owners, dt)
+        self._start(seen, owners, float(stamp))
+        self._tidy()
+        self._remember(scan, sweep, float(stamp), clusters, seen, owners, names, own)
+        return self._reported()
+
+    def _associate(
+        self, seen: Seen, pose: FloatArray, before: FloatArray | None
+    ) -> tuple[IntArray, FloatArray]:
+        """Owners and scores of the clusters.
+
+        Odometry that lost its way jumps. If those who were in view are not found where they should be by the pose, but
+        are as seen from the scanner, it was the frame that jumped, and everybody is taken along.
+        """
+        tracks = self.tracks
+        owners, scores = associate(tracks, seen, self.config)
+        sure = np.flatnonzero(tracks.shown & (tracks.hidden == 0.0))
+        if before is None or not len(sure):
+            return owners, scores
+        step = between(before, pose)
+        lost = np.setdiff1d(sure, owners)
+        if 2 * len(lost) <= len(sure) or np.hypot(step[0], step[1]) + 2.0 * abs(step[2]) < LEAST_JUMP:
+            return owners, scores
+        moved = tracks.select(np.arange(len(tracks)))
+        moved.shift(compound(pose, inverse(before)))
+        others, other_scores = associate(moved, seen, self.config)
+        if len(np.setdiff1d(sure, others)) >= len(lost):
+            return owners, scores
+        self.tracks = moved
+        self.health.jumps += 1
+        return others, other_scores
+
+    def _checked(
+        self, scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None
+    ) -> tuple[FloatArray, IntArray | None]:
+        place = as_finite("pose", pose)
+        if place.shape != (3,):
+            raise InputError(f"pose must have shape (3,), not {place.shape}")
+        if not np.isfinite(stamp):
+            raise InputError(f"stamp must be finite, not {stamp!r}")
+        if labels is None:
+            return place, None
+        beams = np.asarray(labels)
+        if beams.shape != (len(scan),):
+            raise InputError(f"labels must have shape ({len(scan)},), one per beam, not {beams.shape}")
+        return place, beams.astype(np.int64)
+
+    def _interval(self, stamp: float) -> float | None:
+        """Seconds to predict over; None for a late scan."""
+        last, config = self.stamp, self.config
+        if last is not None and -config.late_window <= stamp - last < 0.0:
+            self.health.late += 1
+            return None
+        if last is not None and not 0.0 <= stamp - last <= config.max_gap:
+            self.health.restarts += 1
+            self.reset()
+            last = None
+        self.stamp = stamp
+        return 0.1 if last is None else stamp - last
+
+    def _look(
+        self, scan: Scan, sweep: Sweep, own: BoolArray, labels: IntArray | None
+    ) -> tuple[Clusters, Seen]:
+        """Clusters of the scan, and those that may be of people in the frame of the tracks."""
+        fresh, old = self._against_background(scan, sweep)
+        clusters = clusters_of(scan, self.config.join_distance, self.config.max_range, own)
+        parts = self._split(scan, sweep, clusters, old)
+        if parts is not None:
+            clusters = clusters_of(scan, self.config.join_distance, self.config.max_range, own, parts)
+        if labels is not None:
+            fresh = np.maximum(fresh, np.where(labels > 0, 0.8, 0.0))
+        names = clusters.labels[clusters.labels >= 0]
+        inside = clusters.labels >= 0
+        counts = np.maximum(clusters.counts, 1)
+        cluster_fresh = np.bincount(names, fresh[inside], len(clusters)) / counts
+        cluster_old = np.bincount(names, old[inside], len(clusters)) / counts
+        spacing = clusters.ranges * abs(scan.angle_increment)
+        enough = (clusters.counts >= 3) | ((clusters.counts == 2) & (spacing > 0.03)) | (spacing > 0.08)
+        chosen = np.flatnonzero(enough & (clusters.widths < LARGEST))
+        if len(chosen) > MOST_CLUSTERS:
+            self.health.thinned += 1
+            chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
+        evidence = self._shape.evidence(clusters)[chosen]
+        ranges, widths = clusters.ranges[chosen], clusters.widths[chosen]
+        behind = LEG_RADIUS + 0.25 * np.maximum(widths - WIDE, 0.0)
+        places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 0.1))[:, None]
+        return clusters, Seen(
+            sweep.placed(places, (clusters.first[chosen] + clusters.last[chosen]) // 2),
+            widths,
+            ranges,
+            evidence,
+            cluster_fresh[chosen],
+            cluster_old[chosen],
+            clusters.counts[chosen],
+            chosen,
+        )
+
+    def _against_background(self, scan: Scan, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
+        """Per beam (N,): how surely its return lies where it was empty, and where something stood."""
+        valid = scan.valid & (np.where(scan.valid, scan.ranges, np.inf) < self.config.max_range)
+        fresh, old = np.zeros(len(scan)), np.zeros(len(scan))
+        ranges = scan.ranges[valid]
+        fresh[valid], old[valid] = self.background.evidence(sweep.points(valid), 0.05 + 0.02 * ranges)
+        return fresh, old
+
+    def _split(self, scan: Scan, sweep: Sweep, clusters: Clusters, old: FloatArray) -> IntArray | None:
+        """Parts of wide clusters by whom they are near: people side by side, or leaning at a wall."""
+        tracks = self.tracks
+        sure = np.flatnonzero(tracks.shown | (tracks.public >= 0))
+        if not len(sure):
+            return None
+        wide = np.append(clusters.widths > 0.4, False)[clusters.labels]
+        if not wide.any():
+            return None
+        points = sweep.points(wide)
+        gaps = np.linalg.norm(points[:, None] - tracks.means[None, sure, :2], axis=2)
+        parts = np.zeros(len(scan), dtype=np.int64)
+        parts[wide] = np.where((gaps.min(1) < 0.4) & (old[wide] < 0.5), gaps.argmin(1) + 1, 0)
+        return parts
+
+    def _shares(self, scan: Scan, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How much of each track the scan could show (T, S) at places (T, S, 2) about where it is expected."""
+        tracks = self.tracks
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        turn = np.array([[c, s], [-s, c]])
+        centres = (tracks.means[:, :2] - pose[:2]) @ turn.T
+        spreads = turn @ tracks.covariances[:, :2, :2] @ turn.T
+        shares, places = seen_shares(scan, centres, spreads, self.config.max_range)
+        return shares, places @ turn
+
+    def _update(
+        self,
+        seen: Seen,
+        owners: IntArray,
+        scores: FloatArray,
+        shares: FloatArray,
+        places: FloatArray,
+        dt: float,
+        stamp: float,
+    ) -> None:
+        tracks, config = self.tracks, self.config
+        keeps = -math.log1p(-config.detection_probability) * min(dt / 0.1, 3.0)
+        for t in range(len(tracks)):
+            mine = np.flatnonzero(owners == t)
+            if not len(mine):
+                # The next thing to show of somebody who was hidden is a part of a leg: easily missed.
+                rate = keeps if tracks.hidden[t] < COASTING else 0.3 * keeps
+                self._miss(t, shares[t], places[t], 1.0 - math.exp(-rate))
+                tracks.hidden[t] += dt
+                continue
+            self._correct(t, seen, mine)
+            tracks.hidden[t] = 0.0
+            tracks.last_seen[t] = stamp
+            gain = min(max(float(scores[mine].sum()), 0.2), 2.0)
+            tracks.existence[t] = min(tracks.existence[t] + gain, SURE)
+            self._learn(t, seen, mine, dt)
+
+    def _miss(self, t: int, shares: FloatArray, places: FloatArray, detection: float) -> None:
+        """Not being seen says that nobody is there, or that he is where the scan could not show him."""
+        tracks = self.tracks
+        stays = WEIGHTS * (1.0 - detection * shares)
+        total = float(stays.sum())
+        tracks.existence[t] = max(tracks.existence[t] + math.log(total), -SURE)
+        stays /= total
+        shift = stays @ places
+        spread = (places.T * stays) @ places - np.outer(shift, shift)
+        before = (places.T * WEIGHTS) @ places
+        P = tracks.covariances[t]
+        gain = np.linalg.solve(P[:2, :2], P[:2, :]).T
+        # Where he is changes what is believed of his speed but little: he may as well have turned.
+        gain[2:] *= 0.3
+        tracks.means[t] += gain @ shift
+        # A tenth is kept, so that it stays positive definite.
+        P = P + gain @ (0.9 * (spread - before)) @ gain.T
+        tracks.covariances[t] = 0.5 * (P + P.T)
+
+    def _correct(self, t: int, seen: Seen, mine: IntArray) -> None:
+        """Kalman update with the middle of both legs, a trunk, or one leg that is off the middle."""
+        tracks, config = self.tracks, self.config
+        place = seen.places[mine].mean(0)
+        whole = len(mine) == 2 or seen.widths[mine[0]] > WIDE
+        sigma = config.body_noise if whole else config.leg_noise
+        noise = sigma**2 + (0.01 * seen.ranges[mine[0]]) ** 2
+        P = tracks.covariances[t]
+        S = P[:2, :2] + noise * np.eye(2)
+        K = np.linalg.solve(S, P[:2, :]).T
+        tracks.means[t] = tracks.means[t] + K @ (place - tracks.means[t, :2])
+        P = P - K @ S @ K.T
+        tracks.covariances[t] = 0.5 * (P + P.T)
+
+    def _learn(self, t: int, seen: Seen, mine: IntArray, dt: float) -> None:
+        """What this scan says about being a person."""
+        tracks = self.tracks
+        # A splinter of three returns says little about its shape.
+        weights = np.minimum(seen.counts[mine], FULL) / FULL
+        evidence = float(weights @ np.clip(seen.shape[mine], -4.0, 3.5) / weights.sum())
+        if len(mine) == 2:
+            evidence += 0.5
+        share = max(dt / (min(tracks.looks[t], 3.0) + dt), 0.02) * min(1.0, float(weights.sum()))
+        tracks.shape[t] += share * (evidence - tracks.shape[t])
+        tracks.looks[t] += dt
+        tracks.oldness[t] += min(1.0, dt / 1.0) * (float(seen.old[mine].mean()) - tracks.oldness[t])
+        self._learn_motion(t, float(seen.fresh[mine].mean()), float(seen.old[mine].mean()), dt)
+        count = float(seen.counts[mine].sum())
+        tracks.rates[t] += 0.2 * (count - tracks.rates[t]) if tracks.rates[t] else count
+        off = seen.places[mine] - tracks.means[t, :2]
+        spread = off.T @ off / len(mine) + np.eye(2) * 0.06**2
+        tracks.extents[t] += (0.2 if tracks.extents[t, 0, 0] else 1.0) * (spread - tracks.extents[t])
+
+    def _learn_motion(self, t: int, fresh: float, old: float, dt: float) -> None:
+        """People walk; what slides along furniture as the robot drives by is slower, and is where something stood."""
+        tracks = self.tracks
+        behind = tracks.means[t, :2] - tracks.origins[t]
+        moved = float(np.hypot(behind[0], behind[1]))
+        tracks.moved[t] = max(tracks.moved[t], moved)
+        tracks.origins[t] += (1.0 - math.exp(-dt / LAG)) * behind
+        walking = min(2.5, max(0.0, (moved / LAG - SLIDING) / SLIDING))
+        tracks.motion[t] = min(tracks.motion[t] + walking * (4.0 * fresh + 1.0 - old) * dt, SURE)
+
+    def _find_doubles(self, seen: Seen, owners: IntArray, dt: float) -> None:
+        """Two that walk together with one leg each are one person; of two people one now and then shows both legs."""
+        tracks = self.tracks
+        legs = np.bincount(owners[owners >= 0], np.where(seen.widths > WIDE, 2, 1)[owners >= 0], len(tracks))
+        lone = np.flatnonzero(legs == 1)
+        alone = np.ones(len(tracks), dtype=bool)
+        for k, a in enumerate(lone):
+            for b in lone[k + 1 :]:
+                apart = tracks.means[a] - tracks.means[b]
+                if np.hypot(*apart[:2]) < DOUBLE and np.hypot(*apart[2:]) < 1.2:
+                    younger = (
+                        b
+                        if (tracks.public[a] >= 0, -tracks.names[a])
+                        > (
+                            tracks.public[b] >= 0,
+                            -tracks.names[b],
+                        )
+                        else a
+                    )
+                    tracks.doubled[younger] += dt
+                    alone[younger] = False
+        tracks.doubled[alone & (legs > 0)] = np.maximum(tracks.doubled[alone & (legs > 0)] - dt, 0.0)
+
+    def _start(self, seen: Seen, owners: IntArray, stamp: float) -> None:
+        """New potential people from clusters that are nobody's, two near ones being one person."""
+        free = np.flatnonzero((owners < 0) & (seen.shape > -3.0) & (seen.old < 0.7))
+        taken = np.zeros(len(seen), dtype=bool)
+        groups = []
+        if len(free):
+            gaps = np.linalg.norm(seen.places[free][:, None] - seen.places[free][None], axis=2)
+            gaps[np.tril_indices(len(free))] = np.inf
+            gaps[seen.widths[free] > WIDE] = np.inf
+            gaps[:, seen.widths[free] > WIDE] = np.inf
+            near = np.argwhere(gaps < 0.7)
+            for a, b in near[np.argsort(gaps[near[:, 0], near[:, 1]], kind="stable")].tolist():
+                if not taken[free[a]] and not taken[free[b]]:
+                    taken[free[a]] = taken[free[b]] = True
+                    groups.append([int(free[a]), int(free[b])])
+            groups += [[int(k)] for k in free if not taken[k]]
+        # Close to somebody who is known, an odd cluster is a part of him, or of what is next to him.
+        places = np.array([seen.places[group].mean(0) for group in groups]).reshape(-1, 2)
+        sure = self.tracks.means[self.tracks.shown, :2]
+        if len(sure) and len(places):
+            clear = np.linalg.norm(places[:, None] - sure[None], axis=2).min(1) > SAME
+            places = places[clear]
+            groups = [group for group, keep in zip(groups, clear, strict=True) if keep]
+        if not groups:
+            return
+        n = len(groups)
+        means = np.hstack((places, np.zeros((n, 2))))
+        variances = np.array([0.1 if len(group) == 2 else self.config.leg_noise for group in groups]) ** 2
+        covariances = np.zeros((n, 4, 4))
+        covariances[:, 0, 0] = covariances[:, 1, 1] = variances
+        covariances[:, 2, 2] = covariances[:, 3, 3] = 0.7**2
+        born = Tracks.born(np.arange(self._named, self._named + n), means, covariances, stamp)
+        self._named += n
+        first = len(self.tracks)
+        self.tracks = self.tracks.joined(born)
+        for k, group in enumerate(groups):
+            self._learn(first + k, seen, np.array(group), 0.1)
+            self.tracks.oldness[first + k] = seen.old[group].mean()
+
+    def _tidy(self) -> None:
+        """Drop what is not there, join what is one person, and decide who is reported."""
+        tracks = self.tracks
+        person = tracks.person(self.config.prior)
+        keep = tracks.existence > np.where(tracks.public >= 0, -3.0, -1.5)
+        keep &= tracks.doubled < DOUBLED
+        order = np.lexsort((tracks.names, -tracks.existence * person, ~tracks.shown))
+        for rank, a in enumerate(order):
+            if not keep[a]:
+                continue
+            for b in order[rank + 1 :]:
+                if not keep[b] or tracks.shown[b]:
+                    continue
+                apart = tracks.means[a] - tracks.means[b]
+                if np.hypot(*apart[:2]) < SAME and np.hypot(*apart[2:]) < 0.8 and tracks.hidden[a] < 0.3:
+                    keep[b] = False
+        self.tracks = tracks = tracks.select(keep)
+        exists, person = tracks.exists, tracks.person(self.config.prior)
+        tracks.shown = np.where(
+            tracks.shown,
+            (exists > GONE) & (person > self.config.keep),
+            (exists > self.config.report) & (person > self.config.report),
+        )
+        for t in np.flatnonzero(tracks.shown & (tracks.public < 0)):
+            tracks.public[t] = self._given
+            self._given += 1
+        self.health.potential = len(tracks)
+
+    def _remember(
+        self,
+        scan: Scan,
+        sweep: Sweep,
+        stamp: float,
+        clusters: Clusters,
+        seen: Seen,
+        owners: IntArray,
+        names: IntArray,
+        own: BoolArray,
+    ) -> None:
+        """Enter the scan into the background, without people and the robot itself."""
+        people = np.zeros(len(clusters) + 1, dtype=bool)
+        ours = owners >= 0
+        reported = np.isin(names[owners[ours]], self.tracks.names[self.tracks.shown])
+        people[seen.index[ours][reported]] = True
+        ignore = own | people[clusters.labels]
+        self.background.add(sweep, stamp, ignore)
+
+    def _reported(self) -> list[Target]:
+        tracks = self.tracks
+        weights = tracks.exists
+        person = tracks.person(self.config.prior)
+        found: list[Target] = [
+            Person(
+                int(tracks.public[t]),
+                tracks.means[t].copy(),
+                tracks.covariances[t].copy(),
+                float(weights[t]),
+                tracks.extents[t].copy(),
+                float(tracks.rates[t]),
+                float(person[t]),
+                bool(tracks.hidden[t] > 0.0),
+                float(tracks.last_seen[t]),
+            )
+            for t in np.flatnonzero(tracks.shown)
+        ]
+        return sorted(found, key=lambda target: target.label)

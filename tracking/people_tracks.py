@@ -1,0 +1,137 @@
+"""What the people tracker remembers: potential people, their motion, existence and what speaks for being a person."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+SURE = 8.0  # log-odds, the most that is believed of anything
+
+
+@dataclass
+class Tracks:
+    """T potential people.
+
+    names : number of each, for good. means (T, 4) x, y, vx, vy; covariances (T, 4, 4). existence : log-odds that there
+    is something. shape, looks : mean log-likelihood ratio of its clusters, and the seconds it was seen in. motion :
+    log-likelihood ratio from how it moved. origins (T, 2) : where it was a while ago; moved : farthest from there, m.
+    age : seconds. last_seen : stamp. oldness : how much it stood where something stood before. extents (T, 2, 2);
+    rates : returns per scan.
+    hidden : seconds since it was seen. doubled : seconds for which it and a neighbour had one leg each.
+    public : label once reported, -1 before. shown : whether it is reported now.
+    """
+
+    names: IntArray
+    means: FloatArray
+    covariances: FloatArray
+    existence: FloatArray
+    shape: FloatArray
+    looks: FloatArray
+    motion: FloatArray
+    origins: FloatArray
+    moved: FloatArray
+    age: FloatArray
+    last_seen: FloatArray
+    oldness: FloatArray
+    extents: FloatArray
+    rates: FloatArray
+    public: IntArray
+    shown: BoolArray
+    hidden: FloatArray
+    doubled: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @classmethod
+    def born(cls, names: IntArray, means: FloatArray, covariances: FloatArray, stamp: float) -> Tracks:
+        """Tracks that are seen for the first time."""
+        n = len(names)
+        return cls(
+            names,
+            means,
+            covariances,
+            np.zeros(n),
+            np.zeros(n),
+            np.zeros(n),
+            np.zeros(n),
+            means[:, :2].copy(),
+            np.zeros(n),
+            np.zeros(n),
+            np.full(n, stamp),
+            np.zeros(n),
+            np.zeros((n, 2, 2)),
+            np.zeros(n),
+            np.full(n, -1, dtype=np.int64),
+            np.zeros(n, dtype=bool),
+            np.zeros(n),
+            np.zeros(n),
+        )
+
+    @classmethod
+    def none(cls) -> Tracks:
+        """No tracks."""
+        return cls.born(np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 4, 4)), 0.0)
+
+    def select(self, index: BoolArray | IntArray) -> Tracks:
+        """Those of an index or a mask, copied."""
+        return Tracks(*(getattr(self, item.name)[index] for item in fields(self)))
+
+    def joined(self, others: Tracks) -> Tracks:
+        """These and others."""
+        return Tracks(
+            *(np.concatenate((getattr(self, item.name), getattr(others, item.name))) for item in fields(self))
+        )
+
+    def predict(self, dt: float, acceleration: float, memory: float) -> None:
+        """`dt` seconds on at constant velocity; somebody hidden for long slows down and may have gone."""
+        if not len(self):
+            return
+        F = np.eye(4)
+        F[0, 2] = F[1, 3] = dt
+        Q = np.zeros((4, 4))
+        Q[0, 0] = Q[1, 1] = dt**3 / 3.0
+        Q[0, 2] = Q[2, 0] = Q[1, 3] = Q[3, 1] = dt**2 / 2.0
+        Q[2, 2] = Q[3, 3] = dt
+        # Out of sight people mostly go on as they did.
+        q = np.where(self.hidden > 0.25, 0.5 * acceleration, acceleration) ** 2
+        self.means = self.means @ F.T
+        self.covariances = F @ self.covariances @ F.T + q[:, None, None] * Q
+        # Who is out of sight goes on for a while, but not for ever.
+        slower = np.where(self.hidden > 1.5, math.exp(-dt / 1.5), 1.0)
+        self.means[:, 2:] *= slower[:, None]
+        self.age += dt
+        survival = math.exp(-dt / memory)
+        known = 1.0 / (1.0 + np.exp(-self.existence))
+        stays = np.where(self.hidden > 0.0, known * survival, known)
+        self.existence = np.minimum(np.log(stays / np.maximum(1.0 - stays, 1e-9)), SURE)
+
+    def shift(self, motion: FloatArray) -> None:
+        """Moves everything by `motion` (3,) x, y, yaw: the frame has jumped."""
+        c, s = math.cos(motion[2]), math.sin(motion[2])
+        turn = np.array([[c, s], [-s, c]])
+        self.means[:, :2] = self.means[:, :2] @ turn + motion[:2]
+        self.means[:, 2:] = self.means[:, 2:] @ turn
+        self.origins[:] = self.origins @ turn + motion[:2]
+        both = np.kron(np.eye(2), turn.T)
+        self.covariances[:] = both @ self.covariances @ both.T
+
+    def person(self, prior: float) -> FloatArray:
+        """Probability that each, if it exists, is a person, (T,)."""
+        # Looking longer at the same thing from the same side says less and less.
+        weight = 0.35 + 0.65 * (1.0 - np.exp(-self.looks / 1.0))
+        odds = prior + 1.75 * weight * self.shape + self.motion
+        return np.asarray(1.0 / (1.0 + np.exp(-np.clip(odds, -SURE, SURE))))
+
+    @property
+    def exists(self) -> FloatArray:
+        """Probability that each exists, (T,)."""
+        return np.asarray(1.0 / (1.0 + np.exp(-self.existence)))

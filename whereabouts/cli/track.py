@@ -1,0 +1,104 @@
+"""`whereabouts track`: people in the laser scans of a recorded log, without ROS."""
+
+from __future__ import annotations
+
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from whereabouts.cli.common import JsonFile, write_figures
+
+COLUMNS = ("time", "label", "x", "y", "vx", "vy", "weight")
+
+
+class Frame(StrEnum):
+    """Frames in which tracks are written."""
+
+    laser = "laser"
+    odom = "odom"
+
+
+def track(
+    source: Annotated[
+        Path, typer.Argument(metavar="IN", help="Any readable log with planar scans: CARMEN, ROS 1 or 2 bag.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="tracks.csv", help="Write the tracks: time, label, x, y, vx, vy, weight."
+        ),
+    ] = None,
+    frame: Annotated[
+        Frame, typer.Option(help="Of the tracks: the scanner, or where the robot was at the first scan.")
+    ] = Frame.odom,
+    topic: Annotated[
+        str | None, typer.Option("--topic", help="Scans to use; by default the first topic seen.")
+    ] = None,
+    wheels: Annotated[
+        bool, typer.Option(help="Use the log's wheel odometry, where it has one, as the first guess.")
+    ] = True,
+    json_file: JsonFile = None,
+) -> None:
+    """Track people through a recorded log.
+
+    One row per person and scan, with the scan's own header stamp; a scan without people has no row. Velocities are over
+    ground, along the axes of the frame. A person keeps his label while hidden.
+    """
+    import csv
+
+    from whereabouts.logs import open_log
+    from whereabouts.logs.atomic import atomic_path
+    from whereabouts.logs.errors import NothingRecognisedError
+    from whereabouts.progress import progress_bar
+    from whereabouts.track import track_people
+
+    rows: list[list[str]] = []
+    labels: set[int] = set()
+    scans, most = 0, 0
+    first = last = 0.0
+    started = time.perf_counter()
+    with open_log(source) as log, progress_bar() as bar:
+        task = bar.add_task(f"tracking in {source.name}", total=100)
+        for tracked in track_people(log, topic=topic, use_wheels=wheels):
+            first = tracked.stamp if scans == 0 else first
+            last = tracked.stamp
+            scans += 1
+            most = max(most, len(tracked.targets))
+            for target in tracked.targets:
+                labels.add(target.label)
+                state = tracked.in_laser(target) if frame is Frame.laser else target.mean
+                numbers = [f"{value:.4f}" for value in (*state, target.weight)]
+                rows.append([f"{tracked.stamp:.9f}", str(target.label), *numbers])
+            if scans % 50 == 0:
+                bar.update(task, completed=round(100 * log.progress))
+        if scans == 0:
+            raise NothingRecognisedError(
+                source, f"there are no scans {f'on topic {topic}' if topic else 'in it'}"
+            )
+        for line in log.summary.lines():
+            typer.echo(line, err=True)
+    if out is not None:
+        with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            writer.writerows(rows)
+    elapsed = time.perf_counter() - started
+    typer.echo(
+        f"{scans} scans over {last - first:.1f} s: {len(labels)} people, at most {most} at a time, "
+        f"{len(rows) / scans:.2f} per scan, {scans / elapsed:.0f} scans/s{f', written to {out}' if out else ''}"
+    )
+    write_figures(
+        json_file,
+        {
+            "source": str(source),
+            "scans": scans,
+            "labels": len(labels),
+            "most_at_once": most,
+            "people_per_scan": len(rows) / scans,
+            "duration_s": last - first,
+            "scans_per_second": scans / elapsed,
+        },
+    )

@@ -1,0 +1,147 @@
+"""People in laser scans: recordings with labels, simulated crossings and occlusions, and Figure 4 of Paper B."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from estimation.errors import InputError
+from tracking.people import PeopleTracker
+from whereabouts.experiments.people_judging import (
+    Constant,
+    SceneJudgement,
+    crossing_kept,
+    follow_person,
+    hidden_kept,
+    judge_scene,
+    phantoms,
+)
+from whereabouts.experiments.people_picture import hidden_episodes, picture
+from whereabouts.experiments.report import Options, Report, Table
+from whereabouts.progress import track
+from whereabouts.simulation.people_scenes import crossing, crowded_room, hidden
+
+FOLLOWING = "person_following_outdoor_1.bag.zip"
+NEGATIVE = "negative_2.bag"
+DEMO = "demo_stationary_simple_environment.bag"
+
+
+def run(options: Options) -> Report:
+    """The people tracker with its one default configuration."""
+    report = Report("people")
+    _simulated(report, options)
+    _hidden(report, options)
+    if options.data is None:
+        report.notes.append("the recordings are absent: set WHEREABOUTS_DATA")
+    else:
+        _recorded(report, options.data / "people")
+        _pictures(report, options, options.data / "people" / DEMO)
+    return report
+
+
+def _recorded(report: Report, folder: Path) -> None:
+    judged = follow_person(folder / FOLLOWING, "scan_base2", "ground_truth_people_tracks")
+    rows: list[list[object]] = [
+        ["tracked, % of labelled scans", 81, 100.0 * judged.share],
+        ["changes of the label", 49, judged.changes],
+        ["false people per scan", 1.7, judged.false_per_scan],
+    ]
+    title = f"{FOLLOWING}: {judged.labelled} labelled scans, gate 0.75 m, odometry from the scans"
+    report.tables.append(Table(title, ["", "reference tracker", "ours"], rows))
+    report.figures |= {
+        "following_tracked": judged.share,
+        "following_changes": judged.changes,
+        "following_false_per_scan": judged.false_per_scan,
+    }
+    rows = []
+    for topic in ("left_scan", "rear_scan", "right_scan"):
+        count = phantoms(folder / "legs_training" / NEGATIVE, topic)
+        rows.append([topic, "1.0 to 1.8", count])
+        report.figures[f"phantoms_{topic}"] = count
+    note = "the shape model was trained on this recording too"
+    report.tables.append(
+        Table(
+            f"{NEGATIVE}: people per scan where there are none", ["", "reference tracker", "ours"], rows, note
+        )
+    )
+
+
+def _simulated(report: Report, options: Options) -> None:
+    few = 20 if options.quick else 100
+    rooms = 3 if options.quick else 12
+    rows: list[list[object]] = []
+    for body in ("legs", "trunk"):
+        kept = []
+        for k in track(range(few), f"crossings, {body}"):
+            rng = np.random.default_rng([options.seed, 1, k])
+            kept.append(crossing_kept(judge_scene(crossing(rng, body), rng)))
+        rows.append([f"both keep their label in a crossing, seen as {body}, %", 95, 100.0 * np.mean(kept)])
+        report.figures[f"crossing_{body}"] = float(np.mean(kept))
+    report.tables.append(Table(f"Simulated crossings ({few} each)", ["", "wanted", "ours"], rows))
+    rows = []
+    for moving in (False, True):
+        judged = []
+        for k in track(range(rooms), "rooms"):
+            rng = np.random.default_rng([options.seed, 2, k])
+            judged.append(judge_scene(crowded_room(rng, 4, moving), rng))
+        name = "robot drives" if moving else "robot stands"
+        rows.append([name, *_figures(judged)])
+        report.figures[f"room_ospa_{'moving' if moving else 'standing'}"] = float(rows[-1][1])  # type: ignore[arg-type]
+    columns = ["", "OSPA, m", "error, m", "missed", "false", "label changes", "hidden and kept, %"]
+    note = "OSPA with c = 1 m, p = 1; per scan; changes per person and minute"
+    report.tables.append(
+        Table(
+            f"Furnished rooms, 4 people who walk, rest and get hidden, 20 s ({rooms} each)",
+            columns,
+            rows,
+            note,
+        )
+    )
+
+
+def _figures(judged: Sequence[SceneJudgement]) -> list[float]:
+    def mean(name: str) -> float:
+        return float(np.mean([value for item in judged for value in getattr(item, name)]))
+
+    changes = float(np.mean([item.switches for item in judged])) / 4 * 3
+    return [mean("ospa"), mean("errors"), mean("missed"), mean("false"), changes, 100.0 * mean("hidden")]
+
+
+def _hidden(report: Report, options: Options) -> None:
+    """Figure 4: a person hidden behind a pillar or another one, with constant and variable p_D."""
+    few = 12 if options.quick else 60
+    rows: list[list[object]] = []
+    for behind in ("pillar", "person"):
+        for name, kind in (("constant", Constant), ("variable", PeopleTracker)):
+            told = []
+            for k in track(range(few), f"hidden by a {behind}, {name} p_D"):
+                rng = np.random.default_rng([options.seed, 3, k])
+                outcome = hidden_kept(judge_scene(hidden(rng, behind), rng, kind()))
+                if outcome is not None:
+                    told.append(outcome)
+            if not told:
+                raise InputError("hidden: nobody was hidden for a second")
+            kept, again = np.mean(np.array(told), axis=0)
+            rows.append([f"by a {behind}", name, len(told), 100.0 * kept, 100.0 * again])
+            report.figures[f"hidden_{behind}_{name}"] = float(kept)
+            report.figures[f"found_again_{behind}_{name}"] = float(again)
+    columns = ["hidden", "p_D", "scenes", "kept for 1 s, %", "same label when seen again, %"]
+    note = (
+        "hidden for 1.4 to 2.2 s; the reference has one sequence: lost with constant p_D, kept with variable"
+    )
+    report.tables.append(Table("Figure 4: a person wholly hidden", columns, rows, note))
+
+
+def _pictures(report: Report, options: Options, path: Path) -> None:
+    rows: list[list[object]] = []
+    for name, kind in (("constant", Constant), ("variable", PeopleTracker)):
+        tracks = hidden_episodes(path, kind())
+        rows.append([name, tracks.labels, tracks.survived, tracks.longest])
+        report.figures[f"demo_labels_{name}"] = tracks.labels
+        report.figures[f"demo_survived_{name}"] = tracks.survived
+        if kind is PeopleTracker:
+            report.pictures.append(picture(tracks, options.out / "people.png"))
+    columns = ["p_D", "labels in all", "hidden 0.2 s or more and found again", "longest, s"]
+    report.tables.append(Table(f"Figure 4 on a recording: {DEMO}", columns, rows, "no truth is known"))
