@@ -1,1 +1,28 @@
 """Anchors, hypotheses, memory, maintenance and object search. Knows no ROS."""
+
+from world_model.config import WorldModelConfig
+from world_model.evidence import ObjectEvidence, WorldEvidence
+from world_model.looks import Sensor
+from world_model.maintenance import Maintenance, MaintenanceConfig, Trigger, VerificationTask
+from world_model.relations import Relations
+from world_model.search import ObjectSearch, SearchConfig, SearchStep
+from world_model.state import WorldObject, WorldState
+from world_model.world import WorldModel
+
+__all__ = [
+    "Maintenance",
+    "MaintenanceConfig",
+    "ObjectEvidence",
+    "ObjectSearch",
+    "Relations",
+    "SearchConfig",
+    "SearchStep",
+    "Sensor",
+    "Trigger",
+    "VerificationTask",
+    "WorldEvidence",
+    "WorldModel",
+    "WorldModelConfig",
+    "WorldObject",
+    "WorldState",
+]

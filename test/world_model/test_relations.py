@@ -1,0 +1,131 @@
+"""Counted relations against counting by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from world_model.relations import Relations
+
+FRAMES = [["cup", "table"], ["cup", "table", "chair"], ["table"], ["lamp", "table", "table"], ["lamp"]]
+
+
+def test_lidstone_probabilities_are_those_of_the_formula() -> None:
+    relations = Relations.from_frames(FRAMES)
+    # N(cup, table) = 2, N(table) = 4, four names, λ = 0.5: (2 + 0.5) / (4 + 2).
+    assert relations.probability("cup", "table") == pytest.approx(2.5 / 6.0)
+    assert relations.probability("cup", "lamp") == pytest.approx(0.5 / 4.0)
+    assert relations.probability("table", "cup") == pytest.approx(2.5 / 4.0)
+    index = {name: k for k, name in enumerate(relations.names)}
+    matrix = relations.matrix()
+    for one in relations.names:
+        for other in relations.names:
+            if one != other:
+                assert matrix[index[one], index[other]] == pytest.approx(relations.probability(one, other))
+
+
+def test_posterior_is_bayes_law_over_what_is_in_view() -> None:
+    relations = Relations.from_frames(FRAMES)
+    posterior = relations.posterior("cup", ["table", "lamp"])
+    joint = {name: relations.probability("cup", name) * n for name, n in (("table", 4.0), ("lamp", 2.0))}
+    for name, value in joint.items():
+        assert posterior[name] == pytest.approx(value / sum(joint.values()))
+
+
+def test_fading_weighs_a_frame_by_its_age() -> None:
+    relations = Relations(fading=0.5)
+    for names in (["cup", "table"], ["cup"], ["cup", "table"]):
+        relations.observe(names)
+    assert relations.count("cup") == pytest.approx(0.25 + 0.5 + 1.0)
+    assert relations.count("cup", "table") == pytest.approx(0.25 + 1.0)
+    for _ in range(200):
+        relations.observe(["lamp"])
+    assert relations.count("lamp") == pytest.approx(2.0, rel=1e-6)
+    assert np.isfinite(relations.matrix()).all()
+
+
+def test_rare_pairs_are_dropped_and_synonyms_are_one() -> None:
+    relations = Relations(minimum=2.0, synonyms={"bedstand": "nightstand"})
+    for names in (["Bedstand", "lamp"], ["nightstand", "lamp"], ["nightstand", "bed"]):
+        relations.observe(names)
+    assert relations.count("nightstand") == 3.0
+    floor = 0.5 / (3.0 + 0.5 * 3)
+    assert relations.probability("bed", "bedstand") == pytest.approx(floor)
+    assert relations.probability("lamp", "bedstand") == pytest.approx((2.0 + 0.5) / (3.0 + 0.5 * 3))
+
+
+def test_rooms_follow_from_where_things_were_seen() -> None:
+    relations = Relations()
+    for _ in range(8):
+        relations.observe(["sink", "cup"], room="kitchen")
+        relations.observe(["desk"], room="office")
+    rooms = relations.rooms("cup", ["kitchen", "office"])
+    assert sum(rooms.values()) == pytest.approx(1.0)
+    assert rooms["kitchen"] == pytest.approx(8.5 / 9.0)
+
+
+def test_unknown_names_and_no_counts_are_no_failure() -> None:
+    empty = Relations()
+    assert empty.probability("cup", "table") == 1.0
+    assert empty.posterior("cup", []) == {}
+    assert empty.matrix().shape == (0, 0)
+    relations = Relations.from_frames(FRAMES)
+    assert 0.0 < relations.probability("unicorn", "table") < 0.2
+    assert "unicorn" not in relations
+
+
+def test_shipped_common_sense_reads_and_makes_sense() -> None:
+    relations = Relations.common_sense()
+    assert relations.probability("pillow", "bed") > relations.probability("pillow", "fridge")
+    assert relations.rooms("toothbrush", relations.room_types)["bathroom"] > 0.3
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("frames: 3", "frames"),
+        ("[1, 2]", "frames"),
+        ("frames: [[1, 2]]", "frame 1"),
+        ("frames: [{names: [a], count: -1}]", "frame 1"),
+        ("frames: [a: {", "cannot be read"),
+    ],
+)
+def test_malformed_files_are_named(tmp_path: Path, text: str, named: str) -> None:
+    path = tmp_path / "relations.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=named):
+        Relations.load(path)
+
+
+def test_wrong_numbers_are_refused() -> None:
+    with pytest.raises(InputError, match="smoothing"):
+        Relations(smoothing=-1.0)
+    with pytest.raises(InputError, match="fading"):
+        Relations(fading=0.0)
+    with pytest.raises(InputError, match="count"):
+        Relations().observe(["a"], count=-2.0)
+
+
+def test_labelme_annotations_are_counted_by_image(tmp_path: Path) -> None:
+    for number in range(5):
+        (tmp_path / f"{number}.xml").write_text(
+            "<annotation><object><name>Bedstand</name><deleted>0</deleted></object>"
+            "<object><name>lamp</name></object><object><name>cat</name><deleted>1</deleted></object></annotation>",
+            encoding="utf-8",
+        )
+    (tmp_path / "other.json").write_text(
+        '{"shapes": [{"label": "lamp"}, {"label": "bed"}]}', encoding="utf-8"
+    )
+    relations = Relations.from_labelme([tmp_path], synonyms={"bedstand": "nightstand"})
+    assert relations.count("nightstand", "lamp") == 5.0
+    assert "cat" not in relations
+    # One image alone is an accident.
+    assert relations.probability("bed", "lamp") == pytest.approx(0.5 / (6.0 + 1.5))
+    (tmp_path / "broken.xml").write_text("<annotation>", encoding="utf-8")
+    with pytest.raises(InputError, match="broken"):
+        Relations.from_labelme([tmp_path])
+    with pytest.raises(InputError, match="paths"):
+        Relations.from_labelme([])

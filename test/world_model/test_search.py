@@ -1,0 +1,148 @@
+"""Object search: the text's own example, what each step says, and whole searches in recipe rooms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from estimation.places import Places
+from whereabouts.simulation.recipe_rooms import driven, learning_frames, recipe_room
+from world_model.relations import Relations
+from world_model.search import ObjectSearch, SearchConfig
+
+HERE = np.zeros(3)
+
+
+def example() -> Relations:
+    """Figure 5.1: T next to A or D with 0.45 each, next to B with 0.1; D also next to C."""
+    frames = [["t", "a"]] * 45 + [["t", "d"]] * 45 + [["t", "b"]] * 10 + [["c", "d"]] * 60
+    return Relations.from_frames(frames, smoothing=1e-3)
+
+
+@pytest.mark.parametrize("method", ["chain", "belief"])
+def test_the_example_of_the_text_finds_the_target_over_an_intermediate_object(method: str) -> None:
+    search = ObjectSearch(example(), SearchConfig(method=method, weight=0.02))
+    view = {"a": [4.0, 1.0], "b": [4.0, -2.5], "c": [8.0, 4.0]}
+    visited = []
+    for _ in range(3):
+        step = search.next_goal(view, "t", HERE)
+        assert step.kind == "intermediate"
+        visited.append(step.object)
+        if step.object == "c":
+            break
+        search.reached(step.goal)
+    # Both direct leads first, or the strong one; then C, which is no neighbour of T itself.
+    assert visited[0] == "a"
+    assert visited[-1] == "c"
+    # On the way to C, D comes into view and is gone to.
+    step = search.next_goal({**view, "d": [9.0, 4.5]}, "t", [7.0, 3.0, 0.0])
+    assert step.object == "d"
+    step = search.next_goal({**view, "d": [9.0, 4.5], "t": [9.5, 5.0]}, "t", [8.0, 4.0, 0.0])
+    assert step.kind == "target"
+    np.testing.assert_allclose(np.asarray(step.goal), [9.5, 5.0])
+
+
+def test_dead_ends_are_not_tried_again_and_a_new_target_starts_afresh() -> None:
+    search = ObjectSearch(example())
+    view = {"a": [2.0, 0.0], "b": [0.0, 2.0]}
+    first = search.next_goal(view, "t", HERE)
+    search.reached(first.goal)
+    second = search.next_goal(view, "t", HERE)
+    assert {first.object, second.object} == {"a", "b"}
+    assert search.dead_ends == (first.object,)
+    search.next_goal(view, "d", HERE)
+    assert search.dead_ends == ()
+
+
+def test_without_any_lead_the_floor_is_covered_and_then_it_says_so() -> None:
+    values = np.zeros((60, 80), dtype=int)
+    values[0], values[-1], values[:, 0], values[:, -1] = 100, 100, 100, 100
+    grid = OccupancyGrid.from_values(values, 0.1)
+    search = ObjectSearch(example(), grid=grid)
+    place, kinds = np.array([1.0, 1.0, 0.0]), []
+    for _ in range(60):
+        step = search.next_goal({}, "t", place)
+        kinds.append(step.kind)
+        if step.goal is None:
+            break
+        assert grid.lookup(step.goal) < 0.0
+        search.reached(step.goal)
+        place = np.array([*step.goal, 0.0])
+    assert kinds[0] == "room"
+    assert kinds[-1] == "none"
+    assert "random" in kinds
+    # 8 m by 6 m seen from 2 m around takes a handful of places, not dozens.
+    assert len(kinds) < 14
+
+
+def test_the_most_likely_room_is_gone_to_first_and_the_next_one_after_it_failed() -> None:
+    relations = example()
+    for _ in range(20):
+        relations.observe(["t"], room="kitchen")
+        relations.observe(["a"], room="office")
+    square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]
+    away = [[x + 6.0, y] for x, y in square]
+    places = Places.from_mapping(
+        {
+            "places": {
+                "study": {"polygon": square, "type": "office"},
+                "kitchen": {"polygon": away, "type": "kitchen"},
+            }
+        }
+    )
+    search = ObjectSearch(relations, places=places)
+    step = search.next_goal({"a": [1.0, 1.0]}, "t", [2.0, 2.0, 0.0])
+    assert step.kind == "room"
+    np.testing.assert_allclose(np.asarray(step.goal), [8.0, 2.0])
+    search.reached(step.goal)
+    step = search.next_goal({"a": [1.0, 1.0]}, "t", [8.0, 2.0, 0.0])
+    # Nothing is in view in the kitchen: back to the study, and there to A.
+    assert step.kind == "room"
+    np.testing.assert_allclose(np.asarray(step.goal), [2.0, 2.0])
+    step = search.next_goal({"a": [1.0, 1.0]}, "t", [2.0, 2.0, 0.0])
+    assert step.object == "a"
+
+
+def test_a_class_nobody_has_heard_of_is_looked_for_all_the_same() -> None:
+    search = ObjectSearch(example())
+    step = search.next_goal({"a": [2.0, 0.0]}, "unicorn", HERE)
+    assert step.goal is not None
+    assert "unicorn" in step.reason
+    assert "nobody has said" in step.reason
+    assert ObjectSearch(Relations()).next_goal({}, "cup", HERE).goal is not None
+
+
+@pytest.mark.parametrize("view_scale", [4.0, 6.0])
+def test_searches_in_rooms_of_another_design_end_without_a_random_search(view_scale: float) -> None:
+    relations = Relations.from_frames(learning_frames(np.random.default_rng(0), rooms=12))
+    square = [[0.0, 0.0], [18.0, 0.0], [18.0, 18.0], [0.0, 18.0]]
+    places = Places.from_mapping({"places": {"living room": {"polygon": square, "type": "living room"}}})
+    for seed in range(5):
+        room = recipe_room(np.random.default_rng(seed), redesigned=True)
+        for corner in room.corners()[::2]:
+            search = ObjectSearch(relations, places=places)
+
+            def next_goal(
+                known: Mapping[str, np.ndarray], place: np.ndarray, search: ObjectSearch = search
+            ) -> np.ndarray | None:
+                step = search.next_goal(known, "remote control", [*place, 0.0])
+                return None if step.kind in ("random", "none") else step.goal
+
+            run = driven(room, corner, "remote control", view_scale, next_goal, search.reached)
+            assert not run.failed
+
+
+def test_bad_input_is_named() -> None:
+    search = ObjectSearch(example())
+    with pytest.raises(InputError, match="robot_pose"):
+        search.next_goal({}, "t", [0.0, np.nan, 0.0])
+    with pytest.raises(InputError, match="position of 'a'"):
+        search.next_goal({"a": [np.inf, 0.0]}, "t", HERE)
+    with pytest.raises(InputError, match="target"):
+        search.next_goal({}, "  ", HERE)
+    with pytest.raises(InputError, match="method"):
+        SearchConfig(method="luck")

@@ -1,0 +1,374 @@
+"""The store: restart, SIGKILL at any moment, torn write-ahead logs, damage, full disks, limits."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from world_model import WorldObject, WorldState
+from world_model.store import Store, StoreError
+from world_model.store_file import StoreVersionError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def thing(number: int, step: int = 0, x: float = 0.0, **changes: object) -> WorldObject:
+    made = WorldObject(
+        f"cup-{number}",
+        np.array([x, float(number), 0.8]),
+        np.zeros(3),
+        np.diag([0.01, 0.02, 0.03]),
+        {"class": {"cup": 0.9, "bowl": 0.1}, "color": {"red": 1.0}},
+        0.98,
+        False,
+        float(step),
+        0.0,
+        {"constant_position": 0.9, "uniform": 0.1},
+    )
+    return replace(made, **changes)
+
+
+def state(step: int, *objects: WorldObject, epoch: int = 0) -> WorldState:
+    return WorldState(objects, 1.0, float(len(objects)), float(step), epoch)
+
+
+def marching(step: int) -> WorldState:
+    """A world that differs at every step: one marches, one waits, one comes and goes."""
+    objects = [thing(1, step, x=0.1 * step), thing(2, 0)]
+    if step // 10 % 2:
+        objects.append(thing(3 + step // 20, step))
+    return state(step, *objects)
+
+
+def same(a: WorldObject, b: WorldObject) -> bool:
+    return (
+        a.id == b.id
+        and np.array_equal(a.position, b.position)
+        and np.array_equal(a.velocity, b.velocity)
+        and np.array_equal(a.covariance, b.covariance)
+        and a.attributes == b.attributes
+        and a.behaviors == b.behaviors
+        and (a.existence, a.lost, a.last_seen, a.first_seen, a.region)
+        == (b.existence, b.lost, b.last_seen, b.first_seen, b.region)
+    )
+
+
+def same_world(objects: tuple[WorldObject, ...], step: int) -> bool:
+    expected = {item.id: item for item in marching(step).objects}
+    return expected.keys() == {item.id for item in objects} and all(same(i, expected[i.id]) for i in objects)
+
+
+def test_a_restart_finds_what_was_known_to_the_last_digit(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "world.sqlite"
+    lost = thing(9, lost=True, region=((0.0, 1.0), (-2.0, 3.0), (0.0, 2.5)), process_noise=1e-4 * np.eye(3))
+    with Store(path) as store:
+        assert store.restore() is None
+        for step in range(37):
+            store.record(marching(step))
+        store.record(state(37, *marching(37).objects, lost))
+    with Store(path) as store:
+        memory = store.restore()
+        assert memory is not None
+        assert (memory.stamp, memory.epoch) == (37.0, 0)
+        assert memory.names == {"cup": 9}
+        assert same(memory.objects[-1], lost)
+        assert np.array_equal(memory.objects[-1].process_noise, lost.process_noise)
+        assert same_world(memory.objects[:-1], 37)
+        # An object that is gone keeps its symbol for itself.
+        assert [entry.event for entry in store.history("cup-3")] == ["appeared", "gone"]
+
+
+def test_history_has_every_event_and_no_row_for_waiting(tmp_path: Path) -> None:
+    with Store(tmp_path / "world.sqlite") as store:
+        store.record(state(0, thing(1)))
+        for step in range(1, 50):
+            store.record(state(step, thing(1, step)))
+        store.record(state(50, thing(1, 50, x=2.0)))
+        store.record(state(51, thing(1, 50, x=2.0, lost=True)))
+        store.record(state(52, thing(1, 52, x=3.0)))
+        store.record(state(53))
+        store.record(state(54, thing(1, 54, x=3.0)))
+        for step in range(55, 140):
+            store.record(state(step, thing(1, step, x=3.0)))
+        events = [(entry.stamp, entry.event) for entry in store.history("cup-1")]
+        assert events == [
+            (0.0, "appeared"),
+            (50.0, "moved"),
+            (51.0, "lost"),
+            (52.0, "found"),
+            (53.0, "gone"),
+            (54.0, "returned"),
+            (114.0, "seen"),
+        ]
+        assert store.objects_at(25.0)[0].position[0] == 0.0
+        assert store.objects_at(50.5)[0].position[0] == 2.0
+        assert store.objects_at(53.5) == []
+        assert store.objects_at(-1.0) == []
+
+
+def test_uncertainty_of_the_past_grows_between_rows(tmp_path: Path) -> None:
+    with Store(tmp_path / "world.sqlite") as store:
+        store.record(state(0, thing(1, process_noise=0.01 * np.eye(3))))
+        assert store.objects_at(4.0)[0].covariance == pytest.approx(np.diag([0.05, 0.06, 0.07]))
+
+
+def test_a_new_run_empties_the_world_and_keeps_the_history(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        store.record(state(100, thing(1), thing(2)))
+        store.record(state(10, thing(1, 10, x=5.0), epoch=1))
+        assert [item.position[0] for item in store.objects_at(120.0, epoch=0)] == [0.0, 0.0]
+        assert [item.position[0] for item in store.objects_at(120.0)] == [5.0]
+        store.begin(2)
+    with Store(path) as store:
+        memory = store.restore()
+        assert memory is not None
+        assert (memory.objects, memory.epoch) == ((), 2)
+        assert [run for run, *_ in store.epochs()] == [0, 1, 2]
+        assert store.history("cup-2")[0].epoch == 0
+
+
+def test_renaming_takes_the_history_along(tmp_path: Path) -> None:
+    with Store(tmp_path / "world.sqlite") as store:
+        store.record(state(0, thing(1)))
+        store.rename("cup-1", "favourite")
+        store.record(state(1, thing(1, 1, id="favourite")))
+        assert [entry.object.id for entry in store.history("favourite")] == ["favourite"]
+        assert store.history("cup-1") == []
+
+
+CHILD = """
+import sys
+sys.path[:0] = [{root!r}, {here!r}]
+from test_store import Store, marching
+store = Store({path!r})
+memory = store.restore()
+step = 0 if memory is None else int(memory.stamp) + 1
+while True:
+    store.record(marching(step))
+    print(step, flush=True)
+    step += 1
+"""
+
+
+def test_sigkill_at_any_moment_loses_at_most_the_message_being_written(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    code = CHILD.format(root=str(ROOT), here=str(Path(__file__).parent), path=str(path))
+    rng = np.random.default_rng(3)
+    reported = -1
+    for _ in range(6):
+        child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert child.stdout is not None
+        for _ in range(int(rng.integers(1, 400))):
+            reported = int(child.stdout.readline())
+        child.send_signal(signal.SIGKILL)
+        # What was still in the pipe was recorded too.
+        reported = max([reported, *(int(line) for line in child.stdout.read().split("\n")[:-1])])
+        child.wait()
+        child.stdout.close()
+        with Store(path) as store:
+            memory = store.restore()
+            assert memory is not None
+            assert store.set_aside is None
+            step = int(memory.stamp)
+            assert reported <= step <= reported + 1
+            assert same_world(memory.objects, step)
+            reported = step
+    with Store(path) as store:
+        marched = [entry.object.position[0] for entry in store.history("cup-1")]
+        assert marched == pytest.approx([0.1 * k for k in range(len(marched))])
+
+
+def test_a_torn_write_ahead_log_takes_back_whole_messages_only(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    store = Store(path)
+    for step in range(60):
+        store.record(marching(step))
+    copy, wal = tmp_path / "copy.sqlite", Path(f"{path}-wal").read_bytes()
+    rng = np.random.default_rng(5)
+    steps = []
+    for size in sorted([0, *rng.integers(1, len(wal), 24), len(wal)]):
+        shutil.copy(path, copy)
+        Path(f"{copy}-wal").write_bytes(wal[: int(size)])
+        Path(f"{copy}-shm").unlink(missing_ok=True)
+        with Store(copy) as torn:
+            memory = torn.restore()
+            steps.append(-1 if memory is None else int(memory.stamp))
+            assert torn.set_aside is None
+            assert memory is None or same_world(memory.objects, steps[-1])
+        for suffix in ("", "-wal", "-shm"):
+            Path(f"{copy}{suffix}").unlink(missing_ok=True)
+    store.close()
+    assert steps == sorted(steps)
+    assert steps[-1] == 59
+    assert len(set(steps)) > 10
+
+
+@pytest.mark.parametrize("damage", ["garbage", "middle", "empty page", "row"])
+def test_a_damaged_file_is_set_aside_and_never_overwritten(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(300):
+            store.record(marching(step))
+    content = bytearray(path.read_bytes())
+    if damage == "garbage":
+        content[:] = b"this is not a database " * 200
+    elif damage == "middle":
+        content[4096 * 3 : 4096 * 6] = os.urandom(4096 * 3)
+    elif damage == "empty page":
+        content[4096 * 5 : 4096 * 6] = bytes(4096)
+    else:
+        content[:] = content.replace(b'{"class"', b'["class"')
+    path.write_bytes(content)
+    for number in (1, 2):
+        with Store(path) as store:
+            assert store.set_aside == tmp_path / f"world.sqlite.damaged-{number}"
+            assert "damaged" in store.problem
+            assert store.restore() is None
+            store.record(marching(0))
+            assert len(store.history("cup-1")) == 1
+        if number == 1:
+            assert (tmp_path / "world.sqlite.damaged-1").read_bytes() == bytes(content)
+            path.write_bytes(b"SQLite format 3\0 and then nothing sensible" * 100)
+
+
+def test_damage_while_running_loses_nothing_of_the_present(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(200):
+            store.record(marching(step))
+        store.save()
+        with path.open("r+b") as file:
+            file.seek(4096)
+            file.write(os.urandom(path.stat().st_size - 4096))
+        # SQLite notices once it needs a page that it no longer has at hand.
+        store._execute("PRAGMA shrink_memory")
+        for step in range(200, 260):
+            store.record(marching(step))
+            if store.set_aside is not None:
+                break
+        assert store.set_aside is not None
+        store.record(marching(261))
+        assert store.problem == ""
+    with Store(path) as store:
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 261)
+
+
+def test_other_versions_and_other_databases_are_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    Store(path).close()
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA user_version = 7")
+    connection.close()
+    before = path.read_bytes()
+    with pytest.raises(
+        StoreVersionError, match=r"world.sqlite: is of version 7, this program reads version 1"
+    ):
+        Store(path)
+    assert path.read_bytes() == before
+    other = tmp_path / "other.sqlite"
+    connection = sqlite3.connect(other)
+    connection.execute("CREATE TABLE letters (text)")
+    connection.close()
+    with pytest.raises(StoreVersionError, match="not a world model's"):
+        Store(other)
+    with Store(tmp_path / "mine.sqlite") as store, pytest.raises(StoreError, match="not a world model's"):
+        store.save(other)
+
+
+def test_a_full_disk_stops_neither_the_model_nor_what_was_stored(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(20):
+            store.record(marching(step))
+        pages = store._execute("PRAGMA page_count").fetchone()[0]
+        store._execute(f"PRAGMA max_page_count = {pages}")
+        many = [thing(number, 20) for number in range(1, 400)]
+        for step in range(20, 25):
+            store.record(state(step, *many))
+        assert "world.sqlite: not written: database or disk is full" in store.problem
+        assert store.failures >= 1
+        memory = Store(path, read_only=True).restore()
+        assert memory is not None
+        assert same_world(memory.objects, 19)
+        store._execute("PRAGMA max_page_count = 100000")
+        store.record(state(30, *many))
+        assert store.problem == ""
+    with Store(path) as store:
+        memory = store.restore()
+        assert memory is not None
+        assert (memory.stamp, len(memory.objects)) == (30.0, 399)
+
+
+def test_only_one_process_writes_and_any_may_read(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        store.record(marching(0))
+        with pytest.raises(StoreError, match="another process writes"):
+            Store(path)
+        with Store(path, read_only=True) as reader:
+            store.record(marching(1))
+            assert len(reader.history("cup-1")) == 2
+    with pytest.raises(StoreError, match="no such store"):
+        Store(tmp_path / "nowhere.sqlite", read_only=True)
+    with pytest.raises(StoreError, match="cannot be opened"):
+        Store(Path("/proc/nowhere/world.sqlite"))
+
+
+def test_a_file_that_somebody_removed_is_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        store.record(marching(0))
+        for suffix in ("", "-wal", "-shm"):
+            Path(f"{path}{suffix}").unlink()
+        store.record(marching(1))
+    with Store(path) as store:
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 1)
+
+
+def test_history_stays_within_its_limit_and_is_thinned_where_it_is_old(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    sizes = []
+    with Store(path, limit=400) as store:
+        for step in range(6000):
+            store.record(state(step, thing(1, step, x=0.3 * step), thing(2)))
+            if step in (2000, 5999):
+                sizes.append(path.stat().st_size)
+        entries = store.history("cup-1")
+        assert store.rows <= 400
+        assert sizes[1] <= 1.2 * sizes[0]
+        stamps = np.array([entry.stamp for entry in entries])
+        assert entries[0].event == "appeared"
+        assert (np.diff(stamps[-150:]) == 1.0).all()
+        assert np.diff(stamps).max() > 4.0
+        assert [entry.event for entry in store.history("cup-2")] == ["appeared"]
+        assert store.compact(limit=100) >= 250
+        assert store.history("cup-1")[0].event == "appeared"
+        assert path.stat().st_size < sizes[0]
+
+
+def test_a_copy_is_a_complete_store(tmp_path: Path) -> None:
+    copy = tmp_path / "copy.sqlite"
+    with Store(tmp_path / "world.sqlite") as store:
+        for last in (5, 9):
+            for step in range(last):
+                store.record(marching(step))
+            assert store.save(copy) == copy
+        assert store.save() == store.path
+    with Store(copy) as other:
+        memory = other.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 8)

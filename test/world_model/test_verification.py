@@ -1,0 +1,108 @@
+"""Looking into regions: against a simulated room with and without the thing, and with something in front."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from estimation.poses import pose_to_matrix
+from whereabouts.simulation import Lidar, box, joined
+from whereabouts.simulation.shapes import Shapes
+from world_model.verification import Box, Verification, look_with_cloud, look_with_scan
+
+LIDAR = Lidar(720, 2.0 * np.pi * 719 / 720)
+SENSOR = pose_to_matrix(np.array([1.0, 0.5, 0.3, 0.0, 0.0, 0.7]))
+POSE = np.array([1.0, 0.5, 0.7])
+REGION = Box(np.array([3.0, 1.5, 0.3]), np.array([0.6, 0.6, 0.6]))
+
+
+def scanned(*things: Shapes) -> tuple[np.ndarray, float, float]:
+    room = box(10.0, 8.0, (0.0, 0.0, 0.0))
+    scan = LIDAR.scan(joined([room, *things]), POSE, np.random.default_rng(0)).scan
+    return np.where(scan.valid, scan.ranges, np.inf), scan.angle_min, scan.angle_increment
+
+
+def look(*things: Shapes) -> tuple[int, float]:
+    ranges, first, step = scanned(*things)
+    frame = look_with_scan(REGION, ranges, first, step, 12.0, SENSOR)
+    return len(frame.points), frame.visible
+
+
+def test_a_thing_in_the_region_an_empty_region_and_one_that_is_hidden_look_different() -> None:
+    thing, screen = box(0.3, 0.3, (3.0, 1.5, 0.2)), box(0.1, 1.6, (2.0, 1.0, 0.46))
+    inside, _ = look(thing)
+    assert inside > 5
+    empty, visible = look()
+    assert (empty, visible) == (0, 1.0)
+    hidden, seen = look(thing, screen)
+    assert hidden == 0
+    assert seen < 0.1
+
+
+def test_scanners_that_sweep_the_other_way_or_hang_upside_down_see_the_same() -> None:
+    ranges, first, step = scanned(box(0.3, 0.3, (3.0, 1.5, 0.2)))
+    plain = look_with_scan(REGION, ranges, first, step, 12.0, SENSOR)
+    back = look_with_scan(REGION, ranges[::-1], first + step * (len(ranges) - 1), -step, 12.0, SENSOR)
+    hanging = SENSOR @ np.diag([1.0, -1.0, -1.0, 1.0])
+    under = look_with_scan(REGION, ranges[::-1], -(first + step * (len(ranges) - 1)), step, 12.0, hanging)
+    for other in (back, under):
+        np.testing.assert_allclose(np.sort(other.points, axis=0), np.sort(plain.points, axis=0), atol=1e-9)
+        assert other.visible == pytest.approx(plain.visible, abs=0.02)
+
+
+def test_a_scanner_at_another_height_sees_nothing_of_it() -> None:
+    ranges, first, step = scanned()
+    low = Box(np.array([3.0, 1.5, 1.0]), np.array([0.6, 0.6, 0.4]))
+    assert look_with_scan(low, ranges, first, step, 12.0, SENSOR).visible == 0.0
+
+
+def test_a_cloud_tells_the_same_three_cases_apart() -> None:
+    rng = np.random.default_rng(1)
+    wall = np.column_stack([np.full(4000, 5.0), rng.uniform(-3, 4, 4000), rng.uniform(-0.5, 1.5, 4000)])
+    thing = rng.uniform([2.9, 1.4, 0.1], [3.0, 1.6, 0.5], (80, 3))
+    screen = np.column_stack([np.full(6000, 2.0), rng.uniform(0, 2, 6000), rng.uniform(-0.3, 0.9, 6000)])
+    empty = look_with_cloud(REGION, wall, SENSOR, 12.0)
+    assert len(empty.points) == 0
+    assert empty.visible > 0.9
+    assert len(look_with_cloud(REGION, np.vstack([wall, thing]), SENSOR, 12.0).points) == 80
+    assert look_with_cloud(REGION, screen, SENSOR, 12.0).visible < 0.2
+
+
+def test_several_frames_have_to_agree_and_hidden_ones_say_nothing() -> None:
+    ranges, first, step = scanned(box(0.3, 0.3, (3.0, 1.5, 0.2)))
+    full = look_with_scan(REGION, ranges, first, step, 12.0, SENSOR)
+    ranges, first, step = scanned()
+    empty = look_with_scan(REGION, ranges, first, step, 12.0, SENSOR)
+    ranges, first, step = scanned(box(0.1, 1.6, (2.0, 1.0, 0.46)))
+    hidden = look_with_scan(REGION, ranges, first, step, 12.0, SENSOR)
+    verification = Verification(REGION)
+    assert [verification.take(frame) for frame in (full, empty, full, hidden, full)] == [None] * 4 + ["found"]
+    position, covariance = verification.measurement(0.05)
+    assert np.hypot(*(position - [3.0, 1.5, 0.3])[:2]) < 0.2
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
+    vain = Verification(REGION)
+    assert [vain.take(empty) for _ in range(3)] == [None, None, "not_found"]
+    blind = Verification(REGION)
+    assert [blind.take(hidden) for _ in range(5)] == [None] * 5
+    assert blind.outcome() == "occluded"
+
+
+def test_what_the_map_has_anyway_is_no_object() -> None:
+    region = Box(np.array([4.9, 1.0, 0.3]), np.array([0.6, 0.6, 0.6]))
+    ranges, first, step = scanned()
+    frame = look_with_scan(region, ranges, first, step, 12.0, SENSOR)
+    assert len(frame.points) > 5
+    values = np.zeros((80, 100), dtype=int)
+    values[:, -1] = 100
+    grid = OccupancyGrid.from_values(values, 0.1, (-4.95, -4.0))
+    assert Verification(region, needed=1).take(frame) == "found"
+    assert Verification(region, needed=1, grid=grid).take(frame) != "found"
+
+
+def test_regions_without_size_are_refused() -> None:
+    with pytest.raises(InputError, match="size"):
+        Box(np.zeros(3), np.array([1.0, 0.0, 1.0]))
+    with pytest.raises(InputError, match="centre"):
+        Box(np.array([np.nan, 0.0, 0.0]), np.ones(3))

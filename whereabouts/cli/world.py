@@ -1,0 +1,277 @@
+"""`whereabouts world`: objects from recorded evidence, and questions to what was remembered; without ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from whereabouts.cli.common import JsonFile, write_figures
+
+if TYPE_CHECKING:
+    from whereabouts.parameters.world_model import WorldModelParameters
+    from whereabouts.world_log import Look
+    from world_model import WorldEvidence, WorldModel
+
+
+def world(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN", help="Bag with evidence, detections or targets; or a store to ask questions to."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="states.jsonl", help="Write the world after every message."),
+    ] = None,
+    events: Annotated[
+        Path | None,
+        typer.Option("--events", metavar="events.csv", help="Write what happened to each object."),
+    ] = None,
+    store: Annotated[
+        Path | None, typer.Option("--store", metavar="world.sqlite", help="Remember the world in this file.")
+    ] = None,
+    params: Annotated[
+        Path | None, typer.Option("--params", help="ROS parameter file of the node world_model.")
+    ] = None,
+    places: Annotated[
+        Path | None, typer.Option("--places", metavar="home.yaml", help="Rooms and furniture.")
+    ] = None,
+    learn: Annotated[
+        Path | None,
+        typer.Option(
+            "--learn",
+            metavar="learned.yaml",
+            help="Learn detection, clutter and noise from the evidence; write a parameter file.",
+        ),
+    ] = None,
+    class_name: Annotated[str, typer.Option("--class", help="Ask: objects of this class.")] = "",
+    predicate: Annotated[
+        list[str] | None, typer.Option("--predicate", help="Ask: objects of which this symbol holds.")
+    ] = None,
+    region: Annotated[
+        str, typer.Option("--region", help="Ask: objects at this place, or near this object.")
+    ] = "",
+    object_id: Annotated[str, typer.Option("--id", help="Ask: this object.")] = "",
+    at: Annotated[
+        str,
+        typer.Option(
+            "--at", help='Ask about then: seconds, 2026-11-21T09:00, 09:00 (last day), or "last_seen".'
+        ),
+    ] = "",
+    min_probability: Annotated[
+        float, typer.Option("--min-probability", min=0.0, max=1.0, help="Leave out less probable answers.")
+    ] = 0.05,
+    json_file: JsonFile = None,
+) -> None:
+    """Which objects exist, where they are, and where they were.
+
+    Evidence is taken in the order of recording. At the end the world is listed, or the question answered that was
+    asked, one line per object, the most probable first.
+    """
+    from estimation.errors import InputError
+    from whereabouts.world_output import moment, settings_from, write_events
+    from world_model.store_file import is_store
+
+    settings = settings_from(params, places, store)
+    moment(at, 0.0)  # what cannot be understood is said before anything is read
+    figures: dict[str, Any] = {"source": str(source)}
+    if source.is_file() and is_store(source):
+        if out or learn or store:
+            raise InputError("--out, --learn and --store need evidence; IN is a store")
+        with _asked_store(source, settings) as model:
+            _answer(model, class_name, predicate, region, object_id, at, min_probability, figures)
+            write_events(model, events)
+    elif learn is not None:
+        _learn(source, settings, learn, figures)
+    else:
+        with _model(settings, events is not None or bool(at)) as model:
+            _take_in(source, settings, model, out, figures)
+            _answer(model, class_name, predicate, region, object_id, at, min_probability, figures)
+            write_events(model, events)
+    write_figures(json_file, figures)
+
+
+@contextmanager
+def _model(settings: WorldModelParameters, remembering: bool) -> Iterator[WorldModel]:
+    """A model with its store; a temporary one where the past is asked for and none is named."""
+    import tempfile
+
+    from world_model import WorldModel
+    from world_model.queries import Words
+    from world_model.store import Store
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = settings.store_path or (f"{folder}/world.sqlite" if remembering else "")
+        store = Store(path, settings.history_limit) if path else None
+        model = WorldModel(settings.world, settings.places, store)
+        model.words = Words(settings.places, settings.symbols)
+        try:
+            yield model
+        finally:
+            if store is not None:
+                store.close()
+
+
+@contextmanager
+def _asked_store(path: Path, settings: WorldModelParameters) -> Iterator[WorldModel]:
+    """A model that only answers from what a store remembers."""
+    from world_model import WorldModel
+    from world_model.queries import Words
+    from world_model.store import Store
+
+    with Store(path, read_only=True) as store:
+        model = WorldModel(settings.world, settings.places, store)
+        model.words = Words(settings.places, settings.symbols)
+        yield model
+
+
+def _looks(source: Path, settings: WorldModelParameters) -> Iterator[Look]:
+    """Evidence with a progress bar; what was skipped is said at the end."""
+    from whereabouts.evidence import Reader
+    from whereabouts.progress import progress_bar
+    from whereabouts.world_log import EvidenceLog
+
+    config = settings.world
+    known = {"class": config.classes, "color": config.colors}
+    names = ("class", "color", *config.attributes)
+    reader = Reader(known, names, config.measurement_sigma, settings.symbols)
+    frame = settings.places.frame if settings.places_file else ""
+    with EvidenceLog(source, reader, frame) as log, progress_bar() as bar:
+        task = bar.add_task(f"reading {source.name}", total=100)
+        for count, look in enumerate(log):
+            if count % 50 == 0:
+                bar.update(task, completed=round(100 * log.progress))
+            yield look
+        for line in log.summary.lines():
+            typer.echo(line, err=True)
+
+
+def _take_in(
+    source: Path, settings: WorldModelParameters, model: WorldModel, out: Path | None, figures: dict[str, Any]
+) -> None:
+    import json
+    from contextlib import ExitStack
+
+    from estimation.errors import InputError
+    from whereabouts.logs.atomic import atomic_path
+    from whereabouts.world_output import state_record
+
+    refused: dict[str, int] = {}
+    count, spent = 0, 0.0
+    with ExitStack() as stack:
+        file = None
+        if out is not None:
+            file = stack.enter_context(stack.enter_context(atomic_path(out)).open("w", encoding="utf-8"))
+        for look in _looks(source, settings):
+            begun = time.perf_counter()
+            try:
+                state = model.update(look.evidence, look.stamp)
+                for name in look.missing:
+                    state = model.report(name, "not_found", look.stamp)
+            except InputError as error:
+                refused[str(error)] = refused.get(str(error), 0) + 1
+                continue
+            spent += time.perf_counter() - begun
+            count += 1
+            if file is not None:
+                file.write(json.dumps(state_record(model, state)) + "\n")
+    for reason, number in refused.items():
+        typer.echo(f"{number} messages refused: {reason}", err=True)
+    health = model.health
+    figures |= {
+        "messages": count,
+        "refused": sum(refused.values()),
+        "objects": int(health["objects"]),
+        "runs": model.epoch + 1,
+        "mean_update_ms": 1e3 * spent / max(count, 1),
+    }
+    if model.store is not None and model.store.problem:
+        typer.echo(model.store.problem, err=True)
+    typer.echo(
+        f"{count} messages, {figures['mean_update_ms']:.2f} ms each: {figures['objects']} objects"
+        f"{f', written to {out}' if out else ''}{f', kept in {settings.store_path}' if settings.store_path else ''}"
+    )
+
+
+def _answer(
+    model: WorldModel,
+    class_name: str,
+    predicate: list[str] | None,
+    region: str,
+    object_id: str,
+    at: str,
+    min_probability: float,
+    figures: dict[str, Any],
+) -> None:
+    from whereabouts.world_output import answer_record, moment
+
+    answers = model.query(
+        class_name=class_name,
+        predicate=predicate or (),
+        region=region or None,
+        object_id=object_id,
+        stamp=moment(at, model.stamp),
+        min_probability=min_probability,
+    )
+    figures["answers"] = [answer_record(answer) for answer in answers]
+    for answer in answers:
+        typer.echo(f"{answer.probability:.2f}  {answer.description}")
+    if not answers:
+        typer.echo("nothing meets this")
+
+
+def _usable(looks: Iterable[Look], settings: WorldModelParameters) -> Iterator[tuple[float, WorldEvidence]]:
+    """Stamp and evidence of what a world model takes; what it refuses is said."""
+    from estimation.errors import InputError
+    from world_model import WorldModel
+
+    model = WorldModel(settings.world)
+    for look in looks:
+        try:
+            model.update(look.evidence, look.stamp)
+        except InputError as error:
+            typer.echo(f"message at {look.stamp:.3f} refused: {error}", err=True)
+            continue
+        yield look.stamp, look.evidence
+
+
+def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dict[str, Any]) -> None:
+    import json
+
+    from whereabouts.logs.atomic import atomic_path
+    from world_model.learning import learn
+
+    looks = list(_usable(_looks(source, settings), settings))
+    learned = learn(looks, settings.world)
+    changed = {}
+    for name in settings.model_dump():
+        now, before = getattr(learned.config, name, None), getattr(settings.world, name, None)
+        if isinstance(now, float) and now != before:
+            changed[name] = now
+    figures |= {
+        "looks": len(looks),
+        "learned": changed,
+        "detection_probability_by_class": learned.by_class,
+        "covariance_by_class": {name: P.tolist() for name, P in learned.covariances.items()},
+        "objects": learned.objects,
+    }
+    given = {**settings.model_dump(), **changed}
+    lines = [
+        f"# Learned from {source.name}: {len(looks)} looks, {learned.objects} objects.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    lines += [f"    {name}: {json.dumps(value)}" for name, value in given.items()]
+    with atomic_path(out) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    for name, value in changed.items():
+        typer.echo(f"{name}: {getattr(settings.world, name):g} -> {value:g}")
+    for name, share in sorted(learned.by_class.items()):
+        typer.echo(f"{name}: detected in {100 * share:.0f} % of the looks at it")
+    typer.echo(f"{len(looks)} looks, {learned.objects} objects, written to {out}")

@@ -1,0 +1,146 @@
+"""Settings of the world model: what a deployment may know about its objects, its sensor and its world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from estimation.checks import as_finite
+from estimation.errors import InputError
+from world_model.state import Box
+
+MODELS = ("static", "constant_velocity")
+DEFAULT_MOVED_PER_SECOND = 1e-4
+DEFAULT_ACCEL_SIGMA = 0.5
+
+
+def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    metadata = {"unit": unit, "description": text, "low": low, "high": high}
+    value: float = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Behaviour of one class: `model`, root of its white acceleration density (m/s^1.5), rate of being carried
+    anywhere (1/s)."""
+
+    model: str = "static"
+    accel_sigma: float = DEFAULT_ACCEL_SIGMA
+    moved_per_second: float = DEFAULT_MOVED_PER_SECOND
+
+    @classmethod
+    def checked(cls, name: str, given: Mapping[str, Any]) -> Motion:
+        """Raises InputError naming class and field."""
+        if not isinstance(given, Mapping):
+            raise InputError(f"motion[{name!r}] must be a mapping, not {given!r}")
+        unknown = set(given) - {"model", "accel_sigma", "moved_per_second"}
+        if unknown:
+            raise InputError(f"motion[{name!r}] has unknown fields {sorted(unknown)}")
+        model = given.get("model", "static")
+        if model not in MODELS:
+            raise InputError(f"motion[{name!r}].model: one of {', '.join(MODELS)}, got {model!r}")
+        # What moves by itself is carried by nobody, unless a deployment says so.
+        moved = DEFAULT_MOVED_PER_SECOND if model == "static" else 0.0
+        defaults = {"accel_sigma": DEFAULT_ACCEL_SIGMA, "moved_per_second": moved}
+        values = {}
+        for key, default in defaults.items():
+            value = given.get(key, default)
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, (int, float, np.number))
+                or not 0 <= value < np.inf
+            ):
+                raise InputError(
+                    f"motion[{name!r}].{key} must be a finite number of at least 0, not {value!r}"
+                )
+            values[key] = float(value)
+        return cls(model, **values)
+
+
+@dataclass(frozen=True)
+class WorldModelConfig:
+    """Settings of `WorldModel`; each field's metadata has its unit, meaning and allowed range.
+
+    classes and colors : known names; () takes any name as it comes. region : ((x0, x1), (y0, y1), (z0, z1)) m.
+    motion : {class or "*": {"model": "static" | "constant_velocity", "accel_sigma": m/s^1.5,
+    "moved_per_second": 1/s}}; None takes `defaults/classes.yaml`. Raises InputError naming the field.
+    """
+
+    classes: Sequence[str] = field(
+        default=(), metadata={"description": "names of known classes; none: any name is taken as it comes"}
+    )
+    colors: Sequence[str] = field(
+        default=(), metadata={"description": "names of known colours; none: any name is taken as it comes"}
+    )
+    region: Box = field(
+        default=((-10.0, 10.0), (-10.0, 10.0), (-0.5, 3.0)),
+        metadata={"unit": "m", "description": "where objects and false detections are, by axis"},
+    )
+    rate_hz: float = _setting(20.0, "1/s", "looks per second", 0.01, 1000.0)
+    detection_probability: float = _setting(0.9, "", "that a visible object is detected", 0.01, 0.9999)
+    clutter_per_frame: float = _setting(0.2, "", "false detections per look", 0.0, 1e4)
+    new_objects_per_second: float = _setting(0.02, "1/s", "objects that appear in the region", 1e-9, 1e4)
+    removed_per_second: float = _setting(1e-3, "1/s", "rate at which an object is taken away", 0.0, 100.0)
+    initial_objects: float = _setting(10.0, "", "objects in the region before the first look", 1e-6, 1e5)
+    measurement_sigma: float = _setting(
+        0.03, "m", "standard deviation of a detection that comes without covariance", 1e-4, 100.0
+    )
+    class_accuracy: float = _setting(
+        0.9, "", "how often the most probable class of a detection is right", 0.05, 1.0
+    )
+    missed_run_frames: float = _setting(1.0, "", "looks for which an object stays undetected, mean", 1.0, 1e4)
+    motion: Mapping[str, Mapping[str, Any]] | None = field(
+        default=None, metadata={"description": "behaviour by class; * for all others"}
+    )
+    hypotheses: int = field(
+        default=100, metadata={"description": "hypotheses that are kept", "low": 1, "high": 10000}
+    )
+    late_window: float = _setting(
+        1.0,
+        "s",
+        "a stamp this far behind the newest is late and handled; further back is a new run",
+        0.0,
+        60.0,
+    )
+    attributes: Sequence[str] = field(
+        default=("shape", "size", "material"),
+        metadata={"description": "discrete attributes besides class and color"},
+    )
+    merged_detections: bool = field(
+        default=False, metadata={"description": "whether one detection may stem from two touching movers"}
+    )
+
+    def __post_init__(self) -> None:
+        for name, described in self.__dataclass_fields__.items():
+            value, about = getattr(self, name), described.metadata
+            if "low" not in about:
+                continue
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not number or not about["low"] <= value <= about["high"]:
+                raise InputError(f"{name}: {about['low']} to {about['high']} expected, got {value!r}")
+        if int(self.hypotheses) != self.hypotheses:
+            raise InputError(f"hypotheses: a whole number expected, got {self.hypotheses!r}")
+        for name in ("classes", "colors", "attributes"):
+            values = getattr(self, name)
+            if isinstance(values, str) or not all(isinstance(value, str) and value for value in values):
+                raise InputError(f"{name} must be a list of names, not {values!r}")
+            if len(set(values)) != len(values):
+                raise InputError(f"{name} must not repeat a name: {values!r}")
+        region = as_finite("region", self.region)
+        if (
+            region.shape != (3, 2)
+            or (region[:, 0] > region[:, 1]).any()
+            or (region[:2, 0] == region[:2, 1]).any()
+        ):
+            raise InputError(f"region must be ((x0, x1), (y0, y1), (z0, z1)), ascending, not {self.region!r}")
+        if self.motion is not None:
+            if not isinstance(self.motion, Mapping):
+                raise InputError(f"motion must be {{class or '*': {{...}}}}, not {self.motion!r}")
+            for name, given in self.motion.items():
+                Motion.checked(name, given)
+                if self.classes and name != "*" and name not in self.classes:
+                    raise InputError(f"motion names class {name!r}, which is not one of {list(self.classes)}")

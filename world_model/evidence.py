@@ -1,0 +1,173 @@
+"""What a detector saw in one look: the measurements of section 2.4.1, with the sensor that made them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_finite
+from estimation.errors import InputError
+from estimation.gaussians import repair_covariance
+
+Distribution = Mapping[str, float]
+SUM_TOLERANCE = 0.01
+SMALLEST_VARIANCE = 1e-8
+"""m²; a detector that claims to be better than 0.1 mm in some direction is not believed."""
+
+
+@dataclass
+class ObjectEvidence:
+    """One detection of one object (z of section 2.4.1).
+
+    position : (3,) m, world frame. covariance : (3, 3) m², or None where the detector does not say
+    (`WorldModelConfig.measurement_sigma` then). attributes : {"class": {"cup": 0.8, ...}, "color": {...}}:
+    distributions over named values that sum to one; other names for other attributes. object_id : id of a known
+    object that this measurement verifies; it is associated with that object directly.
+    """
+
+    position: npt.ArrayLike
+    covariance: npt.ArrayLike | None = None
+    attributes: Mapping[str, Distribution] = field(default_factory=dict)
+    object_id: str | None = None
+
+
+@dataclass
+class WorldEvidence:
+    """All detections of one look, also where there are none.
+
+    sensor : {"pose": (x, y, z, yaw), "range": m, "angle": full opening in the plane, rad, and optionally
+    "range_min": m, "vertical_angle": full opening in height, rad}. Objects inside must have been visible, so not
+    seeing one there is evidence too. None: where the sensor looked is not known. Without detections such a
+    look says nothing (blocked, failed); with detections it is taken as a look at everything, and what is not
+    seen is kept in mind for long, in case it was out of view. blocked : the sensor failed or is covered; the
+    absence of detections says nothing.
+    """
+
+    objects: Sequence[ObjectEvidence]
+    sensor: Mapping[str, Any] | None = None
+    blocked: bool = False
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A checked `WorldEvidence.sensor`: pose (4,) x, y, z, yaw; lengths m, angles rad (full openings)."""
+
+    pose: FloatArray
+    range_max: float
+    angle: float
+    range_min: float = 0.0
+    vertical_angle: float = 0.0
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> Sensor:
+        """Raises InputError naming what is missing or out of range."""
+        try:
+            pose, far, angle = given["pose"], float(given["range"]), float(given["angle"])
+            near, vertical = float(given.get("range_min", 0.0)), float(given.get("vertical_angle", 0.0))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f'sensor must be {{"pose": (x, y, z, yaw), "range": m, "angle": rad}}, not {given!r}'
+            ) from error
+        pose = as_finite("sensor pose", pose)
+        if pose.shape != (4,):
+            raise InputError(f"sensor pose must be (x, y, z, yaw), not of shape {pose.shape}")
+        if not 0.0 <= near < far:
+            raise InputError(f"sensor range must be above range_min, at least 0; they are {far!r}, {near!r}")
+        if not 0.0 < angle <= 2.0 * np.pi + 1e-6 or not 0.0 <= vertical <= np.pi + 1e-6:
+            raise InputError(f"sensor angle must be in (0, 2 pi], not {angle!r} (height: {vertical!r})")
+        return cls(pose, far, angle, near, vertical)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Checked evidence as arrays: positions (M, 3), covariances (M, 3, 3), ids and distributions per detection."""
+
+    positions: FloatArray
+    covariances: FloatArray
+    attributes: tuple[Mapping[str, Distribution], ...]
+    object_ids: tuple[str | None, ...]
+    sensor: Sensor | None
+    silent: bool
+    """Whether not being seen means nothing in this look."""
+
+    def only(self, which: list[int]) -> Measurements:
+        """Some of the detections."""
+        return replace(
+            self,
+            positions=self.positions[which],
+            covariances=self.covariances[which],
+            attributes=tuple(self.attributes[i] for i in which),
+            object_ids=tuple(self.object_ids[i] for i in which),
+        )
+
+
+def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
+    """Evidence as arrays; raises InputError naming detection and field before anything was changed."""
+    if not isinstance(evidence, WorldEvidence):
+        raise InputError(f"evidence must be a WorldEvidence, not {type(evidence).__name__}")
+    objects = list(evidence.objects)
+    sensor = None if evidence.sensor is None else Sensor.checked(evidence.sensor)
+    positions, covariances = np.empty((len(objects), 3)), np.empty((len(objects), 3, 3))
+    for index, item in enumerate(objects):
+        if not isinstance(item, ObjectEvidence):
+            raise InputError(f"objects[{index}] must be an ObjectEvidence, not {type(item).__name__}")
+        positions[index] = _shaped(f"objects[{index}].position", item.position, (3,))
+        if item.covariance is None:
+            covariances[index] = sigma**2 * np.eye(3)
+        else:
+            covariances[index] = _shaped(f"objects[{index}].covariance", item.covariance, (3, 3))
+        for name, distribution in item.attributes.items():
+            _check_distribution(f"objects[{index}].attributes[{name!r}]", distribution)
+    if not np.isfinite(positions).all():
+        bad = int(np.flatnonzero(~np.isfinite(positions).all(1))[0])
+        raise InputError(f"objects[{bad}].position must be finite; it holds NaN or infinity")
+    return Measurements(
+        positions,
+        _definite(covariances),
+        tuple(item.attributes for item in objects),
+        tuple(item.object_id for item in objects),
+        sensor,
+        evidence.blocked or (sensor is None and not objects),
+    )
+
+
+def _shaped(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be numbers of shape {shape}, not {value!r}") from error
+    if array.shape != shape:
+        raise InputError(f"{name} must have shape {shape}, not {array.shape}")
+    return array
+
+
+def _definite(covariances: FloatArray) -> FloatArray:
+    """The covariances with no direction more certain than is credible; InputError for indefinite ones."""
+    try:
+        np.linalg.cholesky(covariances)
+    except np.linalg.LinAlgError:
+        for index, covariance in enumerate(covariances):
+            repair_covariance(covariance, f"objects[{index}].covariance", definite=False)
+    if not np.allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-6, atol=1e-12):
+        raise InputError("objects[].covariance must be symmetric")
+    result: FloatArray = covariances + SMALLEST_VARIANCE * np.eye(3)
+    return result
+
+
+def _check_distribution(name: str, distribution: Distribution) -> None:
+    if not isinstance(distribution, Mapping) or not distribution:
+        raise InputError(f"{name} must be a distribution {{value: probability}}, not {distribution!r}")
+    total = 0.0
+    for value, probability in distribution.items():
+        if (
+            not isinstance(probability, (int, float, np.number))
+            or not 0.0 <= probability <= 1.0 + SUM_TOLERANCE
+        ):
+            raise InputError(f"{name}[{value!r}] must be a probability in [0, 1], not {probability!r}")
+        total += float(probability)
+    if abs(total - 1.0) > SUM_TOLERANCE:
+        raise InputError(f"{name} must sum to one, not {total:g}")

@@ -1,0 +1,163 @@
+"""The probabilistic models from a recorded log: what section 2.7 asks for next.
+
+The log is explained with the models known so far; what this says about every detection gives the models, and that is
+repeated. Only what the log shows is learned: rates of events that never happened keep their setting.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.errors import InputError
+from world_model.config import WorldModelConfig
+from world_model.evidence import Sensor, WorldEvidence
+from world_model.kernels import clearance
+from world_model.state import WorldObject
+from world_model.unseen import sensor_array
+from world_model.world import WorldModel
+
+FEWEST_LOOKS = 20
+MARGIN = 0.15  # m inside the field of view from which an object must have been visible
+SETTLED_SECONDS = 2.0  # what appears later than this after the first look is new
+
+
+@dataclass(frozen=True)
+class Learned:
+    """config : the settings with what was learned. covariances : (3, 3) m² of a detection by class.
+    by_class : probability of detection by class. detections, objects, seconds : what it was learned from.
+    """
+
+    config: WorldModelConfig
+    covariances: dict[str, FloatArray]
+    by_class: dict[str, float]
+    detections: int
+    objects: int
+    seconds: float
+
+
+@dataclass
+class _History:
+    """One object through the log: its class and per look in view whether it was detected; residuals' sources."""
+
+    kind: str
+    first: float
+    seen: list[bool] = field(default_factory=list)
+    positions: list[FloatArray] = field(default_factory=list)
+    moved: bool = False
+
+
+def learn(
+    looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfig | None = None, rounds: int = 2
+) -> Learned:
+    """Detection probability, runs of misses, clutter, new-object rate and covariances from (stamp, evidence).
+
+    Raises InputError for fewer than 20 looks.
+    """
+    if len(looks) < FEWEST_LOOKS:
+        raise InputError(f"looks: at least {FEWEST_LOOKS} are needed to learn from, got {len(looks)}")
+    learned = config or WorldModelConfig()
+    for _ in range(max(rounds, 1)):
+        result = _round(looks, learned)
+        learned = result.config
+    return result
+
+
+def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfig) -> Learned:
+    model = WorldModel(config)
+    histories: dict[str, _History] = {}
+    # A detection counts for the object that its anchor becomes, also where it was not believed in yet.
+    false = detections = 0
+    pending: list[tuple[int, str | None]] = []
+    start = looks[0][0]
+    for index, (stamp, evidence) in enumerate(looks):
+        state = model.update(evidence, stamp)
+        found = {name: j for j, name in enumerate(state.associations) if name is not None}
+        detections += len(state.associations)
+        pending += [(index, name) for name in state.associations]
+        view = None if evidence.sensor is None else sensor_array(Sensor.checked(evidence.sensor))
+        for item in state.objects:
+            history = histories.setdefault(item.id, _History("", item.first_seen))
+            history.kind = item.most_probable("class")
+            history.moved |= item.behaviors.get("constant_velocity", 0.0) > 0.5
+            if item.id in found:
+                history.positions.append(np.asarray(evidence.objects[found[item.id]].position, dtype=float))
+            if _must_be_visible(item, view, evidence):
+                history.seen.append(item.id in found)
+    false = sum(name is None for _, name in pending)
+    lasting = {name: h for name, h in histories.items() if len(h.positions) >= 5}
+    seconds = max(looks[-1][0] - start, 1e-9)
+    seen = np.concatenate(
+        [np.array(_until_last(h.seen), bool) for h in lasting.values()] or [np.zeros(0, bool)]
+    )
+    changes: dict[str, Any] = {}
+    if len(seen) >= FEWEST_LOOKS:
+        changes["detection_probability"] = float(np.clip(seen.mean(), 0.01, 0.999))
+        changes["missed_run_frames"] = _mean_run([_until_last(h.seen) for h in lasting.values()])
+    # Every lasting object was unnamed at its first detections, which were not clutter.
+    unnamed = len(lasting) if config.clutter_per_frame > 1.0 else 0
+    changes["clutter_per_frame"] = max(false - unnamed, 0) / len(looks)
+    new = sum(h.first > start + SETTLED_SECONDS for h in lasting.values())
+    if new:
+        changes["new_objects_per_second"] = new / seconds
+    changes["initial_objects"] = max(float(len(lasting) - new), 1.0)
+    changes["rate_hz"] = float(np.clip((len(looks) - 1) / seconds, 0.01, 1000.0))
+    covariances = _covariances(lasting)
+    if covariances:
+        spread = np.mean([np.trace(P) / 3.0 for P in covariances.values()])
+        changes["measurement_sigma"] = float(np.clip(np.sqrt(spread), 1e-4, 100.0))
+    hits: defaultdict[str, Counter[bool]] = defaultdict(Counter)
+    for history in lasting.values():
+        hits[history.kind].update(_until_last(history.seen))
+    by_class = {kind: count[True] / count.total() for kind, count in hits.items() if count.total()}
+    return Learned(replace(config, **changes), covariances, by_class, detections, len(lasting), seconds)
+
+
+def _must_be_visible(item: WorldObject, view: FloatArray | None, evidence: WorldEvidence) -> bool:
+    if evidence.blocked or item.lost:
+        return False
+    if view is None:
+        return len(evidence.objects) > 0
+    return min(clearance(item.position, view, True), clearance(item.position, view, False)) > MARGIN
+
+
+def _until_last(seen: list[bool]) -> list[bool]:
+    """Without the misses after the last detection: the object may have been gone."""
+    last = max((k for k, hit in enumerate(seen) if hit), default=-1)
+    return seen[: last + 1]
+
+
+def _mean_run(sequences: list[list[bool]]) -> float:
+    """Mean length of the runs of misses, at least one look."""
+    runs, length = [], 0
+    for seen in sequences:
+        for hit in seen:
+            if hit and length:
+                runs.append(length)
+            length = 0 if hit else length + 1
+        length = 0
+    return float(np.clip(np.mean(runs), 1.0, 1e4)) if runs else 1.0
+
+
+def _covariances(histories: dict[str, _History]) -> dict[str, FloatArray]:
+    """Pooled scatter about each resting object's mean, by class; robust against a false association."""
+    by_class: defaultdict[str, list[FloatArray]] = defaultdict(list)
+    for history in histories.values():
+        if history.moved or len(history.positions) < 10:
+            continue
+        positions = np.array(history.positions)
+        off = positions - np.median(positions, axis=0)
+        limit = 6.0 * np.maximum(np.median(np.abs(off), axis=0), 1e-6)
+        kept = positions[(np.abs(off) < limit).all(1)]
+        by_class[history.kind].append((kept - kept.mean(0)) * np.sqrt(len(kept) / max(len(kept) - 1, 1)))
+    return {kind: _second_moment(np.concatenate(parts)) for kind, parts in by_class.items()}
+
+
+def _second_moment(residuals: FloatArray) -> FloatArray:
+    result: FloatArray = residuals.T @ residuals / len(residuals)
+    return result

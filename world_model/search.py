@@ -1,0 +1,361 @@
+"""Looking for an object by what is usually found with it (chapter 5).
+
+Two rules choose among the objects in view. "chain" is the text's: expected utility (5.3) over the target and, one
+after the other, intermediate targets (steps 1 to 4 of section 5.3). "belief", the default, differs in three ways that
+shorten the path: an object is worth visiting by how exclusively it goes with the target, sqrt(p(o|T) p(T|o)), or
+through one intermediate object; worth is weighed against the drive by division, and near a dead end it is discounted,
+for the target would have been seen; and where nothing in view has much to do with the target, the robot goes to the
+middle of the room, where most can be seen, instead of trying whatever is near.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_vectors
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from estimation.places import Place, Places
+from world_model.coverage import Coverage, bounds_of, length_between, middle_of
+from world_model.relations import Relations
+
+METHODS = ("belief", "chain")
+# Where the middle of an unknown room may be, in distances from the door to the middle of what has been seen.
+BEYOND = (1.5,)
+LINKS = 40  # names that a chain may lead through
+MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
+
+
+def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    metadata = {"unit": unit, "description": text, "low": low, "high": high}
+    value: float = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """Settings of `ObjectSearch`; each field's metadata has its unit, meaning and allowed range."""
+
+    method: str = field(
+        default="belief", metadata={"description": "how the next goal is chosen", "choices": METHODS}
+    )
+    weight: float = _setting(0.1, "", "of the travel cost in the chain rule (ω)", 0.0, 100.0)
+    threshold: float = _setting(0.25, "", "least utility the chain rule goes for", 0.0, 100.0)
+    relevance: float = _setting(
+        0.3, "", "least relevance to go for, as share of the most relevant name's", 0.0, 1.0
+    )
+    nearness: float = _setting(0.5, "m", "distance within which nearer is no better", 0.01, 10.0)
+    dead_end_radius: float = _setting(
+        1.5, "m", "around a dead end, where the target is not either", 0.0, 20.0
+    )
+    chain_share: float = _setting(0.7, "", "worth of a relation through another object", 0.0, 1.0)
+    view: float = _setting(2.0, "m", "from where the target is recognised, for coverage", 0.1, 50.0)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method: one of {', '.join(METHODS)} expected, got {self.method!r}")
+        for name, described in self.__dataclass_fields__.items():
+            low, high = described.metadata.get("low"), described.metadata.get("high")
+            if low is not None and high is not None and not low <= getattr(self, name) <= high:
+                raise InputError(f"{name}: {low:g} to {high:g} expected, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class SearchStep:
+    """Where to go next and why.
+
+    kind : "target", "intermediate", "room", "random", or "none" where nothing is left to try. goal : (2,) m, None for
+    "none". object : the name the step is about, "" where it is about none. reason : one sentence. probability : of
+    finding the target by it, as far as the relations tell.
+    """
+
+    kind: str
+    goal: FloatArray | None
+    object: str
+    reason: str
+    probability: float = 0.0
+
+
+class ObjectSearch:
+    """Chooses goals until somebody sees the target.
+
+    Parameters
+    ----------
+    relations : what goes with what. places : rooms with their types, to choose the room first. grid : free space, for
+    the middle of the room and for coverage as the last resort.
+    """
+
+    def __init__(
+        self,
+        relations: Relations,
+        config: SearchConfig | None = None,
+        places: Places | None = None,
+        grid: OccupancyGrid | None = None,
+    ) -> None:
+        self.relations = relations
+        self.config = config or SearchConfig()
+        self.places = places
+        self.grid = grid
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget dead ends, intermediate targets and what has been covered: a new search begins."""
+        self._dead: dict[str, FloatArray] = {}
+        self._targets: list[str] = []
+        self._target = ""
+        self._worth: dict[str, float] = {}
+        self._rooms_left: set[str] = set()
+        self._middles: list[FloatArray] = []
+        self._start: FloatArray | None = None
+        self._coverage: Coverage | None = None
+        self._track: list[FloatArray] = []
+        self._step: SearchStep | None = None
+
+    @property
+    def dead_ends(self) -> tuple[str, ...]:
+        """Objects that were reached in vain (F)."""
+        return tuple(self._dead)
+
+    def reached(self, goal: npt.ArrayLike | None = None) -> None:
+        """The robot is at the goal of the last step and the target was not seen: the object is a dead end.
+
+        goal : (2,) where it stopped; that of the step by default.
+        """
+        step = self._step
+        if step is None or step.goal is None:
+            return
+        where = step.goal if goal is None else as_vectors("goal", goal, 2, 3)[:2]
+        if step.kind == "room":
+            self._middles.append(np.asarray(step.goal))
+        elif step.object:
+            self._dead[step.object] = np.array(where, dtype=np.float64)
+        if self._coverage is not None:
+            self._coverage.look(np.asarray(where, dtype=np.float64))
+        self._step = None
+
+    def next_goal(
+        self, observed: Mapping[str, npt.ArrayLike], target: str, robot_pose: npt.ArrayLike
+    ) -> SearchStep:
+        """What to do next.
+
+        observed : {name: position (2,) or (3,) m} of all objects seen so far. target : name to look for; another one
+        than before begins a new search. robot_pose : (3,) x, y, yaw.
+
+        Raises
+        ------
+        InputError : a pose or a position that is not finite, an empty target.
+        """
+        place = as_vectors("robot_pose", robot_pose, 2, 3)[:2].copy()
+        wanted = self.relations.unified(target)
+        if not wanted:
+            raise InputError("target: a name to look for is needed")
+        if wanted != self._target:
+            self.reset()
+            self._begin(wanted, place)
+        known = {name: as_vectors(f"position of {name!r}", spot, 2, 3)[:2] for name, spot in observed.items()}
+        self._follow(place)
+        self._step = self._choose(known, place)
+        return self._step
+
+    def _begin(self, target: str, place: FloatArray) -> None:
+        self._target, self._targets, self._start = target, [target], place
+        self._worth = self._worths(target)
+        if self.places is not None:
+            self._rooms_left = {room.name for room in self.places.rooms}
+
+    def _worths(self, target: str) -> dict[str, float]:
+        """How exclusively each known name goes with the target, directly or through one other; in [0, 1]."""
+        names = self.relations.names
+        if target not in self.relations:
+            return dict.fromkeys(names, 0.0)
+        forward = self.relations.matrix()
+        at = names.index(target)
+        through = np.sqrt(forward[:, at] * forward[at, :])
+        through[at] = 0.0
+        # Chains through a name that has little to do with the target are worth little themselves.
+        over = np.argsort(-through, kind="stable")[:LINKS]
+        chained = np.sqrt(forward[:, over] * forward[over, :].T) * through[None, over]
+        chained[over, np.arange(len(over))] = 0.0
+        chained[at] = 0.0
+        worth = np.maximum(through, self.config.chain_share * chained.max(axis=1, initial=0.0))
+        return dict(zip(names, worth.tolist(), strict=True))
+
+    def _follow(self, place: FloatArray) -> None:
+        if not self._track or length_between(self._track[-1], place) > 0.2:
+            self._track.append(place)
+            if self._coverage is not None:
+                self._coverage.look(place)
+
+    def _choose(self, known: dict[str, FloatArray], place: FloatArray) -> SearchStep:
+        for name, spot in known.items():
+            if self.relations.unified(name) == self._target:
+                return SearchStep("target", spot, name, f"{name} is in view", 1.0)
+        room = self._room(place)
+        if room is not None and not room.contains(place):
+            said = f"{self._target} is most likely in {room.name}"
+            return SearchStep("room", np.asarray(room.center), "", said)
+        able = {
+            name: spot
+            for name, spot in known.items()
+            if name not in self._dead and (room is None or bool(room.contains(spot)))
+        }
+        unknown = self._target not in self.relations
+        rule = self._by_chain if self.config.method == "chain" else self._by_belief
+        step = rule(able, known, place, room, unknown)
+        if step is None and room is not None:
+            self._rooms_left.discard(room.name)
+            if self._room(place) is not None:
+                return self._choose(known, place)
+        return step or self._anywhere(known, place, unknown)
+
+    def _room(self, place: FloatArray) -> Place | None:
+        """The best room that is left: probable by its type, and near."""
+        if self.places is None or not self._rooms_left:
+            return None
+        rooms = [room for room in self.places.rooms if room.name in self._rooms_left]
+        types = sorted({room.type for room in rooms})
+        share = self.relations.rooms(self._target, types) if types else {}
+        lengths = [
+            0.0 if room.contains(place) else length_between(np.asarray(room.center), place) for room in rooms
+        ]
+        worth = [
+            share.get(room.type, 0.0) / (length + 3.0) for room, length in zip(rooms, lengths, strict=True)
+        ]
+        return rooms[int(np.argmax(worth))]
+
+    def _by_belief(
+        self,
+        able: dict[str, FloatArray],
+        known: dict[str, FloatArray],
+        place: FloatArray,
+        room: Place | None,
+        unknown: bool,
+    ) -> SearchStep | None:
+        worth = {name: self._value(name) * self._freshness(spot) for name, spot in able.items()}
+        most = max((value for name, value in self._worth.items() if name != self._target), default=0.0)
+        related = {
+            name: value
+            for name, value in worth.items()
+            if value > 0.0 and value >= self.config.relevance * most
+        }
+        if not related:
+            middle = self._middle(known, bool(able), room)
+            if middle is not None and length_between(middle, place) > 1.0:
+                said = f"nothing in view goes with {self._target}: to where more can be seen"
+                if unknown:
+                    said = f"nobody has said what goes with {self._target}: to where more can be seen"
+                return SearchStep("room", middle, "", said)
+            related = worth
+        if not related:
+            return None
+        best = max(
+            related,
+            key=lambda name: (
+                (related[name] + 1e-9) / (length_between(able[name], place) + self.config.nearness)
+            ),
+        )
+        return self._towards(best, able[best], related[best])
+
+    def _by_chain(
+        self,
+        able: dict[str, FloatArray],
+        known: dict[str, FloatArray],
+        place: FloatArray,
+        room: Place | None,
+        unknown: bool,
+    ) -> SearchStep | None:
+        """Steps 1 to 3 of section 5.3."""
+        if not able:
+            return None
+        cost = {name: 1.0 / max(math.atan(length_between(spot, place)), 1e-3) for name, spot in able.items()}
+        while True:
+            chance = {name: max(self._given(name, goal, able) for goal in self._targets) for name in able}
+            best = max(able, key=lambda name: chance[name] + self.config.weight * cost[name])
+            added = None
+            if chance[best] + self.config.weight * cost[best] < self.config.threshold:
+                added = self._intermediate(able)
+            if added is None:
+                return self._towards(best, able[best], chance[best])
+            self._targets.append(added)
+
+    def _given(self, name: str, goal: str, observed: Iterable[str]) -> float:
+        """p(o_i | o_T): of the text's (5.2) only the relation itself, which does not depend on what else is in view."""
+        return self.relations.probability(name, goal) if self.relations.unified(name) != goal else 1.0
+
+    def _intermediate(self, able: Iterable[str]) -> str | None:
+        """The name with the strongest relation to any intermediate target that is neither one nor a dead end (o_s)."""
+        taken = {*self._targets, *(self.relations.unified(name) for name in self._dead)}
+        options = [name for name in self.relations.names if name not in taken]
+        if not options or self._target not in self.relations:
+            return None
+        columns = [self.relations.names.index(goal) for goal in self._targets if goal in self.relations]
+        strength = self.relations.matrix()[:, columns].max(axis=1)
+        index = {name: k for k, name in enumerate(self.relations.names)}
+        return max(options, key=lambda name: strength[index[name]])
+
+    def _value(self, name: str) -> float:
+        return self._worth.get(self.relations.unified(name), 0.0)
+
+    def _freshness(self, spot: FloatArray) -> float:
+        """Falls to zero where dead ends are: the target would have been seen from there."""
+        radius, value = self.config.dead_end_radius, 1.0
+        for dead in self._dead.values():
+            if radius > 0.0:
+                value *= 1.0 - math.exp(-((length_between(spot, dead) / radius) ** 2))
+        return value
+
+    def _middle(self, known: Mapping[str, FloatArray], leads: bool, room: Place | None) -> FloatArray | None:
+        """The middle of the room, or where it should be by what has been seen; each once.
+
+        leads : whether there are objects left to go to.
+        """
+        if room is not None:
+            middle = np.asarray(room.center, dtype=np.float64)
+        elif self.grid is not None:
+            found = middle_of(self.grid)
+            if found is None:
+                return None
+            middle = found
+        else:
+            been = len(self._middles)
+            if not known or self._start is None or been >= len(BEYOND) or (leads and been > 0):
+                return None
+            # What is seen from the door lies on this side of the middle.
+            middle = self._start + BEYOND[been] * (np.mean(list(known.values()), axis=0) - self._start)
+        if any(length_between(middle, been) < 1.0 for been in self._middles):
+            return None
+        return middle
+
+    def _towards(self, name: str, spot: FloatArray, chance: float) -> SearchStep:
+        said = f"no {self._target} seen; {name} is in view, p = {chance:.2f}"
+        if self._value(name) <= 0.0:
+            said = f"no {self._target} seen, nor anything that goes with it; {name} is in view"
+        return SearchStep("intermediate", spot, name, said, chance)
+
+    def _anywhere(self, known: Mapping[str, FloatArray], place: FloatArray, unknown: bool) -> SearchStep:
+        """The last resort: cover the floor."""
+        if self._coverage is None:
+            every = np.array([*known.values(), *self._track])
+            low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
+            if self.grid is not None:
+                low, high = bounds_of(self.grid)
+            elif self.places is not None and len(self.places.rooms):
+                corners = np.vstack([room.polygon for room in self.places.rooms])
+                low, high = corners.min(axis=0), corners.max(axis=0)
+            self._coverage = Coverage(self.config.view, low, high, self.grid)
+            for been in self._track:
+                self._coverage.look(been)
+        goal = self._coverage.next_place(place)
+        if goal is None:
+            return SearchStep(
+                "none", None, "", f"{self._target} is nowhere it could be seen: all has been looked at"
+            )
+        said = f"no lead to {self._target} is left: covering the floor, {self._coverage.share:.0%} seen"
+        if unknown:
+            said = f"nobody has said what goes with {self._target}: covering the floor, {self._coverage.share:.0%} seen"
+        return SearchStep("random", goal, "", said)

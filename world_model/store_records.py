@@ -1,0 +1,140 @@
+"""What the store remembers, read back: the last world, the world at any time, the history of an object."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from estimation.places import LIKELY, Place
+from world_model.state import WorldObject
+from world_model.store_file import StoreFile
+from world_model.store_rows import COLUMNS, Written, decode
+from world_model.symbols import parse_symbol
+
+REACH = 1.0
+"""m around a place from which nothing is there more probably than not."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a store remembers. objects : of the most probable world. stamp, epoch : of the last message. names : the
+    highest number used for each class, so that no symbol is given twice."""
+
+    objects: tuple[WorldObject, ...]
+    stamp: float
+    epoch: int
+    names: dict[str, int]
+
+
+@dataclass(frozen=True)
+class HistoryEntry:
+    """One event of an object: appeared, moved, changed, seen, lost, found, gone, returned or renamed, at `stamp`."""
+
+    stamp: float
+    event: str
+    object: WorldObject
+    epoch: int
+
+
+class Records:
+    """The reading part of `Store`."""
+
+    _file: StoreFile
+    _epoch: int
+    _stamp: float | None
+    _written: dict[str, Written]
+
+    def restore(self) -> Memory | None:
+        """What was known at the last message, for a new `WorldModel`; None where nothing is remembered."""
+        if self._stamp is None and self._epoch == 0 and not self._written:
+            return None
+        numbers: dict[str, int] = {}
+        for (name,) in self._execute("SELECT id FROM objects WHERE epoch = ?", self._epoch):
+            parsed = parse_symbol(name)
+            if parsed is not None:
+                numbers[parsed[0]] = max(numbers.get(parsed[0], 0), parsed[1])
+        stamp = -float("inf") if self._stamp is None else self._stamp
+        return Memory(tuple(known.row for known in self._written.values()), stamp, self._epoch, numbers)
+
+    def epochs(self) -> list[tuple[int, float | None, float | None]]:
+        """All runs: number, first and last stamp."""
+        return list(self._execute("SELECT epoch, first_stamp, last_stamp FROM epochs ORDER BY epoch"))
+
+    def epoch_at(self, stamp: float) -> int | None:
+        """The newest run that had begun by `stamp`; None before all of them."""
+        found = self._execute("SELECT max(epoch) FROM epochs WHERE first_stamp <= ?", stamp).fetchone()
+        return None if found[0] is None else int(found[0])
+
+    def objects_at(self, stamp: float, epoch: int | None = None) -> list[WorldObject]:
+        """All objects as they were known at `stamp`, of the newest run that had begun by then or of `epoch`.
+
+        Covariances have grown by the process noise since the last row.
+        """
+        run = self.epoch_at(stamp) if epoch is None else epoch
+        rows = self._execute(
+            f"SELECT o.id, h.stamp, h.event, {COLUMNS} FROM objects o JOIN history h ON h.row = "
+            "(SELECT row FROM history WHERE key = o.key AND stamp <= ? ORDER BY stamp DESC, row DESC LIMIT 1) "
+            "WHERE o.epoch = ? AND h.event != 'gone' ORDER BY o.key",
+            stamp,
+            run,
+        )
+        return [_aged(decode(name, tuple(values)), stamp - then) for name, then, _, *values in rows]
+
+    def last_seen(self, place: Place, epoch: int | None = None) -> float | None:
+        """The newest stamp at which something was measured at a place in a run (this one by default), None if never."""
+        low, high = place.polygon.min(0) - REACH, place.polygon.max(0) + REACH
+        rows = self._execute(
+            "SELECT DISTINCT h.numbers, h.last_seen FROM history h JOIN objects o ON o.key = h.key "
+            "WHERE o.epoch = ? AND NOT h.lost ORDER BY h.last_seen DESC",
+            self._epoch if epoch is None else epoch,
+        )
+        for numbers, seen in rows:
+            values = np.frombuffer(numbers, "<f8")
+            inside = (values[:2] >= low).all() and (values[:2] <= high).all()
+            if inside and place.probability(values[:3], values[6:15].reshape(3, 3)) > LIKELY:
+                return float(seen)
+        return None
+
+    def history(
+        self,
+        object_id: str,
+        epoch: int | None = None,
+        start: float = -float("inf"),
+        end: float = float("inf"),
+    ) -> list[HistoryEntry]:
+        """Events of one object, oldest first, in the newest run that knew it or in `epoch`."""
+        rows = self._execute(
+            f"SELECT o.epoch, h.stamp, h.event, {COLUMNS} FROM history h JOIN objects o ON o.key = h.key "
+            "WHERE o.id = ?1 AND o.epoch = ifnull(?2, (SELECT max(epoch) FROM objects WHERE id = ?1)) "
+            "AND h.stamp BETWEEN ?3 AND ?4 ORDER BY h.stamp, h.row",
+            object_id,
+            epoch,
+            start,
+            end,
+        )
+        return [
+            HistoryEntry(stamp, happened, decode(object_id, tuple(values)), run)
+            for run, stamp, happened, *values in rows
+        ]
+
+    def events(self, epoch: int | None = None) -> Iterable[tuple[float, str, str]]:
+        """All events of a run (the newest by default) in order of time: stamp, event, object id."""
+        return self._execute(
+            "SELECT h.stamp, h.event, o.id FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch = ? "
+            "ORDER BY h.stamp, h.row",
+            self._epoch if epoch is None else epoch,
+        )
+
+    def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+        return self._file.connection.execute(statement, values)
+
+
+def _aged(item: WorldObject, age: float) -> WorldObject:
+    """An object of which nothing was heard for `age` seconds."""
+    if age <= 0.0 or item.lost or not item.process_noise.any():
+        return item
+    return replace(item, covariance=item.covariance + age * item.process_noise)

@@ -1,0 +1,141 @@
+"""World objects as rows of the store and back, and which changes are worth a row of history."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from world_model.state import WorldObject
+
+COLUMNS = "numbers, existence, lost, last_seen, first_seen, attributes, behaviors, region"
+"""In the order of `encode` and `decode`."""
+NUMBERS = 24
+"""Position (3), velocity (3), covariance (9), process noise (9)."""
+
+MOVED = 0.05
+"""m: a smaller step is no event, unless it exceeds the standard deviation."""
+CHANGED = 0.1
+"""Of a probability."""
+SPREAD = 4.0
+"""Ratio of variances."""
+SEEN_AGAIN = 60.0
+"""s: as often, at most, history notes that nothing has changed."""
+OFTENEST = 0.5
+"""s: history of something that moves has a row at most as often."""
+DRIFT = 0.01
+"""Existence that wanes by less, with nothing else new, is not written again."""
+CERTAIN = 1e-6
+
+
+@dataclass
+class Written:
+    """What the store has of one object. `latest` is the newest, `row` the one in `current`, `noted` the newest in
+    `history`, at `noted_at`; `rows` counts those; `text` is the JSON of `row`'s attributes."""
+
+    key: int
+    latest: WorldObject
+    row: WorldObject
+    noted: WorldObject
+    noted_at: float
+    rows: int
+    text: str
+
+
+def encode(item: WorldObject, text: str) -> tuple[Any, ...]:
+    """Values for `COLUMNS`, `text` being those of the attributes."""
+    numbers = b"".join(
+        np.asarray(array, "<f8").tobytes()
+        for array in (item.position, item.velocity, item.covariance, item.process_noise)
+    )
+    return (
+        numbers,
+        float(item.existence),
+        bool(item.lost),
+        float(item.last_seen),
+        float(item.first_seen),
+        text,
+        distribution_text(item.behaviors),
+        None if item.region is None else json.dumps(item.region),
+    )
+
+
+def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
+    """The object of a row with `COLUMNS`. Raises ValueError, KeyError or TypeError where it is damaged."""
+    numbers, existence, lost, last_seen, first_seen, attributes, behaviors, region = row
+    values = np.frombuffer(numbers, "<f8").astype(np.float64)
+    if values.shape != (NUMBERS,):
+        raise ValueError(f"{NUMBERS} numbers expected, got {values.shape}")
+    box = None if region is None else json.loads(region)
+    return WorldObject(
+        object_id,
+        values[:3],
+        values[3:6],
+        values[6:15].reshape(3, 3),
+        json.loads(attributes),
+        float(existence),
+        bool(lost),
+        float(last_seen),
+        float(first_seen),
+        json.loads(behaviors),
+        None if box is None else tuple((float(low), float(high)) for low, high in box),  # type: ignore[arg-type]
+        process_noise=values[15:].reshape(3, 3),
+    )
+
+
+def attributes_text(attributes: Mapping[str, Mapping[str, float]], digits: int = 7) -> str:
+    """JSON of attribute distributions; values that are practically excluded are left out."""
+    return json.dumps(
+        {
+            name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}
+            for name, values in attributes.items()
+        },
+        separators=(",", ":"),
+    )
+
+
+def distribution_text(values: Mapping[str, float]) -> str:
+    """JSON of one distribution."""
+    return json.dumps({value: round(p, 7) for value, p in values.items()}, separators=(",", ":"))
+
+
+def is_drift(before: WorldObject, item: WorldObject) -> bool:
+    """Whether only time has passed between two versions of an object: it need not be written again."""
+    return (
+        before.last_seen == item.last_seen
+        and before.lost == item.lost
+        and abs(before.existence - item.existence) < DRIFT
+        and before.attributes == item.attributes
+    )
+
+
+def event(noted: WorldObject, noted_at: float, item: WorldObject, stamp: float) -> str:
+    """What has happened to an object since history last noted it; "" where nothing worth a row has."""
+    if item.lost != noted.lost:
+        return "lost" if item.lost else "found"
+    if _changed(noted.attributes, item.attributes) or abs(noted.existence - item.existence) > CHANGED:
+        return "changed"
+    if stamp - noted_at < OFTENEST:
+        return ""
+    step = item.position - noted.position
+    variances, then = item.covariance.diagonal(), noted.covariance.diagonal()
+    squared = float(step @ step)
+    if squared > MOVED**2 or squared > float(then.sum()) > 0.0:
+        return "moved"
+    if float(variances.sum()) * SPREAD < float(then.sum()):
+        return "changed"
+    return "seen" if item.last_seen > noted.last_seen and stamp - noted_at >= SEEN_AGAIN else ""
+
+
+def _changed(before: Mapping[str, Mapping[str, float]], now: Mapping[str, Mapping[str, float]]) -> bool:
+    for name, values in now.items():
+        known = before.get(name)
+        if known is None:
+            return True
+        for value, probability in values.items():
+            if abs(probability - known.get(value, 0.0)) > CHANGED:
+                return True
+    return False

@@ -1,0 +1,188 @@
+"""Is the object where it should be? Looking into a region of interest (section 3.6).
+
+Points inside the region speak for it; a region that was seen through and is empty speaks against it; a region behind
+something else says nothing. Several frames are looked at, so that one bad frame decides nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_vectors, require_count
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+
+CELLS = 9  # probes along each side of a region
+MARGIN = 0.1  # m in front of a probe that a return may be and still show it
+MAPPED = 0.15  # m around what the map has occupied that belongs to the map
+BEHIND = 0.3  # m: what a cloud shows this near to a probe's direction decides about it
+OCCLUDED, FOUND, NOT_FOUND = "occluded", "found", "not_found"
+
+
+@dataclass(frozen=True)
+class Box:
+    """A region: centre (3,) and size (3,) m, along the axes of the map.
+
+    Raises
+    ------
+    InputError : a size that is not positive.
+    """
+
+    centre: FloatArray
+    size: FloatArray
+
+    def __post_init__(self) -> None:
+        centre, size = as_vectors("centre", self.centre, 3), as_vectors("size", self.size, 3)
+        if not (size > 0.0).all():
+            raise InputError(f"region: a size above 0 along every axis expected, got {size.tolist()}")
+        object.__setattr__(self, "centre", centre)
+        object.__setattr__(self, "size", size)
+
+    def contains(self, points: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which points (N, 3) are inside."""
+        return np.asarray((np.abs(points - self.centre) <= 0.5 * self.size).all(axis=1))
+
+    def probes(self) -> FloatArray:
+        """(CELLS², 2) places spread over its floor."""
+        ticks = np.linspace(-0.5, 0.5, CELLS)
+        x, y = np.meshgrid(ticks * self.size[0], ticks * self.size[1])
+        return np.stack([x.ravel(), y.ravel()], axis=1) + self.centre[:2]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What one scan or cloud says about a region: points (N, 3) inside it, share of it that was seen."""
+
+    points: FloatArray
+    visible: float
+
+
+def look_with_scan(
+    box: Box,
+    ranges: npt.ArrayLike,
+    angle_min: float,
+    angle_increment: float,
+    range_max: float,
+    sensor: npt.ArrayLike,
+) -> Frame:
+    """One planar scan.
+
+    ranges : (B,) m, no-returns as inf, NaN or at least range_max. sensor : (4, 4) pose of the level scanner in the map.
+    """
+    pose = np.asarray(sensor, dtype=np.float64)
+    position, height = pose[:2, 3], pose[2, 3]
+    low, high = box.centre[2] - 0.5 * box.size[2], box.centre[2] + 0.5 * box.size[2]
+    measured = np.asarray(ranges, dtype=np.float64)
+    if angle_increment < 0.0:
+        measured, angle_min = measured[::-1], angle_min + angle_increment * (len(measured) - 1)
+        angle_increment = -angle_increment
+    if not low <= height <= high or not len(measured):
+        return Frame(np.zeros((0, 3)), 0.0)
+    returned = np.isfinite(measured) & (measured < range_max) & (measured > 0.0)
+    seen = np.where(returned, measured, np.where(np.isnan(measured), 0.0, range_max))
+    heading = math.atan2(pose[1, 0], pose[0, 0])
+    # A scanner that hangs upside down sweeps the other way.
+    sign = 1.0 if pose[2, 2] > 0.0 else -1.0
+    bearings = heading + sign * (angle_min + angle_increment * np.arange(len(measured)))
+    ends = position + np.where(returned, measured, 0.0)[:, None] * np.stack(
+        [np.cos(bearings), np.sin(bearings)], axis=1
+    )
+    points = np.column_stack([ends, np.full(len(ends), height)])[returned]
+    offsets = box.probes() - position
+    away = np.hypot(*offsets.T)
+    turn = sign * (np.arctan2(offsets[:, 1], offsets[:, 0]) - heading) - angle_min
+    beams = np.round((turn % (2.0 * math.pi)) / angle_increment).astype(np.int64)
+    around = round(2.0 * math.pi / angle_increment)
+    beams = np.where(beams == around, 0, beams)
+    inside = beams < len(measured)
+    visible = inside & (seen[np.where(inside, beams, 0)] >= away - MARGIN)
+    return Frame(points[box.contains(points)], float(visible.mean()))
+
+
+def look_with_cloud(box: Box, points: npt.ArrayLike, sensor: npt.ArrayLike, range_max: float) -> Frame:
+    """One cloud, points (N, 3) in the map; sensor : (4, 4) its pose in the map."""
+    cloud = np.asarray(points, dtype=np.float64)
+    position = np.asarray(sensor, dtype=np.float64)[:3, 3]
+    inside = cloud[box.contains(cloud)] if len(cloud) else np.zeros((0, 3))
+    probes = np.column_stack([box.probes(), np.full(CELLS * CELLS, box.centre[2])])
+    offsets = probes - position
+    away = np.linalg.norm(offsets, axis=1)
+    if not len(cloud):
+        return Frame(inside, 0.0)
+    rays = cloud - position
+    lengths = np.linalg.norm(rays, axis=1)
+    directions = rays / np.maximum(lengths, 1e-9)[:, None]
+    seen = 0
+    for offset, distance in zip(offsets, away, strict=True):
+        if distance > range_max:
+            continue
+        near = directions @ (offset / max(distance, 1e-9)) > math.cos(math.atan2(0.5 * BEHIND, distance))
+        # Nothing came back from there, or something at the probe or behind it.
+        seen += not near.any() or float(np.median(lengths[near])) >= distance - MARGIN
+    return Frame(inside, seen / len(probes))
+
+
+@dataclass
+class Verification:
+    """Collects frames until it can tell.
+
+    needed : frames that must agree. points : returns inside the region that are an object. clear : share of the region
+    that must have been seen for it to be empty. grid : returns at what the map has occupied anyway do not count.
+    """
+
+    box: Box
+    needed: int = 3
+    points: int = 3
+    clear: float = 0.8
+    grid: OccupancyGrid | None = None
+    frames: int = 0
+    visible: float = 0.0
+    _hits: list[FloatArray] = field(default_factory=list)
+    _empty: int = 0
+
+    def __post_init__(self) -> None:
+        self.needed = require_count("needed", self.needed)
+        self.points = require_count("points", self.points)
+
+    def take(self, frame: Frame) -> str | None:
+        """Add a frame; "found", "not_found", or None while it cannot tell."""
+        self.frames += 1
+        self.visible = max(self.visible, frame.visible)
+        points = frame.points
+        if self.grid is not None and len(points):
+            points = points[~self._mapped(points[:, :2])]
+        if len(points) >= self.points:
+            self._hits.append(points)
+        elif frame.visible >= self.clear:
+            self._empty += 1
+        if len(self._hits) >= self.needed:
+            return FOUND
+        return NOT_FOUND if self._empty >= self.needed else None
+
+    def outcome(self) -> str:
+        """What is to be said when time is up: nothing, unless most frames agree."""
+        if len(self._hits) > self._empty:
+            return FOUND
+        return OCCLUDED
+
+    def measurement(self, sigma: float) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) of the object and its covariance (3, 3), m and m²; sigma : m, of one look per axis."""
+        centres = np.array([points.mean(axis=0) for points in self._hits])
+        position = centres.mean(axis=0)
+        spread = np.concatenate(self._hits).std(axis=0)
+        # The side that is seen is not the middle: half the extent is uncertain along each axis.
+        covariance = np.diag(sigma**2 + (0.5 * spread) ** 2)
+        covariance[2, 2] = max(covariance[2, 2], (0.25 * self.box.size[2]) ** 2)
+        position[2] = self.box.centre[2]
+        return position, covariance
+
+    def _mapped(self, points: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which points (N, 2) are at what the map has occupied."""
+        assert self.grid is not None
+        steps = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)]) * MAPPED
+        around = points[:, None] + steps[None]
+        return np.asarray((self.grid.lookup(around) > 0.6).any(axis=1))

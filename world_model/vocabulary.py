@@ -1,0 +1,120 @@
+"""Discrete attributes as numbers: which column of a leaf stands for which value, and what a detection says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.errors import InputError
+from world_model.evidence import Distribution
+from world_model.leaves import IntArray
+
+LEAST = 0.01  # of a detector's probability goes to values it does not name or excludes
+
+
+class Vocabulary:
+    """Values of each attribute, side by side in columns; closed lists refuse other values, open ones grow.
+
+    blocks (K, 2) : first column and column after the last of each attribute, classes first.
+    """
+
+    def __init__(self, known: Mapping[str, Sequence[str]], accuracy: float) -> None:
+        self.accuracy = accuracy
+        self.names = list(known)
+        self.values: dict[str, list[str]] = {name: list(values) for name, values in known.items()}
+        self.closed = {name for name, values in known.items() if values}
+        self._index: dict[tuple[str, str], int] = {}
+        self.blocks: IntArray = np.zeros((0, 2), np.int64)
+        self._number()
+
+    def _number(self) -> None:
+        sizes = [len(self.values[name]) for name in self.names]
+        ends = np.cumsum(sizes)
+        self.blocks = np.column_stack([ends - sizes, ends]).astype(np.int64)
+        self._index = {
+            (name, value): int(start) + at
+            for name, (start, _) in zip(self.names, self.blocks, strict=True)
+            for at, value in enumerate(self.values[name])
+        }
+
+    @property
+    def width(self) -> int:
+        """Columns in all."""
+        return int(self.blocks[-1, 1])
+
+    @property
+    def classes(self) -> int:
+        """How many classes there are; they have the first columns."""
+        return int(self.blocks[0, 1])
+
+    def prior(self) -> FloatArray:
+        """Uniform distributions (A,), those of an object about which nothing is known."""
+        out = np.zeros(self.width)
+        for start, end in self.blocks:
+            out[start:end] = 1.0 / max(end - start, 1)
+        return out
+
+    def check(self, attributes: Sequence[Mapping[str, Distribution]]) -> list[tuple[str, str]]:
+        """New values of open attributes; InputError for unknown attributes and for values of closed ones."""
+        fresh: dict[tuple[str, str], None] = {}
+        for index, item in enumerate(attributes):
+            for name, distribution in item.items():
+                if name not in self.values:
+                    raise InputError(
+                        f"objects[{index}].attributes: unknown attribute {name!r}; known are {', '.join(self.names)}"
+                    )
+                for value in distribution:
+                    if (name, value) in self._index:
+                        continue
+                    if name in self.closed or not isinstance(value, str) or not value:
+                        raise InputError(
+                            f"objects[{index}].attributes[{name!r}]: unknown value {value!r}; "
+                            f"known are {', '.join(self.values[name])}"
+                        )
+                    fresh[name, value] = None
+        return list(fresh)
+
+    def add(self, name: str, value: str) -> int:
+        """A new value; returns the column it was inserted at."""
+        self.values[name].append(value)
+        self._number()
+        return self._index[name, value]
+
+    def likelihoods(self, attributes: Sequence[Mapping[str, Distribution]]) -> FloatArray:
+        """p(what was measured | value) per detection (M, A), relative to an object about which nothing is known.
+
+        A detector's distribution is proportional to this where its prior is uniform. It is never believed to be
+        right more often than `class_accuracy`. An attribute that was not measured says nothing: 1.
+        """
+        out = np.ones((len(attributes), self.width))
+        for row, item in zip(out, attributes, strict=True):
+            for name, distribution in item.items():
+                start, end = self.blocks[self.names.index(name)]
+                size = int(end - start)
+                given = np.zeros(size)
+                for value, probability in distribution.items():
+                    given[self._index[name, value] - start] = probability
+                row[start:end] = self._believed(given, size)
+        return out
+
+    def _believed(self, given: FloatArray, size: int) -> FloatArray:
+        if size < 2:
+            return np.ones(size)
+        given = given / given.sum()
+        top, level = float(given.max()), 1.0 / size
+        mix = LEAST
+        if top * (1.0 - mix) + mix * level > self.accuracy > level:
+            mix = (top - self.accuracy) / (top - level)
+        out: FloatArray = size * ((1.0 - mix) * given + mix * level)
+        return out
+
+    def distributions(self, row: FloatArray) -> dict[str, dict[str, float]]:
+        """Columns of a leaf (A,) as {attribute: {value: probability}}; attributes without values are left out."""
+        values = row.tolist()
+        return {
+            name: dict(zip(self.values[name], values[start:end], strict=True))
+            for name, (start, end) in zip(self.names, self.blocks.tolist(), strict=True)
+            if end > start
+        }

@@ -1,0 +1,39 @@
+"""Compiles, or loads from the cache, what the world model runs per look, so that the first is as fast as others."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from world_model.anchoring import Anchoring
+from world_model.config import WorldModelConfig
+from world_model.evidence import ObjectEvidence, WorldEvidence, checked
+
+SENSOR = {"pose": (-3.0, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0}
+
+
+@cache
+def warm_up() -> None:
+    """Let a throw-away model see twins, false detections and movers; once per process."""
+    rng = np.random.default_rng(0)
+    for model in ("static", "constant_velocity"):
+        config = WorldModelConfig(
+            classes=("a", "b"),
+            region=((-2.0, 2.0), (-2.0, 2.0), (0.0, 2.0)),
+            detection_probability=0.6,
+            clutter_per_frame=2.0,
+            missed_run_frames=2.5,
+            motion={"*": {"model": model, "moved_per_second": 0.1}},
+            merged_detections=True,
+        )
+        anchors = Anchoring(config)
+        for step in range(40):
+            spots = [(0.0, 0.0, 1.0), (0.12, 0.0, 1.0), (1.0, 1.0, 1.0)] if step < 25 else [(0.0, 1.0, 1.0)]
+            seen = [np.array(p) + rng.normal(0.0, 0.05, 3) for p in spots if rng.random() < 0.6]
+            seen += list(rng.uniform([-2, -2, 0], [2, 2, 2], (rng.poisson(2.0), 3)))
+            given = [ObjectEvidence(p, 0.0025 * np.eye(3), {"class": {"a": 0.8, "b": 0.2}}) for p in seen]
+            measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), 0.05)
+            anchors.look(measured, 0.05 * step, 0.0)
+            anchors.probabilities()
+        anchors.predicted(3.0)

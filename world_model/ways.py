@@ -1,0 +1,106 @@
+"""Ways of a robot to where it can look: straight, or around what a grid has occupied."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.grid import OccupancyGrid
+from estimation.grid_paths import GridPaths
+
+CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
+SIDES = 16  # directions from which an object may be looked at
+
+
+@dataclass(frozen=True)
+class Way:
+    """points : (K, 2) m, from the robot to the goal. heading : rad to look in at the end. length : m."""
+
+    points: FloatArray
+    heading: float
+    length: float
+
+    @property
+    def goal(self) -> FloatArray:
+        """(3,) x, y, yaw."""
+        return np.array([*self.points[-1], self.heading])
+
+    def sampled(self, step: float) -> FloatArray:
+        """(S, 3) x, y and heading after each `step` metres, the goal last; the robot itself only where it stays."""
+        legs = np.hypot(*np.diff(self.points, axis=0).T)
+        along = np.concatenate(([0.0], np.cumsum(legs)))
+        count = max(math.ceil(self.length / step - 1e-9), 1)
+        marks = np.linspace(0.0, self.length, count + 1)[1:]
+        result = np.empty((count + 1, 3))
+        for axis in range(2):
+            result[1:, axis] = np.interp(marks, along, self.points[:, axis])
+        result[0, :2] = self.points[0]
+        ahead = np.diff(result[:, :2], axis=0)
+        result[1:, 2] = np.where(
+            np.hypot(*ahead.T) > 1e-9, np.arctan2(ahead[:, 1], ahead[:, 0]), self.heading
+        )
+        result[0, 2] = result[1, 2]
+        result[-1, 2] = self.heading
+        return result
+
+
+class Ways:
+    """Ways from one pose.
+
+    pose : (3,) x, y, yaw. grid : None is an empty floor.
+    """
+
+    def __init__(self, pose: FloatArray, grid: OccupancyGrid | None = None) -> None:
+        self.pose = pose
+        self._grid = grid
+        self._paths: GridPaths | None = None
+
+    def stay(self) -> Way:
+        """Look from here, with the heading there is."""
+        here = self.pose[:2]
+        return Way(np.array([here, here]), float(self.pose[2]), 0.0)
+
+    def to_see(self, target: FloatArray, low: float, high: float, standoff: float) -> Way | None:
+        """Shortest way to where a target (2,) is within range; None where none can be reached.
+
+        low, high : m, range of the sensor. standoff : share of `high` to stop at.
+        """
+        here = self.pose[:2]
+        offset = target - here
+        away = math.hypot(*offset)
+        toward = offset / away if away > 1e-9 else np.array([math.cos(self.pose[2]), math.sin(self.pose[2])])
+        reach = max(standoff * high, min(low + 0.05, 0.5 * (low + high)))
+        nearest = min(low + 0.05, 0.5 * (low + high))
+        inside = nearest <= away <= reach
+        stop = here if inside else target - toward * (reach if away > reach else nearest)
+        if self._grid is None:
+            return Way(np.array([here, stop]), math.atan2(toward[1], toward[0]), math.hypot(*(stop - here)))
+        return self._around(target, stop, nearest, reach)
+
+    def _around(self, target: FloatArray, stop: FloatArray, nearest: float, reach: float) -> Way | None:
+        """The nearest of several places around the target that can be reached and has a free view of it."""
+        assert self._grid is not None
+        if self._paths is None:
+            self._paths = GridPaths(self._grid, self.pose[:2], CLEARANCE)
+        angles = np.arange(SIDES) * (2.0 * math.pi / SIDES)
+        ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        spots = np.vstack([stop[None], *(target + radius * ring for radius in (reach, 0.6 * reach, nearest))])
+        lengths = self._paths.lengths(spots)
+        for index in np.argsort(lengths, kind="stable"):
+            if not math.isfinite(lengths[index]):
+                return None
+            spot = spots[index]
+            offset = target - spot
+            heading = math.atan2(offset[1], offset[0])
+            away = math.hypot(*offset)
+            free = self._grid.ray_cast(spot, [heading], max(away, 1e-3))[0]
+            # What stands on a table is within occupied cells itself.
+            if free < away - 0.5:
+                continue
+            points = self._paths.path(spot)
+            if points is not None:
+                return Way(points, heading, float(np.hypot(*np.diff(points, axis=0).T).sum()))
+        return None

@@ -1,0 +1,186 @@
+"""The world model: which objects exist and where they are, from detections (chapter 2 of the third text)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.errors import InputError
+from estimation.places import Places
+from world_model.anchoring import Anchoring
+from world_model.config import WorldModelConfig
+from world_model.evidence import WorldEvidence, checked
+from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
+from world_model.state import Box, WorldObject, WorldState
+from world_model.store import Store
+from world_model.warm_up import warm_up
+
+OUTCOMES = ("found", "occluded", "not_found")
+
+
+class WorldModel:
+    """Anchors, hypotheses and their probabilities.
+
+    places : rooms and furniture, or None. store : memory, or the path of its file, or None; what it remembers is
+    where the model starts from. `words` says where objects are and which symbols hold of them.
+    """
+
+    def __init__(
+        self,
+        config: WorldModelConfig | None = None,
+        places: Places | None = None,
+        store: Store | str | Path | None = None,
+    ) -> None:
+        self.config = config or WorldModelConfig()
+        self.places = places
+        self.store = Store(store) if isinstance(store, (str, Path)) else store
+        self.words = Words(places or Places())
+        self.epoch = 0
+        self.stamp = -np.inf
+        self._anchors = Anchoring(self.config)
+        warm_up()
+        memory = None if self.store is None else self.store.restore()
+        if memory is not None:
+            self.restore(memory.objects, memory.stamp, memory.epoch, memory.names)
+
+    def update(self, evidence: WorldEvidence, stamp: float, predictions: Any = None) -> WorldState:
+        """Take one look into account; returns the most probable world.
+
+        A stamp up to `late_window` behind the newest is late: its detections count where objects were then, its
+        absences do not. An older one starts a new epoch with an empty model. Raises InputError, before anything
+        has changed, naming what is wrong with the evidence.
+        """
+        measured = checked(evidence, self.config.measurement_sigma)
+        fresh = self._anchors.vocabulary.check(measured.attributes)
+        stamp = float(stamp)
+        if not np.isfinite(stamp):
+            raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
+        if stamp < self.stamp - self.config.late_window:
+            self.reset()
+        for name, value in fresh:
+            self._anchors.learn_value(name, value)
+        lag = max(self.stamp - stamp, 0.0)
+        self.stamp = max(stamp, self.stamp)
+        associations = self._anchors.look(measured, self.stamp, lag)
+        return self._recorded(self._state(associations))
+
+    def _recorded(self, state: WorldState) -> WorldState:
+        if self.store is not None:
+            self.store.record(state)
+        return state
+
+    def _state(self, associations: tuple[str | None, ...] = ()) -> WorldState:
+        anchors = self._anchors
+        return WorldState(
+            tuple(anchors.shown.values()),
+            float(anchors.probabilities()[0]),
+            anchors.expected_count,
+            self.stamp,
+            self.epoch,
+            0,
+            associations,
+        )
+
+    def hypotheses(self) -> list[WorldState]:
+        """All hypotheses that are kept, the most probable first; their probabilities sum to one."""
+        count = self._anchors.expected_count
+        return [
+            WorldState(tuple(objects), probability, count, self.stamp, self.epoch, index)
+            for index, (objects, probability) in enumerate(self._anchors.worlds())
+        ]
+
+    def propagate(self, stamp: float) -> WorldState:
+        """The most probable world at `stamp`, without evidence; the model itself stays as it is."""
+        stamp = float(stamp)
+        if not np.isfinite(stamp):
+            raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
+        objects = tuple(self._anchors.predicted(stamp))
+        expected = float(sum(item.existence for item in objects))
+        return WorldState(objects, float(self._anchors.probabilities()[0]), expected, stamp, self.epoch)
+
+    def query(self, *, stamp: float | str | None = None, **request: Any) -> list[Answer]:
+        """Which objects meet a request, the most probable first; see `world_model.queries.Request`.
+
+        class_name, predicate (one symbol or several), region (name of a place or of an object, a `Place`, or
+        corners (N, 2) in m), object_id, min_probability, limit. stamp : s; the past is answered from the store,
+        "last_seen" is when the region was last seen, None is now. Raises InputError naming the argument.
+        """
+        checked_request = Request.checked(**request)
+        if stamp == LAST_SEEN:
+            stamp = last_seen(self, checked_request.region, self.words)
+        worlds, moment = worlds_at(self, stamp)  # type: ignore[arg-type]
+        return ask(worlds, checked_request, moment, self.words)
+
+    def report(self, object_id: str, outcome: str, stamp: float) -> WorldState:
+        """Outcome of a verification of an object: "found", "occluded" (says nothing) or "not_found".
+
+        After "not_found" the object is lost: anywhere in its room, not deleted. Raises InputError for an unknown
+        id or outcome.
+        """
+        if outcome not in OUTCOMES:
+            raise InputError(f"outcome: one of {', '.join(OUTCOMES)}, got {outcome!r}")
+        track = self._anchors.find(object_id)
+        self.stamp = max(float(stamp), self.stamp)
+        if outcome == "not_found":
+            self._anchors.lose(track, self.stamp, self._room_of(object_id))
+        return self._recorded(self._state())
+
+    def _room_of(self, object_id: str) -> Box | None:
+        """The room that an object was in last, None where that is not known."""
+        known = self._state().find(object_id)
+        if known is None or known.lost or not self.places:
+            return None if known is None else known.region
+        room = self.places.room_of(known.position)
+        if room is None:
+            return None
+        (x0, y0), (x1, y1) = room.polygon.min(0).tolist(), room.polygon.max(0).tolist()
+        return ((x0, x1), (y0, y1), self.config.region[2])
+
+    def forget(self, object_id: str) -> None:
+        """Take an object out of the model for good. Raises InputError for an unknown id."""
+        self._anchors.remove(self._anchors.find(object_id))
+        self._recorded(self._state())
+
+    def relabel(self, object_id: str, class_name: str = "", new_object_id: str = "") -> None:
+        """Correct the class or the id of an object. Raises InputError for an unknown id or class, or an id in use."""
+        track = self._anchors.find(object_id)
+        if class_name:
+            self._anchors.set_class(track, class_name)
+        if new_object_id:
+            self._anchors.rename(track, new_object_id)
+            if self.store is not None:
+                self.store.rename(object_id, new_object_id)
+        self._recorded(self._state())
+
+    def restore(
+        self,
+        objects: Iterable[WorldObject],
+        stamp: float,
+        epoch: int = 0,
+        names: Mapping[str, int] | None = None,
+    ) -> None:
+        """Start from remembered objects, as after a restart; replaces all that is known.
+
+        names : the highest number in use by class, so that no symbol is given twice.
+        """
+        self._anchors.reset()
+        self.stamp, self.epoch = float(stamp), epoch
+        for item in objects:
+            self._anchors.remember(item, self.stamp)
+        self._anchors.reserve(names or {})
+
+    def reset(self) -> None:
+        """Forget all objects and start a new epoch."""
+        self._anchors.reset()
+        self.epoch += 1
+        self.stamp = -np.inf
+        if self.store is not None:
+            self.store.begin(self.epoch)
+
+    @property
+    def health(self) -> dict[str, float]:
+        """Figures for diagnostics: objects, anchors, hypotheses, leaves."""
+        return self._anchors.health()
