@@ -7,7 +7,16 @@ from setuptools import find_packages, setup
 
 NAME = "whereabouts"
 TOP_PACKAGES = ["estimation", "registration", "loop_closure", "tracking", "world_model", "whereabouts"]
-NODES = ["scan_registration"]
+NODES = [
+    "scan_registration",
+    "loop_closure",
+    "target_tracker",
+    "motion_predictor",
+    "world_model",
+    "world_maintenance",
+    "verifier",
+    "object_search",
+]
 
 packages = [
     package for top in TOP_PACKAGES for package in [top, *(f"{top}.{sub}" for sub in find_packages(top))]

@@ -8,7 +8,16 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
-NODES = ["scan_registration"]
+NODES = [
+    "scan_registration",
+    "loop_closure",
+    "target_tracker",
+    "motion_predictor",
+    "world_model",
+    "world_maintenance",
+    "verifier",
+    "object_search",
+]
 
 
 def generate_launch_description() -> LaunchDescription:

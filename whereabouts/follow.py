@@ -21,6 +21,7 @@ class FollowedPose:
     """Where the robot was at one measurement, in the frame of the first.
 
     pose : (3,) x, y, yaw for scans, (4, 4) for clouds. wheels : (3,) by wheel odometry alone, None without.
+    covariance : (3, 3) or (6, 6) of the sensor's pose since the first measurement.
     """
 
     stamp: float
@@ -30,6 +31,7 @@ class FollowedPose:
     fitness: float
     wheels: Array | None
     record: ScanRecord | CloudRecord
+    covariance: Array
 
 
 class Follower:
@@ -82,7 +84,14 @@ class Follower:
     def _followed(self, record: ScanRecord | CloudRecord, pose: Array, wheels: Array | None) -> FollowedPose:
         odometry = self._odometry
         return FollowedPose(
-            record.stamp, pose, odometry.converged, odometry.reason, odometry.fitness, wheels, record
+            record.stamp,
+            pose,
+            odometry.converged,
+            odometry.reason,
+            odometry.fitness,
+            wheels,
+            record,
+            odometry.covariance.copy(),
         )
 
 

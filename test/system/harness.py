@@ -30,6 +30,7 @@ from whereabouts.nodes.supervisor import NodeSpec, Supervisor
 from whereabouts.nodes.transforms import transform_message
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
 from whereabouts_msgs.msg import Processed
+from whereabouts_msgs.srv import Reset
 
 # Long enough for a machine that is busy with other things; conditions usually hold within a second.
 PATIENCE = 90.0
@@ -116,11 +117,40 @@ class Graph:
             self.until(lambda: self._publishers[key].get_subscription_count(), f"somebody listens to {topic}")
         self._publishers[key].publish(message)
 
+    def introduce(self, scan: LaserScan, heard: Callable[[], Any], *nodes: str) -> None:
+        """Let nodes find each other: one scan again and again until what follows from it arrives, then a fresh start.
+
+        A node that is active may still be unknown to those it is to listen to, and misses what they say first.
+        """
+        acknowledged = {name: self.collect(Processed, f"{name}/processed") for name in nodes}
+        sent = 0
+
+        def again() -> Any:
+            nonlocal sent
+            if all(len(_stamps(answers)) + 5 > sent for answers in acknowledged.values()):
+                scan.header.stamp = time_message(START - 100 * NANOSECONDS + sent * NANOSECONDS // 10)
+                self.publish("scan", scan)
+                sent += 1
+            return heard()
+
+        self.until(again, f"{', '.join(nodes)} have found each other")
+        for name, answers in acknowledged.items():
+            self.until(
+                lambda answers=answers: len(_stamps(answers)) >= sent,  # type: ignore[misc]
+                f"{name} is done with what was sent first",
+            )
+            assert self.call(Reset, f"{name}/reset", Reset.Request()).code == Reset.Response.SUCCESS
+
     def mount(
         self, frame: str = "laser", pose: tuple[float, ...] = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
     ) -> None:
         """Say on tf_static how a sensor is mounted: x, y, z and quaternion x, y, z, w."""
         self.publish("tf_static", TFMessage(transforms=[mounting(frame, pose)]), TF_STATIC_QOS)
+
+
+def _stamps(answers: list[Processed]) -> set[int]:
+    """Stamps of the scans a node has reported on."""
+    return {nanoseconds(answer.stamp) for answer in answers if answer.topic.endswith("scan")}
 
 
 def mounting(frame: str, pose: tuple[float, ...]) -> TransformStamped:

@@ -158,8 +158,8 @@ def test_namespaced_replay(bag: Path, tmp_path: Path) -> None:
 
 def test_interrupted_run_ends_its_nodes_and_leaves_no_half_recording(bag: Path, tmp_path: Path) -> None:
     command = [
-        *(sys.executable, "-m", "whereabouts.cli.main", "run", "--bag", str(bag), "--rate", "0.2"),
-        *("--record", "odometry:nav_msgs/msg/Odometry", "--out", str(tmp_path / "out.mcap")),
+        *(sys.executable, "-m", "whereabouts.cli.main", "run", "scan_registration", "--bag", str(bag)),
+        *("--rate", "0.2", "--record", "odometry:nav_msgs/msg/Odometry", "--out", str(tmp_path / "out.mcap")),
         *("--logs", str(tmp_path / "logs")),
     ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -168,14 +168,15 @@ def test_interrupted_run_ends_its_nodes_and_leaves_no_half_recording(bag: Path, 
         time.sleep(0.1)
     assert nodes
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
-    assert process.returncode != 0
+    said = process.communicate(timeout=60)
+    assert process.returncode != 0, said
     assert not any(Path(f"/proc/{pid}").exists() for pid in nodes)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == []
 
 
 def test_node_ends_when_its_supervisor_is_killed(bag: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "whereabouts.cli.main", "run", "--logs", str(tmp_path / "logs")]
+    command = [sys.executable, "-m", "whereabouts.cli.main", "run", "scan_registration"]
+    command += ["--logs", str(tmp_path / "logs")]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 60.0
     while not (nodes := children(process.pid)) and time.monotonic() < deadline:

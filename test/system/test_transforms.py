@@ -142,3 +142,22 @@ def test_after_a_jump_back_only_what_is_newer_is_forgotten() -> None:
     assert np.allclose(buffer.lookup("odom", "laser", 20 * SECOND), early @ mount)
     with pytest.raises(TransformError, match=r"'map' is unknown|not connected"):
         buffer.lookup("map", "laser", 20 * SECOND)
+
+
+def test_newest_common_stamp_is_that_of_the_slowest_transform_between() -> None:
+    rng = np.random.default_rng(9)
+    buffer = TransformBuffer()
+    assert buffer.newest("map", "base_link") is None
+    for child, parent, stamps in (
+        ("odom", "map", (1, 5)),
+        ("base_link", "odom", (1, 3)),
+        ("arm", "base_link", (9,)),
+    ):
+        for stamp in stamps:
+            insert(buffer, parent, child, stamp * SECOND, random_pose(rng))
+    insert(buffer, "base_link", "laser", 0, random_pose(rng), static=True)
+    assert buffer.newest("map", "laser") == 3 * SECOND
+    assert buffer.newest("laser", "odom") == 3 * SECOND
+    assert buffer.newest("base_link", "laser") == 0
+    assert buffer.newest("map", "elsewhere") is None
+    buffer.lookup("map", "laser", 3 * SECOND)

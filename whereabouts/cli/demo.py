@@ -10,14 +10,21 @@ import typer
 from whereabouts.cli.common import JsonFile, write_figures
 
 if TYPE_CHECKING:
+    from whereabouts.bag_profile import BagProfile
     from whereabouts.nodes.replayer import ReplayAccount
     from whereabouts.replay_report import Replayed
 
 RECORDED = [
     ("odometry", "nav_msgs/msg/Odometry"),
     ("static_points", "sensor_msgs/msg/PointCloud2"),
+    ("loop_closures", "whereabouts_msgs/msg/LoopClosure"),
+    ("trajectory", "nav_msgs/msg/Path"),
     ("diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
 ]
+
+
+# A map of a whole run once in a while is enough for a report.
+MAPPING_PARAMETERS = {"map_period": 120.0, "resolution": 0.1}
 
 
 def demo(
@@ -48,7 +55,7 @@ def demo(
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, prepare_environment, run_suite
     from whereabouts.nodes.supervisor import NodeSpec, SuiteError
     from whereabouts.progress import progress_bar
-    from whereabouts.replay_report import read_replay, revisit_errors, write_report
+    from whereabouts.replay_report import read_replay, revisit_errors, revisit_recall, write_report
 
     prepare_environment(private=True)
     killian = bag is None or bag == "killian"
@@ -62,18 +69,25 @@ def demo(
     profile = profile_of(path)
     for note in profile.notes:
         typer.echo(note)
-    spec = NodeSpec(
-        "scan_registration",
-        parameters={**REPLAY_PARAMETERS, **profile.parameters},
-        remappings=profile.remappings,
-    )
-    typer.echo(f"replaying {path} through scan_registration over DDS")
+    specs = [
+        NodeSpec(
+            "scan_registration",
+            parameters={**REPLAY_PARAMETERS, **profile.parameters},
+            remappings=profile.remappings,
+        ),
+        NodeSpec(
+            "loop_closure",
+            parameters={**REPLAY_PARAMETERS, **MAPPING_PARAMETERS, **mapping_parameters(profile)},
+            remappings=profile.remappings,
+        ),
+    ]
+    typer.echo(f"replaying {path} through {' and '.join(spec.executable for spec in specs)} over DDS")
     with progress_bar() as bar:
         task = bar.add_task("replaying", total=100)
         account = run_suite(
             SuiteRun(
                 path,
-                [spec],
+                specs,
                 out / "logs",
                 rate=rate,
                 record=RECORDED,
@@ -93,6 +107,7 @@ def demo(
         misses = revisit_errors(replayed.poses, graph)
         figures["revisits"] = len(misses)
         figures["revisit_error_median_m"] = _median(misses)
+        figures |= revisit_recall(replayed, graph)
         for name, poses in (("scan_registration", replayed.poses), ("wheels", replayed.wheels)):
             figures |= _relative_errors(name, poses, solved)
     page = write_report(out, _title(killian, path), replayed, _facts(figures), solved)
@@ -100,6 +115,19 @@ def demo(
     for name, value in _facts(figures).items():
         typer.echo(f"  {name}: {value}")
     typer.echo(f"report: {page}")
+
+
+def mapping_parameters(profile: BagProfile) -> dict[str, Any]:
+    """What loop_closure has to know of a bag: its frame and its first sensor."""
+    given = profile.parameters
+    chosen: dict[str, Any] = {key: given[key] for key in ("base_frame", "odom_frame") if key in given}
+    clouds = [topic for topic in given.get("cloud_topics", []) if topic]
+    scans = [topic for topic in given.get("scan_topics", []) if topic]
+    if clouds:
+        chosen["cloud_topic"] = clouds[0]
+    elif scans:
+        chosen["scan_topic"] = scans[0]
+    return chosen
 
 
 def _title(killian: bool, path: Path) -> str:
@@ -158,6 +186,7 @@ def _figures(account: ReplayAccount, replayed: Replayed) -> dict[str, Any]:
         "scans": scans,
         "odometry": len(replayed.poses),
         "unsure": int(node.get("unsure", 0)),
+        "closures": len(replayed.closures),
         "path_m": replayed.path_length,
         "bag_s": account.bag_seconds,
         "wall_s": account.wall_seconds,
@@ -176,6 +205,7 @@ def _facts(figures: dict[str, Any]) -> dict[str, str]:
         "replayed in": f"{figures['wall_s']:.1f} s, {figures['scans_per_s']:.0f} scans/s",
         "odometry": f"{figures['odometry']} poses, {figures['unsure']} unsure",
         "path length": f"{figures['path_m']:.1f} m",
+        "closed loops": f"{figures['closures']} closures",
         "latency, scan in to odometry out": "p50 {latency_p50_ms:.2f} ms, p99 {latency_p99_ms:.2f} ms".format(
             **figures
         ),
@@ -185,6 +215,15 @@ def _facts(figures: dict[str, Any]) -> dict[str, str]:
         facts["miss at known revisits, before any loop is closed"] = (
             f"median {figures['revisit_error_median_m']:.2f} m over {figures['revisits']} revisits"
         )
+    if "revisits_closed" in figures:
+        facts["miss at known revisits, with loops closed"] = (
+            f"median {figures['closed_error_median_m']:.2f} m, 95 % {figures['closed_error_95_m']:.2f} m"
+        )
+        facts["known revisits that were closed"] = (
+            f"{figures['revisits_closed']} of {figures['revisits']} "
+            f"({figures['revisits_closed'] / max(figures['revisits'], 1):.1%})"
+        )
+        facts["closures more than 3 m off the solved graph"] = str(figures["closures_off"])
     for name in ("scan_registration", "wheels"):
         if f"{name}_20m_percent" in figures:
             percent, degrees = figures[f"{name}_20m_percent"], figures[f"{name}_20m_degrees"]

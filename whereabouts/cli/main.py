@@ -10,8 +10,14 @@ from estimation.errors import WhereaboutsError
 from whereabouts.cli.convert import convert
 from whereabouts.cli.demo import demo
 from whereabouts.cli.experiment import experiment
+from whereabouts.cli.intentions import intentions
+from whereabouts.cli.loops import app as loops
 from whereabouts.cli.odometry import odometry
 from whereabouts.cli.run import run
+from whereabouts.cli.segment import segment
+from whereabouts.cli.slam import slam
+from whereabouts.cli.track import track
+from whereabouts.cli.world import world
 
 app = typer.Typer(
     name="whereabouts",
@@ -20,8 +26,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, run, convert, odometry, experiment):
+for command in (demo, run, convert, odometry, experiment, intentions, segment, slam, track, world):
     app.command()(command)
+app.add_typer(loops, name="loops")
 
 
 def main() -> None:

@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-NODES = ("scan_registration",)
+NODES = (
+    "scan_registration",
+    "loop_closure",
+    "target_tracker",
+    "motion_predictor",
+    "world_model",
+    "world_maintenance",
+    "verifier",
+    "object_search",
+)
 
 
 def run(

@@ -15,20 +15,23 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any, ClassVar, TypeVar
 
 import rclpy
+from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.inputs import Frames, Handler, Input
+from whereabouts.nodes.outputs import Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
 from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts.nodes.transforms import TransformBuffer
@@ -70,6 +73,7 @@ class SuiteNode(LifecycleNode):
         self._newest_stamp: int | None = None
         self._created: list[tuple[Callable[[Any], object], Any]] = []
         self.inputs: list[Input] = []
+        self.outputs: list[Output] = []
         self.transforms = TransformBuffer()
         self.processed = self.create_publisher(Processed, "~/processed", 100)
         self._diagnostics = DiagnosticsPublisher(self)
@@ -106,11 +110,51 @@ class SuiteNode(LifecycleNode):
         self._created.append((self.destroy_subscription, item.subscription))
         return item
 
-    def add_output(self, message_type: type, topic: str, qos: QoSProfile | int = 10) -> Any:
-        """A publisher that is silent while the node is inactive."""
+    def add_latched_input(self, message_type: type, topic: str, handler: Handler) -> Input:
+        """Subscribe a state that is kept for those who come late, such as a map."""
+        item = Input(self, message_type, topic, handler, qos=LATCHED, sensor=False)
+        self.inputs.append(item)
+        self._created.append((self.destroy_subscription, item.subscription))
+        return item
+
+    def add_action(
+        self, action_type: type, name: str, execute: Callable[[Any], Coroutine[Any, Any, Any]]
+    ) -> ActionServer:
+        """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted."""
+
+        def judge(_: Any) -> GoalResponse:
+            return GoalResponse.ACCEPT if self.active else GoalResponse.REJECT
+
+        async def run(handle: Any) -> Any:
+            try:
+                return await execute(handle)
+            except Exception as error:
+                self._report_defect(f"action {name}", error)
+                handle.abort()
+                return action_type.Result(message=f"{type(error).__name__}: {error}")  # type: ignore[attr-defined]
+
+        server = ActionServer(
+            self, action_type, name, run, goal_callback=judge, cancel_callback=lambda _: CancelResponse.ACCEPT
+        )
+        self._created.append((lambda item: item.destroy(), server))
+        return server
+
+    async def pause(self, seconds: float) -> None:
+        """Let other callbacks run for a while; for coroutines of actions."""
+        done = Future()
+        timer = self.create_timer(seconds, lambda: done.set_result(None), clock=self._steady)
+        try:
+            await done
+        finally:
+            self.destroy_timer(timer)
+
+    def add_output(self, message_type: type, topic: str, qos: QoSProfile | int = 10) -> Output:
+        """A counted publisher that is silent while the node is inactive."""
         publisher = self.create_lifecycle_publisher(message_type, topic, qos)
         self._created.append((self.destroy_lifecycle_publisher, publisher))
-        return publisher
+        output = Output(publisher)
+        self.outputs.append(output)
+        return output
 
     def add_timer(self, period: float, callback: Callable[[], None]) -> None:
         """Call back every `period` seconds of the node's ROS clock while it is active."""
@@ -153,7 +197,7 @@ class SuiteNode(LifecycleNode):
             self.inputs.append(item)
             self._created.append((self.destroy_subscription, item.subscription))
 
-    def broadcaster(self) -> Any:
+    def broadcaster(self) -> Output:
         """A publisher for tf; give it lists of transforms in a TFMessage."""
         return self.add_output(TFMessage, "tf", TF_QOS)
 
@@ -241,6 +285,7 @@ class SuiteNode(LifecycleNode):
             destroy(entity)
         self._created.clear()
         self.inputs.clear()
+        self.outputs.clear()
         self.transforms = TransformBuffer()
 
     def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:

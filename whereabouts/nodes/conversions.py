@@ -6,6 +6,7 @@ from array import array
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Quaternion
 from nav_msgs.msg import Odometry as OdometryMessage
 from numpy.typing import NDArray
@@ -15,7 +16,9 @@ from std_msgs.msg import Header
 from estimation.errors import InputError
 from estimation.poses import pose_from_quaternion, pose_to_quaternion
 from registration import Scan
+from registration.crf.online import Segmented
 from whereabouts.logs import decode
+from whereabouts_msgs.msg import ScanSegments, Segment
 
 Array = NDArray[np.float64]
 # Where x, y and yaw stand among x, y, z, roll, pitch, yaw.
@@ -63,6 +66,22 @@ def cloud_message(header: Header, points: Array) -> PointCloud2:
     message = PointCloud2(header=header, height=1, width=len(cloud), fields=fields, is_dense=True)
     message.point_step, message.row_step = 12, 12 * len(cloud)
     message.data = array_of("B", cloud)
+    return message
+
+
+def segments_message(header: Header, segmented: Segmented, mirrored: bool = False) -> ScanSegments:
+    """Labels of a scan as ScanSegments; mirrored : the scanner is upside down, and its frame with it."""
+    message = ScanSegments(header=header)
+    message.labels = array_of("i", segmented.labels.astype(np.int32))
+    message.probabilities = array_of("f", np.nan_to_num(segmented.probabilities).astype(np.float32))
+    sign = np.array([1.0, -1.0, -1.0]) if mirrored else np.ones(3)
+    for segment in segmented.segments:
+        seconds = round(segment.interval * 1e9)
+        told = Segment(label=segment.label, probability=segment.probability)
+        told.motion = sign * segment.motion
+        told.covariance = (sign[:, None] * segment.covariance * sign).reshape(9)
+        told.interval = Duration(sec=seconds // 1_000_000_000, nanosec=seconds % 1_000_000_000)
+        message.segments.append(told)
     return message
 
 

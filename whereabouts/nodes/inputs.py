@@ -87,6 +87,7 @@ class Input:
         self._sensor = sensor
         self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
         self._sequence = 0
+        self._acknowledged = 0
         self._one_publisher: bool | None = None
         self._waiting: deque[Waiting] = deque()
         self._periods: deque[int] = deque(maxlen=50)
@@ -165,6 +166,9 @@ class Input:
             if self._ready(first.message, first.stamp):
                 self._waiting.popleft()
                 self._handle(first.message, first.stamp, first.arrived)
+                if self._node.settings.report_processed:
+                    # Said again, as there may be more output now.
+                    self._acknowledge(first.stamp, self._acknowledged)
             elif time.perf_counter() - first.arrived > timeout:
                 self._waiting.popleft()
                 self.drop("no transform", self._missing(first))
@@ -225,6 +229,8 @@ class Input:
         self.counts.reported_lost = int(event.total_count)
 
     def _acknowledge(self, stamp: int, sequence: int) -> None:
+        self._acknowledged = sequence
+        outputs = self._node.outputs
         message = Processed(
             stamp=time_message(stamp),
             topic=self.topic,
@@ -232,6 +238,8 @@ class Input:
             received=self.counts.received,
             dropped=self.counts.dropped,
             lost=max(self.counts.lost, self.counts.reported_lost),
+            output_topics=[output.topic for output in outputs],
+            output_counts=[output.count for output in outputs],
         )
         self._node.processed.publish(message)
 

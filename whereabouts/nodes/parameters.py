@@ -93,6 +93,8 @@ def explain(model: type[NodeParameters], problem: Any) -> str:
     expected = f"{allowed(field)} expected" if field else problem["msg"]
     if problem["type"] == "value_error":
         expected = problem["msg"].removeprefix("Value error, ")
+        if not problem["loc"]:
+            return f"parameters: {expected}"
     return f"parameter {name}: {expected}, got {problem['input']!r}"
 
 

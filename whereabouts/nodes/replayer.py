@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.executors import Executor
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from whereabouts.logs import RawLog, RawMessage, Topic, open_raw
+from whereabouts.nodes.flow import Flow
 from whereabouts.nodes.interfaces import UnknownTypeError, message_class
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts_msgs.msg import Processed
@@ -22,6 +23,8 @@ from whereabouts_msgs.msg import Processed
 DEPTH = 200
 CLOCK_PERIOD = 5_000_000
 PATIENCE = 10.0
+# Every node listens to these.
+EVERY_NODE = {"/clock", "/parameter_events"}
 
 
 @dataclass
@@ -52,7 +55,8 @@ class Replayer:
     ----------
     node, executor : a node of the caller's to publish with, and what spins it.
     rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every
-        watched node that subscribes to its topic has reported the one before as processed.
+        watched node that subscribes to its topic has reported the one before as processed, and whatever the nodes
+        sent each other because of it has been taken in as well.
     watched : full names of the nodes to wait for.
     namespace : put before the recorded topic names.
     is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
@@ -80,6 +84,7 @@ class Replayer:
         self._sent: Counter[str] = Counter()
         self._answers: dict[tuple[str, str], Processed] = {}
         self._consumers: dict[str, list[str]] = {}
+        self._flow = Flow(self._consumers_of, lambda topic: self._sent[topic])
         self.account = ReplayAccount()
         self.now = 0
         self._clock = node.create_publisher(Clock, "/clock", 10)
@@ -105,6 +110,7 @@ class Replayer:
     def _listen(self, watched: str) -> Any:
         def keep(message: Processed) -> None:
             self._answers[watched, message.topic] = message
+            self._flow.note(watched, message)
 
         return self._node.create_subscription(Processed, f"{watched}/processed", keep, DEPTH)
 
@@ -160,36 +166,40 @@ class Replayer:
             self._clock.publish(Clock(clock=time_message(message.log_time)))
             self._clock_sent = message.log_time
         self._publishers[message.name].publish(bytes(message.data))
-        self._sent[message.name] += 1
+        self._sent[self._name(message.topic)] += 1
         self.account.published[message.name] += 1
         if self._rate is None:
             self._wait_for_answers(message.topic)
 
     def _wait_for_answers(self, topic: Topic) -> None:
-        """Until every watched subscriber has reported this topic's latest message as processed."""
+        """Until every watched subscriber is done with this topic's latest message and with what followed from it."""
         name = self._name(topic)
-        if topic.name not in self._consumers:
-            self._consumers[topic.name] = self._subscribers(name)
-        waiting = self._behind(topic, name)
+        waiting = self._behind(name)
         deadline = time.monotonic() + PATIENCE
         while waiting and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.1)
-            waiting = self._behind(topic, name)
+            waiting = self._behind(name)
             if waiting and not all(map(self._is_running, waiting)):
                 break
         if waiting:
             # One died or hangs: the message counts as unanswered, and who listens is asked again.
             self.account.unanswered.update(waiting)
             self._consumers.clear()
+            self._flow.forgive()
 
-    def _behind(self, topic: Topic, name: str) -> list[str]:
-        number = self._sent[topic.name]
-        consumers = self._consumers.get(topic.name, [])
-        return [node for node in consumers if self._answered(node, name) < number]
+    def _behind(self, name: str) -> list[str]:
+        number = self._sent[name]
+        direct = [node for node in self._consumers_of(name) if self._answered(node, name) < number]
+        return direct or self._flow.behind()
 
     def _answered(self, node: str, name: str) -> int:
         answer = self._answers.get((node, name))
         return 0 if answer is None else int(answer.sequence)
+
+    def _consumers_of(self, name: str) -> list[str]:
+        if not self._consumers.get(name):
+            self._consumers[name] = self._subscribers(name)
+        return self._consumers[name]
 
     def _subscribers(self, name: str) -> list[str]:
         found = {
@@ -199,12 +209,18 @@ class Replayer:
         return [node for node in self.watched if node in found]
 
     def heard_by(self, node: str) -> set[str]:
-        """Recorded topics a node listens to, as far as the graph is known by now."""
-        return {name for name in self._publishers if node in self._subscribers(self._name_of(name))}
+        """Topics a node listens to, as far as the graph is known by now; empty while it is unknown."""
+        namespace, _, name = node.rpartition("/")
+        try:
+            found = self._node.get_subscriber_names_and_types_by_node(name, namespace or "/")
+        except NodeNameNonExistentError:
+            return set()
+        return {topic for topic, _ in found} - EVERY_NODE
 
     def nodes_changed(self) -> None:
         """A watched node came or went: ask the graph again who listens to what."""
         self._consumers.clear()
+        self._flow.forgive()
 
     def _settle(self) -> None:
         """Let the nodes finish: until all answers are in, or no more come."""
@@ -215,8 +231,8 @@ class Replayer:
                 for topic in self._log.topics
                 if topic.name in self._publishers
                 for node in self._subscribers(self._name(topic))
-                if self._answered(node, self._name(topic)) < self._sent[topic.name]
-            ]
+                if self._answered(node, self._name(topic)) < self._sent[self._name(topic)]
+            ] + self._flow.behind()
             if not behind:
                 return
             before = sum(answer.received for answer in self._answers.values())

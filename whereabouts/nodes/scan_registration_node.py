@@ -1,7 +1,8 @@
 """Node `scan_registration`: follows the robot by its laser scans or clouds.
 
 In: `scan` (LaserScan, one or several topics) or `points` (PointCloud2), `wheel_odom` (Odometry, optional), tf.
-Out: `odometry` (Odometry with covariance), tf odom -> base_link, `static_points` (PointCloud2 without movers).
+Out: `odometry` (Odometry with covariance), tf odom -> base_link, `static_points` (PointCloud2 without movers),
+`segments` (ScanSegments: what moves in each scan of a single level scanner, and how).
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ from estimation.poses import (
     pose_to_quaternion,
     transform_points,
 )
+from registration.crf.online import ScanSegmenter, Segmented
 from registration.mounting import level_pose, seen_from_robot, upright
 from registration.odometry import Odometry
 from registration.scan import Scan
-from registration.warm_up import warm_up
+from registration.warm_up import warm_up, warm_up_segmenter
 from registration.wheels import WheelHistory
 from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.conversions import (
@@ -35,6 +37,7 @@ from whereabouts.nodes.conversions import (
     fill_pose,
     points_from_message,
     scan_from_message,
+    segments_message,
     spatial,
     spatial_covariance,
     wheel_pose,
@@ -43,6 +46,7 @@ from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
 from whereabouts.parameters.scan_registration import ScanRegistrationParameters
+from whereabouts_msgs.msg import ScanSegments
 
 Array = NDArray[np.float64]
 # A scan of a further sensor that is older than this says too little about now.
@@ -60,6 +64,13 @@ class ScanRegistrationNode(SuiteNode):
         settings = self.settings
         if not settings.clouds:
             warm_up(settings.odometry)
+        self._segmenter: ScanSegmenter | None = None
+        # Which beams are whose is known only for one scanner that looks along the ground.
+        if settings.segment_scans and len(settings.scans) == 1 and not settings.clouds:
+            # Lock-step replay has all the time there is, and has to repeat.
+            self._segmenter = ScanSegmenter(settings.segmenter, in_time=not settings.report_processed)
+            warm_up_segmenter(self._segmenter)
+            self._segments_output = self.add_output(ScanSegments, "segments")
         self._wheels = WheelHistory()
         self.listen_to_transforms()
         self.add_input(OdometryMessage, "wheel_odom", self._take_wheels)
@@ -76,6 +87,8 @@ class ScanRegistrationNode(SuiteNode):
     def start_run(self) -> None:
         self._odometry = Odometry(self.settings.odometry)
         self._wheels.clear()
+        if self._segmenter is not None:
+            self._segmenter.reset()
         self._velocity: Array = np.zeros(3)
         self._others: dict[str, tuple[int, Scan, Array]] = {}
         self._last_stamp: int | None = None
@@ -92,6 +105,8 @@ class ScanRegistrationNode(SuiteNode):
             "unsure": self._unsure,
             "fitness": float(odometry.fitness),
         }
+        if self._segmenter is not None:
+            figures |= {"scans labelled": self._segmenter.labelled, "labels skipped": self._segmenter.skipped}
         if odometry.converged:
             return Health("following", figures=figures)
         return Health(f"unsure: {odometry.reason}", warning=True, figures=figures)
@@ -106,12 +121,13 @@ class ScanRegistrationNode(SuiteNode):
         scan = scan_from_message(message)
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
         level = level_pose(mounting)
+        segmented = None
         if level is None or len(self.settings.scans) > 1:
             # Scans of several sensors, and tilted ones, become one scan around the robot itself.
             scan, level = seen_from_robot((scan, mounting), *self._recent_others(stamp)), np.zeros(3)
+            self._odometry.register(scan, stamp / NANOSECONDS, guess=self._guess(stamp, level))
         else:
-            scan = upright(scan, mounting)
-        self._odometry.register(scan, stamp / NANOSECONDS, guess=self._guess(stamp, level))
+            segmented = self._follow(upright(scan, mounting), stamp, self._guess(stamp, level))
         back = inverse(level)
         pose = compound(compound(level, self._odometry.pose), back)
         covariance = _conjugate(level, self._odometry.pose, self._odometry.covariance)
@@ -127,7 +143,23 @@ class ScanRegistrationNode(SuiteNode):
             spatial_covariance(step_covariance),
         )
         self._publish_static(stamp, transform_points(level, self._odometry.static_points))
+        if segmented is not None:
+            self._segments_output.publish(
+                segments_message(message.header, segmented, bool(mounting[2, 2] < 0.0))
+            )
         self._finish(stamp)
+
+    def _follow(self, scan: Scan, stamp: int, guess: Array | None) -> Segmented | None:
+        """Register a scan, where there is time without what moves in it; its labels."""
+        segmenter, seconds = self._segmenter, stamp / NANOSECONDS
+        if segmenter is None:
+            self._odometry.register(scan, seconds, guess=guess)
+            return None
+        motion = self._odometry.increment if guess is None else guess
+        segmented = segmenter.segment(scan, seconds, compound(self._odometry.pose, motion))
+        self._odometry.register(segmented.static(scan), seconds, guess=guess)
+        segmenter.keep(scan, seconds, self._odometry.pose)
+        return segmented
 
     def _keep_scan(self, topic: str, message: LaserScan, stamp: int) -> None:
         """A scan of a further sensor: registered together with the next one of the first."""

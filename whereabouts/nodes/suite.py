@@ -124,6 +124,7 @@ class _Watch:
         self._replayer = replayer
         self._clients = {name: node.create_client(GetState, f"{name}/get_state") for name in replayer.watched}
         self._restarts = 0
+        self._heard: dict[str, set[str]] = {}
 
     def look(self) -> None:
         """Notice a node that died; the supervisor has started it again, so wait for it."""
@@ -167,7 +168,15 @@ class _Watch:
         self._executor.spin_once(timeout_sec=0.05)
         before = self._replayer.heard_by(name)
         self._executor.spin_once(timeout_sec=0.05)
-        return bool(before) and self._replayer.heard_by(name) == before
+        # One that came back listens to what it listened to before, once the graph knows.
+        if (
+            not before
+            or not before >= self._heard.get(name, set())
+            or self._replayer.heard_by(name) != before
+        ):
+            return False
+        self._heard[name] = before
+        return True
 
 
 def _let_recorder_finish(executor: Any, recorder: Recorder) -> None:

@@ -7,8 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -141,7 +143,9 @@ class Supervisor:
         self._log_directory.mkdir(parents=True, exist_ok=True)
         log = self._log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
         log.unlink(missing_ok=True)
-        self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ)
+        # An interrupt between the process and its entry here would leave a node that nobody ends.
+        with _interrupt_later():
+            self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ)
         return self.nodes[spec.full_name]
 
     def check(self) -> None:
@@ -179,6 +183,22 @@ class Supervisor:
                 self._on_event(f"{name} did not end in {GRACE:.0f} s and was killed")
                 node.process.kill()
                 node.process.wait()
+
+
+@contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Hold back Ctrl-C until the block is done."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if held:
+        raise KeyboardInterrupt
 
 
 def _reason(code: int) -> str:

@@ -121,6 +121,22 @@ class TransformBuffer:
             message = f"frames '{source}' and '{target}' are not connected in tf"
             raise TransformError(message, later=True) from None
 
+    def newest(self, target: str, source: str) -> int | None:
+        """Newest stamp at which `source` is known in `target`, ns; 0 where nothing moves, None if not connected."""
+        above, below = self._chain(frame_name(target)), self._chain(frame_name(source))
+        if above[-1] != below[-1] or not all(self._graph.has_frame(chain[0]) for chain in (above, below)):
+            return None
+        between = set(above).symmetric_difference(below)
+        stamps = [self._moving[child].history.newest for child in between if child in self._moving]
+        return min((stamp for stamp in stamps if stamp is not None), default=0)
+
+    def _chain(self, frame: str) -> list[str]:
+        """A frame, its parent, and so on up to the root."""
+        chain = [frame]
+        while chain[-1] in self._parents and self._parents[chain[-1]] not in chain:
+            chain.append(self._parents[chain[-1]])
+        return chain
+
     def back_to(self, stamp: int) -> None:
         """Time jumped back to `stamp`: drop moving transforms of the time after it. Static ones stay."""
         for child, transform in list(self._moving.items()):

@@ -11,11 +11,14 @@ from whereabouts.parameters.base import setting
 def settings_of(config_type: type) -> dict[str, tuple[Any, Any]]:
     """Fields of a configuration dataclass as fields of a pydantic model, for `pydantic.create_model`.
 
-    Metadata `description`, `unit`, `low`, `high` and `choices` are taken over; all are read at the start only.
+    Metadata `description`, `unit`, `low`, `high` and `choices` are taken over; all are read at the start only. Fields
+    without a description are left out: ROS cannot express them.
     """
     hints = get_type_hints(config_type)
     made: dict[str, tuple[Any, Any]] = {}
     for item in fields(config_type):
+        if "description" not in item.metadata:
+            continue
         if item.default is MISSING:
             raise TypeError(f"{config_type.__name__}.{item.name} has no plain default")
         about = item.metadata

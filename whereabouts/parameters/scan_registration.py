@@ -6,15 +6,21 @@ from dataclasses import fields
 
 from pydantic import create_model, field_validator
 
+from registration.crf.online import SegmenterConfig
 from registration.odometry import OdometryConfig
 from whereabouts.parameters.base import FrameParameters, setting
 from whereabouts.parameters.from_config import settings_of
 
-_WithOdometry = create_model("_WithOdometry", __base__=FrameParameters, **settings_of(OdometryConfig))  # type: ignore[call-overload]
+_WithOdometry = create_model(  # type: ignore[call-overload]
+    "_WithOdometry",
+    __base__=FrameParameters,
+    **settings_of(OdometryConfig),
+    **settings_of(SegmenterConfig),
+)
 
 
 class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, misc]
-    """Parameters of `scan_registration`: its own, and all settings of `OdometryConfig`."""
+    """Parameters of `scan_registration`: its own, and all of `OdometryConfig` and `SegmenterConfig`."""
 
     scan_topics: list[str] = setting(
         ["scan"],
@@ -41,6 +47,11 @@ class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, mis
     def odometry(self) -> OdometryConfig:
         """The library's settings."""
         return OdometryConfig(**{item.name: getattr(self, item.name) for item in fields(OdometryConfig)})
+
+    @property
+    def segmenter(self) -> SegmenterConfig:
+        """The library's settings of what labels movers."""
+        return SegmenterConfig(**{item.name: getattr(self, item.name) for item in fields(SegmenterConfig)})
 
     @property
     def scans(self) -> list[str]:

@@ -1,0 +1,86 @@
+"""Shortest ways over a grid against breadth-first search and plain geometry."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from estimation.grid import OccupancyGrid
+from estimation.grid_paths import GridPaths
+
+
+def searched(free: np.ndarray, start: tuple[int, int]) -> np.ndarray:
+    """Lengths in cells, by Dijkstra's algorithm written out."""
+    lengths = np.full(free.shape, np.inf)
+    lengths[start] = 0.0
+    queue = [(0.0, start)]
+    while queue:
+        length, (row, column) = heapq.heappop(queue)
+        if length > lengths[row, column]:
+            continue
+        for down in (-1, 0, 1):
+            for right in (-1, 0, 1):
+                cell = (row + down, column + right)
+                inside = 0 <= cell[0] < free.shape[0] and 0 <= cell[1] < free.shape[1]
+                if not inside or not free[cell]:
+                    continue
+                longer = length + math.hypot(down, right)
+                if longer < lengths[cell] - 1e-12:
+                    lengths[cell] = longer
+                    heapq.heappush(queue, (longer, cell))
+    return lengths
+
+
+def test_lengths_are_those_of_a_search_written_out() -> None:
+    rng = np.random.default_rng(3)
+    values = np.where(rng.random((25, 30)) < 0.25, 100, 0)
+    values[12, 15] = 0
+    grid = OccupancyGrid.from_values(values, 0.1, (1.0, -2.0))
+    start = grid.centres([12, 15])
+    paths = GridPaths(grid, start, clearance=0.0)
+    rows, columns = np.indices(values.shape)
+    places = grid.centres(np.stack([rows.ravel(), columns.ravel()], axis=-1))
+    expected = searched(values == 0, (12, 15)).ravel() * 0.1
+    expected[values.ravel() > 0] = np.inf
+    np.testing.assert_allclose(paths.lengths(places), expected, rtol=1e-9)
+
+
+def test_path_goes_round_a_wall_and_keeps_clear_of_it() -> None:
+    values = np.zeros((60, 60), dtype=int)
+    values[:40, 30] = 100
+    grid = OccupancyGrid.from_values(values, 0.1)
+    paths = GridPaths(grid, [1.0, 1.0], clearance=0.3)
+    points = paths.path([5.0, 1.0])
+    assert points is not None
+    np.testing.assert_allclose(points[[0, -1]], [[1.0, 1.0], [5.0, 1.0]])
+    dense = np.vstack([np.linspace(a, b, 50) for a, b in itertools.pairwise(points)])
+    wall = grid.centres(np.argwhere(values > 0))
+    assert np.hypot(*(dense[:, None] - wall[None]).transpose(2, 0, 1)).min() > 0.2
+    length = np.hypot(*np.diff(points, axis=0).T).sum()
+    assert length == pytest.approx(paths.lengths([[5.0, 1.0]])[0], abs=0.2)
+
+
+def test_what_is_walled_in_unknown_or_outside_is_out_of_reach() -> None:
+    values = np.zeros((40, 40), dtype=int)
+    values[:, 20] = 100
+    values[30:, :10] = -1
+    grid = OccupancyGrid.from_values(values, 0.1)
+    paths = GridPaths(grid, [1.0, 1.0], clearance=0.1)
+    away = [[3.0, 1.0], [0.5, 3.5], [9.0, 9.0]]
+    assert np.isinf(paths.lengths(away)).all()
+    assert paths.path([3.0, 1.0]) is None
+    assert paths.path([9.0, 9.0]) is None
+    known = GridPaths(grid, [1.0, 1.0], clearance=0.1, through_unknown=True)
+    assert np.isfinite(known.lengths([[0.5, 3.5]])[0])
+
+
+def test_a_robot_that_stands_too_close_may_leave() -> None:
+    values = np.zeros((40, 40), dtype=int)
+    values[10, :] = 100
+    grid = OccupancyGrid.from_values(values, 0.1)
+    paths = GridPaths(grid, [2.0, 1.25], clearance=0.4)
+    assert np.isfinite(paths.lengths([[2.0, 3.0]])[0])

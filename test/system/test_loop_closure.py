@@ -1,0 +1,204 @@
+"""scan_registration and loop_closure over DDS: loops close, none is wrong, and a killed node goes on in its map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from harness import START, Graph, Robot, planar, scan_message
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
+
+from estimation.grid import OccupancyGrid
+from estimation.metrics import absolute_trajectory_error
+from estimation.poses import between, compound
+from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, TransformRecord, open_raw
+from whereabouts.nodes.base import LATCHED
+from whereabouts.nodes.conversions import fill_pose, spatial
+from whereabouts.nodes.interfaces import message_class
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
+from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, box, joined
+from whereabouts_msgs.msg import LoopClosure, Processed
+from whereabouts_msgs.srv import LoadMap, SaveMap
+
+RECORDED = [
+    ("loop_closures", "whereabouts_msgs/msg/LoopClosure"),
+    ("trajectory", "nav_msgs/msg/Path"),
+    ("map", "nav_msgs/msg/OccupancyGrid"),
+]
+
+
+def ring() -> Shapes:
+    """A round of 44 m through a furnished building."""
+    rng = np.random.default_rng(3)
+    furniture = [
+        box(rng.uniform(0.3, 1.2), rng.uniform(0.2, 0.5), (x, y, rng.uniform(0.0, 3.0)))
+        for x, y in (
+            (-7.5, 5.4), (-3.0, 5.5), (1.2, 5.3), (6.0, 5.4), (7.6, 0.8), (7.4, -3.0), (4.2, -5.5), (0.3, -5.4),
+            (-4.4, -5.5), (-7.6, -1.2), (-7.4, 2.2), (2.5, 2.9), (-4.0, -2.9),
+        )
+    ]  # fmt: skip
+    return joined([box(16.0, 12.0), box(11.0, 7.0), *furniture])
+
+
+def round_trip(laps: float) -> Drive:
+    corners = [(-6.8, -4.7), (6.8, -4.7), (6.8, 4.7), (-6.8, 4.7)]
+    count = int(4 * laps) + 1
+    return Drive([corners[k % 4] for k in range(count)], speed=0.7, turn_rate=0.8)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[float, np.ndarray]]:
+    """Nearly two laps, with wheels that drift; and the true poses by stamp."""
+    path = tmp_path_factory.mktemp("bag") / "ring.mcap"
+    drive, lidar, rng, world = round_trip(1.75), Lidar(181), np.random.default_rng(5), ring()
+    start, truth, wheels, reported = START / NANOSECONDS, {}, Wheels(), np.zeros(3)
+    before = drive(0.0)
+    with McapWriter(path) as writer:
+        writer.write_transforms([TransformRecord(np.eye(4), start, "base_link", "laser", "tf_static")])
+        for k in range(int(drive.duration / 0.2)):
+            stamp = start + 0.2 * k
+            pose = drive(0.2 * k)
+            reported = compound(reported, wheels.motion(before, pose, rng))
+            before = pose
+            scan = lidar.scan(world, pose, rng, stamp).scan
+            writer.write_odometry(OdometryRecord(reported, stamp))
+            writer.write_scan(ScanRecord(scan, scan.stamp))
+            truth[round(stamp, 3)] = between(drive(0.0), pose)
+    return path, truth
+
+
+def nearest(truth: dict[float, np.ndarray], stamp: int) -> np.ndarray:
+    seconds = stamp / NANOSECONDS
+    return truth[min(truth, key=lambda known: abs(known - seconds))]
+
+
+def test_a_bag_with_a_loop(bag: tuple[Path, dict[float, np.ndarray]], tmp_path: Path) -> None:
+    path, truth = bag
+    out = tmp_path / "out.mcap"
+    nodes = [replay_spec("scan_registration"), replay_spec("loop_closure")]
+    nodes[1].parameters["map_period"] = 0.05
+    account = run_suite(SuiteRun(path, nodes, tmp_path / "logs", record=RECORDED, output=out))
+    assert account.total_lost == 0
+    closures: list[LoopClosure] = []
+    trajectory = grid = None
+    with open_raw(out, [name for name, _ in RECORDED]) as log:
+        for raw in log:
+            message = deserialize_message(raw.data, message_class(raw.type_name))
+            if isinstance(message, LoopClosure):
+                closures.append(message)
+            elif isinstance(message, GridMessage):
+                grid = message
+            else:
+                trajectory = message
+    assert len(closures) >= 20
+    for closure in closures:
+        a = nearest(truth, nanoseconds(closure.earlier_stamp))
+        b = nearest(truth, nanoseconds(closure.header.stamp))
+        miss = between(between(a, b), planar(closure.relative.pose))
+        assert np.hypot(*miss[:2]) < 0.25, "a false closure"
+        assert abs(miss[2]) < 0.1
+        assert closure.accepted
+        assert closure.reason
+    assert trajectory is not None
+    estimate = np.array([planar(item.pose)[:2] for item in trajectory.poses])
+    expected = np.array([nearest(truth, nanoseconds(item.header.stamp))[:2] for item in trajectory.poses])
+    assert len(estimate) >= 60
+    assert absolute_trajectory_error(estimate, expected).rmse < 0.06
+    assert grid is not None
+    values = np.array(grid.data, dtype=np.int8).reshape(grid.info.height, grid.info.width)
+    assert set(np.unique(values)) == {-1, 0, 100}
+
+
+class Mapper(Robot):
+    """The robot in the ring, with the two nodes that keep it in the map."""
+
+    def __init__(self, graph: Graph) -> None:
+        super().__init__(graph)
+        self.world, self.drive, self.lidar = ring(), round_trip(3), Lidar(181)
+        self.transforms = graph.collect(TFMessage, "tf")
+        self.mapped: list[Processed] = graph.collect(Processed, "loop_closure/processed")
+
+    def send(self, message: LaserScan, topic: str = "scan") -> None:
+        """Publish a scan and wait for both nodes, so that none runs ahead of the other."""
+        before = len(self.mapped)
+        super().send(message, topic)
+        self.graph.until(
+            lambda: any(answer.stamp == message.header.stamp for answer in self.mapped[before:]),
+            f"loop_closure has the scan at {message.header.stamp.sec}",
+        )
+
+    def introduce(self) -> None:
+        """Both nodes know each other, and start afresh."""
+        scan = scan_message(self.scan(0.0))
+        self.graph.introduce(scan, lambda: "map" in self._frames(), "scan_registration", "loop_closure")
+        self.transforms.clear()
+
+    def _frames(self) -> set[str]:
+        return {item.header.frame_id for message in self.transforms for item in message.transforms}
+
+    def in_map(self) -> list[np.ndarray]:
+        """Latest pose of the robot in the map as tf has it."""
+        found: dict[str, np.ndarray] = {}
+        for message in self.transforms:
+            for item in message.transforms:
+                t, q = item.transform.translation, item.transform.rotation
+                found[item.header.frame_id] = np.array([t.x, t.y, 2.0 * np.arctan2(q.z, q.w)])
+        return [compound(found["map"], found["odom"])] if {"map", "odom"} <= set(found) else []
+
+
+def test_a_killed_node_goes_on_in_its_saved_map(graph: Graph, tmp_path: Path) -> None:
+    robot = Mapper(graph)
+    graph.start("scan_registration")
+    spec = graph.start("loop_closure", map_file=str(tmp_path / "ring"), map_period=0.1)
+    maps = graph.collect(GridMessage, "map", LATCHED)
+    graph.mount()
+    robot.introduce()
+    robot.go(0.0, 56.0, 0.25)
+    answer = graph.call(SaveMap, "loop_closure/save_map", SaveMap.Request())
+    assert answer.code == SaveMap.Response.SUCCESS, answer.message
+    assert (tmp_path / "ring.npz").exists()
+    graph.until(lambda: maps, "a map")
+    saved = OccupancyGrid.load(tmp_path / "ring.yaml")
+    assert saved.occupied.sum() > 200
+    graph.kill(spec)
+    robot.transforms.clear()
+    graph.start("loop_closure", map_file=str(tmp_path / "ring"), map_period=0.1)
+    robot.go(56.0, 66.0, 0.25)
+    pose = graph.until(robot.in_map, "the robot is found in the map")[0]
+    miss = between(robot.truth(65.75), pose)
+    assert np.hypot(*miss[:2]) < 0.25
+    assert abs(miss[2]) < 0.06
+
+
+def test_localises_only_from_an_initial_pose(graph: Graph, tmp_path: Path) -> None:
+    robot = Mapper(graph)
+    graph.start("scan_registration")
+    spec = graph.start("loop_closure")
+    graph.mount()
+    robot.introduce()
+    robot.go(0.0, 20.0, 0.25)
+    stem = str(tmp_path / "ring")
+    refused = graph.call(SaveMap, "loop_closure/save_map", SaveMap.Request())
+    assert refused.code == SaveMap.Response.REFUSED
+    assert graph.call(SaveMap, "loop_closure/save_map", SaveMap.Request(path=stem)).code == 0
+    missing = graph.call(LoadMap, "loop_closure/load_map", LoadMap.Request(path=str(tmp_path / "none")))
+    assert missing.code == LoadMap.Response.REFUSED
+    answer = graph.call(LoadMap, "loop_closure/load_map", LoadMap.Request(path=stem, localization_only=True))
+    assert answer.code == LoadMap.Response.SUCCESS, answer.message
+    before = (tmp_path / "ring.npz").read_bytes()
+    said = PoseWithCovarianceStamped()
+    said.header.frame_id = "map"
+    fill_pose(said.pose.pose, spatial(robot.truth(19.75) + np.array([0.3, -0.2, 0.1])))
+    robot.transforms.clear()
+    graph.publish("initialpose", said)
+    robot.go(20.0, 23.0, 0.25)
+    pose = graph.until(robot.in_map, "a pose in the map")[0]
+    assert np.hypot(*between(robot.truth(22.75), pose)[:2]) < 0.2
+    assert (tmp_path / "ring.npz").read_bytes() == before
+    assert "defect" not in graph.log(spec)

@@ -1,0 +1,232 @@
+"""World model, maintenance and search as nodes, with a simulated robot that goes where it is told."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from harness import START, Graph
+from rclpy.action.client import ActionClient
+from rclpy.action.server import ActionServer
+from tf2_msgs.msg import TFMessage
+
+from whereabouts.nodes.base import LATCHED
+from whereabouts.nodes.conversions import spatial_covariance
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.transforms import transform_message
+from whereabouts_msgs.action import FindObject, VerifyObject
+from whereabouts_msgs.msg import (
+    Attribute,
+    DiscreteDistribution,
+    FieldOfView,
+    ObjectEvidence,
+    WorldEvidence,
+    WorldState,
+)
+from whereabouts_msgs.msg import VerificationTask as TaskMessage
+from whereabouts_msgs.srv import TriggerVerification
+
+# How far each kind of thing is recognised from.
+REACH = {"cup": 1.6, "coffee table": 4.0, "bed": 6.0}
+SIGMA = 0.03
+STEP = 0.1
+
+
+class House:
+    """Things in a room, and a robot whose camera looks all around; every step publishes tf and evidence."""
+
+    def __init__(self, graph: Graph, things: dict[str, tuple[str, float, float]]) -> None:
+        self.graph, self.things = graph, things
+        self.pose = np.array([0.0, 0.0, 0.0])
+        self.stamp = START
+        self.goal: np.ndarray | None = None
+        self.states = graph.collect(WorldState, "world_state")
+        self.rng = np.random.default_rng(3)
+        for topic in ("search_goal", "maintenance_goal"):
+            graph.node.create_subscription(PoseStamped, topic, self._take_goal, LATCHED)
+        self.verified: list[str] = []
+        self.server = ActionServer(graph.node, VerifyObject, "verify_object", self._verify)
+
+    def _take_goal(self, message: PoseStamped) -> None:
+        at = message.pose.position
+        self.goal = np.array([at.x, at.y])
+
+    def step(self) -> None:
+        """One camera frame: drive a little, look, tell."""
+        self.stamp += round(STEP * NANOSECONDS)
+        if self.goal is not None:
+            offset = self.goal - self.pose[:2]
+            away = float(np.hypot(*offset))
+            if away > 1e-6:
+                heading = math.atan2(offset[1], offset[0])
+                self.pose = np.array([*(self.pose[:2] + offset * min(1.0, 0.15 / away)), heading])
+        half = 0.5 * self.pose[2]
+        where = (self.pose[0], self.pose[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+        self.graph.publish(
+            "/tf", TFMessage(transforms=[transform_message("map", "base_link", self.stamp, where)])
+        )
+        self.graph.publish("evidence", self._evidence())
+
+    def visible(self) -> list[str]:
+        return [
+            name
+            for name, (kind, x, y) in self.things.items()
+            if math.hypot(x - self.pose[0], y - self.pose[1]) <= REACH[kind]
+        ]
+
+    def _evidence(self) -> WorldEvidence:
+        message = WorldEvidence(sensor="camera")
+        message.header.stamp, message.header.frame_id = time_message(self.stamp), "map"
+        view = FieldOfView(range_min=0.0, range_max=1.5, horizontal_angle=2.0 * math.pi, vertical_angle=0.0)
+        view.pose.position.x, view.pose.position.y = float(self.pose[0]), float(self.pose[1])
+        view.pose.orientation.w = 1.0
+        message.field_of_view = [view]
+        message.objects = [self._detection(name) for name in self.visible()]
+        return message
+
+    def _detection(self, name: str, object_id: str = "") -> ObjectEvidence:
+        kind, x, y = self.things[name]
+        item = ObjectEvidence(object_id=object_id)
+        at = item.pose.pose.position
+        at.x, at.y = (float(value) for value in np.array([x, y]) + SIGMA * self.rng.standard_normal(2))
+        at.z = 0.7
+        item.pose.pose.orientation.w = 1.0
+        full = spatial_covariance(np.zeros((3, 3))).reshape(6, 6)
+        full[:3, :3] = SIGMA**2 * np.eye(3)
+        item.pose.covariance = full.reshape(36)
+        classes = DiscreteDistribution(values=[kind], probabilities=[0.95])
+        item.attributes = [Attribute(name="class", discrete=classes)]
+        return item
+
+    def _verify(self, handle: Any) -> VerifyObject.Result:
+        """What the camera sees inside the region, if it is near enough to see anything there."""
+        request, result = handle.request, VerifyObject.Result()
+        self.verified.append(request.object_id)
+        centre = np.array([request.region.center.position.x, request.region.center.position.y])
+        size = np.array([request.region.size.x, request.region.size.y])
+        found = [
+            name
+            for name in self.visible()
+            if self.things[name][0] == request.class_name
+            and (np.abs(np.array(self.things[name][1:]) - centre) <= 0.5 * size + 0.1).all()
+        ]
+        result.code = result.FOUND if found else result.NOT_FOUND
+        if found:
+            result.evidence.header.stamp = time_message(self.stamp)
+            result.evidence.header.frame_id = "map"
+            result.evidence.objects = [self._detection(found[0], request.object_id)]
+        handle.succeed()
+        return result
+
+
+@pytest.fixture
+def started(graph: Graph) -> tuple[Graph, House, list[WorldState], list[TaskMessage]]:
+    house = House(
+        graph,
+        {
+            "cup": ("cup", 1.0, 1.0),
+            "bed": ("bed", -1.0, 4.0),
+            "table": ("coffee table", 4.5, 3.5),
+        },
+    )
+    tasks = graph.collect(TaskMessage, "verification_tasks")
+    graph.start("world_model", region=[-10.0, 10.0, -10.0, 10.0, -0.5, 3.0], rate_hz=10.0)
+    return graph, house, house.states, tasks
+
+
+def run_until(graph: Graph, house: House, condition: Any, what: str) -> Any:
+    """Steps of the robot until something holds."""
+
+    def look() -> Any:
+        # No faster than the world model keeps up.
+        answered = nanoseconds(house.states[-1].header.stamp) if house.states else START
+        if house.stamp - answered < NANOSECONDS:
+            house.step()
+        return condition()
+
+    return graph.until(look, what)
+
+
+def the(states: list[WorldState], kind: str) -> Any:
+    """The object of a class in the newest state, None where there is none."""
+    for item in states[-1].objects if states else ():
+        values = dict(zip(item.class_distribution.values, item.class_distribution.probabilities, strict=True))
+        if values.get(kind, 0.0) > 0.5:
+            return item
+    return None
+
+
+def test_an_object_that_was_moved_gets_lost_is_searched_for_and_found(
+    started: tuple[Graph, House, list[WorldState], list[TaskMessage]],
+) -> None:
+    graph, house, states, tasks = started
+    graph.start("world_maintenance", rate=5.0, sensor_range_max=[1.5], use_sim_time=False)
+    graph.start("object_search", rate=10.0)
+    cup = run_until(graph, house, lambda: the(states, "cup"), "the cup is known")
+    first = cup.id
+    # Carried to the coffee table while the robot looks elsewhere; the table is out of sight from here.
+    house.goal = np.array([-1.5, 0.5])
+    run_until(
+        graph, house, lambda: "cup" not in house.visible() and the(states, "bed"), "the robot has turned away"
+    )
+    house.things["cup"] = ("cup", 4.6, 3.2)
+    answer = graph.call(
+        TriggerVerification,
+        "world_maintenance/trigger",
+        TriggerVerification.Request(object_id=first, requester="grasping"),
+    )
+    assert answer.code == answer.SUCCESS
+    run_until(graph, house, lambda: first in house.verified, "the robot has gone to look")
+    assert any(task.object_id == first and "grasping" in task.reason for task in tasks)
+
+    def gone() -> bool:
+        item = the(states, "cup")
+        return item is None or item.lost
+
+    run_until(graph, house, gone, "the cup is lost, or given up")
+    client = ActionClient(graph.node, FindObject, "find_object")
+    graph.until(client.server_is_ready, "find_object is served")
+    heard: list[Any] = []
+    sent = client.send_goal_async(
+        FindObject.Goal(class_name="cup"), feedback_callback=lambda message: heard.append(message.feedback)
+    )
+    run_until(graph, house, sent.done, "the goal is answered")
+    assert sent.result().accepted
+    done = sent.result().get_result_async()
+    run_until(graph, house, done.done, "the search ends")
+    result = done.result().result
+    assert result.code == result.FOUND, result.message
+    assert np.hypot(result.pose.pose.position.x - 4.6, result.pose.pose.position.y - 3.2) < 0.3
+    assert any(step.kind == "intermediate" and step.object_id == "coffee table" for step in heard)
+    assert all(step.reason for step in heard)
+    assert result.distance > 1.0
+    client.destroy()
+
+
+def test_a_search_can_be_cancelled_and_senseless_goals_are_refused(
+    started: tuple[Graph, House, list[WorldState], list[TaskMessage]],
+) -> None:
+    graph, house, states, _ = started
+    graph.start("object_search", rate=10.0)
+    run_until(graph, house, lambda: the(states, "bed"), "the bed is known")
+    client = ActionClient(graph.node, FindObject, "find_object")
+    graph.until(client.server_is_ready, "find_object is served")
+    sent = client.send_goal_async(FindObject.Goal())
+    graph.until(sent.done, "the empty goal is answered")
+    answer = sent.result().get_result_async()
+    graph.until(answer.done, "the empty goal ends")
+    assert answer.result().result.code == FindObject.Result.REFUSED
+    sent = client.send_goal_async(FindObject.Goal(class_name="unicorn"))
+    run_until(graph, house, sent.done, "the goal is answered")
+    goals = graph.collect(PoseStamped, "search_goal", LATCHED)
+    run_until(graph, house, lambda: goals, "a goal is set although nobody knows the class")
+    cancelled = sent.result().cancel_goal_async()
+    run_until(graph, house, cancelled.done, "the cancel is answered")
+    answer = sent.result().get_result_async()
+    run_until(graph, house, answer.done, "the search ends")
+    assert answer.result().result.code == FindObject.Result.CANCELED
+    assert nanoseconds(goals[-1].header.stamp) > 0
+    client.destroy()

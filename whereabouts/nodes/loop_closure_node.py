@@ -1,0 +1,323 @@
+"""Node `loop_closure`: recognises places, closes loops, keeps a consistent map and says where in it the robot is.
+
+In: `scan` (LaserScan) or `points` (PointCloud2), `odometry` (Odometry, for its covariance), tf odom -> base_link ->
+sensor, `initialpose`. Out: `loop_closures`, `trajectory`, `map`, `map_points`, markers, tf map -> odom.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from nav_msgs.msg import Odometry as OdometryMessage
+from nav_msgs.msg import Path as PathMessage
+from numpy.typing import NDArray
+from sensor_msgs.msg import LaserScan, PointCloud2
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+
+from estimation.errors import InputError
+from estimation.poses import compound, inverse, pose_from_matrix, pose_to_quaternion
+from loop_closure.localization import Localizer
+from loop_closure.map_file import read_map, write_map
+from loop_closure.slam import Closure, Slam
+from loop_closure.warm_up import warm_up
+from registration.mounting import level_pose, seen_from_robot, upright
+from whereabouts.logs.atomic import atomic_path
+from whereabouts.mapping import MapGrid, map_points
+from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.conversions import (
+    PLANAR,
+    cloud_message,
+    points_from_message,
+    pose_from_message,
+    scan_from_message,
+    spatial,
+)
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.map_messages import closure_message, grid_message, marker_messages, path_message
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.transforms import frame_name, transform_message
+from whereabouts.parameters.loop_closure import LoopClosureParameters
+from whereabouts_msgs.msg import LoopClosure
+from whereabouts_msgs.srv import LoadMap, SaveMap
+
+Array = NDArray[np.float64]
+REMEMBERED = 200  # odometry messages kept for their covariance
+SURE_SIGMA = 1.0  # metres, of an initial pose that comes without a covariance
+
+
+class LoopClosureNode(SuiteNode):
+    """A `map` frame that does not drift."""
+
+    parameters_model = LoopClosureParameters
+    node_name = "loop_closure"
+    settings: LoopClosureParameters
+
+    def setup(self) -> None:
+        settings = self.settings
+        self.listen_to_transforms()
+        self.add_input(OdometryMessage, "odometry", self._take_odometry)
+        # A person, not a sensor: its stamp says nothing about the run.
+        said = Input(self, PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
+        self.inputs.append(said)
+        self._created.append((self.destroy_subscription, said.subscription))
+        warm_up()
+        if settings.cloud_topic:
+            self.add_input(PointCloud2, settings.cloud_topic, self._take_cloud, frames=self._frames)
+        else:
+            self.add_input(LaserScan, settings.scan_topic, self._take_scan, frames=self._frames)
+        self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
+        self._path_output = self.add_output(PathMessage, "trajectory", LATCHED)
+        self._map_output = self.add_output(GridMessage, "map", LATCHED)
+        self._points_output = self.add_output(PointCloud2, "map_points", LATCHED)
+        self._marker_output = self.add_output(MarkerArray, "~/markers", LATCHED)
+        self._tf_output = self.broadcaster()
+        self.add_service(SaveMap, "~/save_map", self._save)
+        self.add_service(LoadMap, "~/load_map", self._load)
+        self.add_timer(settings.tf_period, self._publish_transform)
+        self.add_timer(settings.map_period, self._publish_map)
+        if settings.save_period > 0.0 and settings.map_file:
+            self.add_timer(settings.save_period, self._save_regularly)
+
+    def start_run(self) -> None:
+        self._slam = Slam(self.settings.slam)
+        self._localizer: Localizer | None = None
+        self._extend = True
+        self._grid = MapGrid(self.settings.resolution)
+        self._correction: Array | None = None  # (6,) of the odometry frame in the map
+        self._located = True
+        self._covariances: OrderedDict[int, Array] = OrderedDict()
+        self._mounting: Array = np.zeros(3)
+        self._stamp: int | None = None
+        self._waiting = 0
+        self._changed = self._moved = False
+        self._slowest = 0.0
+        stem = self.settings.map_file
+        if stem and Path(f"{stem}.npz").exists():
+            self._begin_with(Path(f"{stem}.npz"), self.settings.localization_only, None)
+
+    def health(self) -> Health:
+        if not self.active or self._stamp is None:
+            return Health("waiting for scans and odometry")
+        figures: dict[str, object] = {
+            "keyframes": len(self._slam.keyframes),
+            "closures": len(self._slam.closures),
+            "waiting closures": self._waiting,
+            "slowest step ms": round(1e3 * self._slowest, 1),
+        }
+        if self._localizer is not None and not self._located:
+            return Health("looking for the robot in the map", warning=True, figures=figures)
+        return Health("localising" if self._localizer is not None else "mapping", figures=figures)
+
+    # Inputs.
+
+    def _frames(self, message: LaserScan | PointCloud2) -> list[tuple[str, str]]:
+        settings = self.settings
+        return [(settings.base_frame, message.header.frame_id), (settings.odom_frame, settings.base_frame)]
+
+    def _take_odometry(self, message: OdometryMessage, stamp: int) -> None:
+        covariance = np.array(message.pose.covariance).reshape(6, 6)
+        if np.isfinite(covariance).all() and covariance.any():
+            self._covariances[stamp] = covariance
+        while len(self._covariances) > REMEMBERED:
+            self._covariances.popitem(last=False)
+
+    def _take_scan(self, message: LaserScan, stamp: int) -> None:
+        begun = time.perf_counter()
+        scan = scan_from_message(message)
+        mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
+        base = pose_from_matrix(
+            self.transforms.lookup(self.settings.odom_frame, self.settings.base_frame, stamp)
+        )
+        level = level_pose(mounting)
+        if level is None:
+            scan, level = seen_from_robot((scan, mounting)), np.zeros(3)
+        else:
+            scan = upright(scan, mounting)
+        self._mounting = level
+        odometry = compound(base[PLANAR], level)
+        covariance = self._covariances.pop(stamp, None)
+        known = None if covariance is None else covariance[np.ix_(PLANAR, PLANAR)]
+        self._stamp = stamp
+        if self._localizer is not None:
+            self._locate(scan, odometry)
+        else:
+            update = self._slam.process(scan, odometry, known, stamp / NANOSECONDS)
+            self._take_update(update.closures, update.keyframe is not None, update.waiting)
+            self._correction = spatial(self._slam.correction)
+        self._slowest = max(self._slowest, time.perf_counter() - begun)
+        self._publish_transform()
+
+    def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
+        begun = time.perf_counter()
+        points, _ = points_from_message(message)
+        settings = self.settings
+        mounting = self.transforms.lookup(settings.base_frame, message.header.frame_id, stamp)
+        base = self.transforms.lookup(settings.odom_frame, settings.base_frame, stamp)
+        self._stamp = stamp
+        update = self._slam.process(
+            points @ mounting[:3, :3].T + mounting[:3, 3],
+            base,
+            self._covariances.pop(stamp, None),
+            stamp / NANOSECONDS,
+        )
+        self._take_update(update.closures, update.keyframe is not None, update.waiting)
+        self._correction = pose_from_matrix(self._slam.correction)
+        self._slowest = max(self._slowest, time.perf_counter() - begun)
+        self._publish_transform()
+
+    def _take_update(self, closures: list[Closure], kept: bool, waiting: int) -> None:
+        self._waiting = waiting
+        self._changed = self._changed or kept
+        if closures:
+            self._moved = True
+        for closure in closures:
+            self._closures_output.publish(closure_message(closure, self._mounting, self.settings.base_frame))
+
+    def _locate(self, scan, odometry: Array) -> None:  # type: ignore[no-untyped-def]
+        assert self._localizer is not None
+        located = self._localizer.process(scan, odometry)
+        self._located = located.pose is not None
+        correction = self._localizer.correction
+        if correction is None:
+            self._correction = None
+            return
+        self._correction = spatial(correction)
+        if located.sure and self._extend:
+            self.get_logger().info("the robot is found in the map; the map is extended from here")
+            self._slam.resume(correction)
+            self._localizer = None
+
+    def _take_initial_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
+        if frame_name(message.header.frame_id) not in ("", frame_name(self.settings.map_frame)):
+            raise InputError(
+                f"initialpose in frame {message.header.frame_id!r}: {self.settings.map_frame!r} expected"
+            )
+        if self._localizer is None:
+            self.complain("initialpose: the map is being made here, and the robot's place in it is known")
+            return
+        pose = pose_from_message(message.pose.pose)[PLANAR]
+        variance = np.array(message.pose.covariance).reshape(6, 6)
+        sigma = float(np.sqrt(max(variance[0, 0], variance[1, 1]))) or SURE_SIGMA
+        turn = float(np.sqrt(variance[5, 5])) or 0.35
+        self._localizer.place(compound(pose, self._mounting), sigma, turn)
+
+    # Outputs.
+
+    def _publish_transform(self) -> None:
+        settings = self.settings
+        if not settings.publish_tf or self._stamp is None or self._correction is None:
+            return
+        stamp = self._stamp + round(settings.transform_tolerance * NANOSECONDS)
+        position, quaternion = pose_to_quaternion(self._correction)
+        transform = transform_message(
+            frame_name(settings.map_frame), frame_name(settings.odom_frame), stamp, (*position, *quaternion)
+        )
+        self._tf_output.publish(TFMessage(transforms=[transform]))
+
+    def _publish_map(self) -> None:
+        if not self._changed or self._stamp is None:
+            return
+        header = Header(stamp=time_message(self._stamp), frame_id=frame_name(self.settings.map_frame))
+        poses = self._base_poses()
+        stamps = [self._slam.keyframes[k].stamp for k in range(len(self._slam.keyframes))]
+        self._path_output.publish(path_message(header, stamps, poses))
+        if self._slam.keyframes[0].scan is not None:
+            self._grid.update(self._slam)
+            self._map_output.publish(grid_message(header, self._grid.grid))
+        self._points_output.publish(cloud_message(header, map_points(self._slam, self._grid.grid)))
+        self._marker_output.publish(marker_messages(header, self._slam))
+        self._changed = self._moved = False
+
+    def _base_poses(self) -> Array:
+        """(N, 6) poses of the robot at the keyframes."""
+        poses = self._slam.graph.poses
+        if poses.ndim == 3:
+            return np.array([pose_from_matrix(pose) for pose in poses])
+        return np.array([spatial(compound(pose, inverse(self._mounting))) for pose in poses])
+
+    # Services.
+
+    def _save_regularly(self) -> None:
+        if len(self._slam.keyframes) and self._localizer is None:
+            self._write(Path(self.settings.map_file))
+
+    def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+        stem = request.path or self.settings.map_file
+        if not stem:
+            raise InputError("path: where to save is neither in the request nor in the parameter map_file")
+        if not len(self._slam.keyframes):
+            raise InputError("there is no map yet")
+        response.path = str(self._write(_stem(stem)))
+        response.code, response.message = (
+            SaveMap.Response.SUCCESS,
+            f"{len(self._slam.keyframes)} keyframes written",
+        )
+        return response
+
+    def _write(self, stem: Path) -> Path:
+        """Each file appears whole; what is there already stays until then."""
+        target = stem.with_name(stem.name + ".npz")
+        if self._slam.keyframes[0].scan is not None:
+            self._grid.update(self._slam)
+            self._grid.grid.save(stem, _replace)
+        with atomic_path(target) as temporary, temporary.open("wb") as file:
+            write_map(self._slam, file)
+        return target
+
+    def _load(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
+        stem = request.path or self.settings.map_file
+        if not stem:
+            raise InputError("path: what to load is neither in the request nor in the parameter map_file")
+        initial: Array | None = None
+        frame = frame_name(request.initial_pose.header.frame_id)
+        if frame:
+            if frame != frame_name(self.settings.map_frame):
+                raise InputError(f"initial_pose in frame {frame!r}: {self.settings.map_frame!r} expected")
+            initial = pose_from_message(request.initial_pose.pose)[PLANAR]
+        path = _stem(stem)
+        count = self._begin_with(path.with_name(path.name + ".npz"), request.localization_only, initial)
+        response.code, response.message = LoadMap.Response.SUCCESS, f"{count} keyframes read"
+        return response
+
+    def _begin_with(self, path: Path, localization_only: bool, initial: Array | None) -> int:
+        """Take a saved map; the robot is looked for in it, around `initial` (3,) of the robot where given."""
+        slam = read_map(path, self.settings.slam)
+        if not len(slam.keyframes) or slam.keyframes[0].scan is None:
+            raise InputError(f"{path}: a map of planar scans is needed to find the robot in it")
+        self._slam = slam
+        self._grid = MapGrid(self.settings.resolution)
+        start = None if initial is None else compound(initial, self._mounting)
+        self._localizer = Localizer(slam.keyframes, slam.graph.poses, start)
+        self._extend = not localization_only
+        self._correction, self._located = None, False
+        self._changed = True
+        self.get_logger().info(f"{path}: {len(slam.keyframes)} keyframes; looking for the robot in them")
+        return len(slam.keyframes)
+
+
+def _stem(name: str) -> Path:
+    """Path without the ending a map's files may have been named with."""
+    path = Path(name)
+    return path.with_suffix("") if path.suffix in (".npz", ".pgm", ".yaml") else path
+
+
+def _replace(path: Path, data: bytes) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def main() -> None:
+    """Entry point of the executable `loop_closure`."""
+    exit_with(LoopClosureNode)
+
+
+if __name__ == "__main__":
+    main()

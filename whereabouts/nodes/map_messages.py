@@ -1,0 +1,93 @@
+"""Maps, trajectories and closures as messages."""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import Point, PoseStamped
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from nav_msgs.msg import Path as PathMessage
+from numpy.typing import NDArray
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from estimation.grid import OccupancyGrid
+from estimation.poses import compound, compound_covariance, inverse, pose_from_matrix
+from loop_closure.motions import positions
+from loop_closure.slam import Closure, Slam
+from whereabouts.nodes.conversions import array_of, fill_pose, spatial, spatial_covariance
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.transforms import frame_name
+from whereabouts_msgs.msg import LoopClosure
+
+Array = NDArray[np.float64]
+
+
+def closure_message(closure: Closure, mounting: Array, base_frame: str) -> LoopClosure:
+    """A closure between robot poses; `mounting` (3,) is that of the planar sensor in the robot frame."""
+    message = LoopClosure()
+    later = round(closure.later_stamp * NANOSECONDS)
+    message.header = Header(stamp=time_message(later), frame_id=frame_name(base_frame))
+    message.earlier_stamp = time_message(round(closure.earlier_stamp * NANOSECONDS))
+    message.earlier_id, message.later_id = closure.earlier, closure.later
+    if closure.relative.shape == (3,):
+        nothing, back = np.zeros((3, 3)), inverse(mounting)
+        inner = compound(closure.relative, back)
+        moved = compound_covariance(closure.relative, closure.covariance, back, nothing)
+        relative = spatial(compound(mounting, inner))
+        covariance = spatial_covariance(np.asarray(compound_covariance(mounting, nothing, inner, moved)))
+    else:
+        relative = pose_from_matrix(closure.relative)
+        covariance = closure.covariance.reshape(36)
+    fill_pose(message.relative.pose, relative)
+    message.relative.covariance = covariance
+    message.likelihood, message.fitness = closure.likelihood, closure.fitness
+    message.accepted, message.reason = True, closure.reason
+    return message
+
+
+def path_message(header: Header, stamps: list[float], poses: Array) -> PathMessage:
+    """Poses (N, 6) with their stamps, seconds."""
+    message = PathMessage(header=header)
+    made = []
+    for stamp, pose in zip(stamps, poses, strict=True):
+        item = PoseStamped()
+        item.header = Header(stamp=time_message(round(stamp * NANOSECONDS)), frame_id=header.frame_id)
+        fill_pose(item.pose, pose)
+        made.append(item)
+    message.poses = made
+    return message
+
+
+def grid_message(header: Header, grid: OccupancyGrid) -> GridMessage:
+    """Occupancy as nav2 takes it: 0 free, 100 occupied, -1 unknown."""
+    message = GridMessage(header=header)
+    message.info.map_load_time = header.stamp
+    message.info.resolution = grid.resolution
+    message.info.height, message.info.width = grid.shape
+    message.info.origin.position.x, message.info.origin.position.y = (float(v) for v in grid.origin)
+    message.info.origin.orientation.w = 1.0
+    message.data = array_of("b", np.ascontiguousarray(grid.values()))
+    return message
+
+
+def marker_messages(header: Header, slam: Slam) -> MarkerArray:
+    """The graph for RViz: the path as a line, closures as lines across it."""
+    where = positions(slam.graph.poses)
+    path = _marker(header, "path", Marker.LINE_STRIP, (0.1, 0.4, 0.9), 0.05)
+    path.points = [_point(at) for at in where]
+    closures = _marker(header, "closures", Marker.LINE_LIST, (0.9, 0.2, 0.1), 0.03)
+    for closure in slam.closures:
+        closures.points += [_point(where[closure.earlier]), _point(where[closure.later])]
+    return MarkerArray(markers=[path, closures])
+
+
+def _marker(header: Header, name: str, kind: int, color: tuple[float, float, float], width: float) -> Marker:
+    marker = Marker(header=header, ns=name, id=0, type=kind, action=Marker.ADD)
+    marker.pose.orientation.w = 1.0
+    marker.scale.x = width
+    marker.color = ColorRGBA(r=color[0], g=color[1], b=color[2], a=1.0)
+    return marker
+
+
+def _point(at: Array) -> Point:
+    return Point(x=float(at[0]), y=float(at[1]), z=float(at[2]) if len(at) == 3 else 0.0)

@@ -1,0 +1,184 @@
+"""Node `motion_predictor`: learns where people go and predicts the paths of all who are there.
+
+In: `targets` (TargetArray), `map` (OccupancyGrid, optional: walls), tf where targets come in another frame.
+Out: `predicted_paths` (PredictedPathArray), `~/markers`, `predicted_occupancy` (PointCloud2 for a costmap).
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from estimation.errors import InputError
+from tracking.intentions import IntentionModel, Prediction
+from tracking.intentions.tracks import TrackKeeper
+from tracking.social_forces import Obstacles
+from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.conversions import cloud_message
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.intention_messages import (
+    markers_message,
+    occupancy_points,
+    occupied_points,
+    paths_message,
+    people_from_message,
+)
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.transforms import frame_name
+from whereabouts.parameters.motion_predictor import MotionPredictorParameters
+from whereabouts_msgs.msg import PredictedPathArray, TargetArray
+from whereabouts_msgs.srv import LoadState, Reset, SaveState
+
+
+class MotionPredictorNode(SuiteNode):
+    """Intentions learned from tracks that ended, paths for tracks that go on."""
+
+    parameters_model = MotionPredictorParameters
+    node_name = "motion_predictor"
+    settings: MotionPredictorParameters
+
+    def setup(self) -> None:
+        self._restart()
+        self.listen_to_transforms()
+        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames)
+        walls = Input(self, OccupancyGrid, "map", self._take_map, qos=LATCHED, sensor=False)
+        self.inputs.append(walls)
+        self._created.append((self.destroy_subscription, walls.subscription))
+        self._obstacles = Obstacles()
+        self._paths_output = self.add_output(PredictedPathArray, "predicted_paths")
+        self._markers_output = self.add_output(MarkerArray, "~/markers")
+        self._occupancy_output = self.add_output(PointCloud2, "predicted_occupancy")
+        self.add_service(SaveState, "~/save", self._save)
+        self.add_service(LoadState, "~/load", self._load)
+
+    def start_run(self) -> None:
+        """Who was there is forgotten; what was learned stays."""
+        self._tracks = TrackKeeper(self.settings.track_timeout)
+        self._predicted_at: int | None = None
+        self._milliseconds = 0.0
+        self._predictions: dict[int, Prediction] = {}
+
+    def health(self) -> Health:
+        model = self._model
+        figures: dict[str, object] = {
+            "present": len(self._tracks),
+            "learned": model.learned,
+            "predicted": len(self._predictions),
+            "prediction ms": round(self._milliseconds, 2),
+            "obstacle points": len(self._obstacles),
+        }
+        if self._predictions:
+            figures["novelty"] = round(float(np.mean([p.novelty for p in self._predictions.values()])), 3)
+        figures |= {f"taught nothing, {reason}": count for reason, count in sorted(self._refused.items())}
+        figures |= {f"left out, {reason}": count for reason, count in sorted(self._dropped.items())}
+        return Health("predicting" if self._predictions else "waiting for people", figures=figures)
+
+    def _restart(self) -> None:
+        """What a restarted node knows: the saved model where there is one, otherwise nothing."""
+        settings = self.settings
+        self._refused: Counter[str] = Counter()
+        self._dropped: Counter[str] = Counter()
+        self._model = IntentionModel(settings.intentions)
+        if settings.model_path and Path(settings.model_path).exists():
+            self._adopt(Path(settings.model_path))
+        self._model.warm_up()
+
+    def _adopt(self, path: Path) -> None:
+        loaded = IntentionModel.load(path, self.settings.map_id)
+        if loaded.config.method != self.settings.method:
+            raise InputError(
+                f"{path}: was learned with method {loaded.config.method!r}, not {self.settings.method!r}"
+            )
+        self._model = loaded
+
+    def _frames(self, message: TargetArray) -> list[tuple[str, str]]:
+        return [(self.settings.map_frame, message.header.frame_id)]
+
+    def _take_map(self, message: OccupancyGrid, _: int) -> None:
+        if frame_name(message.header.frame_id) != frame_name(self.settings.map_frame):
+            raise InputError(
+                f"map in frame {message.header.frame_id!r}: {self.settings.map_frame!r} (map_frame) expected"
+            )
+        self._obstacles = Obstacles(occupied_points(message, self.settings.occupied_from))
+
+    def _take_targets(self, message: TargetArray, stamp: int) -> None:
+        settings = self.settings
+        transform = self.transforms.lookup(settings.map_frame, message.header.frame_id, stamp)
+        people, hidden = people_from_message(message, settings.person_probability, transform)
+        for track in self._tracks.observe(stamp / NANOSECONDS, people, hidden):
+            if settings.learn:
+                outcome = self._model.learn(track)
+                self._dropped.update(outcome.dropped)
+                if not outcome.taken:
+                    self._refused[outcome.reason] += 1
+        last = self._predicted_at
+        # A little early counts, so that jitter of the stamps does not halve the rate.
+        if last is None or not 0 <= stamp - last < 0.95 * NANOSECONDS / settings.rate:
+            self._predicted_at = stamp
+            self._predict(stamp)
+
+    def _predict(self, stamp: int) -> None:
+        settings = self.settings
+        tracks = self._tracks.present()
+        begun = time.perf_counter()
+        now = stamp / NANOSECONDS
+        # Where nobody is in view, the prediction starts when somebody last was, and must reach as far.
+        late = max(now - max((float(rows[-1, 2]) for rows in tracks.values()), default=now), 0.0)
+        told = self._model.predict_all(list(tracks.values()), settings.horizon + late, self._obstacles)
+        self._predictions = dict(zip(tracks, told, strict=True))
+        self._milliseconds = 1e3 * (time.perf_counter() - begun)
+        header = Header(stamp=time_message(stamp), frame_id=frame_name(settings.map_frame))
+        self._paths_output.publish(
+            paths_message(header, self._predictions, settings.horizon, settings.point_interval)
+        )
+        if settings.publish_markers:
+            self._markers_output.publish(markers_message(header, self._predictions))
+        if settings.publish_occupancy:
+            points = occupancy_points(
+                self._predictions,
+                now,
+                settings.occupancy_horizon,
+                settings.point_interval / 2.0,
+                settings.occupancy_probability,
+                settings.radius,
+                settings.occupancy_height,
+            )
+            self._occupancy_output.publish(cloud_message(header, points))
+
+    def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self._restart()
+        return super()._reset(request, response)
+
+    def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
+        response.path = str(self._model.save(self._path(request), self.settings.map_id))
+        response.code, response.message = response.SUCCESS, f"{self._model.learned} trajectories saved"
+        return response
+
+    def _load(self, request: LoadState.Request, response: LoadState.Response) -> LoadState.Response:
+        self._adopt(self._path(request))
+        response.code, response.message = response.SUCCESS, f"{self._model.learned} trajectories loaded"
+        return response
+
+    def _path(self, request: Any) -> Path:
+        path = request.path or self.settings.model_path
+        if not path:
+            raise InputError("path: neither the request nor the parameter model_path names a file")
+        return Path(path)
+
+
+def main() -> None:
+    """Entry point of the executable `motion_predictor`."""
+    exit_with(MotionPredictorNode)
+
+
+if __name__ == "__main__":
+    main()

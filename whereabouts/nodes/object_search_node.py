@@ -1,0 +1,249 @@
+"""Node `object_search`: finds an object by driving to where it can be seen.
+
+In: `world_state` (WorldState), `map` (OccupancyGrid, optional), tf map -> base_link. Out: `search_goal` (PoseStamped),
+`base_available` (Bool: false while it searches), `search_markers`. Action: `find_object`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from numpy.typing import NDArray
+from std_msgs.msg import Bool, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.transforms import frame_name
+from whereabouts.nodes.world_messages import object_message
+from whereabouts.nodes.world_reading import grid_from_message, planar_pose, pose_stamped, state_from_message
+from whereabouts.parameters.object_search import ObjectSearchParameters
+from whereabouts_msgs.action import FindObject
+from whereabouts_msgs.msg import WorldState as StateMessage
+from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
+
+Array = NDArray[np.float64]
+
+
+class ObjectSearchNode(SuiteNode):
+    """One search at a time; a new goal replaces the one before."""
+
+    parameters_model = ObjectSearchParameters
+    node_name = "object_search"
+    settings: ObjectSearchParameters
+
+    def setup(self) -> None:
+        settings = self.settings
+        self._map_frame, self._base = frame_name(settings.map_frame), frame_name(settings.base_frame)
+        self._relations = settings.relations
+        self._search = ObjectSearch(self._relations, settings.search, settings.places)
+        self._serial = 0
+        self.listen_to_transforms()
+        self.add_input(StateMessage, "world_state", self._take_state)
+        self.add_latched_input(GridMessage, "map", self._take_map)
+        self._goal_output = self.add_output(FindObject.Feedback().goal.__class__, "search_goal", LATCHED)
+        self._available_output = self.add_output(Bool, "base_available", LATCHED)
+        self._markers_output = self.add_output(MarkerArray, "search_markers")
+        self.add_action(FindObject, "find_object", self._find)
+
+    def start_run(self) -> None:
+        self._state: WorldState | None = None
+        self._seen_at: dict[str, float] = {}
+        self._searching = ""
+        self._reason = ""
+        self._found = self._failed = 0
+        self._steps = 0
+
+    def health(self) -> Health:
+        figures: dict[str, object] = {"found": self._found, "not found": self._failed, "goals": self._steps}
+        figures["known names"] = len(self._relations.names)
+        if self._searching:
+            return Health(f"looking for {self._searching}: {self._reason}", figures=figures)
+        return Health("idle", figures=figures)
+
+    def _take_state(self, message: StateMessage, stamp: int) -> None:
+        self._state = state_from_message(message)
+        if self.settings.learn:
+            self._learn(self._state)
+
+    def _take_map(self, message: GridMessage, stamp: int) -> None:
+        self._search.grid = grid_from_message(message)
+
+    def _learn(self, state: WorldState) -> None:
+        """What has just been seen near each other counts as a frame."""
+        fresh = [item for item in state.objects if item.last_seen > self._seen_at.get(item.id, -math.inf)]
+        if any(item.id not in self._seen_at for item in fresh):
+            for item in fresh:
+                near = [
+                    other.most_probable("class")
+                    for other in fresh
+                    if np.hypot(*(other.position - item.position)[:2]) <= self.settings.together_distance
+                ]
+                if item.id not in self._seen_at and len(near) > 1:
+                    self._relations.observe([name for name in near if name])
+        self._seen_at |= {item.id: item.last_seen for item in fresh}
+
+    # The action.
+
+    async def _find(self, handle: Any) -> Any:
+        request = handle.request
+        wanted = request.class_name or request.object_id.rpartition("-")[0] or request.object_id
+        result = FindObject.Result()
+        if not wanted:
+            handle.abort()
+            result.code, result.message = result.REFUSED, "class_name and object_id are both empty"
+            return result
+        self._serial += 1
+        serial = self._serial
+        self._search.reset()
+        self._searching, self._reason = wanted, "starting"
+        self._available_output.publish(Bool(data=False))
+        try:
+            await self._drive(handle, request, wanted, serial, result)
+        finally:
+            if serial == self._serial:
+                self._searching = ""
+                self._available_output.publish(Bool(data=True))
+        self._found += result.code == result.FOUND
+        self._failed += result.code in (result.NOT_FOUND, result.GAVE_UP)
+        return result
+
+    async def _drive(self, handle: Any, request: Any, wanted: str, serial: int, result: Any) -> None:
+        """Goals until the object is believed in, nothing is left to try, or somebody has had enough."""
+        limit = nanoseconds(request.timeout) / NANOSECONDS
+        begun = self.get_clock().now().nanoseconds
+        place: Array | None = None
+        said: tuple[Any, ...] = ()
+        step: SearchStep | None = None
+        while True:
+            if handle.is_cancel_requested or serial != self._serial:
+                cancelled = handle.is_cancel_requested
+                handle.canceled() if cancelled else handle.abort()
+                result.code = result.CANCELED
+                result.message = "cancelled" if cancelled else "another search was started"
+                return
+            pose = self._pose()
+            if pose is not None and self._state is not None:
+                if place is not None:
+                    result.distance += float(np.hypot(*(pose[:2] - place[:2])))
+                place = pose
+                found = self._believed(request, wanted)
+                if found is not None:
+                    self._succeed(handle, found, result)
+                    return
+                step = self._next(step, pose, wanted)
+                said = self._tell(handle, step, said)
+                if step.goal is None:
+                    handle.abort()
+                    result.code, result.message = result.NOT_FOUND, step.reason
+                    return
+            elapsed = (self.get_clock().now().nanoseconds - begun) / NANOSECONDS
+            tired = 0.0 < request.max_distance < result.distance
+            if tired or 0.0 < limit < elapsed:
+                handle.abort()
+                result.code = result.GAVE_UP
+                result.message = (
+                    f"gave up after {result.distance:.1f} m and {elapsed:.0f} s; last: {self._reason}"
+                )
+                return
+            if pose is None:
+                self._reason = f"no transform from '{self._base}' to '{self._map_frame}'"
+                self.complain(self._reason, key="pose")
+            await self.pause(1.0 / self.settings.rate)
+
+    def _next(self, step: SearchStep | None, pose: Array, wanted: str) -> SearchStep:
+        """The next step; what has been reached without seeing the target is a dead end."""
+        if step is not None and step.goal is not None:
+            away = np.hypot(*(step.goal - pose[:2]))
+            if away <= self.settings.arrival_distance and step.kind != "target":
+                self._search.reached(pose[:2])
+        return self._search.next_goal(self._observed(), wanted, pose)
+
+    def _observed(self) -> dict[str, Array]:
+        """Positions by name of what is believed in; of several of a class the nearest one counts."""
+        assert self._state is not None
+        observed: dict[str, Array] = {}
+        for item in self._state.objects:
+            name = item.most_probable("class")
+            if name and not item.lost and item.existence >= self.settings.belief:
+                observed.setdefault(name, item.position)
+        return {
+            name: spot
+            for name, spot in observed.items()
+            if self._relations.unified(name) != self._relations.unified(self._searching)
+        }
+
+    def _believed(self, request: Any, wanted: str) -> WorldObject | None:
+        """The object that was asked for, if the world model believes in it and knows where it is."""
+        assert self._state is not None
+        name = self._relations.unified(wanted)
+        for item in self._state.objects:
+            if item.lost or item.existence < self.settings.belief:
+                continue
+            if request.object_id and item.id != request.object_id:
+                continue
+            if not request.object_id and self._relations.unified(item.most_probable("class")) != name:
+                continue
+            if set(request.predicates) <= set(item.predicates):
+                return item
+        return None
+
+    def _succeed(self, handle: Any, found: WorldObject, result: Any) -> None:
+        handle.succeed()
+        result.code = result.FOUND
+        result.message = f"{found.id} is at ({found.position[0]:.2f}, {found.position[1]:.2f})"
+        result.object = [object_message(found, np.eye(4))]
+        result.pose = pose_stamped(self._header(), np.array([*found.position[:2], 0.0]))
+
+    def _tell(self, handle: Any, step: SearchStep, said: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Publish goal and feedback where they are new."""
+        self._reason = step.reason
+        now = (step.kind, step.object, step.reason)
+        if now == said:
+            return said
+        self._steps += 1
+        feedback = FindObject.Feedback(
+            kind=step.kind,
+            object_id=step.object,
+            reason=step.reason,
+            probability=min(max(step.probability, 0.0), 1.0),
+        )
+        if step.goal is not None:
+            pose = self._pose()
+            heading = 0.0 if pose is None else math.atan2(*(step.goal - pose[:2])[::-1])
+            feedback.goal = pose_stamped(self._header(), np.array([*step.goal, heading]))
+            self._goal_output.publish(feedback.goal)
+            self._mark(step)
+        handle.publish_feedback(feedback)
+        return now
+
+    def _mark(self, step: SearchStep) -> None:
+        if not self._markers_output.wanted or step.goal is None:
+            return
+        marker = Marker(header=self._header(), ns="search", id=0, type=Marker.TEXT_VIEW_FACING)
+        marker.text, marker.scale.z = step.reason, 0.3
+        marker.pose.position.x, marker.pose.position.y = float(step.goal[0]), float(step.goal[1])
+        marker.pose.position.z, marker.pose.orientation.w = 1.0, 1.0
+        marker.color.r, marker.color.a = 1.0, 1.0
+        self._markers_output.publish(MarkerArray(markers=[marker]))
+
+    def _pose(self) -> Array | None:
+        return planar_pose(self.transforms, self._map_frame, self._base)
+
+    def _header(self) -> Header:
+        stamp = 0 if self._state is None else round(self._state.stamp * NANOSECONDS)
+        return Header(stamp=time_message(stamp or time.time_ns()), frame_id=self._map_frame)
+
+
+def main() -> None:
+    """Entry point of the executable `object_search`."""
+    exit_with(ObjectSearchNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""Node `target_tracker`: people in laser scans, counted and followed, hidden ones too.
+
+In: `scan` (LaserScan), tf odom -> base_link -> scanner, `segments` (ScanSegments, optional).
+Out: `targets` (TargetArray), `~/markers`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from estimation.errors import InputError
+from registration.mounting import level_pose, upright
+from tracking.people import PeopleTracker, Person
+from tracking.people_warm_up import warm_up
+from whereabouts.nodes.base import SuiteNode, exit_with
+from whereabouts.nodes.conversions import scan_from_message
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.target_messages import labels_from_segments, people_markers, targets_message
+from whereabouts.nodes.transforms import frame_name
+from whereabouts.parameters.target_tracker import TargetTrackerParameters
+from whereabouts_msgs.msg import ScanSegments, TargetArray
+
+Array = NDArray[np.float64]
+
+
+class TargetTrackerNode(SuiteNode):
+    """People from one planar scanner."""
+
+    parameters_model = TargetTrackerParameters
+    node_name = "target_tracker"
+    settings: TargetTrackerParameters
+
+    def setup(self) -> None:
+        warm_up(self.settings.people)
+        self.listen_to_transforms()
+        self.add_input(LaserScan, "scan", self._take_scan, frames=self._frames)
+        # They come late, after the scan was thought about; that is no new run.
+        segments = Input(self, ScanSegments, "segments", self._take_segments, sensor=False)
+        self.inputs.append(segments)
+        self._created.append((self.destroy_subscription, segments.subscription))
+        self._targets_output = self.add_output(TargetArray, "targets")
+        self._markers_output = self.add_output(MarkerArray, "~/markers")
+
+    def start_run(self) -> None:
+        self._tracker = PeopleTracker(self.settings.people)
+        self._segments: dict[int, ScanSegments] = {}
+        self._trails: dict[int, deque[tuple[int, Array]]] = {}
+        self._count = self._scans = 0
+        self._expected = self._milliseconds = 0.0
+
+    def health(self) -> Health:
+        if not self.active or self._scans == 0:
+            return Health("waiting for scans")
+        figures: dict[str, object] = {
+            "people": self._count,
+            "expected people": round(self._expected, 2),
+            "candidates": self._tracker.health.potential,
+            "tracking ms": round(self._milliseconds, 2),
+            "late": self._tracker.health.late,
+            "pose jumps": self._tracker.health.jumps,
+            "scans of too many clusters": self._tracker.health.thinned,
+        }
+        return Health("tracking", figures=figures)
+
+    def _frames(self, message: LaserScan) -> list[tuple[str, str]]:
+        return [(self.settings.odom_frame, message.header.frame_id)]
+
+    def _take_segments(self, message: ScanSegments, stamp: int) -> None:
+        self._segments[stamp] = message
+        while len(self._segments) > 20:
+            del self._segments[min(self._segments)]
+
+    def _take_scan(self, message: LaserScan, stamp: int) -> None:
+        settings = self.settings
+        scan = scan_from_message(message)
+        mounting = self.transforms.lookup(settings.odom_frame, message.header.frame_id, stamp)
+        pose = level_pose(mounting)
+        if pose is None:
+            raise InputError(
+                f"scanner {message.header.frame_id!r} is tilted: people are looked for in a level plane"
+            )
+        segments = self._segments.get(stamp) if settings.use_segments else None
+        labels = None if segments is None else labels_from_segments(segments, len(scan))
+        begun = time.perf_counter()
+        found = self._tracker.step(upright(scan, mounting), pose, stamp / NANOSECONDS, labels)
+        self._milliseconds = 1e3 * (time.perf_counter() - begun)
+        people = cast(list[Person], found)
+        self._scans += 1
+        self._count, self._expected = len(people), self._tracker.expected_count
+        self._publish(stamp, people)
+
+    def _publish(self, stamp: int, people: list[Person]) -> None:
+        header = Header(stamp=time_message(stamp), frame_id=frame_name(self.settings.odom_frame))
+        self._targets_output.publish(targets_message(header, people, self._expected))
+        present = {person.label for person in people}
+        self._trails = {label: trail for label, trail in self._trails.items() if label in present}
+        oldest = stamp - self.settings.trail * NANOSECONDS
+        for person in people:
+            trail = self._trails.setdefault(person.label, deque())
+            trail.append((stamp, person.mean[:2]))
+            while trail and trail[0][0] < oldest:
+                trail.popleft()
+        trails = {label: [spot for _, spot in trail] for label, trail in self._trails.items()}
+        self._markers_output.publish(people_markers(header, people, trails))
+
+
+def main() -> None:
+    """Entry point of the executable `target_tracker`."""
+    exit_with(TargetTrackerNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+"""Node `verifier`: looks into a region and says whether the object is there.
+
+In: `scan` (LaserScan) or `points` (PointCloud2), `map` (OccupancyGrid, optional), tf. Action: `verify_object`.
+Replaceable by whatever can recognise objects better.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from sensor_msgs.msg import LaserScan, PointCloud2
+
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from estimation.poses import transform_points
+from whereabouts.nodes.base import SuiteNode, exit_with
+from whereabouts.nodes.conversions import points_from_message, pose_from_message, spatial_covariance
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.transforms import TransformError, frame_name
+from whereabouts.nodes.world_reading import grid_from_message
+from whereabouts.parameters.verifier import VerifierParameters
+from whereabouts_msgs.action import VerifyObject
+from whereabouts_msgs.msg import ObjectEvidence, Region
+from world_model.verification import FOUND, Box, Frame, Verification, look_with_cloud, look_with_scan
+
+
+class VerifierNode(SuiteNode):
+    """Several frames, one answer."""
+
+    parameters_model = VerifierParameters
+    node_name = "verifier"
+    settings: VerifierParameters
+
+    def setup(self) -> None:
+        self._map_frame = frame_name(self.settings.map_frame)
+        self._grid: OccupancyGrid | None = None
+        self.listen_to_transforms()
+        if self.settings.use_clouds:
+            self.add_input(PointCloud2, "points", self._take, frames=self._frames)
+        else:
+            self.add_input(LaserScan, "scan", self._take, frames=self._frames)
+        self.add_latched_input(GridMessage, "map", self._take_map)
+        self.add_action(VerifyObject, "verify_object", self._serve)
+
+    def start_run(self) -> None:
+        self._latest: Any = None
+        self._count = 0
+        self._answers = dict.fromkeys(("found", "occluded", "not_found"), 0)
+
+    def health(self) -> Health:
+        return Health(
+            "looking" if self._count else "waiting for scans or clouds", figures=dict(self._answers)
+        )
+
+    def _frames(self, message: LaserScan | PointCloud2) -> list[tuple[str, str]]:
+        return [(self._map_frame, message.header.frame_id)]
+
+    def _take(self, message: LaserScan | PointCloud2, stamp: int) -> None:
+        self._latest = (message, stamp)
+        self._count += 1
+
+    def _take_map(self, message: GridMessage, stamp: int) -> None:
+        self._grid = grid_from_message(message)
+
+    async def _serve(self, handle: Any) -> Any:
+        request, result = handle.request, VerifyObject.Result()
+        try:
+            box = self._box(request)
+        except (InputError, TransformError) as error:
+            handle.abort()
+            result.code, result.message = result.REFUSED, str(error)
+            return result
+        settings = self.settings
+        grid = self._grid if settings.use_map else None
+        verification = Verification(box, settings.frames, settings.points, settings.clear, grid)
+        limit = nanoseconds(request.timeout) / NANOSECONDS or settings.timeout
+        begun, taken = self.get_clock().now().nanoseconds, self._count
+        outcome: str | None = None
+        while outcome is None:
+            if handle.is_cancel_requested:
+                handle.canceled()
+                result.code, result.message = result.CANCELED, "cancelled"
+                return result
+            if self._count > taken:
+                taken = self._count
+                outcome = verification.take(self._frame(box))
+                handle.publish_feedback(
+                    VerifyObject.Feedback(frames=verification.frames, visible_share=verification.visible)
+                )
+            if outcome is None and (self.get_clock().now().nanoseconds - begun) / NANOSECONDS > limit:
+                break
+            await self.pause(0.02)
+        self._answer(handle, request, verification, outcome, result)
+        return result
+
+    def _answer(
+        self, handle: Any, request: Any, verification: Verification, outcome: str | None, result: Any
+    ) -> None:
+        result.frames, result.visible_share = verification.frames, verification.visible
+        handle.succeed()
+        if verification.frames == 0:
+            result.code, result.message = result.TIMED_OUT, "no scan or cloud arrived in time"
+            return
+        said = outcome or verification.outcome()
+        self._answers[said] += 1
+        result.code = {"found": result.FOUND, "occluded": result.OCCLUDED, "not_found": result.NOT_FOUND}[
+            said
+        ]
+        share = f"{verification.visible:.0%} of the region seen in {verification.frames} frames"
+        result.message = f"{request.object_id or request.class_name}: {said.replace('_', ' ')}, {share}"
+        if said == FOUND:
+            position, covariance = verification.measurement(self.settings.sigma)
+            result.evidence.header.stamp = self._latest[0].header.stamp
+            result.evidence.header.frame_id = self._map_frame
+            result.evidence.sensor = request.sensor
+            item = ObjectEvidence(object_id=request.object_id, attributes=request.attributes)
+            at = item.pose.pose.position
+            at.x, at.y, at.z = (float(value) for value in position)
+            item.pose.pose.orientation.w = 1.0
+            full = spatial_covariance(np.zeros((3, 3))).reshape(6, 6)
+            full[:3, :3] = covariance
+            item.pose.covariance = full.reshape(36)
+            result.evidence.objects = [item]
+
+    def _box(self, request: Any) -> Box:
+        """The region in the map. Raises InputError where it is none, TransformError where it cannot be placed."""
+        region: Region = request.region
+        frame = frame_name(request.header.frame_id) or self._map_frame
+        size = np.array([region.size.x, region.size.y, region.size.z])
+        centre = pose_from_message(region.center)[:3]
+        if frame != self._map_frame:
+            centre = transform_points(
+                self.transforms.lookup(self._map_frame, frame, nanoseconds(request.header.stamp)),
+                centre[None],
+            )[0]
+        return Box(centre, size)
+
+    def _frame(self, box: Box) -> Frame:
+        message, stamp = self._latest
+        sensor = self.transforms.lookup(self._map_frame, message.header.frame_id, stamp)
+        reach = self.settings.max_range
+        if isinstance(message, LaserScan):
+            farthest = min(message.range_max, reach) if message.range_max > 0.0 else reach
+            ranges = np.asarray(message.ranges, dtype=np.float64)
+            return look_with_scan(box, ranges, message.angle_min, message.angle_increment, farthest, sensor)
+        points, _ = points_from_message(message)
+        return look_with_cloud(box, transform_points(sensor, points), sensor, reach)
+
+
+def main() -> None:
+    """Entry point of the executable `verifier`."""
+    exit_with(VerifierNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,278 @@
+"""Node `world_maintenance`: decides which object to look at again, and has it done.
+
+In: `world_state` (WorldState), `base_available` (Bool), `map` (OccupancyGrid, optional), tf map -> base_link.
+Out: `verification_tasks` (VerificationTask), `maintenance_goal` (PoseStamped), `evidence` (WorldEvidence: what the
+verifier measured). Service: `~/trigger`. Calls: action `verify_object`, and nav2's `navigate_to_pose` if told to.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from numpy.typing import NDArray
+from rclpy.action.client import ActionClient
+from rclpy.duration import Duration
+from std_msgs.msg import Bool, Header
+
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from whereabouts.evidence import NOT_FOUND
+from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.transforms import frame_name
+from whereabouts.nodes.world_reading import (
+    box_region,
+    distribution_message,
+    grid_from_message,
+    planar_pose,
+    pose_stamped,
+    state_from_message,
+)
+from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
+from whereabouts_msgs.action import VerifyObject
+from whereabouts_msgs.msg import Attribute, ObjectEvidence, WorldEvidence
+from whereabouts_msgs.msg import VerificationTask as TaskMessage
+from whereabouts_msgs.msg import WorldState as StateMessage
+from whereabouts_msgs.srv import TriggerVerification
+from world_model import Maintenance, VerificationTask, WorldState
+from world_model.growth import Growth
+
+Array = NDArray[np.float64]
+# Sizes that are added to the 95 % region of a position, as objects are no points.
+BODY = np.array([0.3, 0.3, 0.3])
+
+
+class WorldMaintenanceNode(SuiteNode):
+    """One task at a time: drive, look, report."""
+
+    parameters_model = WorldMaintenanceParameters
+    node_name = "world_maintenance"
+    settings: WorldMaintenanceParameters
+
+    def setup(self) -> None:
+        settings = self.settings
+        self._map_frame, self._base = frame_name(settings.map_frame), frame_name(settings.base_frame)
+        self._sensors = settings.sensor_models
+        self._grid: OccupancyGrid | None = None
+        self._available = True
+        self.listen_to_transforms()
+        self.add_input(StateMessage, "world_state", self._take_state)
+        self.add_latched_input(GridMessage, "map", self._take_map)
+        self.add_latched_input(Bool, "base_available", self._take_available)
+        self._task_output = self.add_output(TaskMessage, "verification_tasks")
+        self._goal_output = self.add_output(PoseStamped, "maintenance_goal", LATCHED)
+        self._evidence_output = self.add_output(WorldEvidence, "evidence")
+        self.add_service(TriggerVerification, "~/trigger", self._trigger)
+        self._verifier = ActionClient(self, VerifyObject, "verify_object")
+        self._created.append((lambda client: client.destroy(), self._verifier))
+        self._navigator = self._nav2()
+        self.add_timer(1.0 / settings.rate, self._tick)
+
+    def start_run(self) -> None:
+        self._maintenance = Maintenance(self.settings.maintenance)
+        self._state: WorldState | None = None
+        self._growth = Growth(self.settings.process_noise)
+        self._task: VerificationTask | None = None
+        self._since = 0.0
+        self._verifying = False
+        self._outcomes = dict.fromkeys(("found", "occluded", "not_found"), 0)
+        self._vain: dict[str, int] = {}
+        self._tasks = 0
+
+    def health(self) -> Health:
+        figures: dict[str, object] = {"tasks": self._tasks, **self._outcomes}
+        figures["triggers waiting"] = len(self._maintenance.queue)
+        if self._task is not None:
+            return Health(f"{self._task.object_id}: {self._task.reason}", figures=figures)
+        return Health(self._maintenance.idle_reason or "waiting for a world state", figures=figures)
+
+    # Inputs.
+
+    def _take_state(self, message: StateMessage, stamp: int) -> None:
+        self._state = state_from_message(message)
+        self._growth.observe(self._state)
+
+    def _take_map(self, message: GridMessage, stamp: int) -> None:
+        self._grid = grid_from_message(message)
+
+    def _take_available(self, message: Bool, stamp: int) -> None:
+        self._available = bool(message.data)
+        if (
+            not self._available
+            and self._task is not None
+            and self._task.distance > 0.0
+            and not self._verifying
+        ):
+            self._finish(self._task, "occluded")
+
+    def _trigger(
+        self, request: TriggerVerification.Request, response: TriggerVerification.Response
+    ) -> TriggerVerification.Response:
+        name = request.object_id
+        known = () if self._state is None else self._state.objects
+        if not name:
+            able = [
+                item for item in known if item.most_probable("class") == request.class_name and not item.lost
+            ]
+            if not able:
+                raise InputError(f"no object of class '{request.class_name}' is known")
+            name = max(able, key=lambda item: item.existence).id
+        elif all(item.id != name for item in known):
+            raise InputError(f"object '{name}' is unknown")
+        response.merged = not self._maintenance.trigger(name, request.requester or "a task")
+        response.object_id = name
+        response.code, response.message = response.SUCCESS, f"{name} will be looked at"
+        return response
+
+    # Decisions.
+
+    def _tick(self) -> None:
+        pose, now = self._pose(), self.get_clock().now().nanoseconds / NANOSECONDS
+        if pose is None or self._state is None or self._verifying:
+            return
+        if self._task is not None:
+            self._look_after(self._task, pose, now)
+            return
+        world = self._growth.ahead(self._state, now)
+        view = None if self.settings.opening > 6.28 else self.settings.opening
+        task = self._maintenance.next_task(
+            world, pose, self._sensors, view, base_available=self._available, grid=self._grid
+        )
+        if task is None:
+            return
+        self._task, self._since = task, now
+        self._tasks += 1
+        self._publish(task)
+        self._look_after(task, pose, now)
+
+    def _look_after(self, task: VerificationTask, pose: Array, now: float) -> None:
+        """Verify once the robot is where it should look from; give up on what is never reached."""
+        if np.hypot(*(task.goal[:2] - pose[:2])) <= self.settings.arrival_distance:
+            self._verify(task)
+        elif now - self._since > self.settings.task_timeout:
+            self.complain(f"{task.object_id}: its goal was not reached in time", key="goal")
+            self._finish(task, "occluded")
+
+    def _publish(self, task: VerificationTask) -> None:
+        header = self._header()
+        goal = pose_stamped(header, task.goal)
+        message = TaskMessage(
+            header=header, object_id=task.object_id, region=box_region(task.region[0], task.region[1] + BODY),
+            goal=goal, sensor=task.sensor, gain=task.gain, utility=task.utility, reason=task.reason,
+            class_distribution=distribution_message(task.attributes.get("class", {})),
+            attributes=self._attributes(task),
+            trigger=TaskMessage.TRIGGER_TASK if task.trigger else TaskMessage.TRIGGER_UNCERTAINTY,
+        )  # fmt: skip
+        self._task_output.publish(message)
+        if task.distance > 0.0:
+            self._goal_output.publish(goal)
+            if self._navigator is not None and self._navigator.server_is_ready():
+                self._navigator.send_goal_async(_navigate_type().Goal(pose=goal))
+
+    def _attributes(self, task: VerificationTask) -> list[Attribute]:
+        return [
+            Attribute(name=name, discrete=distribution_message(values))
+            for name, values in task.attributes.items()
+            if name != "class"
+        ]
+
+    # Verification.
+
+    def _verify(self, task: VerificationTask) -> None:
+        if not self._verifier.server_is_ready():
+            self.complain("nobody serves verify_object", key="verifier")
+            self._finish(task, "occluded")
+            return
+        goal = VerifyObject.Goal(
+            header=self._header(), object_id=task.object_id, class_name=task.class_name, sensor=task.sensor,
+            region=box_region(task.region[0], task.region[1] + BODY), attributes=self._attributes(task),
+            timeout=Duration(seconds=self.settings.verify_timeout).to_msg(),
+        )  # fmt: skip
+        self._verifying = True
+        self._verifier.send_goal_async(goal).add_done_callback(lambda done: self._accepted(task, done))
+
+    def _accepted(self, task: VerificationTask, done: Any) -> None:
+        handle = done.result()
+        if handle is None or not handle.accepted:
+            self._verified(task, None)
+            return
+        handle.get_result_async().add_done_callback(lambda result: self._verified(task, result.result()))
+
+    def _verified(self, task: VerificationTask, answer: Any) -> None:
+        self._verifying = False
+        if answer is None or answer.status not in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED):
+            self._finish(task, "occluded")
+            return
+        result = answer.result
+        if result.code == result.FOUND:
+            self._vain.pop(task.object_id, None)
+            if result.evidence.objects:
+                self._evidence_output.publish(result.evidence)
+            self._finish(task, "found")
+        elif result.code == result.NOT_FOUND:
+            self._missed(task)
+        else:
+            self._finish(task, "occluded")
+
+    def _missed(self, task: VerificationTask) -> None:
+        """A look in vain: once more from nearer, then the object is lost."""
+        self._vain[task.object_id] = self._vain.get(task.object_id, 0) + 1
+        if self._vain[task.object_id] < self.settings.looks_before_lost:
+            self._finish(task, "occluded")
+            self._maintenance.trigger(task.object_id, task.trigger or "a look in vain")
+            return
+        del self._vain[task.object_id]
+        missing = ObjectEvidence(detection_id=NOT_FOUND, object_id=task.object_id)
+        missing.pose.pose.orientation.w = 1.0
+        self._evidence_output.publish(
+            WorldEvidence(header=self._header(), sensor=task.sensor, objects=[missing])
+        )
+        self._finish(task, "not_found")
+
+    def _finish(self, task: VerificationTask, outcome: str) -> None:
+        self._outcomes[outcome] += 1
+        self._maintenance.report(task, outcome, self.get_clock().now().nanoseconds / NANOSECONDS)
+        self._task = None
+
+    # Helpers.
+
+    def _pose(self) -> Array | None:
+        return planar_pose(self.transforms, self._map_frame, self._base)
+
+    def _header(self) -> Header:
+        now = self.get_clock().now().nanoseconds
+        newest = self.transforms.newest(self._map_frame, self._base) or 0
+        # Evidence has to be placed by tf at its stamp.
+        stamp = min(now, newest) if newest else now
+        return Header(stamp=time_message(stamp), frame_id=self._map_frame)
+
+    def _nav2(self) -> ActionClient | None:
+        """A client of nav2, where it is wanted and installed."""
+        if not self.settings.navigate:
+            return None
+        client = ActionClient(self, _navigate_type(), "navigate_to_pose")
+        self._created.append((lambda item: item.destroy(), client))
+        return client
+
+
+def _navigate_type() -> Any:
+    """nav2's action. Raises InputError where it is not installed: nothing else of the suite needs it."""
+    try:
+        return import_module("nav2_msgs.action").NavigateToPose
+    except ImportError as error:
+        raise InputError(f"navigate: nav2_msgs is not installed ({error})") from error
+
+
+def main() -> None:
+    """Entry point of the executable `world_maintenance`."""
+    exit_with(WorldMaintenanceNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,361 @@
+"""Node `world_model`: which objects exist and where they are, with a memory.
+
+In: `evidence` (WorldEvidence), `detections` (vision_msgs/Detection3DArray), `targets` (TargetArray), `robot_pose`
+(PoseWithCovarianceStamped, optional), tf. Out: `world_state`, `world_hypotheses`, `objects`
+(vision_msgs/Detection3DArray), `~/markers`. Services: `~/query`, `~/forget`, `~/relabel`, `~/save`, `~/reset`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection3DArray
+from visualization_msgs.msg import MarkerArray
+
+from estimation.errors import InputError
+from whereabouts.evidence import PERSON, Frame, Reader, most_probably
+from whereabouts.nodes.base import SuiteNode, exit_with
+from whereabouts.nodes.conversions import PLANAR, pose_from_message
+from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.transforms import TransformError, frame_name
+from whereabouts.nodes.world_messages import (
+    ObjectMessages,
+    by_id,
+    detections_message,
+    hypotheses_message,
+    marker_messages,
+    object_message,
+    region_from_message,
+    state_message,
+)
+from whereabouts.parameters.world_model import WorldModelParameters
+from whereabouts_msgs.msg import TargetArray, WorldHypotheses
+from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
+from whereabouts_msgs.msg import WorldState as StateMessage
+from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
+from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
+from world_model.queries import Words
+from world_model.store import Store
+
+Array = NDArray[np.float64]
+# A robot pose older than this says nothing about now.
+POSE_AGE = 5 * NANOSECONDS
+# A target this far from where its object was is somebody else: m, and m/s since.
+HINT_DISTANCE, WALKING_SPEED = 1.0, 2.0
+# A subscriber that joins late is told how the world is.
+STATE_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class WorldModelNode(SuiteNode):
+    """Objects and their symbols, from detections."""
+
+    parameters_model = WorldModelParameters
+    node_name = "world_model"
+    settings: WorldModelParameters
+    _model: WorldModel | None = None
+    _configured = False
+
+    def setup(self) -> None:
+        settings = self.settings
+        config, symbols = settings.world, settings.symbols
+        places = settings.places
+        self._map = frame_name(settings.map_frame)
+        if places and places.frame != self._map:
+            raise InputError(f"places_file: is in frame '{places.frame}', the world in '{self._map}'")
+        store = Store(settings.store_path, settings.history_limit) if settings.store_path else None
+        self._model = WorldModel(config, places, store)
+        self._model.words = Words(places, symbols)
+        self._shown: list[WorldObject] = []
+        self._report_store()
+        known = {"class": config.classes, "color": config.colors}
+        self._reader = Reader(known, (*known, *config.attributes), config.measurement_sigma, symbols)
+        self._messages = ObjectMessages(self._model.words)
+        self.listen_to_transforms()
+        # An old pose is no jump of time: localisation says it again when somebody asks.
+        pose = Input(self, PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False)
+        self.inputs.append(pose)
+        self._created.append((self.destroy_subscription, pose.subscription))
+        self.add_input(EvidenceMessage, "evidence", self._take_evidence, frames=self._frames)
+        self.add_input(Detection3DArray, "detections", self._take_detections, frames=self._frames)
+        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames)
+        self._state_output = self.add_output(StateMessage, "world_state", STATE_QOS)
+        self._hypotheses_output = self.add_output(WorldHypotheses, "world_hypotheses")
+        self._objects_output = self.add_output(Detection3DArray, "objects")
+        self._markers_output = self.add_output(MarkerArray, "~/markers")
+        self.add_service(QueryWorld, "~/query", self._query)
+        self.add_service(ForgetObject, "~/forget", self._forget)
+        self.add_service(RelabelObject, "~/relabel", self._relabel)
+        self.add_service(SaveState, "~/save", self._save)
+
+    def start_run(self) -> None:
+        if self._configured:
+            self.model.reset()
+        self._configured = True
+        self._pose: tuple[int, Array] | None = None
+        self._stamp = 0
+        self._updates = 0
+        self._durations: deque[float] = deque(maxlen=500)
+        self._hypotheses_at: int | None = None
+        self._targets_at: int | None = None
+        self._target_ids: dict[int, str] = {}
+        self._left_out = 0
+
+    @property
+    def model(self) -> WorldModel:
+        """The world model, from configuration to clean-up."""
+        assert self._model is not None
+        return self._model
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = super().on_activate(state)
+        if self.active and np.isfinite(self.model.stamp):
+            # What was remembered is known before anything is seen.
+            self._publish(self.model.propagate(self.model.stamp), round(self.model.stamp * NANOSECONDS))
+        return result
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._close()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._close()
+        return super().on_shutdown(state)
+
+    def _close(self) -> None:
+        if self._model is not None and self._model.store is not None:
+            self._model.store.close()
+        self._model, self._configured = None, False
+
+    def health(self) -> Health:
+        if self._model is None:
+            return Health("not configured")
+        figures: dict[str, object] = dict(self._model.health)
+        figures["run"] = self._model.epoch
+        figures["updates"] = self._updates
+        figures["people in other evidence, left out"] = self._left_out
+        if self._durations:
+            p50, p99 = np.percentile(self._durations, [50, 99]) * 1e3
+            figures |= {"update p50 [ms]": float(p50), "update p99 [ms]": float(p99)}
+        store = self._model.store
+        if store is None:
+            return Health(f"{figures['objects']} objects, not remembered", figures=figures)
+        figures |= {"history rows": store.rows, "failed writes": store.failures}
+        if store.problem:
+            return Health(store.problem, warning=True, figures=figures)
+        return Health(f"{figures['objects']} objects", figures=figures)
+
+    # Evidence.
+
+    def _frames(self, message: Any) -> list[tuple[str, str]]:
+        frame = frame_name(message.header.frame_id)
+        return [(self._map, frame)] if frame else []
+
+    def _frame(self, message: Any, stamp: int) -> Frame:
+        """From the message's frame to the world, with what is uncertain about it."""
+        frame = frame_name(message.header.frame_id)
+        if not frame:
+            raise InputError("header.frame_id is empty")
+        if frame == self._map:
+            return Frame()
+        matrix = self.transforms.lookup(self._map, frame, stamp)
+        try:
+            origin = self.transforms.lookup(self._map, self.settings.base_frame, stamp)[:2, 3]
+        except TransformError:
+            origin = matrix[:2, 3]
+        return Frame(matrix, origin, self._pose_covariance(stamp))
+
+    def _pose_covariance(self, stamp: int) -> Array:
+        """Of the robot in the map over x, y, yaw: the one it was given with its pose, else the configured one."""
+        if self._pose is not None and abs(stamp - self._pose[0]) <= POSE_AGE:
+            return self._pose[1]
+        settings = self.settings
+        return np.diag([settings.position_sigma**2, settings.position_sigma**2, settings.heading_sigma**2])
+
+    def _take_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
+        if frame_name(message.header.frame_id) != self._map:
+            raise InputError(f"robot_pose is in frame '{message.header.frame_id}', expected '{self._map}'")
+        pose_from_message(message.pose.pose)
+        covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
+            raise InputError("robot_pose: a finite covariance that is not indefinite expected")
+        self._pose = (stamp, covariance)
+
+    def _take_evidence(self, message: EvidenceMessage, stamp: int) -> None:
+        evidence, missing = self._reader.evidence(message, self._frame(message, stamp))
+        evidence.objects = self._without_people(evidence)
+        if evidence.objects or evidence.sensor is not None or not missing:
+            self._update(evidence, stamp)
+        for object_id in missing:
+            self._publish(self.model.report(object_id, "not_found", stamp / NANOSECONDS), stamp)
+
+    def _take_detections(self, message: Detection3DArray, stamp: int) -> None:
+        evidence = self._reader.detections(message, self._frame(message, stamp))
+        evidence.objects = self._without_people(evidence)
+        self._update(evidence, stamp)
+
+    def _take_targets(self, message: TargetArray, stamp: int) -> None:
+        since = None if self._targets_at is None else (stamp - self._targets_at) / NANOSECONDS
+        if since is not None and 0.0 <= since < self.settings.target_period:
+            return
+        evidence, labels = self._reader.targets(message, self._frame(message, stamp), self._target_ids)
+        for item in evidence.objects:
+            if item.object_id is not None and not self._plausible(item, stamp):
+                item.object_id = None
+        self._targets_at = stamp
+        state = self._update(evidence, stamp)
+        present = {int(target.label) for target in message.targets}
+        kept = {label: name for label, name in self._target_ids.items() if label in present}
+        found = zip(labels, state.associations, strict=True)
+        self._target_ids = kept | {label: name for label, name in found if name is not None}
+
+    def _plausible(self, item: ObjectEvidence, stamp: int) -> bool:
+        """Whether a target can be the object its label was before: labels are mixed up now and then."""
+        known = next((other for other in self._shown if other.id == item.object_id), None)
+        if known is None or known.lost:
+            return False
+        since = max((stamp - self._stamp) / NANOSECONDS, 0.0)
+        apart = float(np.hypot(*(np.asarray(item.position) - known.position)[:2]))
+        return apart < HINT_DISTANCE + WALKING_SPEED * since
+
+    def _without_people(self, evidence: WorldEvidence) -> list[Any]:
+        """The objects that are not people, where these come by another topic."""
+        if not self.settings.people_from_targets or self._targets_at is None:
+            return list(evidence.objects)
+        kept = [item for item in evidence.objects if not most_probably(item, PERSON)]
+        self._left_out += len(evidence.objects) - len(kept)
+        return kept
+
+    def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:
+        begun = time.perf_counter()
+        state = self.model.update(evidence, stamp / NANOSECONDS)
+        self._durations.append(time.perf_counter() - begun)
+        self._updates += 1
+        self._report_store()
+        self._publish(state, stamp)
+        return state
+
+    def _report_store(self) -> None:
+        store = self.model.store
+        if store is not None and store.problem:
+            self.complain(store.problem, key="store")
+
+    # What is published.
+
+    def _publish(self, state: WorldState, stamp: int) -> None:
+        self._stamp = stamp if state.stamp <= stamp / NANOSECONDS else round(state.stamp * NANOSECONDS)
+        self._shown = by_id(state.objects)
+        header = self._header(self._stamp)
+        objects = [self._messages.message(item) for item in self._shown]
+        self._state_output.publish(state_message(state, header, objects))
+        if self._objects_output.wanted:
+            self._objects_output.publish(detections_message(header, objects))
+        if self._markers_output.wanted:
+            self._markers_output.publish(marker_messages(header, self._shown, self.model.words))
+        kept = list(state.objects)
+        if self._hypotheses_output.wanted and self._is_time_for_hypotheses():
+            hypotheses = self.model.hypotheses()[: self.settings.published_hypotheses]
+            self._hypotheses_output.publish(hypotheses_message(hypotheses, header, self._messages))
+        self._messages.keep(kept)
+        self.model.words.keep(kept)
+
+    def _is_time_for_hypotheses(self) -> bool:
+        since = None if self._hypotheses_at is None else (self._stamp - self._hypotheses_at) / NANOSECONDS
+        if since is not None and 0.0 <= since < self.settings.hypotheses_period:
+            return False
+        self._hypotheses_at = self._stamp
+        return True
+
+    def _header(self, stamp: int) -> Header:
+        return Header(stamp=time_message(max(stamp, 0)), frame_id=self._map)
+
+    # Services.
+
+    def _query(self, request: QueryWorld.Request, response: QueryWorld.Response) -> QueryWorld.Response:
+        moment = nanoseconds(request.time)
+        frame = frame_name(request.frame_id) or self._map
+        there = np.eye(4) if frame == self._map else self.transforms.lookup(self._map, frame, self._stamp)
+        answers = self.model.query(
+            class_name=request.class_name,
+            predicate=list(request.predicates),
+            object_id=request.object_id,
+            region=region_from_message(request.region, there),
+            stamp=moment / NANOSECONDS if moment else None,
+            min_probability=request.min_probability,
+            limit=int(request.limit) or None,
+        )
+        back: Array = np.asarray(np.linalg.inv(there), dtype=np.float64)
+        header = self._header(moment or self._stamp)
+        header.frame_id = frame
+        response.world.header = header
+        response.world.objects = [object_message(answer.object, back) for answer in answers]
+        response.world.epoch = self.model.epoch
+        response.probabilities = [min(answer.probability, 1.0) for answer in answers]
+        response.descriptions = [answer.description for answer in answers]
+        response.code, response.message = response.SUCCESS, f"{len(answers)} objects"
+        return response
+
+    def _forget(
+        self, request: ForgetObject.Request, response: ForgetObject.Response
+    ) -> ForgetObject.Response:
+        if not request.object_id and not request.class_name:
+            raise InputError("object_id and class_name are both empty: nothing to forget")
+        names = [request.object_id] if request.object_id else []
+        if request.class_name:
+            names += [
+                item.id
+                for item in self._now().objects
+                if item.most_probable("class") == request.class_name and item.id not in names
+            ]
+        for name in names:
+            self.model.forget(name)
+            response.object_ids.append(name)
+        self._after_change()
+        response.code, response.message = response.SUCCESS, f"{len(names)} objects forgotten"
+        return response
+
+    def _relabel(
+        self, request: RelabelObject.Request, response: RelabelObject.Response
+    ) -> RelabelObject.Response:
+        if not request.class_name and not request.new_object_id:
+            raise InputError("class_name and new_object_id are both empty: nothing to change")
+        self.model.relabel(request.object_id, request.class_name, request.new_object_id)
+        self._after_change()
+        response.code, response.message = response.SUCCESS, "relabelled"
+        return response
+
+    def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
+        store = self.model.store
+        if store is None:
+            raise InputError("there is no store: the parameter store_path is empty")
+        response.path = str(store.save(request.path or None))
+        response.code, response.message = response.SUCCESS, "written"
+        return response
+
+    def _now(self) -> WorldState:
+        """The most probable world as it is."""
+        if not np.isfinite(self.model.stamp):
+            return WorldState((), 1.0, 0.0, 0.0, self.model.epoch)
+        return self.model.propagate(self.model.stamp)
+
+    def _after_change(self) -> None:
+        """Somebody has corrected the world: say how it is now."""
+        self._publish(self._now(), self._stamp)
+
+
+def main() -> None:
+    """Entry point of the executable `world_model`."""
+    exit_with(WorldModelNode)
+
+
+if __name__ == "__main__":
+    main()

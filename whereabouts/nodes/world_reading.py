@@ -1,0 +1,124 @@
+"""Worlds, maps and regions from messages, for the nodes that act upon a world model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PoseStamped, Vector3
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from estimation.poses import pose_from_matrix
+from whereabouts.nodes.conversions import fill_pose, pose_from_message, spatial
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.transforms import TransformBuffer, TransformError
+from whereabouts_msgs.msg import DiscreteDistribution, Region
+from whereabouts_msgs.msg import WorldObject as ObjectMessage
+from whereabouts_msgs.msg import WorldState as StateMessage
+from world_model import WorldObject, WorldState
+
+Array = NDArray[np.float64]
+
+
+def state_from_message(message: StateMessage) -> WorldState:
+    """A WorldState; frames are the message's.
+
+    Raises
+    ------
+    InputError : an object with a pose or a covariance that is not finite; names it.
+    """
+    objects = tuple(object_from_message(item) for item in message.objects)
+    stamp = nanoseconds(message.header.stamp) / NANOSECONDS
+    return WorldState(objects, message.probability, message.expected_count, stamp, int(message.epoch))
+
+
+def object_from_message(message: ObjectMessage) -> WorldObject:
+    """One object.
+
+    Raises
+    ------
+    InputError : a pose or a covariance that is not finite.
+    """
+    try:
+        position = pose_from_message(message.pose.pose)[:3]
+    except InputError as error:
+        raise InputError(f"object '{message.id}': {error}") from error
+    covariance = np.array(message.pose.covariance).reshape(6, 6)[:3, :3]
+    if not np.isfinite(covariance).all():
+        raise InputError(f"object '{message.id}': its covariance is not finite")
+    linear = message.velocity.twist.linear
+    attributes = {"class": _distribution(message.class_distribution)}
+    attributes |= {
+        item.name: _distribution(item.discrete) for item in message.properties if len(item.discrete.values)
+    }
+    return WorldObject(
+        message.id, position, np.array([linear.x, linear.y, linear.z]), covariance, attributes,
+        message.existence_probability, message.lost, _seconds(message.last_seen), _seconds(message.first_seen),
+        place=message.place, predicates=tuple(message.predicates),
+    )  # fmt: skip
+
+
+def grid_from_message(message: GridMessage) -> OccupancyGrid:
+    """A nav_msgs/OccupancyGrid.
+
+    Raises
+    ------
+    InputError : sizes that do not fit, a resolution that is not positive, a map turned against its axes.
+    """
+    info = message.info
+    if not info.resolution > 0.0 or info.width * info.height != len(message.data):
+        raise InputError(
+            f"map: {info.width} x {info.height} cells of {info.resolution:g} m and {len(message.data)} values"
+        )
+    pose = pose_from_message(info.origin)
+    if abs(pose[5]) > 1e-6:
+        raise InputError(f"map: turned by {pose[5]:.3f} rad against its axes")
+    values = np.frombuffer(message.data, dtype=np.int8).reshape(info.height, info.width)
+    return OccupancyGrid.from_values(values, float(info.resolution), pose[:2])
+
+
+def planar_pose(transforms: TransformBuffer, target: str, source: str) -> Array | None:
+    """Newest pose (3,) of `source` in `target`; None while tf does not tell."""
+    stamp = transforms.newest(target, source)
+    if stamp is None:
+        return None
+    try:
+        return pose_from_matrix(transforms.lookup(target, source, stamp))[[0, 1, 5]]
+    except TransformError:
+        return None
+
+
+def pose_stamped(header: Header, pose: Array) -> PoseStamped:
+    """A planar pose (3,) as a goal that nav2 takes."""
+    message = PoseStamped(header=header)
+    fill_pose(message.pose, spatial(pose))
+    return message
+
+
+def box_region(centre: Array, size: Array) -> Region:
+    """A box along the axes of the frame; centre and size (3,) m."""
+    region = Region()
+    region.center.position = Point(**dict(zip("xyz", map(float, centre), strict=True)))
+    region.center.orientation.w = 1.0
+    region.size = Vector3(**dict(zip("xyz", map(float, size), strict=True)))
+    return region
+
+
+def distribution_message(values: Mapping[str, float]) -> DiscreteDistribution:
+    """{value: probability} as a message."""
+    return DiscreteDistribution(
+        values=list(values), probabilities=[min(max(p, 0.0), 1.0) for p in values.values()]
+    )
+
+
+def _distribution(message: DiscreteDistribution) -> dict[str, float]:
+    return dict(zip(message.values, map(float, message.probabilities), strict=False))
+
+
+def _seconds(stamp: Time) -> float:
+    return nanoseconds(stamp) / NANOSECONDS

@@ -1,0 +1,58 @@
+"""Parameters of the node `motion_predictor`."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from pydantic import create_model
+
+from tracking.intentions import IntentionConfig
+from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.from_config import settings_of
+
+_WithIntentions = create_model("_WithIntentions", __base__=NodeParameters, **settings_of(IntentionConfig))  # type: ignore[call-overload]
+
+
+class MotionPredictorParameters(_WithIntentions):  # type: ignore[valid-type, misc]
+    """Parameters of `motion_predictor`: its own, and all settings of `IntentionConfig`."""
+
+    map_frame: str = setting("map", "frame in which is learned and predicted", fixed=True)
+    map_id: str = setting("", "name of the map; a saved model of another map is refused", fixed=True)
+    model_path: str = setting(
+        "", "file of ~/save and ~/load without a path; read at the start where it exists", fixed=True
+    )
+    rate: float = setting(5.0, "predictions per second, by the targets' stamps", unit="Hz", ge=0.1, le=100.0)
+    horizon: float = setting(5.0, "how far ahead is predicted", unit="s", ge=0.1, le=60.0)
+    point_interval: float = setting(
+        0.5, "time between published points of a path", unit="s", ge=0.05, le=10.0
+    )
+    track_timeout: float = setting(
+        2.0,
+        "time without an observation after which a track has ended and is learned",
+        unit="s",
+        ge=0.1,
+        le=60.0,
+        fixed=True,
+    )
+    learn: bool = setting(True, "learn from tracks that ended")
+    person_probability: float = setting(
+        0.3,
+        "targets that are a person with less than this are left out; without classes all are taken",
+        ge=0,
+        le=1,
+    )
+    occupied_from: int = setting(65, "cells of the map at or above this are obstacles", ge=1, le=100)
+    publish_markers: bool = setting(True, "publish markers of paths and goals")
+    publish_occupancy: bool = setting(True, "publish predicted_occupancy, points for a costmap")
+    occupancy_horizon: float = setting(
+        3.0, "how far ahead the predicted occupancy reaches", unit="s", ge=0.0, le=60.0
+    )
+    occupancy_probability: float = setting(
+        0.2, "paths to goals less probable than this occupy nothing", ge=0.0, le=1.0
+    )
+    occupancy_height: float = setting(0.5, "height of the occupied points", unit="m", ge=0.0, le=3.0)
+
+    @property
+    def intentions(self) -> IntentionConfig:
+        """The library's settings."""
+        return IntentionConfig(**{item.name: getattr(self, item.name) for item in fields(IntentionConfig)})

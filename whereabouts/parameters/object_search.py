@@ -1,0 +1,50 @@
+"""Parameters of the node `object_search`."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from pydantic import create_model
+
+from estimation.places import Places
+from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.from_config import settings_of
+from world_model.relations import Relations
+from world_model.search import SearchConfig
+
+_WithSearch = create_model("_WithSearch", __base__=NodeParameters, **settings_of(SearchConfig))  # type: ignore[call-overload]
+
+
+class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
+    """Parameters of `object_search`: its own, and all settings of `SearchConfig`."""
+
+    map_frame: str = setting("map", "frame of the world state, the map and the goals", fixed=True)
+    base_frame: str = setting("base_link", "frame of the robot", fixed=True)
+    relations_file: str = setting(
+        "", "YAML of what is found with what; empty: world_model/defaults/relations.yaml", fixed=True
+    )
+    places_file: str = setting("", "YAML with rooms and furniture; empty: none", fixed=True)
+    arrival_distance: float = setting(
+        0.6, "this near to a goal it counts as reached", unit="m", ge=0.05, le=10.0
+    )
+    belief: float = setting(0.5, "existence probability from which an object is believed in", ge=0.0, le=1.0)
+    learn: bool = setting(True, "refine the relations by what the world model sees together")
+    together_distance: float = setting(
+        3.0, "objects this near to each other are seen together", unit="m", ge=0.1, le=50.0
+    )
+    rate: float = setting(5.0, "looks at the world per second while searching", unit="Hz", ge=0.5, le=50.0)
+
+    @property
+    def search(self) -> SearchConfig:
+        """The library's settings."""
+        return SearchConfig(**{item.name: getattr(self, item.name) for item in fields(SearchConfig)})
+
+    @property
+    def relations(self) -> Relations:
+        """Raises InputError naming the file and what is wrong."""
+        return Relations.load(self.relations_file) if self.relations_file else Relations.common_sense()
+
+    @property
+    def places(self) -> Places | None:
+        """Raises InputError naming the file and what is wrong."""
+        return Places.load(self.places_file) if self.places_file else None

@@ -1,0 +1,28 @@
+"""Parameters of the node `target_tracker`."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from pydantic import create_model
+
+from tracking.people_config import PeopleConfig
+from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.from_config import settings_of
+
+# How late a scan may be, every node says itself.
+_SETTINGS = {name: value for name, value in settings_of(PeopleConfig).items() if name != "late_window"}
+_WithPeople = create_model("_WithPeople", __base__=NodeParameters, **_SETTINGS)  # type: ignore[call-overload]
+
+
+class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
+    """Parameters of `target_tracker`: its own, and all settings of `PeopleConfig`."""
+
+    odom_frame: str = setting("odom", "frame in which people are tracked and published", fixed=True)
+    use_segments: bool = setting(True, "use what scan registration says moves, where it arrives in time")
+    trail: float = setting(10.0, "length of the trails among the markers", unit="s", ge=0.0, le=600.0)
+
+    @property
+    def people(self) -> PeopleConfig:
+        """The library's settings."""
+        return PeopleConfig(**{item.name: getattr(self, item.name) for item in fields(PeopleConfig)})

@@ -1,0 +1,81 @@
+"""Parameters of the node `world_maintenance`."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+from pydantic import create_model, model_validator
+
+from estimation.errors import InputError
+from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.from_config import settings_of
+from world_model.looks import Sensor
+from world_model.maintenance import MaintenanceConfig
+
+_taken = settings_of(MaintenanceConfig)
+_WithMaintenance = create_model("_WithMaintenance", __base__=NodeParameters, **_taken)  # type: ignore[call-overload]
+
+
+class WorldMaintenanceParameters(_WithMaintenance):  # type: ignore[valid-type, misc]
+    """Parameters of `world_maintenance`: its own, and the settings of `MaintenanceConfig`."""
+
+    map_frame: str = setting("map", "frame of the world state, the map and the goals", fixed=True)
+    base_frame: str = setting("base_link", "frame of the robot", fixed=True)
+    rate: float = setting(1.0, "decisions per second", unit="Hz", ge=0.05, le=20.0, fixed=True)
+    sensors: list[str] = setting(["camera"], "names of the sensors that can verify", fixed=True)
+    sensor_range_min: list[float] = setting([0.4], "of each sensor, m", fixed=True)
+    sensor_range_max: list[float] = setting([2.0], "of each sensor, m", fixed=True)
+    sensor_sigma: list[float] = setting([0.05], "of each sensor's measured position per axis, m", fixed=True)
+    sensor_cost: list[float] = setting([0.0], "metres of driving a look is worth, per sensor", fixed=True)
+    opening: float = setting(
+        6.2832, "full angle of view of the sensors", unit="rad", ge=0.05, le=6.2832, fixed=True
+    )
+    class_names: list[str] = setting([""], "classes with a threshold of their own", fixed=True)
+    class_values: list[float] = setting([0.0], "their thresholds, nat", fixed=True)
+    arrival_distance: float = setting(
+        0.3, "this near to a goal it counts as reached", unit="m", ge=0.05, le=5.0
+    )
+    task_timeout: float = setting(
+        120.0, "a goal that is not reached by then is given up for a while", unit="s", ge=1.0, le=3600.0
+    )
+    verify_timeout: float = setting(5.0, "for the verifier to decide", unit="s", ge=0.1, le=120.0)
+    looks_before_lost: int = setting(
+        2, "looks in vain, each from nearer, before an object is lost", ge=1, le=10
+    )
+    navigate: bool = setting(False, "send goals to nav2's navigate_to_pose as well", fixed=True)
+
+    @model_validator(mode="after")
+    def together(self) -> WorldMaintenanceParameters:
+        """Lists of one length, and what the library says."""
+        count = len(self.sensors)
+        for name in ("sensor_range_min", "sensor_range_max", "sensor_sigma", "sensor_cost"):
+            if len(getattr(self, name)) != count:
+                raise ValueError(f"{name}: {count} numbers expected, one for each of sensors")
+        if len(self.class_names) != len(self.class_values):
+            raise ValueError("class_names and class_values: as many of the one as of the other expected")
+        try:
+            _ = self.maintenance, self.sensor_models
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @property
+    def maintenance(self) -> MaintenanceConfig:
+        """The library's settings. Raises InputError."""
+        own = {name: value for name, value in zip(self.class_names, self.class_values, strict=True) if name}
+        given = {
+            item.name: getattr(self, item.name) for item in fields(MaintenanceConfig) if item.name in _taken
+        }
+        return MaintenanceConfig(class_thresholds=own, **given)
+
+    @property
+    def sensor_models(self) -> list[Sensor]:
+        """Raises InputError."""
+        return [
+            Sensor(name, low, high, sigma**2 * np.eye(3), cost)
+            for name, low, high, sigma, cost in zip(
+                self.sensors, self.sensor_range_min, self.sensor_range_max, self.sensor_sigma, self.sensor_cost,
+                strict=True,
+            )
+        ]  # fmt: skip

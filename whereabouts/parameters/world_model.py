@@ -1,0 +1,129 @@
+"""Parameters of the node `world_model`."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import yaml
+from pydantic import create_model, field_validator, model_validator
+
+from estimation.errors import InputError
+from estimation.places import Places
+from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.from_config import settings_of
+from world_model import WorldModelConfig
+from world_model.store import LIMIT
+from world_model.symbols import Symbols, default_symbols
+
+# Those that ROS cannot express as they are, or that all nodes have.
+_OTHERWISE = ("classes", "colors", "attributes", "region", "motion", "late_window")
+_taken = {name: made for name, made in settings_of(WorldModelConfig).items() if name not in _OTHERWISE}
+_WithWorld = create_model("_WithWorld", __base__=NodeParameters, **_taken)  # type: ignore[call-overload]
+
+
+class WorldModelParameters(_WithWorld):  # type: ignore[valid-type, misc]
+    """Parameters of `world_model`: its own, and the settings of `WorldModelConfig`."""
+
+    map_frame: str = setting("map", "frame of the world: of all that is stored and published", fixed=True)
+    base_frame: str = setting(
+        "base_link", "frame of the robot, whose pose in the map is uncertain", fixed=True
+    )
+    classes: list[str] = setting(
+        [""], "names of the classes there are; [''] takes any name as it comes", fixed=True
+    )
+    colors: list[str] = setting(
+        [""], "names of the colours there are; [''] takes any name as it comes", fixed=True
+    )
+    attributes: list[str] = setting(
+        ["shape", "size", "material"], "attributes with named values, besides class and color", fixed=True
+    )
+    region: list[float] = setting(
+        [-10.0, 10.0, -10.0, 10.0, -0.5, 3.0],
+        "where objects are, in m: x from, x to, y from, y to, z from, z to",
+        fixed=True,
+    )
+    behaviors_file: str = setting(
+        "", "YAML with the behaviour of each class; empty: world_model/defaults/classes.yaml", fixed=True
+    )
+    predicates_file: str = setting(
+        "", "YAML with what words stand for; empty: world_model/defaults/predicates.yaml", fixed=True
+    )
+    places_file: str = setting(
+        "", "YAML with rooms and furniture, as world_model/defaults/home.yaml; empty: none", fixed=True
+    )
+    store_path: str = setting(
+        "", "file that remembers the world; empty: it is forgotten when the node ends", fixed=True
+    )
+    history_limit: int = setting(
+        LIMIT, "rows of history in the store; older ones are thinned out", ge=100, le=100_000_000, fixed=True
+    )
+    people_from_targets: bool = setting(
+        True, "once targets arrive, people come by that topic only; people in other evidence are left out"
+    )
+    target_period: float = setting(
+        0.5,
+        "targets are filtered, so that they are taken as measurements this far apart",
+        unit="s",
+        ge=0,
+        le=10,
+    )
+    position_sigma: float = setting(
+        0.03, "of the robot in the map, until robot_pose says it; per axis", unit="m", ge=0.0, le=10.0
+    )
+    heading_sigma: float = setting(
+        0.01, "of the robot in the map, until robot_pose says it", unit="rad", ge=0.0, le=1.0
+    )
+    hypotheses_period: float = setting(0.2, "time between published hypotheses", unit="s", ge=0.0, le=60.0)
+    published_hypotheses: int = setting(20, "most hypotheses in a message", ge=1, le=1000)
+
+    @field_validator("region")
+    @classmethod
+    def six_numbers(cls, region: list[float]) -> list[float]:
+        if len(region) != 6:
+            raise ValueError("six numbers expected: x from, x to, y from, y to, z from, z to")
+        return region
+
+    @model_validator(mode="after")
+    def together(self) -> WorldModelParameters:
+        """What the library says about all of them."""
+        try:
+            _ = self.world
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @property
+    def world(self) -> WorldModelConfig:
+        """The library's settings. Raises InputError, also for a file that cannot be read."""
+        given = {
+            item.name: getattr(self, item.name) for item in fields(WorldModelConfig) if item.name in _taken
+        }
+        x0, x1, y0, y1, z0, z1 = self.region
+        return WorldModelConfig(
+            classes=[name for name in self.classes if name],
+            colors=[name for name in self.colors if name],
+            attributes=[name for name in self.attributes if name],
+            region=((x0, x1), (y0, y1), (z0, z1)),
+            motion=_yaml(self.behaviors_file) if self.behaviors_file else None,
+            late_window=self.late_window,
+            **given,
+        )
+
+    @property
+    def places(self) -> Places:
+        """Rooms and furniture. Raises InputError naming file and place."""
+        return Places.load(self.places_file) if self.places_file else Places()
+
+    @property
+    def symbols(self) -> Symbols:
+        """Raises InputError naming file and symbol."""
+        return Symbols.load(self.predicates_file) if self.predicates_file else default_symbols()
+
+
+def _yaml(path: str) -> dict[str, dict[str, object]]:
+    try:
+        given: dict[str, dict[str, object]] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    return given
