@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.supervisor import NodeSpec, Supervisor
 from whereabouts.nodes.transforms import transform_message
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
-from whereabouts_msgs.msg import Processed
+from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
 # Long enough for a machine that is busy with other things; conditions usually hold within a second.
@@ -50,6 +51,9 @@ class Graph:
         self.events: list[str] = []
         self.supervisor = Supervisor(logs, restart=False, on_event=self.events.append)
         self._publishers: dict[str, Any] = {}
+        self._connections: dict[str, Connections] = {}
+        self._collected: Counter[str] = Counter()
+        self._found = 0
 
     def close(self) -> None:
         self.supervisor.stop()
@@ -59,10 +63,35 @@ class Graph:
     def start(self, executable: str, wait: bool = True, namespace: str = "", **parameters: Any) -> NodeSpec:
         defaults = {"input_reliability": "reliable", "report_processed": True, "diagnostics_period": 0.2}
         spec = NodeSpec(executable, namespace or self.namespace, {**defaults, **parameters})
+        self._connections.pop(spec.full_name, None)
         self.supervisor.start(spec)
+        self._listen_to_connections(spec.full_name)
         if wait:
             self.until(lambda: self.state(spec) == State.PRIMARY_STATE_ACTIVE, f"{spec.full_name} is active")
         return spec
+
+    def _listen_to_connections(self, name: str) -> None:
+        def keep(message: Connections) -> None:
+            self._connections[name] = message
+
+        self.node.create_subscription(Connections, f"{name}/connections", keep, 1)
+        self._found = 0
+
+    def _all_found(self) -> bool:
+        """Whether what the nodes say reaches each other and the test, so that none of it gets lost."""
+        listeners = Counter(self._collected)
+        reports = [
+            self._connections[name]
+            for name, node in self.supervisor.nodes.items()
+            if node.running and name in self._connections
+        ]
+        for report in reports:
+            listeners.update(report.inputs)
+        return all(
+            found >= listeners[topic]
+            for report in reports
+            for topic, found in zip(report.outputs, report.subscribers, strict=True)
+        )
 
     def log(self, spec: NodeSpec) -> str:
         return self.supervisor.nodes[spec.full_name].log.read_text()
@@ -106,15 +135,20 @@ class Graph:
     def collect(self, message_type: Any, topic: str, qos: Any = 100) -> list[Any]:
         """A list that fills with the messages of a topic."""
         received: list[Any] = []
-        self.node.create_subscription(message_type, topic, received.append, qos)
+        subscription = self.node.create_subscription(message_type, topic, received.append, qos)
+        self._collected[subscription.topic_name] += 1
         return received
 
     def publish(self, topic: str, message: Any, qos: Any = 100) -> None:
-        """Publish once somebody listens."""
+        """Publish once somebody listens, and the test and the nodes are known to those they listen to."""
         key = f"{topic} {type(message).__name__}"
         if key not in self._publishers:
             self._publishers[key] = self.node.create_publisher(type(message), topic, qos)
             self.until(lambda: self._publishers[key].get_subscription_count(), f"somebody listens to {topic}")
+        entities = len(self._connections) + sum(self._collected.values())
+        if entities > self._found:
+            self.until(self._all_found, "the nodes have found those who listen to them")
+            self._found = entities
         self._publishers[key].publish(message)
 
     def introduce(self, scan: LaserScan, heard: Callable[[], Any], *nodes: str) -> None:

@@ -177,7 +177,7 @@ def test_objects_with_symbols_places_and_answers(graph: Graph) -> None:
         answer = world.query(**wrong)
         assert answer.code == answer.REFUSED
         assert words in answer.message
-    assert int(graph.until(world.figures, "diagnostics")["objects"]) == 2
+    graph.until(lambda: world.figures().get("objects") == "2", "both objects in diagnostics")
 
 
 def test_killed_mid_run_it_finds_every_object_and_its_history_again(graph: Graph, tmp_path: Path) -> None:

@@ -36,10 +36,11 @@ from whereabouts.nodes.parameters import ParameterError, ParameterSet
 from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts.nodes.transforms import TransformBuffer
 from whereabouts.parameters.base import NodeParameters
-from whereabouts_msgs.msg import Processed
+from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
 WARNING_PERIOD = 5.0
+CONNECTIONS_PERIOD = 0.2
 # Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself.
 SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -76,9 +77,11 @@ class SuiteNode(LifecycleNode):
         self.outputs: list[Output] = []
         self.transforms = TransformBuffer()
         self.processed = self.create_publisher(Processed, "~/processed", 100)
+        self._connections = self.create_publisher(Connections, "~/connections", 1)
         self._diagnostics = DiagnosticsPublisher(self)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish, clock=self._steady)
+        self.create_timer(CONNECTIONS_PERIOD, self._report_connections, clock=self._steady)
         self._supervisor = int(os.environ.get(SUPERVISOR_VARIABLE, 0))
         self.create_timer(1.0, self._check_supervisor, clock=self._steady)
 
@@ -299,6 +302,15 @@ class SuiteNode(LifecycleNode):
         if self._supervisor and os.getppid() != self._supervisor:
             self.get_logger().error("the supervisor is gone: ending")
             raise KeyboardInterrupt
+
+    def _report_connections(self) -> None:
+        if self.settings.report_processed and self.active:
+            message = Connections(
+                inputs=[item.topic for item in self.inputs],
+                outputs=[output.topic for output in self.outputs],
+                subscribers=[output.subscribers for output in self.outputs],
+            )
+            self._connections.publish(message)
 
     def _take_transforms(self, message: TFMessage, static: bool) -> None:
         problem: InputError | None = None

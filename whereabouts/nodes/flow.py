@@ -51,6 +51,10 @@ class Flow:
         for topic, count in zip(message.output_topics, message.output_counts, strict=True):
             self._published.setdefault(topic, {}).setdefault(node, Tally()).set(int(count))
 
+    def published(self, topic: str) -> int:
+        """Messages of a topic that watched nodes have sent."""
+        return sum(tally.total for tally in self._published.get(topic, {}).values())
+
     def behind(self) -> list[str]:
         """Nodes that have yet to take in what other nodes sent them."""
         return [node for (node, _), lag in self._lags().items() if lag > 0]
@@ -63,8 +67,8 @@ class Flow:
 
     def _lags(self) -> dict[tuple[str, str], int]:
         lags: dict[tuple[str, str], int] = {}
-        for topic, producers in self._published.items():
-            expected = self._sent(topic) + sum(tally.total for tally in producers.values())
+        for topic in self._published:
+            expected = self._sent(topic) + self.published(topic)
             for node in self._subscribers(topic):
                 received = self._received.get((node, topic))
                 total = 0 if received is None else received.total

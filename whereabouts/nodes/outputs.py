@@ -14,9 +14,14 @@ class Output:
         self.count = 0
 
     @property
+    def subscribers(self) -> int:
+        """How many listeners it has found."""
+        return int(self._publisher.get_subscription_count())
+
+    @property
     def wanted(self) -> bool:
         """Whether anybody listens, so that costly messages need not be made for nobody."""
-        return bool(self._publisher.get_subscription_count() > 0)
+        return self.subscribers > 0
 
     def publish(self, message: Any) -> None:
         """Send, unless the node is inactive."""

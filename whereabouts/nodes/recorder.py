@@ -28,6 +28,11 @@ class Recorder:
         self.last_arrival = time.monotonic()
         self._subscriptions = [self._subscribe(node, name, type_name) for name, type_name in topics]
 
+    @property
+    def topics(self) -> list[str]:
+        """Full names of what is recorded."""
+        return [subscription.topic_name for subscription in self._subscriptions]
+
     def _subscribe(self, node: Node, name: str, type_name: str) -> Any:
         topic: list[Topic] = []
 

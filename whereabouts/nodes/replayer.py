@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rclpy.executors import Executor
-from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
@@ -18,13 +18,11 @@ from whereabouts.logs import RawLog, RawMessage, Topic, open_raw
 from whereabouts.nodes.flow import Flow
 from whereabouts.nodes.interfaces import UnknownTypeError, message_class
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts_msgs.msg import Processed
+from whereabouts_msgs.msg import Connections, Processed
 
 DEPTH = 200
 CLOCK_PERIOD = 5_000_000
 PATIENCE = 10.0
-# Every node listens to these.
-EVERY_NODE = {"/clock", "/parameter_events"}
 
 
 @dataclass
@@ -89,7 +87,11 @@ class Replayer:
         self.now = 0
         self._clock = node.create_publisher(Clock, "/clock", 10)
         self._clock_sent = 0
-        self._subscriptions = [self._listen(name) for name in self.watched]
+        self._connections: dict[str, Connections] = {}
+        self._dead: set[tuple[int, ...]] = set()
+        self._subscriptions = [
+            listen(name) for name in self.watched for listen in (self._listen, self._listen_to_connections)
+        ]
         for topic in self._log.topics:
             self._advertise(topic)
 
@@ -113,6 +115,12 @@ class Replayer:
             self._flow.note(watched, message)
 
         return self._node.create_subscription(Processed, f"{watched}/processed", keep, DEPTH)
+
+    def _listen_to_connections(self, watched: str) -> Any:
+        def keep(message: Connections) -> None:
+            self._connections[watched] = message
+
+        return self._node.create_subscription(Connections, f"{watched}/connections", keep, 1)
 
     def _name(self, topic: Topic) -> str:
         return self._name_of(topic.name)
@@ -205,17 +213,49 @@ class Replayer:
         found = {
             f"{end.node_namespace.rstrip('/')}/{end.node_name}"
             for end in self._node.get_subscriptions_info_by_topic(name)
+            if tuple(end.endpoint_gid) not in self._dead
         }
         return [node for node in self.watched if node in found]
 
-    def heard_by(self, node: str) -> set[str]:
-        """Topics a node listens to, as far as the graph is known by now; empty while it is unknown."""
-        namespace, _, name = node.rpartition("/")
-        try:
-            found = self._node.get_subscriber_names_and_types_by_node(name, namespace or "/")
-        except NodeNameNonExistentError:
-            return set()
-        return {topic for topic, _ in found} - EVERY_NODE
+    def sent_by_nodes(self, topic: str) -> int:
+        """Messages that the watched nodes have reported to have published on a topic."""
+        return self._flow.published(topic)
+
+    def unconnected(self, recorded: Collection[str] = ()) -> list[str]:
+        """What has yet to be found before nothing can get lost, as sentences; empty once all is connected.
+
+        A node that is active may be unknown for a while to those it listens to, and what they say meanwhile never
+        reaches it.
+
+        recorded : topics that the caller listens to.
+        """
+        silent = [
+            f"{name} has not said whom it has found" for name in self.watched if name not in self._connections
+        ]
+        if silent:
+            return silent
+        listeners = Counter(topic for report in self._connections.values() for topic in report.inputs)
+        listeners.update(recorded)
+        played = {self._name_of(topic) for topic in self._publishers}
+        missing = [
+            f"{name} is not known to listen to {topic}"
+            for name, report in self._connections.items()
+            for topic in played.intersection(report.inputs)
+            if name not in self._subscribers(topic)
+        ]
+        for name, report in self._connections.items():
+            for topic, found in zip(report.outputs, report.subscribers, strict=True):
+                if found < listeners[topic]:
+                    missing.append(f"{name} has found {found} of {listeners[topic]} listeners to {topic}")
+        return missing
+
+    def bury(self, node: str) -> None:
+        """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
+        self._connections.pop(node, None)
+        for topic in map(self._name_of, self._publishers):
+            for end in self._node.get_subscriptions_info_by_topic(topic):
+                if f"{end.node_namespace.rstrip('/')}/{end.node_name}" == node:
+                    self._dead.add(tuple(end.endpoint_gid))
 
     def nodes_changed(self) -> None:
         """A watched node came or went: ask the graph again who listens to what."""

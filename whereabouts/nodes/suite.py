@@ -19,12 +19,14 @@ from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
 from whereabouts.nodes.recorder import Recorder
-from whereabouts.nodes.replayer import ReplayAccount, Replayer
+from whereabouts.nodes.replayer import PATIENCE, ReplayAccount, Replayer
 from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts.resources import config_file
 
 # The very first start on a machine compiles what registration runs per scan.
 START_TIMEOUT = 180.0
+# Nodes find each other within moments; a mismatch of reliability or durability is the usual reason why they do not.
+CONNECT_TIMEOUT = 30.0
 QUIET = 0.5
 # What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
 REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
@@ -93,6 +95,7 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
             is_running=lambda name: supervisor.nodes[name].running,
         )
         stack.callback(replayer.close)
+        supervisor.on_death = replayer.bury
         recorder = None
         if run.output is not None:
             writer = stack.enter_context(McapWriter(run.output))
@@ -100,8 +103,10 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
             recorder.now = lambda: replayer.now
         for spec in run.nodes:
             supervisor.start(spec)
-        watch = _Watch(node, executor, supervisor, replayer)
-        watch.wait_until_active()
+        watch = _Watch(
+            node, executor, supervisor, replayer, recorder.topics if recorder else [], run.on_event
+        )
+        watch.wait_until_ready()
 
         def between_messages(message: RawMessage) -> None:
             run.on_message(message)
@@ -110,21 +115,29 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
 
         account = replayer.run(between_messages)
         if recorder is not None:
-            _let_recorder_finish(executor, recorder)
+            _let_recorder_finish(executor, recorder, replayer)
         return account
 
 
 class _Watch:
     """Looks after the nodes between messages, and pauses the replay while one comes back."""
 
-    def __init__(self, node: Node, executor: Any, supervisor: Supervisor, replayer: Replayer) -> None:
-        self._node = node
+    def __init__(
+        self,
+        node: Node,
+        executor: Any,
+        supervisor: Supervisor,
+        replayer: Replayer,
+        recorded: Sequence[str],
+        on_event: Callable[[str], None],
+    ) -> None:
         self._executor = executor
         self._supervisor = supervisor
         self._replayer = replayer
+        self._recorded = recorded
+        self._on_event = on_event
         self._clients = {name: node.create_client(GetState, f"{name}/get_state") for name in replayer.watched}
         self._restarts = 0
-        self._heard: dict[str, set[str]] = {}
 
     def look(self) -> None:
         """Notice a node that died; the supervisor has started it again, so wait for it."""
@@ -132,25 +145,32 @@ class _Watch:
         restarts = sum(managed.restarts for managed in self._supervisor.nodes.values())
         if restarts > self._restarts:
             self._restarts = restarts
-            self.wait_until_active()
+            self.wait_until_ready()
             self._replayer.nodes_changed()
 
-    def wait_until_active(self) -> None:
-        """Until every node is active and known to listen.
+    def wait_until_ready(self) -> None:
+        """Until every node is active and all have found each other.
 
         Raises
         ------
-        SuiteError : one is not in time, or has ended.
+        SuiteError : one is not active in time, or has ended.
         """
         deadline = time.monotonic() + START_TIMEOUT
         for name, client in self._clients.items():
-            while not (self._is_active(client) and self._listens(name)):
+            while not self._is_active(client):
                 self._supervisor.check()
                 if time.monotonic() > deadline:
                     tail = self._supervisor.nodes[name].log_tail()
                     raise SuiteError(
                         f"{name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
                     )
+        deadline = time.monotonic() + CONNECT_TIMEOUT
+        while missing := self._replayer.unconnected(self._recorded):
+            self._supervisor.check()
+            if time.monotonic() > deadline:
+                self._on_event(f"going on although {'; '.join(missing)}")
+                return
+            self._executor.spin_once(timeout_sec=0.05)
 
     def _is_active(self, client: Any) -> bool:
         if not client.service_is_ready():
@@ -163,25 +183,19 @@ class _Watch:
             return False
         return bool(future.result().current_state.id == State.PRIMARY_STATE_ACTIVE)
 
-    def _listens(self, name: str) -> bool:
-        """Whether the graph knows of the node's inputs, as it does a moment after the node is active."""
-        self._executor.spin_once(timeout_sec=0.05)
-        before = self._replayer.heard_by(name)
-        self._executor.spin_once(timeout_sec=0.05)
-        # One that came back listens to what it listened to before, once the graph knows.
-        if (
-            not before
-            or not before >= self._heard.get(name, set())
-            or self._replayer.heard_by(name) != before
-        ):
-            return False
-        self._heard[name] = before
-        return True
 
-
-def _let_recorder_finish(executor: Any, recorder: Recorder) -> None:
+def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) -> None:
     """The nodes are done; what they have sent last is still on its way."""
-    while time.monotonic() - recorder.last_arrival < QUIET:
+
+    def quiet() -> float:
+        return time.monotonic() - recorder.last_arrival
+
+    def complete() -> bool:
+        return all(
+            recorder.counts.get(topic, 0) >= replayer.sent_by_nodes(topic) for topic in recorder.topics
+        )
+
+    while quiet() < QUIET or (quiet() < PATIENCE and not complete()):
         executor.spin_once(timeout_sec=QUIET / 5)
 
 

@@ -131,6 +131,8 @@ class Supervisor:
         self._on_event = on_event or (lambda text: None)
         self.nodes: dict[str, ManagedNode] = {}
         self._given_up: set[str] = set()
+        # Called with the full name of a node that has ended, before it is started again.
+        self.on_death: Callable[[str], None] = lambda name: None
 
     def __enter__(self) -> Supervisor:
         return self
@@ -164,6 +166,7 @@ class Supervisor:
                 raise SuiteError(f"{name} could not start; its last lines:\n{node.log_tail()}")
             if not self._restart:
                 continue
+            self.on_death(name)
             if node.restart():
                 self._on_event(f"{name} ended with {_reason(code)} and was started again")
             else:
