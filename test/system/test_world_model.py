@@ -382,7 +382,10 @@ def test_bad_evidence_is_refused_by_name_and_the_world_goes_on(graph: Graph) -> 
     graph.until(
         lambda: world.figures().get("/evidence dropped, refused") == str(refused), "the account of drops"
     )
-    assert world.figures()["/evidence dropped, no transform"] == "1"
+    graph.until(
+        lambda: world.figures().get("/evidence dropped, no transform") == "1",
+        "the missing transform in diagnostics",
+    )
 
 
 def test_wrong_parameters_are_named(graph: Graph) -> None:
