@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
@@ -124,7 +124,7 @@ class Distances:
     def __init__(self, config: PhdConfig, thresholds: tuple[float, float] | None = None) -> None:
         """`thresholds` (m) replace those of the configuration."""
         if thresholds is None:
-            low, high = config.measurement_noise * np.sqrt(chi2.ppf(config.distance_probabilities, 2))
+            low, high = config.measurement_noise * np.sqrt(chdtri(2, np.subtract(1.0, config.distance_probabilities)))
             thresholds = float(low), float(high)
         self.low, self.high = thresholds
         self.most = config.max_partitions
@@ -209,6 +209,6 @@ def make_partitioner(config: PhdConfig) -> Partitioner:
     if config.partitioner == "all":
         return Exhaustive()
     if config.partitioner == "single":
-        middle = config.measurement_noise * float(np.sqrt(chi2.ppf(config.distance_probabilities[1], 2)))
+        middle = config.measurement_noise * float(np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1])))
         return Distances(config, (middle, middle))
     return Distances(config)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from estimation.checks import FloatArray
 from estimation.gaussians import repair_covariance
@@ -99,8 +99,8 @@ class PmbmRecursion:
         self.hypotheses = Hypotheses.empty()
         self.unseen = Components.empty()
         self.log_clutter = float(np.log(config.clutter_rate / config.area))
-        self.gate = float(chi2.ppf(config.gate_probability, 2))
-        self.link = config.measurement_noise * float(np.sqrt(chi2.ppf(config.distance_probabilities[1], 2)))
+        self.gate = float(chdtri(2, 1.0 - config.gate_probability))
+        self.link = config.measurement_noise * float(np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1])))
         self.repaired = 0
         self.thinned = 0
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from estimation.checks import FloatArray
 from tracking.components import IntArray
@@ -29,7 +29,7 @@ class Subpartitions:
         self.gamma = config.measurement_rate
         self.variance = config.measurement_noise**2
         self.clutter = config.clutter_rate / config.area
-        self.gate_square = float(chi2.ppf(config.gate_probability, 2))
+        self.gate_square = float(chdtri(2, 1.0 - config.gate_probability))
         self.count = config.count_reassignments
 
     def gate(self, points: FloatArray, targets: PredictedTargets) -> npt.NDArray[np.bool_]:

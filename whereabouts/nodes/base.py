@@ -10,7 +10,6 @@ are coroutines that yield, so that a cancel, a look-up or a service call can alw
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 import time
@@ -30,6 +29,7 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
+from whereabouts.nodes.footprint import settle
 from whereabouts.nodes.inputs import Frames, Handler, Input
 from whereabouts.nodes.outputs import Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
@@ -342,9 +342,7 @@ def run_node(node_type: type[NodeType]) -> int:
             return 1
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        # What was imported stays for good: the collector need not look at it again while scans arrive.
-        gc.collect()
-        gc.freeze()
+        settle()
         executor.spin()
     except ParameterError as error:
         print(f"{node_type.node_name}: {error}", file=sys.stderr)
