@@ -8,8 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from whereabouts.log_errors import NothingRecognisedError
 from whereabouts.logs import CloudRecord, ScanRecord, TransformRecord, open_log, open_raw
-from whereabouts.logs.errors import NothingRecognisedError
 
 SCAN, CLOUD, ODOMETRY = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2", "nav_msgs/msg/Odometry"
 # Transforms are repeated every few messages; a bag in which none of these is one has none.

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from estimation.errors import WhereaboutsError
+from whereabouts.atomic import atomic_path
 from whereabouts.logs import convert_log
-from whereabouts.logs.atomic import atomic_path
 
 PACKAGE = "rtb-data==2.0.0"
 MEMBER_NAME = "killian.g2o.zip"

@@ -9,8 +9,8 @@ from typing import Any
 
 from estimation.errors import InputError
 from whereabouts.evidence import Frame, Reader
+from whereabouts.log_errors import NothingRecognisedError
 from whereabouts.logs import open_raw
-from whereabouts.logs.errors import NothingRecognisedError
 from whereabouts.logs.ros_types import Decoder, UnreadableTypeError
 from whereabouts.logs.storage import Topic
 from whereabouts.logs.summary import Summary

@@ -12,7 +12,7 @@ import yaml
 from pydantic import ValidationError
 
 from estimation.errors import InputError
-from whereabouts.logs.atomic import atomic_path
+from whereabouts.atomic import atomic_path
 from whereabouts.parameters.world_model import WorldModelParameters
 from world_model import WorldModel, WorldState
 from world_model.queries import LAST_SEEN, Answer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from whereabouts.datasets import recording
-from whereabouts.logs.errors import EmptyLogError, LogNotFoundError, TrajectoryError, UnknownFormatError
+from whereabouts.log_errors import EmptyLogError, LogNotFoundError, TrajectoryError, UnknownFormatError
 from whereabouts.logs.trajectories import read_trajectories
 
 EDINBURGH = """% Total number of trajectories in file are  2

@@ -9,8 +9,8 @@ import pytest
 
 from registration import Scan
 from whereabouts.bag_profile import profile_of
+from whereabouts.log_errors import NothingRecognisedError
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, ScanRecord, TransformRecord
-from whereabouts.logs.errors import NothingRecognisedError
 
 SCAN = Scan(np.full(10, 2.0), 0.0, 0.1, 0.1, 30.0, 1.0)
 

@@ -16,7 +16,7 @@ JsonFile = Annotated[
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:
     """Write figures as JSON, atomically; nothing where no file was asked for."""
-    from whereabouts.logs.atomic import atomic_path
+    from whereabouts.atomic import atomic_path
 
     if path is None:
         return

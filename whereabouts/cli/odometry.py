@@ -36,8 +36,8 @@ def odometry(
     import numpy as np
 
     from whereabouts.follow import follow
+    from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.logs import TumWriter, open_log
-    from whereabouts.logs.errors import NothingRecognisedError
     from whereabouts.progress import progress_bar
 
     count, unsure, length = 0, 0, 0.0

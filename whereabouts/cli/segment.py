@@ -103,8 +103,8 @@ def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
     import numpy as np
 
     from registration.odometry import Odometry
+    from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.logs import ScanRecord, open_log
-    from whereabouts.logs.errors import NothingRecognisedError
 
     odometry = Odometry()
     scans: list[Scan] = []
@@ -130,7 +130,7 @@ def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
 def _write(out: Path, labels: Any, stamps: Any, poses: Any) -> None:
     import numpy as np
 
-    from whereabouts.logs.atomic import atomic_path
+    from whereabouts.atomic import atomic_path
 
     with atomic_path(out) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, labels=labels, stamps=stamps, poses=poses)

@@ -44,9 +44,9 @@ def slam(
     """
     import numpy as np
 
+    from whereabouts.atomic import atomic_path
+    from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.logs import open_log, write_tum
-    from whereabouts.logs.atomic import atomic_path
-    from whereabouts.logs.errors import NothingRecognisedError
     from whereabouts.mapping import closure_rows, draw_grid, map_grid, map_log
     from whereabouts.progress import progress_bar
 

@@ -49,9 +49,9 @@ def track(
     """
     import csv
 
+    from whereabouts.atomic import atomic_path
+    from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.logs import open_log
-    from whereabouts.logs.atomic import atomic_path
-    from whereabouts.logs.errors import NothingRecognisedError
     from whereabouts.progress import progress_bar
     from whereabouts.track import track_people
 

@@ -159,7 +159,7 @@ def _take_in(
     from contextlib import ExitStack
 
     from estimation.errors import InputError
-    from whereabouts.logs.atomic import atomic_path
+    from whereabouts.atomic import atomic_path
     from whereabouts.world_output import state_record
 
     refused: dict[str, int] = {}
@@ -244,7 +244,7 @@ def _usable(looks: Iterable[Look], settings: WorldModelParameters) -> Iterator[t
 def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dict[str, Any]) -> None:
     import json
 
-    from whereabouts.logs.atomic import atomic_path
+    from whereabouts.atomic import atomic_path
     from world_model.learning import learn
 
     looks = list(_usable(_looks(source, settings), settings))

@@ -16,8 +16,8 @@ from loop_closure.outlines import LocalMap, outline_of_scan
 from loop_closure.pairs import path_lengths
 from loop_closure.training import Recording
 from registration.scan import Scan
+from whereabouts.log_errors import NothingRecognisedError
 from whereabouts.logs import open_log
-from whereabouts.logs.errors import NothingRecognisedError
 from whereabouts.simulation import Drive, Lidar, random_floor
 
 Array = np.ndarray

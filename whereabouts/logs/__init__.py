@@ -1,8 +1,6 @@
 """Readers and writers of robot logs. Knows no ROS installation."""
 
-from .carmen import CarmenLog
-from .conversion import Conversion, convert_log
-from .errors import (
+from whereabouts.log_errors import (
     DamagedLogError,
     EmptyLogError,
     LogError,
@@ -12,10 +10,7 @@ from .errors import (
     UnknownFormatError,
     WriteError,
 )
-from .g2o import Edge, G2oGraph, G2oLog, read_g2o, write_g2o
-from .log import Log
-from .opening import open_log
-from .records import (
+from whereabouts.messages.records import (
     CloudRecord,
     MessageRecord,
     OdometryRecord,
@@ -23,6 +18,12 @@ from .records import (
     ScanRecord,
     TransformRecord,
 )
+
+from .carmen import CarmenLog
+from .conversion import Conversion, convert_log
+from .g2o import Edge, G2oGraph, G2oLog, read_g2o, write_g2o
+from .log import Log
+from .opening import open_log
 from .ros import RawLog, RawMessage, RosLog, open_raw
 from .storage import Qos, Topic
 from .summary import Summary

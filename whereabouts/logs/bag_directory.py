@@ -15,7 +15,8 @@ from typing import Any
 import yaml
 import zstandard
 
-from .errors import DamagedLogError, LogNotFoundError, UnknownFormatError
+from whereabouts.log_errors import DamagedLogError, LogNotFoundError, UnknownFormatError
+
 from .mcap_file import McapFile
 from .opening import only_member
 from .rosbag1_file import Ros1File

@@ -19,6 +19,8 @@ import numpy as np
 
 from estimation.errors import InputError
 from estimation.poses import uncompound
+from whereabouts.log_errors import NothingRecognisedError
+from whereabouts.messages.records import Array, OdometryRecord, Record, ScanRecord
 
 from .carmen_laser import (
     BadLineError,
@@ -29,9 +31,7 @@ from .carmen_laser import (
     parse_robotlaser,
     usable_range,
 )
-from .errors import NothingRecognisedError
 from .log import Log
-from .records import Array, OdometryRecord, Record, ScanRecord
 from .text import TextSource
 
 LaserParser = Callable[[Sequence[bytes], "float | None"], LaserLine]

@@ -10,8 +10,7 @@ import numpy as np
 
 from estimation.poses import between
 from registration.scan import Scan
-
-from .records import Array
+from whereabouts.messages.records import Array
 
 # Where the log does not say what the scanner reports when nothing answers. The SICK scanners of these logs
 # report 81.83 m and more in one mode and 51.05 m and more in another, and see walls at 30 m at most.

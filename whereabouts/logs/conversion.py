@@ -14,14 +14,14 @@ from itertools import islice
 from pathlib import Path
 
 from estimation.errors import InputError
+from whereabouts.log_errors import NothingRecognisedError
+from whereabouts.messages.records import BASE_FRAME, OdometryRecord, Record, ScanRecord, TransformRecord
+from whereabouts.messages.rotations import planar_matrix
 
 from .encode import CLOUD_TYPE, ODOMETRY_TYPE, SCAN_TYPE, nanoseconds
-from .errors import NothingRecognisedError
 from .log import Log
 from .opening import detect, open_log
-from .records import BASE_FRAME, OdometryRecord, Record, ScanRecord, TransformRecord
 from .ros import open_raw
-from .rotations import planar_matrix
 from .storage import Topic
 from .summary import Summary
 from .writer import McapWriter

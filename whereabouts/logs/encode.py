@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.rotations import quaternion_from_rotation
+from whereabouts.messages.records import Array, CloudRecord, OdometryRecord, ScanRecord, TransformRecord
+from whereabouts.messages.rotations import quaternion_of_yaw
 
-from .records import Array, CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 from .ros_types import standard_types
-from .rotations import quaternion_of_yaw
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.poses import between, compound, inverse
+from whereabouts.atomic import atomic_path
+from whereabouts.log_errors import NothingRecognisedError
+from whereabouts.messages.records import Array, Record, ScanRecord
 
-from .atomic import atomic_path
 from .carmen_laser import BadLineError, numbers, parse_robotlaser
-from .errors import NothingRecognisedError
 from .log import Log
-from .records import Array, Record, ScanRecord
 from .summary import Summary
 from .text import TextSource
 

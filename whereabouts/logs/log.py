@@ -8,7 +8,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
-from .records import CloudRecord, OdometryRecord, Record, ScanRecord, TransformRecord, strip_slash
+from whereabouts.messages.records import (
+    CloudRecord,
+    OdometryRecord,
+    Record,
+    ScanRecord,
+    TransformRecord,
+    strip_slash,
+)
+
 from .summary import Summary
 
 R = TypeVar("R", ScanRecord, OdometryRecord, CloudRecord, TransformRecord)

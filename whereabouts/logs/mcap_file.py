@@ -20,7 +20,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Schema
 
-from .errors import UnknownFormatError
+from whereabouts.log_errors import UnknownFormatError
+
 from .storage import Stored, Topic, in_time_order, parse_qos
 from .summary import Summary
 from .text import open_file

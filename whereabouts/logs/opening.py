@@ -6,7 +6,8 @@ import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from .errors import EmptyLogError, LogNotFoundError, UnknownFormatError
+from whereabouts.log_errors import EmptyLogError, LogNotFoundError, UnknownFormatError
+
 from .log import Log
 from .text import ZIP_MAGIC, TextSource, open_file
 

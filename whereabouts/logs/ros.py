@@ -8,11 +8,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from whereabouts.log_errors import EmptyLogError, LogNotFoundError, NothingRecognisedError
+from whereabouts.messages.decode import RECORDS, UnusableMessageError, other
+from whereabouts.messages.records import Record, strip_slash
+
 from .bag_directory import open_bag
-from .decode import RECORDS, UnusableMessageError, other
-from .errors import EmptyLogError, LogNotFoundError, NothingRecognisedError
 from .log import Log
-from .records import Record, strip_slash
 from .ros_types import Decoder, UnreadableTypeError
 from .storage import Stored, Topic, wanted_by
 from .summary import Summary

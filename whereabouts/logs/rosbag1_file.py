@@ -15,7 +15,8 @@ from typing import BinaryIO
 
 import lz4.frame
 
-from .errors import DamagedLogError, UnknownFormatError
+from whereabouts.log_errors import DamagedLogError, UnknownFormatError
+
 from .ros1_types import topic_of
 from .storage import Stored, Topic, in_time_order
 from .summary import Summary

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .errors import DamagedLogError
+from whereabouts.log_errors import DamagedLogError
+
 from .storage import Stored, Topic, parse_qos
 from .summary import Summary
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import yaml
 
-from .records import strip_slash
+from whereabouts.messages.records import strip_slash
 
 Place = TypeVar("Place")
 

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from .errors import DamagedLogError, LogNotFoundError
+from whereabouts.log_errors import DamagedLogError, LogNotFoundError
+
 from .summary import Summary
 
 GZIP_MAGIC = b"\x1f\x8b"

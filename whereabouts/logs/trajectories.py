@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import EmptyLogError, NothingRecognisedError, TrajectoryError, UnknownFormatError
+from whereabouts.log_errors import EmptyLogError, NothingRecognisedError, TrajectoryError, UnknownFormatError
+
 from .summary import Summary
 from .text import TextSource
 

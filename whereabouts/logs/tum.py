@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimation.errors import InputError
 from estimation.rotations import quaternion_from_rotation, rotation_from_quaternion
+from whereabouts.atomic import atomic_path
+from whereabouts.log_errors import EmptyLogError, TrajectoryError
+from whereabouts.messages.rotations import quaternion_of_yaw, to_plane
 
-from .atomic import atomic_path
-from .errors import EmptyLogError, TrajectoryError
-from .rotations import quaternion_of_yaw, to_plane
 from .summary import Summary
 from .text import TextSource
 

@@ -12,8 +12,10 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from estimation.errors import InputError
+from whereabouts.atomic import atomic_path
+from whereabouts.log_errors import WriteError
+from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 
-from .atomic import atomic_path
 from .encode import (
     CLOUD_TYPE,
     ODOMETRY_TYPE,
@@ -25,8 +27,6 @@ from .encode import (
     scan_message,
     transform_message,
 )
-from .errors import WriteError
-from .records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 from .ros_types import standard_types
 from .storage import Qos, Topic, format_qos
 

@@ -17,7 +17,7 @@ from estimation.errors import InputError
 from estimation.poses import pose_from_quaternion, pose_to_quaternion
 from registration import Scan
 from registration.crf.online import Segmented
-from whereabouts.logs import decode
+from whereabouts.messages import decode
 from whereabouts_msgs.msg import ScanSegments, Segment
 
 Array = NDArray[np.float64]

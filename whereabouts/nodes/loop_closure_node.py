@@ -28,7 +28,7 @@ from loop_closure.map_file import read_map, write_map
 from loop_closure.slam import Closure, Slam
 from loop_closure.warm_up import warm_up
 from registration.mounting import level_pose, seen_from_robot, upright
-from whereabouts.logs.atomic import atomic_path
+from whereabouts.atomic import atomic_path
 from whereabouts.mapping import MapGrid, map_points
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.conversions import (

@@ -8,7 +8,7 @@ from estimation.errors import InputError
 
 
 class LogError(InputError):
-    """Base of all errors of this package; `path` and `where` (line or byte offset, or "") say the place."""
+    """Base of all errors of reading and writing logs; `path` and `where` (line or byte offset, or "") say the place."""
 
     def __init__(self, path: Path | str, problem: str, where: str = "") -> None:
         self.path = Path(path)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import WriteError
+from whereabouts.log_errors import WriteError
 
 
 @contextmanager
