@@ -90,6 +90,7 @@ def wait_until_active(names: list[str], started: dict[str, float]) -> dict[str, 
         executor.spin_once(timeout_sec=0.02)
         if time.monotonic() - max(started.values()) > 180.0:
             raise SystemExit(f"not active after 180 s: {', '.join(sorted(set(names) - set(took)))}")
+    executor.shutdown()
     node.destroy_node()
     context.try_shutdown()
     return took

@@ -7,7 +7,6 @@ import gc
 import mmap
 
 LIBRARY = "libllvmlite"
-CODE = "r-xp"
 
 
 def settle() -> None:
@@ -23,19 +22,21 @@ def settle() -> None:
     if advise is None:
         return
     advise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    for start, length in _code_of(LIBRARY):
+    for start, length in _untouched_parts_of(LIBRARY):
         advise(start, length, mmap.MADV_DONTNEED)
 
 
-def _code_of(library: str) -> list[tuple[int, int]]:
-    """Where a shared library's machine code is mapped: pages of the file that nobody has written to."""
+def _untouched_parts_of(library: str) -> list[tuple[int, int]]:
+    """Start and length of each mapping of a shared library that still is what the file holds."""
     found = []
     try:
-        with open("/proc/self/maps") as maps:
+        with open("/proc/self/smaps") as maps:
             for line in maps:
-                span, mode, *_, path = line.split(maxsplit=5)
-                if mode == CODE and library in path:
-                    start, end = (int(text, 16) for text in span.split("-"))
+                name, *values = line.split()
+                if not name.endswith(":"):
+                    start, end = (int(text, 16) for text in name.split("-"))
+                    ours = library in line and "w" not in values[0]
+                elif name == "Anonymous:" and ours and values[0] == "0":
                     found.append((start, end - start))
     except OSError:
         return []
