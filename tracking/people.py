@@ -14,9 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite
+from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.errors import InputError
+from estimation.gaussians import repair_covariance
 from estimation.poses import between, compound, inverse
+from estimation.uncertain_frame import state_through_uncertain_pose
 from registration.scan import Scan
 from tracking.background import Background
 from tracking.legs import Clusters, clusters_of
@@ -84,6 +86,7 @@ class PeopleTracker:
         self._own = OwnBody()
         self.stamp: float | None = None
         self._pose: FloatArray | None = None
+        self._uncertain: FloatArray | None = None
 
     @property
     def expected_count(self) -> float:
@@ -91,16 +94,24 @@ class PeopleTracker:
         return float(self.tracks.exists @ self.tracks.person(self.config.prior))
 
     def step(
-        self, scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None = None
+        self,
+        scan: Scan,
+        pose: npt.ArrayLike,
+        stamp: float,
+        labels: npt.ArrayLike | None = None,
+        pose_covariance: npt.ArrayLike | None = None,
     ) -> list[Target]:
         """People after a scan.
 
         pose : (3,) x, y, yaw of the scanner, metres and radians; people are in its frame. stamp : seconds.
         labels : (N,) per beam, > 0 moving, 0 static, < 0 unknown, by scan registration; None without.
+        pose_covariance : (3, 3) of `pose`, m and rad; None takes the pose for exact. People are followed relative to
+        the robot, as its error is the same for all of them and from scan to scan; it is in what is reported.
 
-        Raises InputError for other shapes and for a pose or stamp that is not finite.
+        Raises InputError for other shapes, for a pose or stamp that is not finite and an indefinite covariance.
         """
         place, beams = self._checked(scan, pose, stamp, labels)
+        self._uncertain = None if pose_covariance is None else self._checked_covariance(pose_covariance)
         dt = self._interval(float(stamp))
         if dt is None:
             return self._reported()
@@ -159,6 +170,11 @@ class PeopleTracker:
         if beams.shape != (len(scan),):
             raise InputError(f"labels must have shape ({len(scan)},), one per beam, not {beams.shape}")
         return place, beams.astype(np.int64)
+
+    @staticmethod
+    def _checked_covariance(pose_covariance: npt.ArrayLike) -> FloatArray:
+        P = as_shape("pose_covariance", pose_covariance, (3, 3))
+        return repair_covariance(P, "pose_covariance", definite=False)
 
     def _interval(self, stamp: float) -> float | None:
         """Seconds to predict over; None for a late scan."""
@@ -448,8 +464,7 @@ class PeopleTracker:
         found: list[Target] = [
             Person(
                 int(tracks.public[t]),
-                tracks.means[t].copy(),
-                tracks.covariances[t].copy(),
+                *self._located(tracks.means[t], tracks.covariances[t]),
                 float(weights[t]),
                 tracks.extents[t].copy(),
                 float(tracks.rates[t]),
@@ -460,3 +475,9 @@ class PeopleTracker:
             for t in np.flatnonzero(tracks.shown)
         ]
         return sorted(found, key=lambda target: target.label)
+
+    def _located(self, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of a state in the frame of the poses, with the error of the robot's own."""
+        if self._uncertain is None or self._pose is None:
+            return mean.copy(), covariance.copy()
+        return state_through_uncertain_pose(mean, covariance, self._pose[:2], self._uncertain)

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.map_frame import convert_to_map
-from estimation.uncertain_frame import through_uncertain_pose
+from estimation.uncertain_frame import state_through_uncertain_pose, through_uncertain_pose
 
 
 @pytest.mark.parametrize("heading", [0.02, 0.15, 0.5])
@@ -62,3 +62,31 @@ def test_an_exact_pose_changes_nothing_and_bad_ones_are_named() -> None:
         through_uncertain_pose([1.0, 2.0, 3.0], R, [0.0, 0.0], np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(InputError, match="position"):
         through_uncertain_pose([1.0, np.nan, 3.0], R, [0.0, 0.0], np.eye(3))
+
+
+@pytest.mark.parametrize("heading", [0.03, 0.4])
+def test_moments_of_states_agree_with_samples(heading: float) -> None:
+    rng = np.random.default_rng(5)
+    origin = np.array([1.0, -2.0])
+    root = rng.normal(size=(3, 3)) * np.array([[0.1], [0.1], [heading]])
+    P = root @ root.T
+    state = np.array([3.5, -0.5, 0.9, -0.4])
+    half = 0.2 * rng.normal(size=(4, 4))
+    R = half @ half.T
+    off = rng.multivariate_normal(np.zeros(3), P, 400_000)
+    states = rng.multivariate_normal(state, R, 400_000)
+    c, s = np.cos(off[:, 2]), np.sin(off[:, 2])
+    arm = states[:, :2] - origin
+    turned = [
+        np.column_stack((c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1])) for v in (arm, states[:, 2:])
+    ]
+    world = np.column_stack((origin + off[:, :2] + turned[0], turned[1]))
+    mean, cov = state_through_uncertain_pose(state, R, origin, P)
+    assert mean == pytest.approx(world.mean(0), abs=0.012)
+    assert cov == pytest.approx(np.cov(world.T), abs=0.01 * np.cov(world.T).max())
+    # Its position is what the conversion of positions says.
+    planar = np.zeros((3, 3))
+    planar[:2, :2] = R[:2, :2]
+    place, spread = through_uncertain_pose([*state[:2], 0.0], planar, origin, P)
+    assert place[:2] == pytest.approx(mean[:2])
+    assert spread[:2, :2] == pytest.approx(cov[:2, :2])

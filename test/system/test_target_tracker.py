@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from harness import START, Graph, room, scan_message
 from sensor_msgs.msg import LaserScan
 from visualization_msgs.msg import MarkerArray
@@ -135,6 +136,25 @@ def test_reset_forgets_and_bad_input_is_survived(graph: Graph) -> None:
         return "tracking ms" in figures and int(figures["people"]) >= 1
 
     graph.until(told, "count and latency in diagnostics")
+    # Localisation says how uncertain the robot is in the frame of the tracks: so are the people.
+    pose = PoseWithCovarianceStamped()
+    pose.header.frame_id, pose.header.stamp = "odom", time_message(START + round(7.9 * NANOSECONDS))
+    pose.pose.pose.orientation.w = 1.0
+    pose.pose.covariance = np.diag([0.5, 0.3, 0.0, 0.0, 0.0, 0.01]).ravel()
+    graph.publish("robot_pose", pose)
+    graph.until(
+        lambda: any(
+            p.topic.endswith("robot_pose") and p.stamp == pose.header.stamp for p in scene.processed[-50:]
+        ),
+        "the pose is taken",
+    )
+    still_there(graph, 7.9)
+    shapes = joined([scene.world, seen(scene.people, 7.9)])
+    scene.send(scan_message(LIDAR.scan(shapes, scene.drive(0.0), scene.rng, 7.9).scan))
+    graph.until(lambda: scene.targets[-1].header.stamp == pose.header.stamp, "people after the pose")
+    for target in scene.targets[-1].targets:
+        position = np.array(target.state_covariance).reshape(4, 4)[:2, :2]
+        assert np.linalg.eigvalsh(position - np.diag([0.5, 0.3])).min() > 0.0
 
 
 def still_there(graph: Graph, time: float) -> None:

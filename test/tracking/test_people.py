@@ -55,6 +55,35 @@ def walk(tracker: PeopleTracker, steps: int, first: int = 0, pose: np.ndarray | 
     return targets
 
 
+def test_the_robots_own_uncertainty_is_in_what_is_reported() -> None:
+    exact, uncertain = PeopleTracker(), PeopleTracker()
+    pose = np.array([1.0, 2.0, 0.5])
+    P = np.array([[0.01, 0.002, 0.004], [0.002, 0.02, 0.0], [0.004, 0.0, 0.1**2]])
+    walk(exact, 25, pose=pose)
+    walk(uncertain, 25, pose=pose)
+    ranges = with_leg(with_leg(wall(), 2.4, 0.5), 2.6, 0.5)
+    (alone,) = exact.step(scan_of(ranges, 2.5), pose, 2.5)
+    (target,) = uncertain.step(scan_of(ranges, 2.5), pose, 2.5, pose_covariance=P)
+    # The true robot is somewhere about `pose`, the person where it was seen from there.
+    rng = np.random.default_rng(1)
+    poses = rng.multivariate_normal(pose, P, 200_000)
+    states = rng.multivariate_normal(alone.mean, alone.covariance, 200_000)
+    turn = poses[:, 2] - pose[2]
+    c, s = np.cos(turn), np.sin(turn)
+    arm = states[:, :2] - pose[:2]
+    there = poses[:, :2] + np.column_stack((c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]))
+    assert target.mean[:2] == pytest.approx(there.mean(0), abs=0.005)
+    assert target.covariance[:2, :2] == pytest.approx(np.cov(there.T), rel=0.02, abs=5e-4)
+    assert np.linalg.eigvalsh(target.covariance).min() > 0.0
+    # What is remembered is relative to the robot: its error does not average out, nor add up.
+    again = uncertain.step(scan_of(ranges, 2.6), pose, 2.6)[0]
+    assert again.covariance[:2, :2] == pytest.approx(
+        exact.step(scan_of(ranges, 2.6), pose, 2.6)[0].covariance[:2, :2]
+    )
+    with pytest.raises(InputError, match="pose_covariance"):
+        uncertain.step(scan_of(ranges, 2.7), pose, 2.7, pose_covariance=np.diag([1.0, -1.0, 1.0]))
+
+
 def test_neighbouring_returns_are_one_cluster_and_no_returns_end_none() -> None:
     ranges = np.full(361, np.inf)
     ranges[100:108] = 2.0

@@ -1,7 +1,8 @@
 """Node `target_tracker`: people in laser scans, counted and followed, hidden ones too.
 
-In: `scan` (LaserScan), tf odom -> base_link -> scanner, `segments` (ScanSegments, optional).
-Out: `targets` (TargetArray), `~/markers`.
+In: `scan` (LaserScan), tf odom -> base_link -> scanner; optional: `segments` (ScanSegments), and `odometry` (Odometry)
+or `robot_pose` (PoseWithCovarianceStamped) for how uncertain the robot's pose is.
+Out: `targets` (TargetArray; states and covariances in the frame of its header), `~/markers`.
 """
 
 from __future__ import annotations
@@ -11,17 +12,20 @@ from collections import deque
 from typing import cast
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
+from estimation.pose_drift import PoseUncertainty
 from registration.mounting import level_pose, upright
 from tracking.people import PeopleTracker, Person
 from tracking.people_warm_up import warm_up
 from whereabouts.nodes.base import SuiteNode, exit_with
-from whereabouts.nodes.conversions import scan_from_message
+from whereabouts.nodes.conversions import PLANAR, pose_from_message, scan_from_message
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.inputs import Input
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
@@ -48,6 +52,11 @@ class TargetTrackerNode(SuiteNode):
         segments = Input(self, ScanSegments, "segments", self._take_segments, sensor=False)
         self.inputs.append(segments)
         self._created.append((self.destroy_subscription, segments.subscription))
+        # How uncertain the pose is, odometry or localisation says, whichever is in the frame of the tracks.
+        for kind, topic in ((Odometry, "odometry"), (PoseWithCovarianceStamped, "robot_pose")):
+            uncertain = Input(self, kind, topic, self._take_uncertainty, sensor=False)
+            self.inputs.append(uncertain)
+            self._created.append((self.destroy_subscription, uncertain.subscription))
         self._targets_output = self.add_output(TargetArray, "targets")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
 
@@ -55,6 +64,9 @@ class TargetTrackerNode(SuiteNode):
         self._tracker = PeopleTracker(self.settings.people)
         self._segments: dict[int, ScanSegments] = {}
         self._trails: dict[int, deque[tuple[int, Array]]] = {}
+        window = self.settings.drift_window or np.inf
+        self._uncertainty = {Odometry: PoseUncertainty(window), PoseWithCovarianceStamped: PoseUncertainty()}
+        self._certain = True
         self._count = self._scans = 0
         self._expected = self._milliseconds = 0.0
 
@@ -66,6 +78,7 @@ class TargetTrackerNode(SuiteNode):
             "expected people": round(self._expected, 2),
             "candidates": self._tracker.health.potential,
             "tracking ms": round(self._milliseconds, 2),
+            "robot pose": "taken as exact" if self._certain else "uncertain",
             "late": self._tracker.health.late,
             "pose jumps": self._tracker.health.jumps,
             "scans of too many clusters": self._tracker.health.thinned,
@@ -80,6 +93,20 @@ class TargetTrackerNode(SuiteNode):
         while len(self._segments) > 20:
             del self._segments[min(self._segments)]
 
+    def _take_uncertainty(self, message: Odometry | PoseWithCovarianceStamped, stamp: int) -> None:
+        if frame_name(message.header.frame_id) != frame_name(self.settings.odom_frame):
+            return
+        covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
+        # Nothing but zeros says that nothing is known about it.
+        if covariance.any():
+            pose = pose_from_message(message.pose.pose)[PLANAR]
+            self._uncertainty[type(message)].add(stamp / NANOSECONDS, pose, covariance)
+
+    def _pose_covariance(self, stamp: float, scanner: Array) -> Array | None:
+        """Of the scanner's pose (3, 3), by localisation, else by odometry; None where nobody says."""
+        localised = self._uncertainty[PoseWithCovarianceStamped].at(stamp, scanner)
+        return self._uncertainty[Odometry].at(stamp, scanner) if localised is None else localised
+
     def _take_scan(self, message: LaserScan, stamp: int) -> None:
         settings = self.settings
         scan = scan_from_message(message)
@@ -91,8 +118,11 @@ class TargetTrackerNode(SuiteNode):
             )
         segments = self._segments.get(stamp) if settings.use_segments else None
         labels = None if segments is None else labels_from_segments(segments, len(scan))
+        seconds = stamp / NANOSECONDS
+        uncertain = self._pose_covariance(seconds, pose)
+        self._certain = uncertain is None
         begun = time.perf_counter()
-        found = self._tracker.step(upright(scan, mounting), pose, stamp / NANOSECONDS, labels)
+        found = self._tracker.step(upright(scan, mounting), pose, seconds, labels, uncertain)
         self._milliseconds = 1e3 * (time.perf_counter() - begun)
         people = cast(list[Person], found)
         self._scans += 1
