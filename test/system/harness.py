@@ -93,6 +93,23 @@ class Graph:
             for topic, found in zip(report.outputs, report.subscribers, strict=True)
         )
 
+    def inputs(self, spec: NodeSpec) -> list[str]:
+        """Full names of the topics a node listens to."""
+        report = self.until(
+            lambda: self._connections.get(spec.full_name), f"{spec.full_name} says what it hears"
+        )
+        return sorted(set(report.inputs))
+
+    def type_of(self, topic: str) -> str:
+        """Type of a topic, as the graph knows it."""
+
+        def known() -> list[str]:
+            return [
+                t for name, kinds in self.node.get_topic_names_and_types() if name == topic for t in kinds
+            ]
+
+        return str(self.until(known, f"{topic} has a type")[0])
+
     def log(self, spec: NodeSpec) -> str:
         return self.supervisor.nodes[spec.full_name].log.read_text()
 

@@ -213,6 +213,8 @@ def test_jumps_duplicates_gaps_and_loops_are_survived_and_counted(method: str) -
     assert outcome.dropped["not finite"] == 1
     assert outcome.dropped["duplicate time"] > 30
     assert outcome.dropped["jump away and back"] == 1
+    far = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [1e30, 0.0, 2.0], [1e30, 1.0, 3.0]])
+    assert "gap" in model.learn(far).reason
     gap = walk("up")
     assert model.learn(np.concatenate((gap[:10], gap[-10:]))).taken
     angle = np.linspace(0, 4 * np.pi, 200)

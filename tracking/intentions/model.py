@@ -32,6 +32,8 @@ LOOK_AHEAD = 2.0
 # Somebody not seen for longer than this is taken to be where this time has led, s.
 MISSING = 5.0
 WAY_SPACING = 1.0
+# Between two observations of one walk, m: what lies further apart is a tracker's or a frame's mistake.
+WIDEST_GAP = 100.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class IntentionModel:
         """Learn from one finished trajectory (N, 3) x, y, t.
 
         Rows that are not finite, repeat a time, run back in time or jump away and back are left out; gaps, loops and
-        jumps that last are taken as they are. A person that stayed within `min_length` teaches nothing.
+        jumps that last are taken as they are, unless one is wider than any room. A person that stayed within `min_length` teaches nothing.
 
         Raises
         ------
@@ -106,6 +108,9 @@ class IntentionModel:
             return Learned(False, "one observation", dropped)
         if float(np.hypot(*np.ptp(points, axis=0))) < self.config.min_length:
             return Learned(False, f"stayed within {self.config.min_length:g} m", dropped)
+        longest = float(np.hypot(*np.diff(points, axis=0).T).max())
+        if longest > WIDEST_GAP:
+            return Learned(False, f"a gap of {longest:.3g} m", dropped)
         if self.config.method == "ghmm":
             self.hmm.learn(self._thinned(points))
         else:
