@@ -41,7 +41,7 @@ class IntentionConfig:
         0.1, "", "pi_0, prior of a new state, as a share of one trajectory", 1e-6, 1.0
     )
     spread: float = _setting(1.0, "", "factor on the covariance of a node's points", 0.1, 100.0)
-    noise: float = _setting(0.3, "m", "least standard deviation of an observation probability", 0.01, 5.0)
+    noise: float = _setting(0.6, "m", "least standard deviation of an observation probability", 0.01, 5.0)
     memory: int = _count(
         500, "trajectories over which parameters are averaged; those before fade", 2, 1000000
     )

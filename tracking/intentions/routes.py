@@ -25,6 +25,8 @@ SPACING = 0.25
 SPAN = 4
 LOOK_BACK = (1.0, 2.0, 4.0, 8.0)
 AIM_SPAN = 1.0
+# The scales of RouteScales are for this many walks; with fewer than FEWEST no wider than with these.
+TYPICAL, FEWEST = 50, 20
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ class RouteScales:
     """What a partial walk may differ from a learned one: standard deviations in m, and of turns in 1 - cos.
 
     back : log odds of going a walk the other way; straight : log-likelihood of going straight on to nowhere known.
+    off, start : for TYPICAL walks; they narrow with the number n of walks as n^(-1/6), Scott's rule for the width of a
+    kernel in two dimensions: the more walks there are, the closer is the one that goes the same way.
     company, company_span : people who set out within about `company_span` s of each other are often together: such a
     walk weighs 1 + `company` times as much.
     pooling : m, standard deviation of the kernel under which ends gather.
@@ -147,7 +151,8 @@ class Routes:
         )
         behind = [along[-1] - b for b in LOOK_BACK if along[-1] >= b]
         backs = path[np.searchsorted(along, behind)].reshape(-1, 2)
-        scales = np.array([s.off, s.turn, s.start, s.past, s.aim])
+        narrowed = (max(len(self), FEWEST) / TYPICAL) ** (-1.0 / 6.0)
+        scales = np.array([narrowed * s.off, s.turn, narrowed * s.start, s.past, s.aim])
         together = 1.0 + s.company * np.exp(-np.abs(self._began - start) / s.company_span)
         # Where all set out at the same time, as when times count from each start, it says nothing.
         company = np.log(together / together.mean())
