@@ -89,8 +89,8 @@ class IntentionModel:
         """Learn from one finished trajectory (N, 3) x, y, t.
 
         Rows that are not finite, repeat a time, run back in time or jump away and back are left out; gaps, loops and
-        jumps that last are taken as they are, unless one is wider than any room. A person that stayed within `min_length`
-        teaches nothing.
+        jumps that last are taken as they are, unless one is wider than any room. A person that stayed within
+        `min_length` teaches nothing.
 
         Raises
         ------
