@@ -63,6 +63,7 @@ setup(
     entry_points={
         "console_scripts": [
             "whereabouts = whereabouts.cli.main:main",
+            "bring_up = whereabouts.nodes.bring_up:main",
             *(f"{node} = whereabouts.nodes.{node}_node:main" for node in NODES),
         ],
     },

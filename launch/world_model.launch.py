@@ -1,31 +1,9 @@
-"""Launch the node world_model."""
+"""Launch the node world_model; `--show-args` lists the arguments."""
 
-from pathlib import Path
-
-from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import LifecycleNode
+
+from whereabouts.nodes.launching import description
 
 
 def generate_launch_description() -> LaunchDescription:
-    config = Path(get_package_share_directory("whereabouts")) / "config" / "world_model.yaml"
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("namespace", default_value="", description="namespace of the node"),
-            DeclareLaunchArgument("params_file", default_value=str(config), description="parameter file"),
-            DeclareLaunchArgument("use_sim_time", default_value="false", description="follow /clock"),
-            LifecycleNode(
-                package="whereabouts",
-                executable="world_model",
-                name="world_model",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[
-                    LaunchConfiguration("params_file"),
-                    {"use_sim_time": LaunchConfiguration("use_sim_time")},
-                ],
-                output="screen",
-            ),
-        ]
-    )
+    return description("world_model")

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-NODES = (
-    "scan_registration",
-    "loop_closure",
-    "target_tracker",
-    "motion_predictor",
-    "world_model",
-    "world_maintenance",
-    "verifier",
-    "object_search",
-)
+from whereabouts.node_names import NODES
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.supervisor import NodeSpec
+    from whereabouts.suite_config import SuiteConfig
+
+__all__ = ["NODES", "run"]
 
 
 def run(
     nodes: Annotated[
         list[str] | None,
         typer.Argument(metavar="[NODE]...", help=f"Nodes to run: {', '.join(NODES)}. All by default."),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config",
+            metavar="suite.yaml",
+            help="Which nodes to run, their parameters and remappings, namespace, bag; options go before it.",
+        ),
     ] = None,
     bag: Annotated[
         Path | None,
@@ -49,36 +54,37 @@ def run(
     namespace: Annotated[
         str, typer.Option("--namespace", help="Namespace of all nodes, such as /robot1.")
     ] = "",
-    logs: Annotated[Path, typer.Option("--logs", help="Folder for one log file per node.")] = Path(
-        "log/nodes"
-    ),
+    logs: Annotated[
+        Path | None,
+        typer.Option("--logs", help="Folder for one log file per node.", show_default="log/nodes"),
+    ] = None,
 ) -> None:
     """Run nodes, watch over them and end them cleanly on Ctrl-C.
 
-    A node that dies is started again. With --bag the bag is replayed with /clock at --rate (default 1), or in
-    lock-step; the account of messages sent, lost and unanswered is printed at the end.
+    All nodes are configured, then activated, in order. A node that dies is started again. With --bag the bag is
+    replayed with /clock at --rate (default 1), or in lock-step; the account of messages sent, lost and unanswered is
+    printed at the end.
     """
-    from estimation.errors import InputError
     from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.suite_config import read_config
 
-    chosen = nodes or list(NODES)
-    unknown = [name for name in chosen if name not in NODES]
-    if unknown:
-        raise InputError(f"no node is called {', '.join(unknown)}; there are: {', '.join(NODES)}")
-    if namespace and not namespace.startswith("/"):
-        raise InputError(f"--namespace: must start with a slash, got {namespace!r}")
-    if (record is None) != (out is None):
-        raise InputError("--record and --out go together")
-    if rate is not None and lock_step:
-        raise InputError("--rate and --lock-step exclude each other")
+    options: dict[str, Any] = {
+        "bag": bag,
+        "rate": rate,
+        "lock_step": lock_step,
+        "record": dict(map(_recorded, record or ())),
+        "out": out,
+        "params_file": params,
+        "namespace": namespace,
+        "logs": logs,
+    }
+    options = {key: value for key, value in options.items() if value}
+    chosen = read_config(config, options).only(nodes or [])
     prepare_environment()
-    if bag is None:
-        if record or rate or lock_step:
-            raise InputError("--record, --rate and --lock-step need --bag")
-        _run_live(chosen, params, namespace, logs)
+    if chosen.bag is None:
+        _run_live(chosen)
     else:
-        speed = None if lock_step else (rate or 1.0)
-        _run_bag(chosen, bag, speed, [_recorded(text) for text in record or []], out, params, namespace, logs)
+        _run_bag(chosen, chosen.bag)
 
 
 def _recorded(text: str) -> tuple[str, str]:
@@ -90,16 +96,45 @@ def _recorded(text: str) -> tuple[str, str]:
     return topic, type_name
 
 
-def _run_live(nodes: list[str], params: Path | None, namespace: str, logs: Path) -> None:
+def _specs(config: SuiteConfig, **above: Any) -> list[NodeSpec]:
+    """What to start, in order; `above` are parameters below those of the nodes themselves."""
+    from whereabouts.nodes.supervisor import NodeSpec
+
+    return [
+        NodeSpec(
+            name,
+            config.namespace,
+            {**above, **node.parameters},
+            node.params_file or config.params_file,
+            node.remappings,
+        )
+        for name, node in config.nodes.items()
+    ]
+
+
+def _run_live(config: SuiteConfig) -> None:
     import time
+    from dataclasses import replace
 
-    from whereabouts.nodes.supervisor import NodeSpec, Supervisor
+    from whereabouts.nodes.bring_up import bring_up, lifecycle_clients
+    from whereabouts.nodes.supervisor import Supervisor
 
-    with Supervisor(logs, on_event=typer.echo) as supervisor:
-        for name in nodes:
-            supervisor.start(NodeSpec(name, namespace, parameter_file=params))
-        typer.echo(f"running {', '.join(supervisor.nodes)}; Ctrl-C ends, logs are in {logs}")
+    with Supervisor(config.logs, on_event=typer.echo) as supervisor:
         try:
+            # Those that shall not configure themselves are somebody else's to bring up.
+            managed = []
+            for spec in _specs(config):
+                if spec.parameters.get("autostart", True):
+                    managed.append(spec)
+                    spec = replace(spec, parameters={**spec.parameters, "autostart": False})
+                supervisor.start(spec)
+            typer.echo(f"starting {', '.join(supervisor.nodes)}; Ctrl-C ends, logs are in {config.logs}")
+            with lifecycle_clients([spec.full_name for spec in managed]) as clients:
+                bring_up(clients, supervisor.check)
+            for spec in managed:
+                # One that dies from now on comes back by itself.
+                supervisor.nodes[spec.full_name].spec = spec
+            typer.echo("all are active")
             while True:
                 supervisor.check()
                 time.sleep(0.2)
@@ -107,32 +142,21 @@ def _run_live(nodes: list[str], params: Path | None, namespace: str, logs: Path)
             typer.echo("ending")
 
 
-def _run_bag(
-    nodes: list[str],
-    bag: Path,
-    rate: float | None,
-    record: list[tuple[str, str]],
-    out: Path | None,
-    params: Path | None,
-    namespace: str,
-    logs: Path,
-) -> None:
+def _run_bag(config: SuiteConfig, bag: Path) -> None:
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
-    from whereabouts.nodes.supervisor import NodeSpec
     from whereabouts.progress import progress_bar
 
-    specs = [NodeSpec(name, namespace, dict(REPLAY_PARAMETERS), params) for name in nodes]
     with progress_bar() as bar:
         task = bar.add_task(f"replaying {bag.name}", total=100)
         account = run_suite(
             SuiteRun(
                 bag,
-                specs,
-                logs,
-                rate=rate,
-                namespace=namespace,
-                record=record,
-                output=out,
+                _specs(config, **REPLAY_PARAMETERS),
+                config.logs,
+                rate=None if config.lock_step else (config.rate or 1.0),
+                namespace=config.namespace,
+                record=list(config.record.items()),
+                output=config.out,
                 on_event=lambda text: typer.echo(text, err=True),
                 on_progress=lambda share: bar.update(task, completed=round(100 * share)),
             )

@@ -38,7 +38,8 @@ class DiagnosticsPublisher:
         """Publish now, and begin a new interval for rates."""
         now = time.perf_counter()
         interval, self._then = now - self._then, now
-        health = self._node.health()
+        # Every node has inputs from the moment it is configured; before that it has nothing to judge itself by.
+        health = self._node.health() if self._node.inputs else Health("not configured")
         figures = dict(health.figures)
         for item in self._node.inputs:
             item.watch_publishers()
@@ -55,7 +56,7 @@ class DiagnosticsPublisher:
         troubles = self._node.complaints
         fresh, self._troubles = troubles > self._troubles, troubles
         level, text = DiagnosticStatus.OK, health.message
-        if not self._node.active:
+        if not self._node.active and self._node.inputs:
             text = "inactive"
         if health.warning or fresh:
             level = DiagnosticStatus.WARN

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from estimation.errors import InputError
 from whereabouts.parameters.base import NodeParameters
-from whereabouts.parameters.description import allowed, bounds, extra
+from whereabouts.parameters.description import allowed, bounds, explain, extra
 
 Model = TypeVar("Model", bound=NodeParameters)
 
@@ -84,18 +84,6 @@ class ParameterSet(Generic[Model]):
         for listener in self._listeners:
             listener(values)
         return SetParametersResult(successful=True)
-
-
-def explain(model: type[NodeParameters], problem: Any) -> str:
-    """One validation problem as a sentence: name, value, allowed values."""
-    name = str(problem["loc"][0]) if problem["loc"] else "parameters"
-    field = model.model_fields.get(name)
-    expected = f"{allowed(field)} expected" if field else problem["msg"]
-    if problem["type"] == "value_error":
-        expected = problem["msg"].removeprefix("Value error, ")
-        if not problem["loc"]:
-            return f"parameters: {expected}"
-    return f"parameter {name}: {expected}, got {problem['input']!r}"
 
 
 def describe(field: FieldInfo) -> ParameterDescriptor:

@@ -34,6 +34,18 @@ def allowed(field: FieldInfo) -> str:
     return f"{kind}{span}{f' {unit}' if unit else ''}"
 
 
+def explain(model: type[NodeParameters], problem: Any) -> str:
+    """One validation problem as a sentence: name, value, allowed values."""
+    name = str(problem["loc"][0]) if problem["loc"] else "parameters"
+    field = model.model_fields.get(name)
+    expected = f"{allowed(field)} expected" if field else problem["msg"]
+    if problem["type"] == "value_error":
+        expected = problem["msg"].removeprefix("Value error, ")
+        if not problem["loc"]:
+            return f"parameters: {expected}"
+    return f"parameter {name}: {expected}, got {problem['input']!r}"
+
+
 def markdown_table(model: type[NodeParameters]) -> str:
     """All parameters of a node as a Markdown table; those fixed at the start are marked."""
     lines = ["| parameter | default | allowed | meaning |", "| --- | --- | --- | --- |"]

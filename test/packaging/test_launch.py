@@ -1,0 +1,98 @@
+"""Launch files, read as text: ROS 2's `launch` is in no wheel."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from whereabouts.node_names import NODES
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILDER = ast.parse((ROOT / "whereabouts/nodes/launching.py").read_text(encoding="utf-8"))
+
+
+def constant(name: str) -> Any:
+    """A literal of the module that makes the launch descriptions."""
+    for item in BUILDER.body:
+        if isinstance(item, ast.Assign) and ast.unparse(item.targets[0]) == name:
+            return ast.literal_eval(item.value)
+    raise AssertionError(f"no {name}")
+
+
+def calls(tree: ast.AST, name: str) -> list[ast.Call]:
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == name]
+
+
+@pytest.mark.parametrize("name", [*NODES, "suite"])
+def test_a_launch_file_describes_its_nodes(name: str) -> None:
+    tree = ast.parse((ROOT / "launch" / f"{name}.launch.py").read_text(encoding="utf-8"))
+    (function,) = [item for item in tree.body if isinstance(item, ast.FunctionDef)]
+    assert function.name == "generate_launch_description"
+    assert not function.args.args
+    (call,) = calls(function, "description")
+    assert ast.unparse(call) == ("description(*NODES)" if name == "suite" else f"description('{name}')")
+
+
+def test_launch_files_load_nothing_a_launch_machine_may_lack() -> None:
+    known = ("launch", "launch_ros", "ament_index_python", "pathlib", "os", "typing", "__future__")
+    ours = ("whereabouts.nodes.launching", "whereabouts.node_names")
+    for path in [*(ROOT / "launch").glob("*.py"), ROOT / "whereabouts/nodes/launching.py"]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            assert not isinstance(node, ast.Import) or all(a.name in known for a in node.names)
+            if isinstance(node, ast.ImportFrom):
+                assert node.module in ours or (node.module or "").partition(".")[0] in known
+    for package in ("whereabouts", "whereabouts/nodes"):
+        body = ast.parse((ROOT / package / "__init__.py").read_text(encoding="utf-8")).body
+        assert not [item for item in body if isinstance(item, ast.Import | ast.ImportFrom)]
+
+
+def test_all_arguments_are_declared_and_used() -> None:
+    arguments = constant("ARGUMENTS")
+    assert {"namespace", "params_file", "use_sim_time", "bag", "rviz"} <= set(arguments)
+    for default, meaning in arguments.values():
+        assert isinstance(default, str)
+        assert len(meaning) > 15
+    read = {
+        node.slice.value
+        for node in ast.walk(BUILDER)
+        if isinstance(node, ast.Subscript)
+        and ast.unparse(node.value) == "given"
+        and isinstance(node.slice, ast.Constant)
+    }
+    assert read == set(arguments)
+
+
+def test_what_is_launched_is_installed() -> None:
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    launched = [
+        (keyword.arg, keyword.value.value)
+        for call in [*calls(BUILDER, "Node"), *calls(BUILDER, "LifecycleNode")]
+        for keyword in call.keywords
+        if keyword.arg in ("package", "executable") and isinstance(keyword.value, ast.Constant)
+    ]
+    assert ("executable", "bring_up") in launched
+    for kind, name in launched:
+        if kind == "executable" and name != "rviz2":
+            assert f'"{name} = whereabouts.nodes.{name}:main"' in setup
+
+
+def test_rviz_shows_what_the_suite_publishes() -> None:
+    view = yaml.safe_load((ROOT / "rviz/suite.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
+    topics = {item["Topic"]["Value"]: item for item in view["Displays"] if "Topic" in item}
+    sources = "\n".join(
+        path.read_text(encoding="utf-8") for path in (ROOT / "whereabouts/nodes").glob("*_node.py")
+    )
+    assert not [topic for topic in topics if topic.startswith("/")]
+    for topic, display in topics.items():
+        node, _, own = topic.rpartition("/")
+        assert f'"~/{own}"' in sources if node else f'"{topic}"' in sources or topic == "scan", topic
+        assert not node or node in NODES
+        # A reader that is reliable hears nothing of a sensor, one that is volatile nothing of an old map.
+        assert (display["Topic"]["Reliability Policy"] == "Best Effort") == (topic == "scan")
+        if topic in ("map", "trajectory", "search_goal", "maintenance_goal"):
+            assert display["Topic"]["Durability Policy"] == "Transient Local"
+    assert {"map", "scan", "static_points", "trajectory", "world_model/markers"} <= set(topics)

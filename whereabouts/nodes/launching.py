@@ -1,0 +1,125 @@
+"""Launch descriptions of the suite and of single nodes, for the files in launch/; needs ROS 2's `launch`.
+
+All nodes start at once with `autostart: false`; the executable `bring_up` then configures and activates them in order.
+Only when all are active is a bag played. A node that dies is started again, and brought up again.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+    SetEnvironmentVariable,
+    Shutdown,
+)
+from launch.event_handlers import OnProcessExit
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import LifecycleNode, Node
+
+# Name: default and meaning.
+ARGUMENTS = {
+    "namespace": ("", "namespace of the nodes, such as robot1"),
+    "params_file": ("", "ROS parameter file on top of the one shipped with each node"),
+    "use_sim_time": ("auto", "true: follow /clock; auto: only where a bag is played"),
+    "bag": ("", "play this bag, with its clock, once all nodes are active"),
+    "rviz": ("false", "true: show everything in RViz"),
+    "autostart": ("true", "false: leave the nodes unconfigured, to a lifecycle manager"),
+}
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+RESPAWN_DELAY = 1.0
+
+
+def description(*nodes: str) -> LaunchDescription:
+    """What launches the given nodes in that order."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=meaning)
+        for name, (default, meaning) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=_entities, kwargs={"names": nodes})])
+
+
+def _entities(context: Any, names: tuple[str, ...]) -> list[Any]:
+    """What the arguments ask for."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    share = Path(get_package_share_directory("whereabouts"))
+    entities: list[Any] = []
+    if PROFILES not in os.environ:
+        entities.append(SetEnvironmentVariable(PROFILES, str(share / "config" / "fastdds.xml")))
+    entities += [_node(name, given, share) for name in names]
+    if _is_true(given["rviz"]):
+        entities.append(_rviz(given, share))
+    if _is_true(given["autostart"]):
+        return entities + _bring_up(names, given)
+    return entities + _bag(given)
+
+
+def _is_true(text: str) -> bool:
+    return text.strip().lower() in ("true", "1", "yes")
+
+
+def _sim_time(given: dict[str, str]) -> bool:
+    """Whether /clock is followed."""
+    choice = given["use_sim_time"].strip().lower()
+    return bool(given["bag"]) if choice == "auto" else _is_true(choice)
+
+
+def _node(name: str, given: dict[str, str], share: Path) -> LifecycleNode:
+    files = [str(share / "config" / f"{name}.yaml"), *filter(None, [given["params_file"]])]
+    return LifecycleNode(
+        package="whereabouts",
+        executable=name,
+        name=name,
+        namespace=given["namespace"],
+        parameters=[*files, {"use_sim_time": _sim_time(given), "autostart": False}],
+        respawn=True,
+        respawn_delay=RESPAWN_DELAY,
+        output="screen",
+    )
+
+
+def _bring_up(names: tuple[str, ...], given: dict[str, str]) -> list[Any]:
+    """The process that brings the nodes up, and what happens when it has."""
+
+    def manager(*options: str) -> Node:
+        return Node(
+            package="whereabouts",
+            executable="bring_up",
+            namespace=given["namespace"],
+            arguments=[*options, *names],
+            output="screen",
+        )
+
+    first = manager()
+
+    def then(event: Any, _: Any) -> list[Any]:
+        if event.returncode != 0:
+            return [Shutdown(reason="the nodes could not be brought up")]
+        return [manager("--watch"), *_bag(given)]
+
+    return [RegisterEventHandler(OnProcessExit(target_action=first, on_exit=then)), first]
+
+
+def _bag(given: dict[str, str]) -> list[Any]:
+    if not given["bag"]:
+        return []
+    return [ExecuteProcess(cmd=["ros2", "bag", "play", given["bag"], "--clock"], output="screen")]
+
+
+def _rviz(given: dict[str, str], share: Path) -> Node:
+    return Node(
+        package="rviz2",
+        executable="rviz2",
+        namespace=given["namespace"],
+        arguments=["-d", str(share / "rviz" / "suite.rviz")],
+        parameters=[{"use_sim_time": _sim_time(given)}],
+        remappings=[("/tf", "tf"), ("/tf_static", "tf_static")],
+        output="screen",
+    )
