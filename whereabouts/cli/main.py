@@ -17,6 +17,7 @@ from whereabouts.cli.run import run
 from whereabouts.cli.segment import segment
 from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
+from whereabouts.cli.view import view
 from whereabouts.cli.world import world
 
 app = typer.Typer(
@@ -26,7 +27,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, run, convert, odometry, experiment, intentions, segment, slam, track, world):
+for command in (demo, run, convert, odometry, experiment, intentions, segment, slam, track, view, world):
     app.command()(command)
 app.add_typer(loops, name="loops")
 

@@ -1,0 +1,99 @@
+"""`whereabouts view`: a running suite or a bag in Rerun, or as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from whereabouts.cli.common import JsonFile, write_figures
+
+if TYPE_CHECKING:
+    from whereabouts.viewer.picture_sink import PictureSink
+    from whereabouts.viewer.rerun_sink import RerunSink
+    from whereabouts.viewer.scene import Scene
+
+
+def view(
+    bags: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[IN]...",
+            help="ROS bags, shown together: what `run --record` recorded, and the bag it was made from. "
+            "Without one the nodes that run now are shown.",
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="OUT.rrd", help="Write a Rerun file instead of opening a window."),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="OUT.png", help="Draw the last state from above; needs no Rerun."),
+    ] = None,
+    until: Annotated[
+        float | None,
+        typer.Option("--until", min=0.0, help="Stop after this many seconds of the bag, or of listening."),
+    ] = None,
+    namespace: Annotated[
+        str, typer.Option("--namespace", help="Show one robot of several, such as /robot1.")
+    ] = "",
+    json_file: JsonFile = None,
+) -> None:
+    """Show scans with what moves in red, people and their paths, map, trajectory and closures, objects and symbols.
+
+    The number of hypotheses, objects and people is plotted over time. The window needs the optional package rerun-sdk
+    (requirements/viewer.txt).
+    """
+    from estimation.errors import InputError
+
+    if save is not None and picture is not None:
+        raise InputError("--save and --picture exclude each other")
+    if namespace and not namespace.startswith("/"):
+        raise InputError(f"--namespace: must start with a slash, got {namespace!r}")
+    prefix = namespace.rstrip("/")
+    with _sink(save, picture) as sink:
+        scene = _bags(bags, sink, until, prefix) if bags else _live(sink, until, prefix)
+    for reason, count in scene.skipped.items():
+        typer.echo(f"{count} messages not shown: {reason}", err=True)
+    target = save or picture
+    typer.echo(f"{scene.taken} messages shown{f', written to {target}' if target else ''}")
+    write_figures(json_file, {"messages": scene.taken, "skipped": scene.skipped.total()})
+
+
+def _sink(save: Path | None, picture: Path | None) -> RerunSink | PictureSink:
+    if picture is not None:
+        from whereabouts.viewer.picture_sink import PictureSink
+
+        return PictureSink(picture)
+    from whereabouts.viewer.rerun_sink import RerunSink
+
+    return RerunSink(save)
+
+
+def _bags(bags: list[Path], sink: Any, until: float | None, namespace: str) -> Scene:
+    from whereabouts.progress import progress_bar
+    from whereabouts.viewer.playback import play
+
+    with progress_bar() as bar:
+        task = bar.add_task(f"reading {', '.join(bag.name for bag in bags)}", total=100)
+        return play(
+            bags, sink, until, namespace, lambda share: bar.update(task, completed=round(100 * share))
+        )
+
+
+def _live(sink: Any, until: float | None, namespace: str) -> Scene:
+    from whereabouts.nodes.listener import listen
+    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.viewer.scene import Scene, stamp_of
+
+    scene = Scene()
+
+    def take(type_name: str, topic: str, message: Any, arrival: int) -> None:
+        sink.draw(stamp_of(message, arrival), scene.take(type_name, topic, message))
+
+    prepare_environment()
+    typer.echo("listening; Ctrl-C ends")
+    listen(scene.types, take, namespace, until, lambda topic: typer.echo(f"showing {topic}"))
+    return scene
