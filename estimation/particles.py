@@ -62,6 +62,16 @@ def systematic_resample(log_weights: npt.ArrayLike, rng: np.random.Generator) ->
     return np.searchsorted(edges, positions, side="right").astype(np.int64)
 
 
+def unrelated(noise: FloatArray, states: FloatArray) -> FloatArray:
+    """Standard normal noise (N, d) freed of what it has in common with states (N, d), and of its own mean and
+    covariance, that are chance: sums of both then have exactly the moments they should have."""
+    offsets = states - states.mean(0)
+    left = noise - noise.mean(0)
+    left -= offsets @ np.linalg.solve(offsets.T @ offsets, offsets.T @ left)
+    factor = np.linalg.cholesky(left.T @ left / (len(left) - 1))
+    return np.asarray(np.linalg.solve(factor, left.T).T)
+
+
 @dataclass
 class Particles:
     """States (N, d) with log weights (N,), normalised."""
@@ -102,6 +112,21 @@ class Particles:
         joint = self.log_weights + as_floats("log_likelihood", log_likelihood)
         self.log_weights = normalise_log(joint)
         return log_total(joint)
+
+    def move(self, position: FloatArray, noise: FloatArray) -> None:
+        """Kalman update of equally weighted particles with a measured position (2,) of covariance `noise` (2, 2).
+
+        Their mean and covariance become exactly the filter's, their shape stays (Whitaker and Hamill 2002).
+        """
+        mean = self.states.mean(0)
+        offsets = self.states - mean
+        C = offsets.T @ offsets / (len(offsets) - 1)
+        S = C[:2, :2] + noise
+        root, root_noise = np.linalg.cholesky(S), np.linalg.cholesky(noise)
+        gain = np.linalg.solve(S, C[:2]).T
+        # (I - L H) C (I - L H)ᵀ = (I - K H) C.
+        less = C[:, :2] @ np.linalg.inv(root).T @ np.linalg.inv(root + root_noise)
+        self.states = mean + gain @ (position - mean[:2]) + offsets - offsets[:, :2] @ less.T
 
     def assimilate(
         self, log_likelihood: Callable[[FloatArray], FloatArray], rng: np.random.Generator, stages: int = 16

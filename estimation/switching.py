@@ -13,6 +13,11 @@ Where it differs from the text:
 * Mardia's test runs only while K is below `k_crit`: back in Kalman mode any earlier, the next update would switch
   again. Its interval counts from the switch. By moments in place of all pairs the same test, with the same
   decisions, is cheap enough that no substitute for it is needed (`bench/bench_estimation.py`).
+* Particles that were Gaussian when they were drawn stay so while nothing bends them. What bends is the arc over the
+  places where the target may be: K of a measurement whose bearing is as uncertain as measurement and prediction are
+  together. While that stays below `k_crit` the particles are moved as the Kalman filter moves its Gaussian (a square
+  root filter, Whitaker and Hamill 2002), without the noise of weights, and they follow it exactly. It is what a
+  Gaussian mixture between the two modes would do, with one component.
 * Resampling is systematic, waits for the effective size to fall below 0.8 of the particles, and smooths: at 40
   updates a second copies of few particles lose a target that turns, and look less Gaussian than they are.
 """
@@ -40,7 +45,7 @@ from estimation.errors import InputError
 from estimation.gaussians import repair_covariance
 from estimation.motion import ConstantVelocity, check_step
 from estimation.normality import mardia_test
-from estimation.particles import STAGE_SMOOTHING, Particles
+from estimation.particles import STAGE_SMOOTHING, Particles, unrelated
 
 __all__ = ["ConstantVelocity", "SwitchingBank", "SwitchingFilter"]
 
@@ -57,11 +62,12 @@ _STRIDES = 1.324717957244746 ** np.array([-1.0, -2.0])
 
 
 class _ParticleTarget:
-    """One target in particle mode."""
+    """One target in particle mode. straight : whether nothing has bent its particles since they were Gaussian."""
 
     def __init__(self, particles: Particles, since: int) -> None:
         self.particles = particles
         self.last_test = since
+        self.straight = True
 
 
 class SwitchingBank:
@@ -146,6 +152,8 @@ class SwitchingBank:
         kernels.predict_kalman(self._means, self._covariances, self._kalman, dt, q)
         for index, target in self._targets.items():
             noise = self._rngs[index].standard_normal((self._particles, 4))
+            if target.straight:
+                noise = unrelated(noise, target.particles.states)
             kernels.predict_particles(target.particles.states, noise, dt, q)
 
     def update(
@@ -213,10 +221,14 @@ class SwitchingBank:
         if self._kalman[index]:
             self._to_particles(index)
         target, rng = self._targets[index], self._rngs[index]
-        samples, direction = None, (0.0, 0.0)
-        if gaussian:
-            direction = self._direction(target.particles, pose, P, z, R)
-        else:
+        samples, direction = None, self._direction(target.particles, pose, P, z, R)
+        bends = not gaussian and self._bends(target.particles, pose, P, z, R)
+        if target.straight and not bends:
+            self._move(target.particles, pose, P, z, R, direction)
+            self._test_in_time(index, gaussian, bends)
+            return
+        target.straight = False
+        if not gaussian:
             samples = np.empty((self._samples, 6))
             # Inverse transform sampling of an evenly filled square, shifted at random.
             uniform = np.clip((self._lattice + rng.uniform(size=2)) % 1.0, 1e-12, 1 - 1e-12)
@@ -239,9 +251,39 @@ class SwitchingBank:
             target.particles.resample(rng, below=RESAMPLE_BELOW, smooth=1.0)
         else:
             target.particles.resample(rng, below=0.5, smooth=STAGE_SMOOTHING)
-        if gaussian and self._updates - target.last_test >= self._interval:
+        self._test_in_time(index, gaussian, bends)
+
+    def _test_in_time(self, index: int, gaussian: bool, bends: bool) -> None:
+        """Mardia's test at its interval, where its answer can change something."""
+        target = self._targets.get(index)
+        if target is None or bends or (target.straight and not gaussian):
+            return
+        if self._updates - target.last_test >= self._interval:
             target.last_test = self._updates
-            self._try_kalman(index)
+            self._try_kalman(index, gaussian)
+
+    def _bends(
+        self, particles: Particles, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray
+    ) -> bool:
+        """Whether the arc of the measurement bends within the places where the target may be."""
+        m, C = particles.mean, particles.covariance
+        ratio = kernels.ratio_where_expected(m[0], m[1], C[:2, :2], pose, P, z, R, self._position_in_ratio)
+        return bool(ratio >= self._limit)
+
+    @staticmethod
+    def _move(
+        particles: Particles,
+        pose: FloatArray,
+        P: FloatArray,
+        z: FloatArray,
+        R: FloatArray,
+        direction: tuple[float, float],
+    ) -> None:
+        """Update with the measurement as the Gaussian that the Kalman mode takes it for."""
+        x, y, xx, xy, yy, _ = to_map_ucm(
+            pose, P, z[0], z[1], math.sqrt(R[0, 0]), math.sqrt(R[1, 1]), False, *direction
+        )
+        particles.move(np.array([x, y]), np.array([[xx, xy], [xy, yy]]))
 
     def _direction(
         self, particles: Particles, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray
@@ -299,11 +341,16 @@ class SwitchingBank:
         self._kalman[index] = False
         self.switches += 1
 
-    def _try_kalman(self, index: int) -> None:
+    def _try_kalman(self, index: int, gaussian: bool) -> None:
         self.tests += 1
-        particles = self._targets[index].particles
-        particles.resample(self._rngs[index], smooth=1.0)
+        target = self._targets[index]
+        particles = target.particles
+        if not target.straight:
+            particles.resample(self._rngs[index], smooth=1.0)
         if not mardia_test(particles.states):
+            return
+        target.straight = True
+        if not gaussian:
             return
         self._means[index] = particles.mean
         self._covariances[index] = particles.covariance

@@ -123,6 +123,20 @@ def predicted_direction(x, y, xx, xy, yy, pose, Pr, r, variance):  # type: ignor
 
 
 @numba.njit(cache=True)
+def ratio_where_expected(x, y, C, pose, Pr, z, R, position):  # type: ignore[no-untyped-def]
+    """K of a measurement whose bearing is as uncertain as measurement and predicted position are together."""
+    dx, dy = x - pose[0], y - pose[1]
+    square = max(dx * dx + dy * dy, 1e-300)
+    across = (dy * dy * C[0, 0] - 2.0 * dx * dy * C[0, 1] + dx * dx * C[1, 1]) / square
+    measured, predicted = R[1, 1] + Pr[2, 2], max(across / square, 1e-300)
+    both = 1.0 / (1.0 / measured + 1.0 / predicted)
+    # The heading is in it: nothing more of it may be added.
+    P = np.zeros((3, 3))
+    P[:2, :2] = Pr[:2, :2]
+    return to_map_ucm(pose, P, z[0], z[1], math.sqrt(R[0, 0]), math.sqrt(both), position, 0.0, 0.0)[5]
+
+
+@numba.njit(cache=True)
 def update_kalman(means, covariances, kalman, targets, pose, Pr, z, R, k_crit, position, decorrelated, K):  # type: ignore[no-untyped-def]
     """Kalman update of every target in Kalman mode with K below k_crit; K is filled in for all of them."""
     problem = check(pose, Pr, z, R)

@@ -156,6 +156,26 @@ def test_modes_follow_the_ratio_and_return_after_the_interval():
     np.testing.assert_allclose(filter_.mean[:2], [1.0, 0.0], atol=0.05)
 
 
+def test_particles_that_nothing_bends_follow_the_kalman_filter_exactly():
+    """Far away K asks for particles, but the target is known too well for the arc to bend among them."""
+    noise, robot = np.diag([0.02**2, np.radians(3) ** 2]), np.diag([1e-4, 1e-4, 1e-4])
+    rng = np.random.default_rng(5)
+    switching, gaussian = (
+        SwitchingFilter(MOTION, [9.0, 0.0, 0.0, 0.5], 0.001 * np.eye(4), particles=300, seed=2, **options)
+        for options in ({}, {"k_crit": np.inf})
+    )
+    for step in range(40):
+        z = np.array([9.0, 0.0]) + rng.normal(size=2) * np.sqrt(np.diag(noise))
+        for filter_ in (switching, gaussian):
+            filter_.predict(0.02)
+            filter_.update(np.zeros(3), robot, z, noise)
+        assert switching.mode == "pf"
+        np.testing.assert_allclose(switching.mean, gaussian.mean, atol=1e-9)
+        np.testing.assert_allclose(switching.covariance, gaussian.covariance, atol=1e-9)
+        if step == 20:
+            assert len(np.unique(switching.particles.states, axis=0)) == 300
+
+
 def test_limits_that_stay_in_one_mode():
     assert set(drive(np.full(60, 1.0), k_crit=0.0, particles=100)[1]) == {"pf"}
     assert set(drive(np.full(60, 9.0), k_crit=np.inf)[1]) == {"kf"}

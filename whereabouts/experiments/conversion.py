@@ -237,7 +237,7 @@ def drive(options: Options, report: Report) -> None:
 def comparison(options: Options, report: Report) -> None:
     """Error and consistency of the filters on the same walks."""
     rows = []
-    plan = {1: (100, 6.0), 2: (25, 12.0), 3: (100, 12.0)}
+    plan = {1: (100, 6.0), 2: (100, 12.0), 3: (100, 12.0)}
     if options.quick:
         plan = dict.fromkeys(plan, (3, 4.0))
     for scenario, (seeds, seconds) in plan.items():
