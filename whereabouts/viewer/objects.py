@@ -20,7 +20,7 @@ UNKNOWN_SIZE = 0.15
 FAR = 50.0
 
 
-def world(message: Any, path: str) -> Iterator[Shape]:
+def world(message: Any, path: str, name: str) -> Iterator[Shape]:
     """whereabouts_msgs/WorldState: a box with its symbols for each object; the lost ones in red, over their region."""
     centers, sizes, colors, labels = [], [], [], []
     for item in message.objects:
@@ -34,9 +34,9 @@ def world(message: Any, path: str) -> Iterator[Shape]:
         sizes.append(tuple(extent or UNKNOWN_SIZE for extent in size))
         colors.append(LOST if item.lost else PRESENT)
         labels.append(label_of(item))
-    yield Boxes(f"{path}/objects", rows(centers), rows(sizes), tuple(colors), tuple(labels))  # type: ignore[arg-type]
-    yield Value("plots/objects, expected", float(message.expected_count))
-    yield Value("plots/objects, believed", float(len(centers)))
+    yield Boxes(f"{path}/{name}", rows(centers), rows(sizes), tuple(colors), tuple(labels))  # type: ignore[arg-type]
+    yield Value(f"plots/{name}, expected", float(message.expected_count))
+    yield Value(f"plots/{name}, believed", float(len(centers)))
 
 
 def label_of(item: Any) -> str:
@@ -56,9 +56,8 @@ def hypotheses(message: Any) -> Iterator[Shape]:
         yield Value("plots/best hypothesis", float(message.hypotheses[0].probability))
 
 
-def evidence(message: Any, topic: str, path: str) -> Iterator[Shape]:
+def evidence(message: Any, path: str, name: str) -> Iterator[Shape]:
     """whereabouts_msgs/WorldEvidence: what was detected, and the view it was detected in."""
-    name = topic.rpartition("/")[2]
     labels = []
     for item in message.objects:
         classes = [a.discrete for a in item.attributes if a.name == "class"]

@@ -24,22 +24,22 @@ def color_of(label: int, pale: float = 0.0) -> Color:
     return red, green, blue
 
 
-def targets(message: Any, path: str) -> Iterator[Shape]:
+def targets(message: Any, path: str, name: str) -> Iterator[Shape]:
     """whereabouts_msgs/TargetArray: where they are, their extent, and where they are in a second."""
     people = list(message.targets)
     centers = [xyz(item.position) for item in people]
     colors = tuple(color_of(int(item.label), HIDDEN_SHADE if item.occluded else 0.0) for item in people)
     labels = tuple(f"{item.label}, hidden" if item.occluded else f"{item.label}" for item in people)
     shades = np.array(colors, dtype=np.uint8).reshape(-1, 3)
-    yield Points(f"{path}/people", rows(centers), shades, 0.12, labels)
+    yield Points(f"{path}/{name}", rows(centers), shades, 0.12, labels)
     outlines = [ellipse(c, item.extent, 2.0) for c, item in zip(centers, people, strict=True)]
-    yield Lines(f"{path}/people/extent", tuple(outlines), colors, HEIGHT)
+    yield Lines(f"{path}/{name}/extent", tuple(outlines), colors, HEIGHT)
     ways: list[Array] = []
     for center, item in zip(centers, people, strict=True):
         velocity = xyz(item.velocity)
         ways.append(rows([center, tuple(c + LOOK_AHEAD * v for c, v in zip(center, velocity, strict=True))]))  # type: ignore[list-item]
-    yield Lines(f"{path}/people/velocity", tuple(ways), colors, 0.04)
-    yield Value("plots/people", float(message.expected_count))
+    yield Lines(f"{path}/{name}/velocity", tuple(ways), colors, 0.04)
+    yield Value(f"plots/{name}", float(message.expected_count))
 
 
 def predictions(message: Any, path: str) -> Iterator[Shape]:

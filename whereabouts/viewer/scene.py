@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from whereabouts.messages.decode import UnusableMessageError, clouds, odometry, scans
-from whereabouts.messages.records import ODOM_FRAME, strip_slash
+from whereabouts.messages.records import MAP_FRAME, ODOM_FRAME, strip_slash
 from whereabouts.messages.rotations import planar_matrix
 from whereabouts.viewer.fields import matrix_of, nanoseconds, rows, xyz
 from whereabouts.viewer.frames import Frames
@@ -24,6 +24,7 @@ MAP, SEARCH, MAINTENANCE = (40, 40, 40), (20, 160, 80), (160, 60, 200)
 OCCUPIED = 50
 CLOUD_LIMIT = 20_000
 SCANS_KEPT = 50
+USUAL_NAMES = {"targets": "people", "world_state": "objects"}
 TRAVEL_LIMIT, TRAVEL_STEP = 20_000, 0.05
 ROBOT = np.array([[-0.2, -0.2, 0.05], [0.3, 0.0, 0.05], [-0.2, 0.2, 0.05], [-0.2, -0.2, 0.05]])
 ARROW = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.35, 0.1, 0.0], [0.5, 0.0, 0.0], [0.35, -0.1, 0.0]])
@@ -54,10 +55,10 @@ class Scene:
             "tf2_msgs/msg/TFMessage": lambda message, topic: self.frames.take(message, topic),
             "whereabouts_msgs/msg/ScanSegments": self._segments,
             "whereabouts_msgs/msg/LoopClosure": self._closure,
-            "whereabouts_msgs/msg/TargetArray": lambda m, _: targets(m, self._place(m)),
+            "whereabouts_msgs/msg/TargetArray": lambda m, topic: targets(m, self._place(m), _name(topic)),
             "whereabouts_msgs/msg/PredictedPathArray": lambda m, _: predictions(m, self._place(m)),
-            "whereabouts_msgs/msg/WorldEvidence": lambda m, topic: evidence(m, topic, self._place(m)),
-            "whereabouts_msgs/msg/WorldState": lambda m, _: world(m, self._place(m)),
+            "whereabouts_msgs/msg/WorldEvidence": lambda m, topic: evidence(m, self._place(m), _name(topic)),
+            "whereabouts_msgs/msg/WorldState": lambda m, topic: world(m, self._place(m), _name(topic)),
             "whereabouts_msgs/msg/WorldHypotheses": lambda m, _: hypotheses(m),
             "whereabouts_msgs/msg/VerificationTask": lambda m, _: task(m, self._place(m)),
         }
@@ -106,22 +107,22 @@ class Scene:
     def _cloud(self, message: Any, topic: str) -> Iterable[Shape]:
         for record in clouds(message, topic):
             step = max(1, -(-len(record.points) // CLOUD_LIMIT))
-            name = topic.rpartition("/")[2]
+            name = _name(topic)
             sensor = name not in ("map_points", "predicted_occupancy")
             path = f"{self.frames.path(record.frame_id, sensor)}/{name}"
             yield Points(path, record.points[::step], MAP if name == "map_points" else STATIC, 0.02)
 
     def _odometry(self, message: Any, topic: str) -> Iterable[Shape]:
         for record in odometry(message, topic):
-            ours = topic.rpartition("/")[2] == "odometry"
+            ours = _name(topic) == "odometry"
             base = strip_slash(record.child_frame_id)
-            if not self.frames.knows(base):
+            if not self.frames.knows(base) and strip_slash(record.frame_id) != MAP_FRAME:
                 if ours or not self._leader:
                     self._leader = topic
                 if topic == self._leader:
                     matrix = planar_matrix(record.pose) if record.transform is None else record.transform
                     yield self.frames.put(base, record.frame_id, matrix)
-            if ours or self._leader in ("", topic):
+            if ours or topic == self._leader:
                 yield Lines(f"{self.frames.path(base)}/robot", (ROBOT,), TRAVELLED, 0.05)
             yield from self._travel(topic, record.frame_id or ODOM_FRAME, record.pose, ours)
 
@@ -134,7 +135,7 @@ class Scene:
         del way[:-TRAVEL_LIMIT]
         # Every step a line of all steps would be quadratic in what is stored.
         if len(way) < 20 or len(way) % 10 == 0:
-            name = topic.rpartition("/")[2]
+            name = _name(topic)
             yield Lines(
                 f"{self.frames.path(frame)}/{name}", (rows(way),), TRAVELLED if ours else WHEELS, 0.03
             )
@@ -146,14 +147,14 @@ class Scene:
         centers = np.column_stack((column + 0.5, row + 0.5)) * float(info.resolution)
         origin = matrix_of(info.origin)
         points = np.column_stack((centers, np.zeros(len(centers)))) @ origin[:3, :3].T + origin[:3, 3]
-        name = topic.rpartition("/")[2]
+        name = _name(topic)
         yield Points(f"{self._place(message)}/{name}", points, MAP, 0.5 * float(info.resolution))
 
     def _path(self, message: Any, topic: str) -> Iterable[Shape]:
         points = [xyz(item.pose.position) for item in message.poses]
         path = self._place(message)
         yield Lines(f"{path}/{topic.rpartition('/')[2]}", (rows(points),), TRAJECTORY, 0.04)
-        if topic.rpartition("/")[2] == "trajectory":
+        if _name(topic) == "trajectory":
             stamps = [nanoseconds(item.header.stamp) for item in message.poses]
             self._keyframes = dict(zip(stamps, points, strict=True))
             yield self._closure_lines(path)
@@ -173,7 +174,7 @@ class Scene:
         return Lines(f"{path}/closures", tuple(rows([known[a], known[b]]) for a, b in joined), CLOSURE, 0.05)
 
     def _goal(self, message: Any, topic: str) -> Iterable[Shape]:
-        name = topic.rpartition("/")[2]
+        name = _name(topic)
         color: Color = SEARCH if name == "search_goal" else MAINTENANCE
         matrix = matrix_of(message.pose)
         yield Lines(
@@ -183,6 +184,11 @@ class Scene:
             0.06,
             (name,),
         )
+
+
+def _name(topic: str) -> str:
+    """What a topic's shapes are called; those of the suite by what they show."""
+    return USUAL_NAMES.get(topic, topic.replace("/", "."))
 
 
 def stamp_of(message: Any, log_time: int) -> float:
