@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
+import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from fuzz import Fuzzer
-from harness import START, Graph
+from harness import START, Graph, room, scan_message
 from lifecycle_msgs.msg import State
 from tf2_msgs.msg import TFMessage
 
 from whereabouts.cli.run import NODES
 from whereabouts.nodes.base import TF_STATIC_QOS
 from whereabouts.nodes.interfaces import message_class
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import transform_message
+from whereabouts.simulation import Lidar
 from whereabouts_msgs.msg import Processed
 
 ROUNDS = 30
+FLOOD = 2000
 HERE = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -28,8 +34,6 @@ def figures(node: str, diagnostics: list[Any]) -> dict[str, str]:
 
 @pytest.mark.parametrize("node", NODES)
 def test_nonsense_on_every_input_is_survived(graph: Graph, node: str) -> None:
-    from diagnostic_msgs.msg import DiagnosticArray
-
     diagnostics = graph.collect(DiagnosticArray, "diagnostics")
     answers = graph.collect(Processed, f"{node}/processed", 1000)
     spec = graph.start(node)
@@ -57,3 +61,40 @@ def test_nonsense_on_every_input_is_survived(graph: Graph, node: str) -> None:
     diagnostics.clear()
     last = graph.until(lambda: figures(node, diagnostics), "fresh diagnostics")
     assert last["internal errors"] == "0", graph.log(spec)[-3000:]
+
+
+def test_a_flood_of_scans_is_survived_and_accounted_for(graph: Graph) -> None:
+    answers = graph.collect(Processed, "scan_registration/processed", 5000)
+    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    graph.start("scan_registration", input_reliability="best_effort", segment_scans=False)
+    graph.mount()
+    lidar, rng, here = Lidar(), np.random.default_rng(3), np.array([-3.0, -1.5, 0.0])
+    message = scan_message(lidar.scan(room(), here, rng, 0.0).scan)
+    sent = 0
+
+    def send() -> None:
+        nonlocal sent
+        sent += 1
+        message.header.stamp = time_message(START + sent * NANOSECONDS // 1000)
+        graph.publish("scan", message)
+
+    send()
+    graph.until(lambda: answers, "the first scan is processed")
+    for _ in range(FLOOD):
+        send()
+
+    tried = time.monotonic()
+
+    def last_arrived() -> bool:
+        """Best effort: the last one may be lost as well; then another follows once the node has had its time."""
+        nonlocal tried
+        if answers[-1].sequence < sent and time.monotonic() - tried > 3.0:
+            tried = time.monotonic()
+            send()
+        return bool(answers[-1].sequence == sent)
+
+    graph.until(last_arrived, "the node has caught up")
+    diagnostics.clear()
+    counts = graph.until(lambda: figures("scan_registration", diagnostics), "diagnostics")
+    assert int(counts["/scan received"]) + int(counts["/scan lost"]) == sent
+    assert counts["internal errors"] == "0"

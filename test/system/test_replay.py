@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from harness import START, room
 
+from whereabouts.cli.run import NODES
 from whereabouts.logs import (
     McapWriter,
     OdometryRecord,
@@ -106,6 +107,36 @@ def test_node_killed_in_mid_replay_is_brought_back_and_the_replay_goes_on(bag: P
     with open_log(tmp_path / "out.mcap") as log:
         stamps = [record.stamp for record in log.odometry()]
     assert len(stamps) == SCANS
+
+
+def test_every_node_in_turn_is_killed_and_comes_back(bag: Path, tmp_path: Path) -> None:
+    events: list[str] = []
+    specs = [replay_spec(name) for name in NODES]
+    run = SuiteRun(
+        bag, specs, tmp_path / "logs", record=ODOMETRY, output=tmp_path / "out.mcap", on_event=events.append
+    )
+    due = {10 + 6 * k: spec.full_name for k, spec in enumerate(specs)}
+    sent = 0
+
+    def kill_in_turn(message: RawMessage) -> None:
+        nonlocal sent
+        sent += message.name == "/scan"
+        name = due.pop(sent, None) if message.name == "/scan" else None
+        if name is not None and run.supervisor is not None:
+            process = run.supervisor.nodes[name].process
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+
+    run.on_message = kill_in_turn
+    account = run_suite(run)
+    assert [event for event in events if "SIGKILL" in event] == [
+        f"{spec.full_name} ended with SIGKILL and was started again" for spec in specs
+    ]
+    assert account.published["/scan"] == SCANS
+    # At most what another node said to it by its own clock just while it was away.
+    assert max(account.unanswered.values(), default=0) <= 1
+    assert account.total_lost == 0
+    assert len(odometry_bytes(tmp_path / "out.mcap")) == SCANS
 
 
 def test_message_in_the_hands_of_a_killed_node_is_counted(bag: Path, tmp_path: Path) -> None:

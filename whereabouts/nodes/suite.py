@@ -26,7 +26,7 @@ from whereabouts.resources import config_file
 # The very first start on a machine compiles what registration runs per scan.
 START_TIMEOUT = 180.0
 # Nodes find each other within moments; a mismatch of reliability or durability is the usual reason why they do not.
-CONNECT_TIMEOUT = 30.0
+CONNECT_TIMEOUT = 60.0
 QUIET = 0.5
 # What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
 REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
