@@ -13,6 +13,16 @@ JsonFile = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the figures to FILE as JSON.")
 ]
 
+Dask = Annotated[
+    str,
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Compute on a Dask cluster: the scheduler, tcp://HOST:8786, or local:N for N workers here.",
+    ),
+]
+Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Processes to use.")]
+
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:
     """Write figures as JSON, atomically; nothing where no file was asked for."""

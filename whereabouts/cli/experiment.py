@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import Dask, Jobs, JsonFile, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.experiments import Report, Table
@@ -17,7 +17,8 @@ def experiment(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the experiment, `all`, or `list`.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for pictures.")] = Path("experiments-out"),
     seed: Annotated[int, typer.Option("--seed", help="Seed of all random draws.")] = 0,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes to use.")] = 1,
+    jobs: Jobs = 1,
+    dask: Dask = "",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repetitions of the same protocol.")] = False,
     json_file: JsonFile = None,
 ) -> None:
@@ -25,6 +26,7 @@ def experiment(
     from estimation.errors import InputError
     from whereabouts.datasets import data_directory
     from whereabouts.experiments import Options
+    from whereabouts.parallel import cluster
 
     known = experiments()
     if name == "list":
@@ -34,14 +36,16 @@ def experiment(
     if name != "all" and name not in known:
         raise InputError(f"no experiment is called {name}; there are: {', '.join(known)}, all")
     figures: dict[str, float] = {}
-    for key in known if name == "all" else [name]:
-        folder = out / key
-        folder.mkdir(parents=True, exist_ok=True)
-        report = known[key].run(Options(folder, seed, jobs, quick, data_directory()))
-        _print(report)
-        figures |= {
-            f"{key}.{figure}" if name == "all" else figure: value for figure, value in report.figures.items()
-        }
+    with cluster(dask):
+        for key in known if name == "all" else [name]:
+            folder = out / key
+            folder.mkdir(parents=True, exist_ok=True)
+            report = known[key].run(Options(folder, seed, jobs, quick, data_directory()))
+            _print(report)
+            figures |= {
+                f"{key}.{figure}" if name == "all" else figure: value
+                for figure, value in report.figures.items()
+            }
     write_figures(json_file, figures)
 
 

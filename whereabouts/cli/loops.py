@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import Dask, Jobs, JsonFile, write_figures
 
 if TYPE_CHECKING:
     from loop_closure.pairs import PairRule
@@ -65,6 +65,8 @@ def train(
         bool, typer.Option(help="Also judge by leaving out one place at a time, for the card.")
     ] = False,
     seed: Seed = 0,
+    jobs: Jobs = 1,
+    dask: Dask = "",
     json_file: JsonFile = None,
 ) -> None:
     """Train a model on logs and write it as JSON, with a card of what it was trained on.
@@ -73,10 +75,11 @@ def train(
     """
     from loop_closure.pairs import PairRule
     from whereabouts.experiments.loops_training import train_on_logs
+    from whereabouts.parallel import cluster
     from whereabouts.progress import progress_bar
 
     rule = PairRule(distance, path_gap, math.radians(heading), index_gap=index_gap)
-    with progress_bar() as bar:
+    with cluster(dask), progress_bar() as bar:
         task = bar.add_task("training", total=None)
         model = train_on_logs(
             logs,
@@ -90,6 +93,7 @@ def train(
             pairs,
             say=lambda text: bar.update(task, description=text),
             finished=lambda trained: trained.save(out),
+            jobs=jobs,
         )
     model.save(out)
     size = out.stat().st_size
@@ -123,6 +127,8 @@ def evaluate(
     folds: Annotated[int, typer.Option("--folds", min=2, help="Folds of the k-fold protocol.")] = 10,
     repetitions: Annotated[int, typer.Option("--repetitions", min=1, help="Permutations of k-fold.")] = 5,
     seed: Seed = 0,
+    jobs: Jobs = 1,
+    dask: Dask = "",
     curve: Annotated[Path | None, typer.Option("--roc", metavar="PNG", help="Draw the ROC curves.")] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -136,6 +142,7 @@ def evaluate(
     from loop_closure.pairs import PairRule
     from whereabouts.experiments.loops_data import Reading, read_recording
     from whereabouts.experiments.loops_judging import draw_curves, judge
+    from whereabouts.parallel import cluster
     from whereabouts.progress import track
 
     reading = Reading(local_map=local_map)
@@ -143,20 +150,22 @@ def evaluate(
     rule = PairRule(1.0, path_gap, math.radians(heading), index_gap=index_gap)
     rules = [replace(rule, distance=value) for value in _numbers(distances)]
     chosen = _model(model, recordings) if protocol == "model" else None
-    found = judge(
-        recordings,
-        rules,
-        protocol,
-        chosen,
-        _method(method),
-        rounds,
-        positives,
-        negatives,
-        folds,
-        repetitions,
-        seed,
-        track=lambda items: track(items, "judging"),
-    )
+    with cluster(dask):
+        found = judge(
+            recordings,
+            rules,
+            protocol,
+            chosen,
+            _method(method),
+            rounds,
+            positives,
+            negatives,
+            folds,
+            repetitions,
+            seed,
+            jobs,
+            "judging",
+        )
     typer.echo(
         f"{'log':28}{'within':>8}{'pairs +':>9}{'pairs -':>9}{'D@0%':>8}{'D@0.1%':>8}{'D@1%':>8}{'AP':>7}"
     )

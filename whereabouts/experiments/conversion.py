@@ -17,6 +17,7 @@ from whereabouts.experiments import conversion_limits as limits
 from whereabouts.experiments import conversion_pictures as pictures
 from whereabouts.experiments import conversion_tracking as tracking
 from whereabouts.experiments.report import Options, Report, Table
+from whereabouts.parallel import each
 
 
 def run(options: Options) -> Report:
@@ -131,14 +132,10 @@ def distances(options: Options, report: Report) -> None:
 
 def operating_points(options: Options, report: Report) -> None:
     """Figure 6.8, and the operating points at which K fails."""
-    from joblib import Parallel, delayed
-
     points = limits.operating_points()[:: 31 if options.quick else 1]
     seeds = np.random.SeedSequence([options.seed, 3]).generate_state(len(points) + 200).tolist()
-    pool = Parallel(n_jobs=options.jobs)
-    found = pool(
-        delayed(limits.find_limit)(r, b, s, 0.0, seed) for (r, b, s), seed in zip(points, seeds, strict=False)
-    )
+    calls = [(r, b, s, 0.0, seed) for (r, b, s), seed in zip(points, seeds, strict=False)]
+    found = each(limits.find_limit, calls, options.jobs)
     rows = []
     for degrees, theirs, fixed in ((1.0, "99.5 %", "37 %"), (0.5, "63.9 %", "-")):
         ours, angle = limits.within(found, degrees), limits.best_fixed_angle(found, degrees)

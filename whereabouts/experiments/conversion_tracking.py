@@ -11,6 +11,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.metrics import nees
 from estimation.switching import ConstantVelocity, SwitchingFilter
+from whereabouts.parallel import each
 
 RATE = 40.0  # Hz
 MEASUREMENT_COVARIANCE = np.diag([0.02**2, np.radians(2.0) ** 2])  # (6.19)
@@ -122,18 +123,14 @@ def _kind(mode_before: str, after: SwitchingFilter, tests_before: int, k_crit: f
 
 def paired(scenario: int, seeds: int, seconds: float, names: list[str], jobs: int) -> dict[str, FloatArray]:
     """RMSE, ANEES and mean cost per step of every filter on the same walks: (seeds, 3) each."""
-    from joblib import Parallel, delayed
-
-    rows = Parallel(n_jobs=jobs)(delayed(_one_seed)(scenario, seed, seconds, names) for seed in range(seeds))
+    rows = each(_one_seed, [(scenario, seed, seconds, names) for seed in range(seeds)], jobs)
     return {name: np.array([row[name] for row in rows]) for name in names}
 
 
 def fewer_samples(seeds: int, seconds: float, jobs: int) -> dict[int, FloatArray]:
     """Scenario 2, always particles, by number of converted samples: RMSE, ANEES, mean cost per step (seeds, 3)."""
-    from joblib import Parallel, delayed
-
     sizes = (250, 50, 10)
-    rows = Parallel(n_jobs=jobs)(delayed(_one_sampled)(seed, seconds, sizes) for seed in range(seeds))
+    rows = each(_one_sampled, [(seed, seconds, sizes) for seed in range(seeds)], jobs)
     return {size: np.array([row[size] for row in rows]) for size in sizes}
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,9 +25,9 @@ from loop_closure.pairs import PairRule, compare_pairs
 from loop_closure.place_model import PlaceModel
 from loop_closure.roc import Roc, roc
 from loop_closure.training import CascadeConfig, Recording, train_cascade, train_plain
+from whereabouts.parallel import each
 
 PROTOCOLS = ("model", "cross", "k-fold")
-Track = Callable[[Iterable[Any]], Iterable[Any]]
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,12 @@ def judge(
     folds: int = 10,
     repetitions: int = 5,
     seed: int = 0,
-    track: Track = lambda items: items,
+    jobs: int = 1,
+    what: str = "",
 ) -> list[Judgement]:
     """D of every recording at every distance, by one of PROTOCOLS.
+
+    jobs, what : as of `parallel.each`; the places at each distance are judged independently.
 
     Raises
     ------
@@ -89,27 +93,37 @@ def judge(
         raise InputError(f"protocol: one of {', '.join(PROTOCOLS)} expected, got {protocol!r}")
     if protocol == "cross" and len({recording.environment for recording in recordings}) < 2:
         raise InputError("protocol cross: logs of at least two places are needed (LOG@PLACE names the place)")
+    how = (protocol, model, method, rounds, positives, negatives, folds, repetitions, seed)
+    environments = list(dict.fromkeys(recording.environment for recording in recordings))
+    calls = [(rule, environment, recordings, how) for rule in rules for environment in environments]
+    judged = [row for rows in each(_judged_place, calls, jobs, what) for row in rows]
+    # As the recordings were given, also where those of one place were not given together.
+    rank = {(rule, k): i for i, (rule, k) in enumerate(itertools.product(rules, range(len(recordings))))}
+    return [row for _, row in sorted(judged, key=lambda item: rank[item[1].rule, item[0]])]
+
+
+def _judged_place(
+    rule: PairRule, environment: str, recordings: Sequence[Recording], how: tuple[Any, ...]
+) -> list[tuple[int, Judgement]]:
+    """Number and judgement of the recordings of one place, at one distance."""
+    protocol, model, method, rounds, positives, negatives, folds, repetitions, seed = how
+    if protocol == "cross" or (protocol != "k-fold" and model is None):
+        others = [other for other in recordings if other.environment != environment]
+        model = _trained(others, rule, method, rounds, seed)
     found = []
-    for rule in rules:
-        trained: dict[str, PlaceModel] = {}
-        for recording in track(recordings):
-            pairs = recording.pairs(rule, negatives, positives, seed)
-            if not 0 < pairs.positives < len(pairs):
-                raise InputError(
-                    f"recording {recording.name}: no pairs of both classes within {rule.distance} m"
-                )
-            if protocol == "k-fold":
-                F, y = balanced([(compare_pairs(recording.places, pairs), pairs.same)], pairs.positives, seed)
-                validation = k_fold(lambda: AdaBoost(rounds), F, y, folds, repetitions, seed)
-                found.append(Judgement(recording.name, rule, validation.curves[0], validation))
-                continue
-            if model is None and recording.environment not in trained:
-                others = [other for other in recordings if other.environment != recording.environment]
-                trained[recording.environment] = _trained(others, rule, method, rounds, seed)
-            judged = trained[recording.environment] if model is None else model
-            found.append(
-                Judgement(recording.name, rule, roc(judged.score_pairs(recording.places, pairs), pairs.same))
-            )
+    for number, recording in enumerate(recordings):
+        if recording.environment != environment:
+            continue
+        pairs = recording.pairs(rule, negatives, positives, seed)
+        if not 0 < pairs.positives < len(pairs):
+            raise InputError(f"recording {recording.name}: no pairs of both classes within {rule.distance} m")
+        if protocol == "k-fold":
+            F, y = balanced([(compare_pairs(recording.places, pairs), pairs.same)], pairs.positives, seed)
+            validation = k_fold(lambda: AdaBoost(rounds), F, y, folds, repetitions, seed)
+            found.append((number, Judgement(recording.name, rule, validation.curves[0], validation)))
+        else:
+            curve = roc(model.score_pairs(recording.places, pairs), pairs.same)
+            found.append((number, Judgement(recording.name, rule, curve)))
     return found
 
 

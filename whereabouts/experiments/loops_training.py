@@ -23,6 +23,7 @@ from loop_closure.training import (
 )
 from loop_closure.training_clouds import judge_by_place, train_clouds
 from whereabouts.experiments.loops_data import Reading, read_recording, simulated
+from whereabouts.parallel import each
 
 Say = Callable[[str], None]
 # Simulated floors are always among what is trained on: they are not what is asked about.
@@ -43,13 +44,14 @@ def train_on_logs(
     pairs: int = 1200,
     say: Say = lambda text: None,
     finished: Callable[[PlaceModel], None] = lambda model: None,
+    jobs: int = 1,
 ) -> PlaceModel:
     """A trained model with its card.
 
     method : "plain", the text's, or "best", the cascade for scans and wide boosting for clouds.
     simulation : simulated floors to train on besides. judged : also leave out one place at a time, for the card; as
     many trainings more. pairs : positive ones from each log; negative ones are six times as many. finished : called
-    with the model before it is judged.
+    with the model before it is judged. jobs : processes that judge.
 
     Raises
     ------
@@ -74,7 +76,7 @@ def train_on_logs(
     finished(replace(model, card=card))
     if judged and len({s.environment for s in sets} - {SIMULATED}) > 2:
         say("judging by leaving out one place at a time")
-        card["left_out"] = left_out(sets, recordings, config)
+        card["left_out"] = left_out(sets, recordings, config, jobs=jobs)
     return replace(model, card=card)
 
 
@@ -104,28 +106,40 @@ def left_out(
     distances: Sequence[float] = (1.0, 2.0, 3.0),
     positives: int = 600,
     negatives: int = 6000,
+    jobs: int = 1,
 ) -> list[dict[str, Any]]:
     """D in % at 0, 0.1 and 1 % FA on each recording, by a model trained without its environment.
 
     sets, recordings : as `prepare` gives them, single scans first. One model judges at all distances: its positive
-    pairs are those nearer than each, its negative ones random pairs that are not.
+    pairs are those nearer than each, its negative ones random pairs that are not. jobs : as of `parallel.each`.
     """
-    found = []
     single = len(recordings) // 2 if len({r.name for r in recordings}) < len(recordings) else len(recordings)
-    for environment in dict.fromkeys(s.environment for s in sets if s.environment != SIMULATED):
-        model = fit_cascade([s for s in sets if s.environment != environment], config)
-        for k, recording in enumerate(recordings):
-            if recording.environment != environment:
-                continue
-            turn = SCAN_TURN if k < single else config.rule.max_turn
-            kinds = "scans, 45°" if k < single else f"local maps, {math.degrees(turn):.0f}°"
-            for distance, curve in zip(
-                distances,
-                _curves(model, recording, config, turn, distances, positives, negatives),
-                strict=True,
-            ):
-                figures = {"log": recording.name, "places": kinds, "distance_m": distance}
-                found.append({**figures, "positives": curve.positives, "detection": rates(curve)})
+    environments = list(dict.fromkeys(s.environment for s in sets if s.environment != SIMULATED))
+    how = (config, single, distances, positives, negatives)
+    calls = [
+        (
+            [s for s in sets if s.environment != environment],
+            [(k, r) for k, r in enumerate(recordings) if r.environment == environment],
+            how,
+        )
+        for environment in environments
+    ]
+    return [row for rows in each(_left_out_place, calls, jobs) for row in rows]
+
+
+def _left_out_place(
+    others: Sequence[Examples], own: Sequence[tuple[int, Recording]], how: tuple[Any, ...]
+) -> list[dict[str, Any]]:
+    """What a model trained on the other places reaches on the recordings, each with its number, of one."""
+    config, single, distances, positives, negatives = how
+    model, found = fit_cascade(others, config), []
+    for k, recording in own:
+        turn = SCAN_TURN if k < single else config.rule.max_turn
+        kinds = "scans, 45°" if k < single else f"local maps, {math.degrees(turn):.0f}°"
+        curves = _curves(model, recording, config, turn, distances, positives, negatives)
+        for distance, curve in zip(distances, curves, strict=True):
+            figures = {"log": recording.name, "places": kinds, "distance_m": distance}
+            found.append({**figures, "positives": curve.positives, "detection": rates(curve)})
     return found
 
 

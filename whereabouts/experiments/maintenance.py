@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from whereabouts.experiments.report import Options, Report, Table
+from whereabouts.parallel import each
 from whereabouts.progress import track
 from whereabouts.simulation.maintenance import Account, RoomPlan, fixed_path, maintained
 from world_model.looks import Sensor
@@ -85,11 +86,9 @@ def _many(
     label: str = "benchmark", plan: RoomPlan = PLAN,
 ) -> list[list[Account]]:  # fmt: skip
     """Accounts of every way over all seeds, in parallel."""
-    from joblib import Parallel, delayed
-
     results = []
     for how in track(list(ways), label):
-        results.append(Parallel(n_jobs=options.jobs)(delayed(_one)(plan, how, seed) for seed in seeds))
+        results.append(each(_one, [(plan, how, seed) for seed in seeds], options.jobs))
     return results
 
 

@@ -15,7 +15,7 @@ from whereabouts.experiments import phd_hidden as hiding
 from whereabouts.experiments import phd_monte_carlo as monte_carlo
 from whereabouts.experiments import phd_recorded as recorded
 from whereabouts.experiments.report import Options, Report, Table
-from whereabouts.progress import track
+from whereabouts.parallel import each
 from whereabouts.simulation.hidden_people import PERIOD
 
 # What is compared, by the name it has in the tables.
@@ -54,10 +54,7 @@ def run(options: Options) -> Report:
 
 def _parallel(options: Options, what: str, function: Any, calls: list[tuple[Any, ...]]) -> list[Any]:
     """The function's results in order, on the processes of the options, with progress."""
-    from joblib import Parallel, delayed
-
-    work = Parallel(n_jobs=options.jobs, return_as="generator")(delayed(function)(*call) for call in calls)
-    return list(track(work, what, len(calls)))
+    return each(function, calls, options.jobs, what)
 
 
 def _figure_3(options: Options, report: Report) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimation.places import Places
 from whereabouts.experiments.report import Options, Report, Table
+from whereabouts.parallel import each
 from whereabouts.progress import track
 from whereabouts.simulation.recipe_rooms import (
     RECIPE_SIZE,
@@ -145,14 +146,10 @@ def _all(
     strategies: tuple[str, ...] = STRATEGIES, label: str = "view scales",
 ) -> dict[str, list[list[tuple[bool, float]]]]:  # fmt: skip
     """Per strategy and view scale, (failed, length) of every room and corner."""
-    from joblib import Parallel, delayed
-
     results: dict[str, list[list[tuple[bool, float]]]] = {name: [] for name in strategies}
     for scale in track(list(scales), label):
-        runs = Parallel(n_jobs=options.jobs)(
-            delayed(_room_outcomes)(options.seed * 100_000 + k, relations, scale, strategies)
-            for k in range(rooms)
-        )
+        calls = [(options.seed * 100_000 + k, relations, scale, strategies) for k in range(rooms)]
+        runs = each(_room_outcomes, calls, options.jobs)
         flat = [corner for room in runs for corner in room]
         for index, name in enumerate(strategies):
             results[name].append([corner[index] for corner in flat])
