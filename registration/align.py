@@ -17,7 +17,7 @@ from estimation.poses import inverse, wrap_angle
 from registration.classic import CLASSIC
 from registration.consistency import Agreement, weigh
 from registration.correlative import candidates
-from registration.judgement import judged
+from registration.judgement import LENIENT, STRICT, Asked, judged
 from registration.motion import Array
 from registration.outline import Outline, outline_of
 from registration.refine import Refined, refine
@@ -73,7 +73,7 @@ def align(
         # Imported here: the joint model builds on this module.
         from registration.crf.background import by_joint_inference
 
-        return by_joint_inference(source, target, search(moving, still, start, REACH, TURN))
+        return by_joint_inference(source, target, among_movers(moving, still, start))
     if method != "robust":
         refined = CLASSIC[method](moving, still, start)
         return judged(moving, still, refined, start, agreements(moving, still, refined.pose))
@@ -97,7 +97,14 @@ def as_guess(guess: ArrayLike | None, shape: tuple[int, ...], default: Array) ->
     return start
 
 
-def search(moving: Outline, still: Outline, start: Array, reach: float, turn: float) -> Registration:
+def among_movers(moving: Outline, still: Outline, start: Array) -> Registration:
+    """As `align`, for who can tell afterwards what moved: long outlines that contradict are no reason to refuse."""
+    return search(moving, still, start, REACH, TURN, LENIENT)
+
+
+def search(
+    moving: Outline, still: Outline, start: Array, reach: float, turn: float, asked: Asked = STRICT
+) -> Registration:
     """Best of the candidates within `reach` metres and `turn` radians of `start`."""
     found = candidates(
         moving.surface.points, still.surface.points, start, reach, turn, most=CANDIDATES, points=SEARCHED
@@ -108,13 +115,13 @@ def search(moving: Outline, still: Outline, start: Array, reach: float, turn: fl
         views = agreements(moving, still, refined.pose)
         ranked.append((_merit(views, refined.pose, start, reach), refined, views))
     if not ranked:
-        return judged(moving, still, None, start, None)
+        return judged(moving, still, None, start, None, asked)
     _, refined, views = max(ranked, key=lambda entry: entry[0])
     refined, views = settle(moving, still, refined, views)
     if refined.open_directions in (1, 2):
         refined = replace(refined, pose=keep_open(refined, start))
         views = agreements(moving, still, refined.pose)
-    return judged(moving, still, refined, start, views)
+    return judged(moving, still, refined, start, views, asked)
 
 
 def keep_open(refined: Refined, start: Array) -> Array:
@@ -165,7 +172,7 @@ def movers(outline: Outline, view: Agreement) -> np.ndarray:
     """Points (N,) of small connected pieces much of which stands in space the other scan saw through."""
     pieces = outline.surface.pieces
     count = int(pieces.max()) + 1 if len(pieces) else 0
-    length = np.bincount(pieces, np.minimum(outline.surface.spacing, 0.3), count)
+    length = np.bincount(pieces, outline.surface.length, count)
     standing = np.bincount(pieces, view.labels == 1, count)
     agreeing = np.bincount(pieces, view.labels == 0, count)
     moved = (standing > 0.35 * (standing + agreeing)) & (length < 2.0)

@@ -20,8 +20,6 @@ from registration.refine import Target
 from registration.scan import Scan
 from registration.surface import Surface
 
-LONGEST = 0.3  # metres of outline one point stands for at most
-
 
 @dataclass(frozen=True)
 class View:
@@ -40,7 +38,9 @@ def view_of(scan: Scan | None) -> View:
 
 
 @njit(cache=True)
-def _weigh(points, spacing, pose, target, heads, following, ranges, angle_min, step, near, margin, labels):  # type: ignore[no-untyped-def]
+def _weigh(  # type: ignore[no-untyped-def]
+    points, spacing, lengths, pose, target, heads, following, ranges, angle_min, step, near, margin, labels
+):
     """Metres of outline that agree, that stand in seen space, and that cannot be judged."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     agreeing = standing = unknown = 0.0
@@ -48,7 +48,7 @@ def _weigh(points, spacing, pose, target, heads, following, ranges, angle_min, s
     for k in range(len(points)):
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        length = min(max(spacing[k], 0.005), LONGEST)
+        length = lengths[k]
         reach = max(near, min(0.75 * spacing[k], 0.4))
         if any_near(x, y, reach, target, heads, following):
             agreeing += length
@@ -102,7 +102,7 @@ def weigh(
     """
     labels = np.empty(len(source), dtype=np.int64)
     agreeing, standing, unknown = _weigh(
-        source.points, source.spacing, pose, target.points, target.heads, target.following,
+        source.points, source.spacing, source.length, pose, target.points, target.heads, target.following,
         seen.ranges, seen.angle_min, seen.step, near, margin, labels,
     )  # fmt: skip
     return Agreement(agreeing, standing, unknown, labels)

@@ -9,8 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from registration.consistency import Agreement
+from registration.influence import borrowed
 from registration.motion import Array
 from registration.outline import Outline
 from registration.refine import KERNEL, Refined
@@ -21,13 +23,31 @@ GUESS_SIGMA = np.array([0.5, 0.5, 0.5])  # m, m, rad: doubt about a guess where 
 # m, m, rad: what many beams cannot average away, points near corners and edges that take a neighbour's line; where
 # a direction is open there are none.
 FLOOR = np.array([3.5e-4, 3.5e-4, 3e-5])
-LEAST_FITNESS = 0.6
-LEAST_OVERLAP = 0.4
-LEAST_TOGETHER = 1.2  # fitness and overlap: little of the one takes much of the other
-MOST_BROKEN = 0.3
 LEAST_LENGTH = 1.0  # metres of agreeing outline
 LEAST_POINTS = 20
-LONG = 1.5  # metres of connected outline that people and things that move do not have
+# What moved stands in seen space in pieces of the size of people and boxes, what belongs to another room in stretches
+# of wall: the longer the mean piece and the mean metre's piece are, the more of the outlines has to agree.
+PER_PIECE, PER_METRE = 0.45, 0.2  # of overlap per metre
+MOST_BORROWED = 0.1  # metres or radians of doubt that one small piece may be the only remedy for
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a registration: least fitness, overlap, sum of the two, and merit of its `Evidence`.
+
+    alone : whether one small piece of outline may not be the only thing that fixes a direction.
+    """
+
+    fitness: float = 0.55
+    overlap: float = 0.35
+    together: float = 1.0
+    merit: float = 0.21  # measured between strangers' rooms and rooms full of movers
+    alone: bool = True
+
+
+STRICT = Asked()
+# For who finds out next what moved, be it as long as a car.
+LENIENT = Asked(0.6, 0.4, 1.2, -np.inf, False)
 
 
 @dataclass(frozen=True)
@@ -35,14 +55,34 @@ class Evidence:
     """What speaks for and against a registration, over both outlines.
 
     fitness : agreeing share of what can be judged. overlap : agreeing share of everything, judged or not.
-    broken : share of long connected outline that stands in space the other saw through: walls do not move.
-    length : metres of agreeing outline, of the lesser side.
+    piece : metres, mean length of the pieces that stand in space the other saw through. metre : the same, every
+    metre's piece counted by its length. length : metres of agreeing outline, of the lesser side.
     """
 
     fitness: float
     overlap: float
-    broken: float
+    piece: float
+    metre: float
     length: float
+
+    @property
+    def merit(self) -> float:
+        """Overlap, less what the contradicting pieces are too long for."""
+        return self.overlap - PER_PIECE * self.piece - PER_METRE * self.metre
+
+
+@njit(cache=True)
+def _contradicting(labels, pieces, lengths):  # type: ignore[no-untyped-def]
+    """Number, length and squared length of the runs of connected outline that stand where the other saw through."""
+    count, total, squares, run, last = 0, 0.0, 0.0, 0.0, -1
+    for k in range(len(labels)):
+        if run > 0.0 and (labels[k] == 0 or pieces[k] != last):
+            count, total, squares, run = count + 1, total + run, squares + run * run, 0.0
+        if labels[k] == 1:
+            run, last = run + lengths[k], pieces[k]
+    if run > 0.0:
+        count, total, squares = count + 1, total + run, squares + run * run
+    return count, total, squares
 
 
 def evidence(moving: Outline, still: Outline, views: tuple[Agreement, Agreement]) -> Evidence:
@@ -50,17 +90,14 @@ def evidence(moving: Outline, still: Outline, views: tuple[Agreement, Agreement]
     agreeing = sum(view.agreeing for view in views)
     standing = sum(view.standing for view in views)
     unknown = sum(view.unknown for view in views)
-    held = broken = 0.0
+    runs = np.zeros(3)
     for outline, view in zip((moving, still), views, strict=True):
-        length = np.minimum(outline.surface.spacing, 0.3)
-        pieces = outline.surface.pieces
-        long = np.bincount(pieces, length)[pieces] > LONG if len(pieces) else np.zeros(0, dtype=bool)
-        held += float(length[long & (view.labels == 0)].sum())
-        broken += float(length[long & (view.labels == 1)].sum())
+        runs += _contradicting(view.labels, outline.surface.pieces, outline.surface.length)
     return Evidence(
         agreeing / max(agreeing + standing, 1e-9),
         agreeing / max(agreeing + standing + unknown, 1e-9),
-        broken / max(held + broken, 1e-9),
+        float(runs[1] / max(runs[0], 1.0)),
+        float(runs[2] / max(runs[1], 0.3)),
         min(view.agreeing for view in views),
     )
 
@@ -71,6 +108,7 @@ def judged(
     refined: Refined | None,
     start: Array,
     views: tuple[Agreement, Agreement] | None,
+    asked: Asked = STRICT,
 ) -> Registration:
     """The registration `refined` amounts to; None stands for no candidate at all."""
     for name, outline in (("source", moving), ("target", still)):
@@ -82,25 +120,30 @@ def judged(
         return Registration(start, np.diag(GUESS_SIGMA**2), 0.0, False, "nothing in common was found")
     found = evidence(moving, still, views)
     covariance = pairwise_covariance(refined, moving, still)
-    reason = _refusal(refined, found)
+    reason = _refusal(refined, found, asked)
     if reason:
         return Registration(refined.pose, covariance + np.diag(GUESS_SIGMA**2), found.fitness, False, reason)
+    doubt = borrowed(refined, moving.surface, still.surface, KERNEL, GUESS_SIGMA[0] ** 2)
+    covariance = covariance + doubt
+    if asked.alone and np.diag(doubt).max() > MOST_BORROWED**2:
+        reason = "without one small piece of outline a direction of motion is open"
+        return Registration(refined.pose, covariance, found.fitness, False, reason)
     if refined.open_directions:
         reason = f"{refined.open_directions} of 3 directions of motion are open and kept from the guess"
     return Registration(refined.pose, covariance, found.fitness, refined.open_directions < 2, reason)
 
 
-def _refusal(refined: Refined, found: Evidence) -> str:
+def _refusal(refined: Refined, found: Evidence, asked: Asked) -> str:
     if refined.open_directions == 3:
         return "no lines of the two correspond"
     if not refined.settled:
         return "the iterations did not settle"
-    if found.length < LEAST_LENGTH or found.overlap < LEAST_OVERLAP:
+    if found.length < LEAST_LENGTH or found.overlap < asked.overlap:
         return f"only {found.length:.1f} m of outline ({found.overlap:.0%}) in common"
-    if found.fitness < LEAST_FITNESS or found.fitness + found.overlap < LEAST_TOGETHER:
+    if found.fitness < asked.fitness or found.fitness + found.overlap < asked.together:
         return f"only {found.fitness:.0%} of what both could see agrees, {found.overlap:.0%} of all"
-    if found.broken > MOST_BROKEN:
-        return f"{found.broken:.0%} of the walls stand in space the other scan saw through"
+    if found.merit < asked.merit:
+        return f"walls of {found.metre:.1f} m stand in space the other scan saw through, {found.overlap:.0%} agrees"
     return ""
 
 

@@ -150,7 +150,7 @@ class MapMatcher:
         inside = beam < len(self._view.ranges)
         seen = np.where(inside, self._view.ranges[np.where(inside, beam, 0)], -np.inf)
         standing = np.isfinite(seen) & (np.hypot(x, y) < seen - 0.25)
-        return through + float(np.minimum(surface.spacing[odd], 0.3)[standing].sum())
+        return through + float(surface.length[odd][standing].sum())
 
 
 def _merit(match: Match, start: Array) -> float:

@@ -27,7 +27,7 @@ class Outline:
     @property
     def length(self) -> float:
         """Metres of outline."""
-        return float(np.minimum(self.surface.spacing, 0.3).sum())
+        return float(self.surface.length.sum())
 
     def without(self, dropped: NDArray[np.bool_]) -> Outline:
         """The same, with the lines of `dropped` (N,) points ignored."""

@@ -74,7 +74,8 @@ def scattered_information(refined: Refined, source: Surface, target: Surface, no
     total, stretches, sharpness = _scores(
         source.points, source.pieces, refined.matched, refined.pose, target.feet, target.normals, TUKEY * noise
     )  # fmt: skip
-    middle, spare = model, stretches - 3
+    # Three go into the pose; two more because the inverse of a variance read off few stretches is too large on average.
+    middle, spare = model, stretches - 5
     if spare > 0:
         seen = total * sharpness**2 * (stretches / spare) / refined.noise**4
         middle = BELIEF * seen + (1.0 - BELIEF) * model

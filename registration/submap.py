@@ -95,6 +95,7 @@ def fuse(glances: Sequence[Glance], poses: Array, workspace: LocalMap | None = N
         normals,
         tilt,
         np.full(count, SPACING),
+        np.full(count, SPACING),
         np.zeros(count, dtype=np.int64),
         NOISE,
         0.1,

@@ -20,6 +20,7 @@ from registration.scan import Scan
 REACH = 0.3  # metres a neighbourhood extends to either side, more where beams are farther apart
 MOST_NEIGHBOURS = 40  # beams to either side
 GRAZING = 0.12  # sine of the smallest angle between a beam and a surface
+LONGEST = 0.3  # metres of outline one point stands for at most
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Surface:
     points : (N, 2) metres. feet : (N, 2) the points moved onto the line of their neighbourhood, which takes
     most of the range noise off them. normals : (N, 2) unit, zero for a point without a line.
     tilt : (N,) variance of each normal's direction, rad², inf without a line.
-    spacing : (N,) metres to the farther neighbour. pieces : (N,) number of the connected piece a point is on.
+    spacing : (N,) metres to the farther neighbour. length : (N,) metres of outline a point stands for, at most
+    `LONGEST`. pieces : (N,) number of the connected piece a point is on.
     noise : metres, how far points lie off their own lines. leverage : mean variance of a foot, in units of a
     point's. trust : (N,) weight of each point in (0, 1], from the variance of its distance off its line.
     signed : whether normals are known to point towards the sensor.
@@ -40,6 +42,7 @@ class Surface:
     normals: Array
     tilt: Array
     spacing: Array
+    length: Array
     pieces: NDArray[np.int64]
     noise: float
     leverage: float
@@ -205,7 +208,26 @@ def swept_surface(
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     feet, normals, tilt, spacing, pieces, rough, leverage = _lines(x, y, beams, step, noise)
     trust = _trust(points, normals, noise, beam_sigma)
-    return Surface(points, feet, normals, tilt, spacing, pieces, rough, leverage, trust)
+    length = _lengths(points, normals, spacing, step)
+    return Surface(points, feet, normals, tilt, spacing, length, pieces, rough, leverage, trust)
+
+
+@njit(cache=True)
+def _lengths(points, normals, spacing, step):  # type: ignore[no-untyped-def]
+    """Metres of outline within a beam's share of the circle.
+
+    Not the distance between neighbours: close by, where beams are denser than their noise, that is mostly noise.
+    """
+    length = np.empty(len(points))
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        far = math.hypot(x, y)
+        facing = abs(normals[k, 0] * x + normals[k, 1] * y) / max(far, 1e-9)
+        if facing == 0.0:  # no line
+            length[k] = min(spacing[k], far * step / GRAZING, LONGEST)
+        else:
+            length[k] = min(far * step / max(facing, GRAZING), LONGEST)
+    return length
 
 
 @njit(cache=True)
@@ -232,7 +254,9 @@ def points_surface(points: Array, noise: float) -> Surface:
     feet, normals = points.copy(), np.zeros((n, 2))
     pieces = np.zeros(n, dtype=np.int64)
     if n < 3:
-        return Surface(points, feet, normals, tilt, spacing, pieces, noise, 1.0, np.ones(n), False)
+        return Surface(
+            points, feet, normals, tilt, spacing, spacing.copy(), pieces, noise, 1.0, np.ones(n), False
+        )
     tree = cKDTree(points)
     distance, index = tree.query(points, k=min(n, 30))
     reach = np.maximum(REACH, 1.01 * distance[:, 2])
@@ -255,4 +279,5 @@ def points_surface(points: Array, noise: float) -> Surface:
         beside = np.einsum("ni,ni->n", vectors[:, :, 1], points - centre)[good]
         leverage = float(np.mean(1.0 / count[good] + beside**2 / along[good]))
         noise = float(np.sqrt(np.median(square[good])))
-    return Surface(points, feet, normals, tilt, spacing, pieces, noise, leverage, np.ones(n), False)
+    length = np.minimum(spacing, LONGEST)
+    return Surface(points, feet, normals, tilt, spacing, length, pieces, noise, leverage, np.ones(n), False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimation.poses import between
 from registration.align import agreements
 from registration.crf.estimate import JointEstimate
-from registration.judgement import judged
+from registration.judgement import LENIENT, judged
 from registration.outline import outline_of
 from registration.refine import refine
 from registration.result import Registration
@@ -43,7 +43,9 @@ def without_movers(
         or np.abs(between(registration.transform, refined.pose)).max() > MOST
     ):
         return registration
-    found = judged(rest, target, refined, registration.transform, agreements(rest, target, refined.pose))
+    found = judged(
+        rest, target, refined, registration.transform, agreements(rest, target, refined.pose), LENIENT
+    )
     return found if found.converged else replace(registration, transform=refined.pose)
 
 

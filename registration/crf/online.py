@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.poses import between, inverse, inverse_jacobian
-from registration.align import align
+from registration.align import among_movers
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.model import JointModel
 from registration.crf.window import FARTHEST, decide, vote
 from registration.motion import Array
+from registration.outline import outline_of
 from registration.scan import Scan
 
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
@@ -157,7 +158,9 @@ class ScanSegmenter:
             if self._in_time and before - begun + self._expected > self.config.segment_deadline:
                 break
             tried += 1
-            registration = align(scan, kept.scan, between(kept.pose, pose))
+            registration = among_movers(
+                outline_of("scan", scan), outline_of("kept", kept.scan), between(kept.pose, pose)
+            )
             if registration.converged:
                 estimate = self._model.infer(scan, kept.scan, registration)
                 if estimate.converged:

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from estimation.boosting import AdaBoost
 from estimation.poses import inverse
-from registration.align import align, search
+from registration.align import align, among_movers, search
 from registration.crf.beams import AGREES, Beams, beams_of, nearness, noise_between, seen_by
 from registration.crf.candidates import candidates
 from registration.crf.hypotheses import Hypothesis, hypotheses
 from registration.crf.potentials import Problem
 from registration.crf.shape_features import outlier_features, pair_features
+from registration.judgement import LENIENT
 from registration.motion import Array
 from registration.outline import outline_of
 from registration.result import Registration
@@ -79,12 +80,12 @@ def start(scan_a: Scan, scan_b: Scan, registration: Registration | None = None) 
 
 def _register(scan_a: Scan, scan_b: Scan) -> Registration:
     """The background's motion: near first, then farther, as far as a fast robot goes between the two."""
-    near = align(scan_a, scan_b)
+    moving, still = outline_of("scan_a", scan_a), outline_of("scan_b", scan_b)
+    near = among_movers(moving, still, np.zeros(3))
     reach = min(FAR, FAST * abs(scan_b.stamp - scan_a.stamp))
     if near.converged or reach < NEAR_REACH:
         return near
-    moving, still = outline_of("scan_a", scan_a), outline_of("scan_b", scan_b)
-    far = search(moving, still, np.zeros(3), reach, FAR_TURN)
+    far = search(moving, still, np.zeros(3), reach, FAR_TURN, LENIENT)
     if not far.converged and "settle" in far.reason:
         again = align(scan_a, scan_b, far.transform, "point_to_line")
         far = again if again.converged else far

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.poses import between
-from registration.align import align
+from registration.align import among_movers
 from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate
 from registration.crf.model import JointModel
 from registration.motion import Array
+from registration.outline import outline_of
 from registration.scan import Scan
 
 INTERVALS = (-1.0, -0.8, -0.6, -0.4, 0.4, 0.6, 0.8, 1.0)  # seconds to the scans compared with
@@ -96,7 +97,9 @@ def segment(
     """Labels (N,) of scan `index` of a recording with sensor poses (M, 3) by odometry; see `decide`."""
     scan = scans[index]
     estimates = []
+    moving = outline_of("scan", scan)
     for other in partners(stamps, poses, index, intervals):
-        registration = align(scan, scans[other], between(poses[other], poses[index]))
+        still = outline_of("other", scans[other])
+        registration = among_movers(moving, still, between(poses[other], poses[index]))
         estimates.append(model.infer(scan, scans[other], registration if registration.converged else None))
     return decide(scan, vote(estimates, len(scan)))
