@@ -11,7 +11,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
 	@echo "make test    lint, type check and all tests"
-	@echo "make docs    rewrite the generated tables of README.md"
+	@echo "make docs    rewrite the generated tables of README.md and the pages of docs/nodes"
 	@echo "make colcon  build the workspace with colcon"
 	@echo "make bench   benchmarks; results go to bench/*.txt"
 	@echo "make clean   remove .venv and everything generated"
@@ -39,7 +39,7 @@ test: lint
 	$(BIN)/python -m pytest
 
 docs: setup-test
-	$(BIN)/python -m whereabouts.parameters.readme README.md
+	$(BIN)/python -m whereabouts.documentation
 
 # The whole workspace as colcon builds it, against the wheels instead of /opt/ros.
 colcon: setup-test
@@ -51,5 +51,5 @@ bench: setup-test
 	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf .venv build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/*.mcap
+	rm -rf .venv build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -5,24 +5,32 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from whereabouts.parameters.readme import model_of, with_tables
+from whereabouts.documentation import READING, pages
+from whereabouts.node_names import NODES
+from whereabouts.parameters.readme import model_of
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_parameter_tables_are_those_of_the_models() -> None:
-    assert with_tables(README) == README, "run `make docs`"
-    nodes = [path.stem.removesuffix("_node") for path in (ROOT / "whereabouts/nodes").glob("*_node.py")]
-    for node in nodes:
+def test_tables_and_pages_are_those_of_the_models_and_interface_files() -> None:
+    for path, text in pages(ROOT).items():
+        assert path.read_text(encoding="utf-8") == text, f"{path.name} is not up to date: run `make docs`"
+    for node in NODES:
         assert f"<!-- parameters: {node} -->" in README
+        assert f"<!-- interfaces: {node} -->" in README
         assert all(f"`{name}`" in README for name in model_of(node).model_fields)
+        assert READING[node]
 
 
 def test_links_and_pictures_exist() -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", README):
-        if not target.startswith("http"):
-            assert (ROOT / target).exists(), target
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+        text = page.read_text(encoding="utf-8")
+        for target in re.findall(
+            r"\]\(([^)#\s]+)(?:#[^)]*)?\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+        ):
+            if not target.startswith("http"):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 def test_every_command_and_executable_is_mentioned() -> None:

@@ -1,11 +1,9 @@
-"""Writes the parameter tables of README.md: `python -m whereabouts.parameters.readme`, or `make docs`."""
+"""Parameter tables in README.md; `python -m whereabouts.parameters.readme` and `make docs` write all documentation."""
 
 from __future__ import annotations
 
 import importlib
 import re
-import sys
-from pathlib import Path
 
 from whereabouts.parameters.base import NodeParameters
 from whereabouts.parameters.description import markdown_table
@@ -32,8 +30,10 @@ def with_tables(text: str) -> str:
 
 
 def main() -> None:
-    page = Path(sys.argv[1] if len(sys.argv) > 1 else "README.md")
-    page.write_text(with_tables(page.read_text(encoding="utf-8")), encoding="utf-8")
+    # Who writes one of the tables writes them all.
+    from whereabouts.documentation import main as write_all
+
+    write_all()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,176 @@
+# ruff: noqa: E501  (a table: one line for each interface)
+"""Topics, services and actions of every node, by name, type and meaning.
+
+The tables of README.md and docs/nodes/ are made of this, and a test holds it against what the running nodes really have.
+Names are relative; `~/` stands for the node's own name. Latched topics are kept for those who come late.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Interface(NamedTuple):
+    """way : in, out, service, action (served) or calls (an action), with ", optional" or ", latched" after it.
+
+    when : the parameter without which it is not there, or that names it; "" for always.
+    """
+
+    way: str
+    name: str
+    type: str
+    meaning: str
+    when: str = ""
+
+    @property
+    def kind(self) -> str:
+        """The way without what follows it."""
+        return self.way.partition(",")[0]
+
+
+_I = Interface
+_TF = "tf2_msgs/TFMessage"
+_MARKERS = "visualization_msgs/MarkerArray"
+_GRID = "nav_msgs/OccupancyGrid"
+_POSE = "geometry_msgs/PoseWithCovarianceStamped"
+
+COMMON = (
+    _I(
+        "out",
+        "diagnostics",
+        "diagnostic_msgs/DiagnosticArray",
+        "rates, latencies, drops by reason, losses, health",
+    ),
+    _I(
+        "out",
+        "~/processed",
+        "whereabouts_msgs/Processed",
+        "each input message it is done with",
+        "report_processed",
+    ),
+    _I(
+        "out",
+        "~/connections",
+        "whereabouts_msgs/Connections",
+        "whom it hears, and who hears it",
+        "report_processed",
+    ),
+    _I("service", "~/reset", "whereabouts_msgs/Reset", "start afresh; what is stored stays"),
+)
+
+NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
+    "scan_registration": (
+        _I("in", "scan", "sensor_msgs/LaserScan", "any mounting that tf knows, also upside down or tilted; scans of further sensors are joined to those of the first", "scan_topics"),
+        _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "cloud_topics"),
+        _I("in, optional", "wheel_odom", "nav_msgs/Odometry", "first guess"),
+        _I("in", "tf", _TF, "how the sensor is mounted"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("out", "odometry", "nav_msgs/Odometry", "pose and twist with covariance, one per scan, at the scan's stamp"),
+        _I("out", "tf", _TF, "`odom` → `base_link`"),
+        _I("out", "static_points", "sensor_msgs/PointCloud2", "the scan without what moves, in `base_link`"),
+        _I("out", "segments", "whereabouts_msgs/ScanSegments", "for a single level scanner: label and probability per beam, motion with covariance per moving segment", "segment_scans"),
+    ),
+    "loop_closure": (
+        _I("in", "scan", "sensor_msgs/LaserScan", "what places are recognised by", "scan_topic"),
+        _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "cloud_topic"),
+        _I("in", "tf", _TF, "`odom` → `base_link` at the scan's stamp, and how the sensor is mounted"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("in, optional", "odometry", "nav_msgs/Odometry", "covariance of that transform"),
+        _I("in, optional", "initialpose", _POSE, "where the robot is in a saved map"),
+        _I("out", "loop_closures", "whereabouts_msgs/LoopClosure", "each accepted closure with relative pose and covariance"),
+        _I("out, latched", "trajectory", "nav_msgs/Path", "corrected poses of the kept scans"),
+        _I("out", "tf", _TF, "`map` → `odom`, with each scan and every `tf_period`"),
+        _I("out, latched", "map", _GRID, "as nav2 takes it"),
+        _I("out, latched", "map_points", "sensor_msgs/PointCloud2", "the map as points"),
+        _I("out, latched", "~/markers", _MARKERS, "path and closures"),
+        _I("service", "~/save_map", "whereabouts_msgs/SaveMap", "write map_saver's `.pgm` and `.yaml`, and the graph (`.npz`); each file appears whole"),
+        _I("service", "~/load_map", "whereabouts_msgs/LoadMap", "read a map and find the robot in it; then extend it, or localise only"),
+    ),
+    "target_tracker": (
+        _I("in", "scan", "sensor_msgs/LaserScan", "a level scanner; `odom_frame` → scanner must be in tf at the stamp"),
+        _I("in", "tf", _TF, "where the scanner is"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("in, optional", "segments", "whereabouts_msgs/ScanSegments", "which beams move, by scan registration"),
+        _I("in, optional", "odometry", "nav_msgs/Odometry", "how uncertain the robot's pose is, if its frame is `odom_frame`"),
+        _I("in, optional", "robot_pose", _POSE, "the same by localisation, if its frame is `odom_frame`; goes first"),
+        _I("out", "targets", "whereabouts_msgs/TargetArray", "people in `odom_frame`, one message per scan; class as a distribution over person and other; states and covariances are in the frame of the header, the robot pose's covariance there included"),
+        _I("out", "~/markers", _MARKERS, "number, extent, velocity, trail; pale while hidden"),
+        _I("service", "~/reset", "whereabouts_msgs/Reset", "forget everybody and the surroundings"),
+    ),
+    "motion_predictor": (
+        _I("in", "targets", "whereabouts_msgs/TargetArray", "tracked people, in any frame that tf connects with `map_frame`"),
+        _I("in", "tf", _TF, "where that frame is"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("in, latched", "map", _GRID, "optional: walls that paths respect"),
+        _I("out", "predicted_paths", "whereabouts_msgs/PredictedPathArray", "per person goals, probabilities, path and alternatives"),
+        _I("out", "predicted_occupancy", "sensor_msgs/PointCloud2", "where people will be, for an obstacle layer of a nav2 costmap"),
+        _I("out", "~/markers", _MARKERS, "paths, goals and their probabilities"),
+        _I("service", "~/save", "whereabouts_msgs/SaveState", "write what was learned, one file"),
+        _I("service", "~/load", "whereabouts_msgs/LoadState", "read it; another version, map or method is refused"),
+        _I("service", "~/reset", "whereabouts_msgs/Reset", "as after a restart: back to the file of `model_path`, or to nothing learned"),
+    ),
+    "world_model": (
+        _I("in", "evidence", "whereabouts_msgs/WorldEvidence", "detections of one look, with the field of view; verifications by `object_id`"),
+        _I("in", "detections", "vision_msgs/Detection3DArray", "detections of which the field of view is not known"),
+        _I("in", "targets", "whereabouts_msgs/TargetArray", "people, who then come by this topic only"),
+        _I("in, optional", "robot_pose", _POSE, "how uncertain the robot's pose in the map is"),
+        _I("in", "tf", _TF, "at the stamp of the evidence; covariances are turned, the robot's is added"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("out, latched", "world_state", "whereabouts_msgs/WorldState", "the most probable world, with predicates and places"),
+        _I("out", "world_hypotheses", "whereabouts_msgs/WorldHypotheses", "all that is possible, most probable first"),
+        _I("out", "objects", "vision_msgs/Detection3DArray", "what exists and is not lost"),
+        _I("out", "~/markers", _MARKERS, "an ellipsoid and a sentence per object"),
+        _I("service", "~/query", "whereabouts_msgs/QueryWorld", "by class, predicates, region, id and time, answered with probabilities"),
+        _I("service", "~/forget", "whereabouts_msgs/ForgetObject", "take objects out of the world"),
+        _I("service", "~/relabel", "whereabouts_msgs/RelabelObject", "correct a class or an id"),
+        _I("service", "~/save", "whereabouts_msgs/SaveState", "complete copy of the store"),
+        _I("service", "~/reset", "whereabouts_msgs/Reset", "begin a new run with an empty world; the stored history stays"),
+    ),
+    "verifier": (
+        _I("in", "scan", "sensor_msgs/LaserScan", "what is looked into"),
+        _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "use_clouds"),
+        _I("in", "tf", _TF, "where the sensor is"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("in, latched", "map", _GRID, "optional: what belongs to the room"),
+        _I("action", "verify_object", "whereabouts_msgs/VerifyObject", "look into a region: found, occluded or not found"),
+    ),
+    "world_maintenance": (
+        _I("in", "world_state", "whereabouts_msgs/WorldState", "what is believed"),
+        _I("in, latched", "base_available", "std_msgs/Bool", "false while somebody else moves the base; then only what is in view is verified"),
+        _I("in, latched", "map", _GRID, "optional: ways go around what is occupied"),
+        _I("in", "tf", _TF, "`map` → `base_link`"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("out", "verification_tasks", "whereabouts_msgs/VerificationTask", "object, 95 % region, sensor, expected gain, and why"),
+        _I("out, latched", "maintenance_goal", "geometry_msgs/PoseStamped", "where to stand and look from"),
+        _I("out", "evidence", "whereabouts_msgs/WorldEvidence", "what the verifier measured, or that the object is not there"),
+        _I("service", "~/trigger", "whereabouts_msgs/TriggerVerification", "look at an object first, such as before it is grasped"),
+        _I("calls", "verify_object", "whereabouts_msgs/VerifyObject", "once the robot is at the goal"),
+        _I("calls", "navigate_to_pose", "nav2_msgs/NavigateToPose", "nav2's, to drive to the goal", "navigate"),
+    ),
+    "object_search": (
+        _I("in", "world_state", "whereabouts_msgs/WorldState", "what is in view, and what is known"),
+        _I("in, latched", "map", _GRID, "optional: the middle of the room, and what is still to be covered"),
+        _I("in", "tf", _TF, "`map` → `base_link`"),
+        _I("in, latched", "tf_static", _TF, "the same"),
+        _I("out, latched", "search_goal", "geometry_msgs/PoseStamped", "where to go next"),
+        _I("out, latched", "base_available", "std_msgs/Bool", "false while it searches, so that maintenance keeps still"),
+        _I("out", "search_markers", _MARKERS, "the goal with its reason"),
+        _I("action", "find_object", "whereabouts_msgs/FindObject", "find an object by class, predicates or id; each goal comes with its reason in words"),
+    ),
+}  # fmt: skip
+
+
+def interfaces_of(node: str) -> tuple[Interface, ...]:
+    """A node's own and those of all nodes; its own word about one goes before the common one."""
+    own = NODE_INTERFACES[node]
+    said = {(item.kind, item.name) for item in own}
+    return (*own, *(item for item in COMMON if (item.kind, item.name) not in said))
+
+
+def markdown_table(items: tuple[Interface, ...]) -> str:
+    """Interfaces as a Markdown table."""
+    lines = ["| | name | type | meaning |", "| --- | --- | --- | --- |"]
+    for item in items:
+        name = f"`{item.name}`{f' (`{item.when}`)' if item.when else ''}"
+        lines.append(f"| {item.way} | {name} | {item.type} | {item.meaning} |")
+    return "\n".join(lines)
