@@ -7,7 +7,8 @@ from loop_closure.outlines import LocalMap, Outline
 from loop_closure.place_model import PlaceModel
 from loop_closure.recognizer import PlaceRecognizer
 from loop_closure.shipped import shipped_model
-from loop_closure.slam import Closure, Slam, SlamConfig, SlamUpdate
+from loop_closure.slam import Closure, Slam, SlamUpdate
+from loop_closure.slam_config import SlamConfig
 
 __all__ = [
     "AdaBoost",

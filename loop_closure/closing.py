@@ -35,6 +35,8 @@ class Fit:
     merit : how much speaks for it, metres of outline. fitness : agreeing share of what both saw.
     certain : whether the estimate was so good beforehand that nothing else could have been meant.
     alone : no other placement does nearly as well. sigma : metres, standard deviation of the place beforehand.
+    expected : whether it lies where the estimate allows it; what does not can only speak against others.
+    missed : metres between the estimate and the placement.
     """
 
     edge: Edge
@@ -44,6 +46,8 @@ class Fit:
     alone: bool
     likelihood: float
     sigma: float = 0.0
+    expected: bool = True
+    missed: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ class Search:
     many: int = 10  # where it is not
     deviations: float = 2.5
     only_certain: bool = False  # leave out what would have to wait
-    farthest: float = 25.0  # beyond such a standard deviation nothing is looked for
+    farthest: float = 25.0  # standard deviation beyond which only what looks alike is laid on the map
+    alike: int = 5  # candidates that look alike
 
 
 def look(
@@ -92,7 +97,8 @@ def look(
         reach = search.deviations * float(gate.sigma[j]) + 0.3
         window = min(search.deviations * float(gate.turn[j]) + 0.12, np.pi)
         if loose:
-            reach = min(reach, search.near + search.spread)
+            # As far as corridors repeat, even where less would do: odometry that slipped by a door is sure of itself.
+            reach = search.near + search.spread
             guess = nearer(guess, reach)
         placements = align_submaps(source, target, guess, reach, window)
         if not placements or not placements[0].sure:
@@ -103,11 +109,24 @@ def look(
         for placement in placements if loose else placements[:1]:
             missed = length(motion(motion(poses[j], poses[k]), placement.pose))
             weighty = placement.merit > 0.5 * placements[0].merit
-            if not placement.sure or not weighty or missed > search.deviations * sigma + 0.5:
+            expected = missed <= search.deviations * sigma + 0.5
+            if not placement.sure or not weighty or not (expected or loose):
                 continue
             edge = Edge(j, k, placement.pose, placement.covariance, True)
             likelihood = (likely or {}).get(j, 0.0)
-            fits.append(Fit(edge, placement.merit, placement.fitness, not loose, alone, likelihood, sigma))
+            fits.append(
+                Fit(
+                    edge,
+                    placement.merit,
+                    placement.fitness,
+                    not loose,
+                    alone,
+                    likelihood,
+                    sigma,
+                    expected,
+                    missed,
+                )
+            )
     fits.sort(key=lambda fit: -fit.merit)
     return fits
 
@@ -125,20 +144,34 @@ def candidates_of(
     if search.only_certain:
         allowed &= gate.sigma <= search.certain
     pool = np.flatnonzero(allowed)
-    if not len(pool):
-        return []
-    loose = gate.sigma[pool].min() > search.certain
-    # The better known ones first, nearest first; what looks alike before what does not.
-    rank = away[pool] / reach[pool] - np.array([likely.get(int(j), 0.0) for j in pool])
+    loose = not len(pool) or gate.sigma[pool].min() > search.certain
     chosen: list[int] = []
-    limit = search.many if loose else search.few
-    gap = search.spread if loose else 2.0 * search.spread
-    for at in np.argsort(rank, kind="stable"):
-        j = int(pool[at])
+    if loose and likely:
+        alike = [j for j in sorted(likely, key=lambda j: -likely[j]) if away[j] <= reach[j]]
+        _spread(chosen, alike, paths, search.spread, search.alike)
+    # The better known ones first, nearest first.
+    rank = away[pool] / reach[pool]
+    order = pool[np.argsort(rank, kind="stable")].tolist()
+    if loose:
+        return _spread(chosen, order, paths, search.spread, len(chosen) + search.many)
+    return _spread(chosen, order, paths, 2.0 * search.spread, search.few)
+
+
+def lost(k: int, keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search) -> bool:
+    """Whether keyframe `k` may be at places that are not known well, and at none that is: looks matter then."""
+    away = np.linalg.norm(positions(poses) - positions(poses)[k], axis=1)
+    near = keyframes.paths[: len(poses)] <= keyframes.paths[k] - search.apart
+    near &= away <= search.near + search.deviations * gate.sigma
+    return bool(near.any() and gate.sigma[near].min() > search.certain)
+
+
+def _spread(chosen: list[int], more: list[int], paths: FloatArray, gap: float, limit: int) -> list[int]:
+    """`chosen` with those of `more` that are `gap` metres of path away from all others, up to `limit`."""
+    for j in more:
+        if len(chosen) >= limit:
+            break
         if all(abs(paths[j] - paths[other]) >= gap for other in chosen):
             chosen.append(j)
-            if len(chosen) == limit:
-                break
     return chosen
 
 

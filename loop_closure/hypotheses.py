@@ -19,11 +19,15 @@ from loop_closure.motions import compose, invert, length, motion, turn
 
 LEAST = 4  # keyframes that have to agree
 PATH = (5.0, 15.0)  # metres of path along which they have to, at least and at most
+FAR = (8, 20.0)  # keyframes and metres where nothing but looks led there
 PER_SIGMA = 2.0  # metres of path per metre of standard deviation
 RIVALRY = 0.6  # share of the best group's merit at which another group is a rival
+NEARER_RIVALRY = 0.25  # the same for a rival that needs less than half of the best group's correction
 MEMORY = 60.0  # metres of path after which an undecided closure is dropped
 MOST = 250  # that wait
 LEAST_FITNESS = 0.93  # mean of a group: different places agree by halves, one place nearly wholly
+
+MOST_SPREAD = 0.6  # metres, standard deviation between keyframes up to which they can agree on anything
 
 Spread = Callable[[int, int], tuple[float, float]]
 
@@ -32,7 +36,8 @@ Spread = Callable[[int, int], tuple[float, float]]
 class Guess:
     """A closure that is not decided: the edge, how much outline speaks for it (m), fitness and likelihood.
 
-    sigma : metres, standard deviation of the place before.
+    sigma : metres, standard deviation of the place before. expected : whether the estimate allows it; otherwise it
+    can only be a rival. missed : metres by which the estimate would move.
     """
 
     edge: Edge
@@ -40,6 +45,8 @@ class Guess:
     fitness: float
     likelihood: float
     sigma: float = 0.0
+    expected: bool = True
+    missed: float = 0.0
 
 
 class Hypotheses:
@@ -77,8 +84,11 @@ class Hypotheses:
         self._agree = grown
         self.waiting.append(guess)
 
-    def decide(self, paths: FloatArray) -> list[Guess]:
-        """The group that has won, or nothing; after a decision nothing waits."""
+    def decide(self, paths: FloatArray, farthest: float = np.inf) -> list[Guess]:
+        """The group that has won, or nothing; after a decision nothing waits.
+
+        farthest : metres of standard deviation beyond which the place says nothing.
+        """
         if len(self.waiting) < LEAST:
             return []
         groups = self._groups()
@@ -87,15 +97,26 @@ class Hypotheses:
         keys = {guess.edge.b for guess in members}
         span = float(np.ptp([paths[key] for key in keys]))
         sigma = float(np.median([guess.sigma for guess in members]))
-        if len(keys) < LEAST or span < np.clip(PER_SIGMA * sigma, *PATH):
+        if not all(guess.expected for guess in members):
+            return []
+        least, path = FAR if sigma > farthest else (LEAST, float(np.clip(PER_SIGMA * sigma, *PATH)))
+        if len(keys) < least or span < path:
             return []
         if float(np.mean([guess.fitness for guess in members])) < LEAST_FITNESS:
             return []
-        limit = RIVALRY * self._merit(best)
-        if any(self._merit(group - best) > limit for group in groups if not group & best):
+        if any(self._rival(group, best) for group in groups if not group & best):
             return []
         self.clear()
         return sorted(members, key=lambda guess: (guess.edge.b, guess.edge.a))
+
+    def _rival(self, group: set[int], best: set[int]) -> bool:
+        """Whether a group speaks against the best one; the less it contradicts odometry, the less it takes."""
+        if len({self.waiting[k].edge.b for k in group}) < 2:
+            share = RIVALRY
+        else:
+            missed = [float(np.median([self.waiting[k].missed for k in some])) for some in (group, best)]
+            share = NEARER_RIVALRY if missed[0] < 0.5 * missed[1] - 0.3 else RIVALRY
+        return self._merit(group) > share * self._merit(best)
 
     def _merit(self, group: set[int]) -> float:
         """Outline that speaks for a group; of several closures of one keyframe the best counts."""
@@ -129,5 +150,7 @@ def consistent(first: Edge, second: Edge, poses: FloatArray, spread: Spread) -> 
     off = motion(motion(poses[first.a], poses[second.a]), back)
     away_b, turn_b = spread(first.b, second.b)
     away_a, turn_a = spread(first.a, second.a)
+    if max(away_a, away_b) > MOST_SPREAD:
+        return False
     loose = 0.2 + 2.5 * np.hypot(away_a, away_b) + 0.02 * length(along)
     return bool(length(off) < loose and turn(off) < 0.06 + 2.5 * np.hypot(turn_a, turn_b))

@@ -40,7 +40,8 @@ class Keyframes:
         self._frames: list[Keyframe] = []
         self._paths: list[float] = []
         self._gap = 0.0
-        self._breaks: set[int] = set()
+        # Keyframes the step to which was guessed, and its standard deviation in metres.
+        self.breaks: dict[int, float] = {}
         self._workspace = LocalMap(RADIUS, np.inf)
         self._cache: OrderedDict[tuple[int, int, int], Submap] = OrderedDict()
 
@@ -80,9 +81,19 @@ class Keyframes:
         """The next keyframe is from another run: no local map reaches across."""
         self._gap = metres
 
-    def break_off(self) -> None:
-        """The step to the last keyframe was guessed: no local map reaches across it."""
-        self._breaks.add(len(self) - 1)
+    def break_off(self, sigma: float) -> None:
+        """The step to the last keyframe was guessed, give or take `sigma` metres: no local map reaches across it."""
+        self.breaks[len(self) - 1] = sigma
+
+    def broken(self, k: int) -> bool:
+        """Whether the step to keyframe `k` was guessed."""
+        return k in self.breaks
+
+    def slack(self, i: int, j: int) -> float:
+        """Standard deviation in metres that guessed steps between two keyframes add to their distance."""
+        low, high = min(i, j), max(i, j)
+        between = [sigma for k, sigma in self.breaks.items() if low < k <= high]
+        return float(np.sqrt(np.sum(np.square(between))))
 
     def _path(self, odometry: FloatArray) -> float:
         if not self._frames:
@@ -100,11 +111,11 @@ class Keyframes:
         first = last = k
         here = self._paths[k]
         while first > 0 and here - self._paths[first - 1] <= back and k - first < MOST:
-            if first in self._breaks:
+            if first in self.breaks:
                 break
             first -= 1
         while last < len(self) - 1 and self._paths[last + 1] - here <= fore and last - k < MOST:
-            if last + 1 in self._breaks:
+            if last + 1 in self.breaks:
                 break
             last += 1
         return first, last

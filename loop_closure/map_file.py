@@ -13,7 +13,8 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.graph import Edge
 from loop_closure.keyframes import Keyframes
-from loop_closure.slam import Closure, Slam, SlamConfig
+from loop_closure.slam import Closure, Slam
+from loop_closure.slam_config import SlamConfig
 from registration.scan import Scan
 
 FORMAT = 1
@@ -30,6 +31,7 @@ def write_map(slam: Slam, file: BinaryIO) -> None:
         "ends": np.array([(e.a, e.b, e.closure) for e in slam.graph.edges], dtype=np.int64).reshape(-1, 3),
         "motions": np.array([e.motion for e in slam.graph.edges]),
         "covariances": np.array([e.covariance for e in slam.graph.edges]),
+        "breaks": np.array(list(slam.keyframes.breaks.items())).reshape(-1, 2),
         "closures": np.array([(c.earlier, c.later, c.likelihood, c.fitness) for c in slam.closures]),
     }
     if frames and frames[0].scan is not None:
@@ -84,6 +86,8 @@ def _restored(data: dict[str, FloatArray], config: SlamConfig | None) -> Slam:
         else:
             points = data["points"][offsets[k] : offsets[k + 1]].astype(np.float64)
             frames.add_cloud(points, float(stamp), odometry, float(path))
+    for k, sigma in data.get("breaks", np.zeros((0, 2))):
+        frames.breaks[int(k)] = float(sigma)
     edges = [
         Edge(int(a), int(b), motion, covariance, bool(closure))
         for (a, b, closure), motion, covariance in zip(

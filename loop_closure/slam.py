@@ -7,17 +7,18 @@ Slam().trajectory() -> (N, 4) stamp, x, y, yaw
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.closing import Fit, Gate, Search, agree, look, off
+from loop_closure.closing import Fit, Gate, Search, agree, look, lost, off
 from loop_closure.graph import Edge, PoseGraph, SmoothedGraph, residuals
 from loop_closure.hypotheses import Guess, Hypotheses
 from loop_closure.keyframes import Keyframes
+from loop_closure.likeness import Likeness
 from loop_closure.motions import (
     as_pose,
     blend,
@@ -33,49 +34,16 @@ from loop_closure.motions import (
     row,
     turn,
 )
+from loop_closure.slam_config import SlamConfig
 from loop_closure.spatial import LEAF, polished_step, thinned
 from loop_closure.uncertainty import Uncertainty
 from registration.scan import Scan
 
-
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
-@dataclass(frozen=True)
-class SlamConfig:
-    """Settings of `Slam`; each field's metadata has its unit, meaning and allowed range."""
-
-    key_distance: float = _setting(0.5, "m", "travel after which a scan is kept", 0.05, 20.0)
-    key_turn: float = _setting(0.5, "rad", "turn after which a scan is kept", 0.05, 3.2)
-    max_range: float = _setting(25.0, "m", "points farther from the sensor are not used", 1.0, 500.0)
-    loop_path: float = _setting(10.0, "m", "path between a place and its revisit", 5.0, 1000.0)
-    odometry_drift: float = _setting(
-        0.01, "m/m", "standard deviation of odometry per metre of a step", 0.0001, 1.0
-    )
-    odometry_turn_drift: float = _setting(
-        0.003, "rad", "standard deviation of the heading per kept scan", 0.0001, 1.0
-    )
-    certain: float = _setting(
-        0.4, "m", "standard deviation of the place below which one closure needs no others", 0.05, 5.0
-    )
-    farthest: float = _setting(
-        25.0, "m", "standard deviation of the place beyond which nothing is looked for", 1.0, 1000.0
-    )
-
-    def __post_init__(self) -> None:
-        for name, described in self.__dataclass_fields__.items():
-            value = getattr(self, name)
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            if low is not None and not low <= value <= high:
-                raise InputError(f"{name}: {low} to {high} expected, got {value}")
-
-
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
 OWN_DOUBT = 30.0  # variances odometry reports of itself are those of white noise; its errors last
+LEAP = (3.0, 1.2)  # metres and radians from one scan to the next that no registration can be sure of
+DOUBTED = 0.5  # share of such a leap that may be wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +93,15 @@ class _Visit:
 class Slam:
     """Consistent map of a moving range sensor from its scans or clouds and its odometry."""
 
-    def __init__(self, config: SlamConfig | None = None, graph: PoseGraph | None = None) -> None:
+    def __init__(
+        self,
+        config: SlamConfig | None = None,
+        graph: PoseGraph | None = None,
+        recognise: bool = False,
+    ) -> None:
+        """`recognise` : ask the classifier for candidates where the estimate is too wide to say where to look."""
         self.config = config or SlamConfig()
+        self._recognise = recognise
         self._new_graph = graph
         self.reset()
 
@@ -137,6 +112,7 @@ class Slam:
         self.closures: list[Closure] = []
         self._hypotheses = Hypotheses()
         self._uncertainty = Uncertainty()
+        self._likeness = Likeness()
         self._visits: list[_Visit] = []
         self._covariance: FloatArray | None = None
         self._queue: list[int] = []  # of those, what is to be looked at next
@@ -144,6 +120,7 @@ class Slam:
         self._frame: FloatArray | None = None  # of the odometry of a resumed run, in the map
         self._new_run = False
         self._dirty = False
+        self._leap = (0.0, 0.0)  # metres and radians of leaps of the odometry since the last keyframe
         self._search = Search(
             apart=self.config.loop_path, certain=self.config.certain, farthest=self.config.farthest
         )
@@ -179,6 +156,7 @@ class Slam:
         known = None if covariance is None else np.asarray(covariance, dtype=np.float64)
         if self._frame is not None:
             here = compose(self._frame, here)
+        self._watch(here)
         if not self._new_run and not self.keyframes.wanted(
             here, self.config.key_distance, self.config.key_turn
         ):
@@ -266,6 +244,15 @@ class Slam:
 
     # One keyframe.
 
+    def _watch(self, here: FloatArray) -> None:
+        """Remember leaps of planar odometry since the last keyframe: views of little in common were laid together."""
+        if not self._visits or self._new_run or not planar(here):
+            return
+        step = motion(self._visits[-1].odometry, here)
+        away, angle = length(step), turn(step)
+        if away > LEAP[0] or angle > LEAP[1]:
+            self._leap = (float(np.hypot(self._leap[0], away)), float(np.hypot(self._leap[1], angle)))
+
     def _keep(
         self, scan: Scan | npt.ArrayLike, here: FloatArray, covariance: FloatArray | None, when: float
     ) -> SlamUpdate:
@@ -296,7 +283,7 @@ class Slam:
             self._new_run = False
             self.graph.extend(step, doubt)
         self._visits.append(_Visit(when, k, identity(here), here))
-        self._covariance = covariance
+        self._covariance, self._leap = covariance, (0.0, 0.0)
         accepted = self._close(k)
         return SlamUpdate(self.pose, accepted, k, len(self._hypotheses.waiting))
 
@@ -314,14 +301,18 @@ class Slam:
         """Covariance of an odometry step: what any odometry may be off, and what this one says itself."""
         away = 0.005 + self.config.odometry_drift * length(step)
         angle = self.config.odometry_turn_drift + 0.02 * turn(step)
+        if any(self._leap):
+            away, angle = away + DOUBTED * self._leap[0], angle + DOUBTED * self._leap[1]
+            self.keyframes.break_off(away)
         size = 2 if planar(step) else 3
         doubt = np.diag([away**2] * size + [angle**2] * (1 if planar(step) else 3))
         if covariance is None or self._covariance is None:
             return doubt
         own = grown(before, step, self._covariance, covariance)
-        if np.sqrt(np.linalg.eigvalsh(own[:size, :size])[-1]) > 0.04 + 0.1 * length(step):
+        guessed = float(np.sqrt(np.linalg.eigvalsh(own[:size, :size])[-1]))
+        if guessed > 0.04 + 0.1 * length(step):
             # Predicted, not measured.
-            self.keyframes.break_off()
+            self.keyframes.break_off(float(np.hypot(away, guessed)))
         return doubt + OWN_DOUBT * own
 
     def _close(self, k: int) -> list[Closure]:
@@ -346,7 +337,10 @@ class Slam:
         poses = self.graph.poses
         gate = Gate(*self._uncertainty.around(poses, k))
         search = replace(self._search, only_certain=True) if both else self._search
-        fits = look(k, self.keyframes, poses, gate, search, None, both)
+        likely: dict[int, float] = {}
+        if self._recognise and not both and planar(poses) and lost(k, self.keyframes, poses, gate, search):
+            likely = self._likeness.of(k, self.keyframes, self._search.apart)
+        fits = look(k, self.keyframes, poses, gate, search, likely, both)
         if not fits:
             self._again.add(k)
         return fits
@@ -358,12 +352,14 @@ class Slam:
         if certain and agree(certain, poses):
             return self._accept([(fit.edge, fit) for fit in certain], "at the expected place")
         for fit in fits:
-            guess = Guess(fit.edge, fit.merit, fit.fitness, fit.likelihood, fit.sigma)
+            guess = Guess(
+                fit.edge, fit.merit, fit.fitness, fit.likelihood, fit.sigma, fit.expected, fit.missed
+            )
             self._hypotheses.add(guess, poses, self._spread)
         return []
 
     def _decide(self) -> list[Closure]:
-        won = self._hypotheses.decide(self.keyframes.paths)
+        won = self._hypotheses.decide(self.keyframes.paths, self.config.farthest)
         if not won:
             return []
         edges = [(guess.edge, guess) for guess in won]
@@ -410,7 +406,7 @@ class Slam:
     def _spread(self, i: int, j: int) -> tuple[float, float]:
         paths = self.keyframes.paths
         away = min(abs(paths[i] - paths[j]), 30.0)
-        return 0.03 + 0.01 * away, 0.01 + 0.001 * away
+        return float(np.hypot(0.03 + 0.01 * away, self.keyframes.slack(i, j))), 0.01 + 0.001 * away
 
     def _drop_outliers(self) -> None:
         """Take out closures that the whole contradicts."""

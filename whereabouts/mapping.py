@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from estimation.grid import OccupancyGrid
 from estimation.poses import compound, inverse
-from loop_closure.slam import Slam, SlamConfig
+from loop_closure.slam import Slam
+from loop_closure.slam_config import SlamConfig
 from whereabouts.follow import FollowedPose, follow
 from whereabouts.logs import CloudRecord, Log
 

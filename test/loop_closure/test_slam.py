@@ -12,7 +12,8 @@ from estimation.metrics import absolute_trajectory_error, align_points
 from estimation.poses import between, compound
 from loop_closure.localization import Localizer
 from loop_closure.map_file import read_map, write_map
-from loop_closure.slam import Slam, SlamConfig
+from loop_closure.slam import Slam
+from loop_closure.slam_config import SlamConfig
 from registration import Scan
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
 
@@ -171,3 +172,18 @@ def test_scans_without_returns_do_no_harm() -> None:
         update = slam.process(Scan(np.full(50, np.inf), -1.0, 0.04), np.array([0.6 * k, 0.0, 0.0]))
         assert update.closures == []
     assert slam.trajectory().shape == (30, 4)
+
+
+def test_a_leap_of_the_odometry_is_not_believed_and_the_saved_map_knows(tmp_path) -> None:
+    slam = Slam()
+    steps = [(0.0, 0.0)] + [(0.6 * k, np.pi * (k == 4)) for k in range(1, 8)]
+    for x, yaw in steps:
+        slam.process(Scan(np.full(90, 3.0), -1.5, 3.0 / 90.0), np.array([x, 0.0, yaw]))
+    # The leap to the turned pose and the one back.
+    assert sorted(slam.keyframes.breaks) == [4, 5]
+    doubts = [np.sqrt(edge.covariance[2, 2]) for edge in slam.graph.edges]
+    assert min(doubts[3:5]) > 1.0 > 0.1 > max(doubts[:3] + doubts[5:])
+    file = tmp_path / "leap.npz"
+    with file.open("wb") as out:
+        write_map(slam, out)
+    assert read_map(file).keyframes.breaks == slam.keyframes.breaks

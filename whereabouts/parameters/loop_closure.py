@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from pydantic import create_model
 
-from loop_closure.slam import SlamConfig
+from loop_closure.slam_config import SlamConfig
 from whereabouts.parameters.base import FrameParameters, setting
 from whereabouts.parameters.from_config import settings_of
 

@@ -1,0 +1,54 @@
+"""Which earlier keyframes look like the newest: the classifier's say in where a loop may close.
+
+Where the estimate is good, place alone leads to candidates. Where it is not, too many keyframes lie within its
+uncertainty, and `PlaceRecognizer` says which of them are worth laying on each other. Features are made when they are
+first asked for, from the kept scans: a run that never loses its place never pays for them.
+"""
+
+from __future__ import annotations
+
+from loop_closure.features import PlaceFeatures, features_2d
+from loop_closure.keyframes import Keyframes
+from loop_closure.outlines import LocalMap
+from loop_closure.recognizer import PlaceRecognizer
+
+MAX_RANGE = 50.0  # metres, as the shipped model was trained
+LENGTH = 10.0  # metres of path in an outline
+BEST = 60  # keyframes that are handed on
+LEAST = 0.3  # likelihood
+
+
+class Likeness:
+    """Likelihoods of earlier keyframes, remembered as features."""
+
+    def __init__(self) -> None:
+        self._recognizer: PlaceRecognizer | None = None
+        self._around = LocalMap(LENGTH)
+        self._next = 0
+
+    def of(self, k: int, keyframes: Keyframes, apart: float) -> dict[int, float]:
+        """Likelihood that the newest keyframe `k` shows the place of others, `apart` metres of path before it.
+
+        Empty for a keyframe that is not the newest, or brings no scan.
+        """
+        if k < self._next or keyframes[k].scan is None:
+            return {}
+        if self._recognizer is None:
+            self._recognizer = PlaceRecognizer()
+        while self._next < k:
+            self._recognizer.add(self._features(self._next, keyframes), keyframes[self._next].stamp)
+            self._next += 1
+        place = self._features(k, keyframes)
+        found = self._recognizer.query(place, BEST) if k else []
+        self._recognizer.add(place, keyframes[k].stamp)
+        self._next = k + 1
+        farthest = keyframes.paths[k] - apart
+        return {j: value for j, value in found if value >= LEAST and keyframes[j].path <= farthest}
+
+    def _features(self, k: int, keyframes: Keyframes) -> PlaceFeatures:
+        frame = keyframes[k]
+        assert frame.scan is not None
+        if keyframes.broken(k):
+            self._around.clear()
+        self._around.add(frame.scan, frame.odometry)
+        return features_2d(frame.scan, MAX_RANGE, self._around.outline())

@@ -1,0 +1,42 @@
+"""Settings of `loop_closure.slam`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from estimation.errors import InputError
+
+
+def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    metadata = {"unit": unit, "description": text, "low": low, "high": high}
+    value: float = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True)
+class SlamConfig:
+    """Settings of `Slam`; each field's metadata has its unit, meaning and allowed range."""
+
+    key_distance: float = _setting(0.5, "m", "travel after which a scan is kept", 0.05, 20.0)
+    key_turn: float = _setting(0.5, "rad", "turn after which a scan is kept", 0.05, 3.2)
+    max_range: float = _setting(25.0, "m", "points farther from the sensor are not used", 1.0, 500.0)
+    loop_path: float = _setting(10.0, "m", "path between a place and its revisit", 5.0, 1000.0)
+    odometry_drift: float = _setting(
+        0.01, "m/m", "standard deviation of odometry per metre of a step", 0.0001, 1.0
+    )
+    odometry_turn_drift: float = _setting(
+        0.003, "rad", "standard deviation of the heading per kept scan", 0.0001, 1.0
+    )
+    certain: float = _setting(
+        0.4, "m", "standard deviation of the place below which one closure needs no others", 0.05, 5.0
+    )
+    farthest: float = _setting(
+        25.0, "m", "standard deviation of the place beyond which nothing is looked for", 1.0, 1000.0
+    )
+
+    def __post_init__(self) -> None:
+        for name, described in self.__dataclass_fields__.items():
+            value = getattr(self, name)
+            low, high = described.metadata.get("low"), described.metadata.get("high")
+            if low is not None and not low <= value <= high:
+                raise InputError(f"{name}: {low} to {high} expected, got {value}")

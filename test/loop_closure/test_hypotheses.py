@@ -1,0 +1,90 @@
+"""Closures that wait: which group wins, and what speaks against it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loop_closure.graph import Edge
+from loop_closure.hypotheses import Guess, Hypotheses
+from loop_closure.keyframes import Keyframes
+from registration import Scan
+
+FAR = 30  # keyframes, 1 m apart, of a straight path that is driven twice
+PATHS = np.arange(2.0 * FAR)
+POSES = np.array([[float(k % FAR), 0.1 * (k // FAR), 0.0] for k in range(2 * FAR)])
+
+
+def near(i: int, j: int) -> tuple[float, float]:
+    """Along the path all is known to centimetres."""
+    return 0.03, 0.01
+
+
+def guess(k: int, shift: float, merit: float = 20.0, missed: float = 0.1) -> Guess:
+    """Keyframe `k` of the second round lies on that of the first, `shift` metres along the path."""
+    edge = Edge(k, k + FAR, np.array([shift, 0.0, 0.0]), 1e-3 * np.eye(3), True)
+    return Guess(edge, merit, 0.97, 0.0, 1.0, True, missed)
+
+
+def waiting(guesses: list[Guess], spread=near) -> Hypotheses:
+    hypotheses = Hypotheses()
+    for item in guesses:
+        hypotheses.add(item, POSES, spread)
+    return hypotheses
+
+
+def test_a_group_along_the_path_wins_and_then_nothing_waits() -> None:
+    hypotheses = waiting([guess(k, 0.0) for k in range(8)])
+    assert [g.edge.a for g in hypotheses.decide(PATHS)] == list(range(8))
+    assert hypotheses.waiting == []
+
+
+def test_too_short_a_path_decides_nothing() -> None:
+    assert waiting([guess(k, 0.0) for k in range(4)]).decide(PATHS) == []
+
+
+def test_where_only_looks_led_it_takes_more() -> None:
+    some = [guess(k, 0.0) for k in range(12)]
+    assert waiting(some).decide(PATHS, farthest=2.0)
+    assert waiting(some).decide(PATHS, farthest=0.5) == []
+    assert waiting([guess(k, 0.0) for k in range(22)]).decide(PATHS, farthest=0.5)
+
+
+@pytest.mark.parametrize(
+    ("rivals", "missed", "wins"),
+    [(3, 5.0, True), (3, 0.1, False), (1, 0.1, True), (7, 5.0, False)],
+)
+def test_a_rival_that_agrees_with_odometry_takes_less(rivals: int, missed: float, wins: bool) -> None:
+    """A shift by one door against what odometry says, of which fewer closures were found."""
+    best = [guess(k, 4.8, missed=4.8) for k in range(8)]
+    others = [guess(k, 0.0, merit=15.0, missed=missed) for k in range(rivals)]
+    assert bool(waiting(best + others).decide(PATHS)) == wins
+
+
+def test_what_the_estimate_forbids_cannot_win_but_speaks_against_others() -> None:
+    outside = [replace(guess(k, 4.8), expected=False) for k in range(8)]
+    assert waiting(outside).decide(PATHS) == []
+    assert waiting([*outside, *(guess(k, 0.0, merit=18.0) for k in range(8))]).decide(PATHS) == []
+
+
+def test_nothing_agrees_across_a_step_that_nobody_knows() -> None:
+    def torn(i: int, j: int) -> tuple[float, float]:
+        return (2.0 if (i % FAR < 4) != (j % FAR < 4) else 0.03), 0.01
+
+    assert waiting([guess(k, 0.0) for k in range(8)], torn).decide(PATHS) == []
+
+
+def test_guessed_steps_add_up_between_keyframes() -> None:
+    keyframes = Keyframes()
+    for k in range(6):
+        keyframes.add_scan(Scan(np.full(90, 3.0), -1.5, 3.0 / 90.0), np.array([float(k), 0.0, 0.0]), 25.0)
+        if k in (2, 4):
+            keyframes.break_off(0.3 if k == 2 else 0.4)
+    assert keyframes.slack(0, 1) == 0.0
+    assert keyframes.slack(1, 2) == pytest.approx(0.3)
+    assert keyframes.slack(5, 0) == pytest.approx(0.5)
+    assert keyframes.broken(2)
+    assert not keyframes.broken(3)
+    assert keyframes.window(3, 10.0, 10.0) == (2, 3)
