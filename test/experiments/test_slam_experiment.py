@@ -1,0 +1,76 @@
+"""How `whereabouts experiment slam` judges: relations, false closures and revisits against a known path."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimation.metrics import relations_error
+from estimation.poses import compound
+from whereabouts.experiments.slam import CLOSE, false_closures, jitter, recall, relations_of, with_scale
+
+# Along a corridor of 40 m and back, a pose every half metre.
+OUT = np.column_stack((np.arange(0.0, 40.0, 0.5), np.zeros(80), np.zeros(80)))
+BACK = OUT[::-1] + np.array([0.0, 0.3, np.pi])
+TRUTH = np.concatenate((OUT, BACK))
+
+
+def closure(earlier: int, later: int, off: float = 0.0, turn: float = 0.0) -> SimpleNamespace:
+    c, s = np.cos(TRUTH[earlier, 2]), np.sin(TRUTH[earlier, 2])
+    away = TRUTH[later, :2] - TRUTH[earlier, :2]
+    relative = np.array([c * away[0] + s * away[1] + off, -s * away[0] + c * away[1], 0.0])
+    relative[2] = TRUTH[later, 2] - TRUTH[earlier, 2] + turn
+    return SimpleNamespace(earlier=earlier, later=later, relative=relative)
+
+
+def slam_with(*closures: SimpleNamespace) -> SimpleNamespace:
+    path = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(TRUTH[:, :2], axis=0).T))))
+    return SimpleNamespace(closures=list(closures), keyframes=SimpleNamespace(paths=path))
+
+
+def test_closures_off_by_more_than_allowed_are_false() -> None:
+    slam = slam_with(
+        closure(70, 89), closure(60, 99, off=0.4), closure(50, 109, off=0.6), closure(40, 119, turn=0.2)
+    )
+    assert false_closures(slam, TRUTH, 0.5) == [2, 3]
+    assert false_closures(slam, TRUTH, 3.0) == [3]
+
+
+def test_revisits_are_those_of_the_way_back_and_closed_where_a_closure_ends() -> None:
+    done, revisits = recall(slam_with(closure(10, 149), closure(20, 139), closure(20, 139)), TRUTH)
+    # 20 m of path to a place within 2 m: from 10 m less those 2 m before the turning point on.
+    assert 60 <= revisits <= 66
+    assert done == 2
+
+
+def test_relations_measure_a_stretch_and_keep_to_their_distances() -> None:
+    stretched = TRUTH * np.array([1.01, 1.0, 1.0])
+    for least, farthest in ((1.0, 20.0), CLOSE):
+        track, relations = relations_of(stretched, TRUTH, least, farthest)
+        lengths = np.hypot(relations[:, 2], relations[:, 3])
+        assert least < lengths.min()
+        assert lengths.max() < farthest
+        along = np.abs(
+            TRUTH[(relations[:, 1] / 10).astype(int), 0] - TRUTH[(relations[:, 0] / 10).astype(int), 0]
+        )
+        assert relations_error(track, relations).translation_mean == pytest.approx(
+            0.01 * along.mean(), rel=1e-6
+        )
+
+
+def test_jitter_is_that_of_the_reference_alone() -> None:
+    rng = np.random.default_rng(0)
+    moved = np.array([compound(np.array([3.0, -2.0, 0.7]), pose) for pose in TRUTH])
+    assert jitter(moved, TRUTH) == pytest.approx(0.0, abs=1e-9)
+    noisy = TRUTH + 0.02 * rng.standard_normal(TRUTH.shape) * [1.0, 1.0, 0.0]
+    # Of the difference of two noisy positions: Rayleigh's median with a deviation of 0.02 √2.
+    assert jitter(moved, noisy) == pytest.approx(0.02 * np.sqrt(2.0) * 1.177, rel=0.2)
+
+
+def test_a_scale_is_found_and_what_is_left_with_it() -> None:
+    moved = np.array([compound(np.array([3.0, -2.0, 0.7]), pose) for pose in TRUTH])[:, :2]
+    scale, left = with_scale(0.98 * moved, TRUTH[:, :2])
+    assert scale == pytest.approx(1.0 / 0.98)
+    assert left == pytest.approx(0.0, abs=1e-9)
