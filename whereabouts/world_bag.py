@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,6 +19,117 @@ from whereabouts.world_log import EVIDENCE, NANOSECONDS
 from world_model import ObjectEvidence, WorldEvidence
 
 
+class SuiteMessages:
+    """Messages of the suite's own types, made and serialised without ROS.
+
+    types : names of those that are needed. Raises InputError where one of them is not installed.
+    """
+
+    def __init__(self, *types: str) -> None:
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._definitions: dict[str, str] = {}
+        for name in types:
+            text = definition(name)
+            if not text:
+                raise InputError(f"{name} is not installed: its definition is part of every bag")
+            self._definitions[name] = text
+            self._store.register(
+                {k: v for k, v in get_types_from_msg(text, name).items() if k not in self._store.fielddefs}
+            )
+
+    def make(self, type_name: str, **fields: Any) -> Any:
+        """A message."""
+        return self._store.types[type_name](**fields)
+
+    def topic(self, name: str, type_name: str) -> Topic:
+        """A topic with the definition of its type."""
+        return Topic(name, type_name, self._definitions[type_name])
+
+    def serialized(self, message: Any, type_name: str) -> bytes:
+        """CDR bytes."""
+        return bytes(self._store.serialize_cdr(message, type_name))
+
+    def time(self, stamp: float) -> Any:
+        """builtin_interfaces/Time of seconds."""
+        total = round(stamp * NANOSECONDS)
+        return self.make("builtin_interfaces/msg/Time", sec=total // NANOSECONDS, nanosec=total % NANOSECONDS)
+
+    def header(self, stamp: float, frame: str) -> Any:
+        """std_msgs/Header."""
+        return self.make("std_msgs/msg/Header", stamp=self.time(stamp), frame_id=frame)
+
+    def distribution(self, values: Mapping[str, float]) -> Any:
+        """whereabouts_msgs/DiscreteDistribution."""
+        return self.make(
+            "whereabouts_msgs/msg/DiscreteDistribution",
+            values=list(values),
+            probabilities=np.array(list(values.values()), dtype=np.float64),
+        )
+
+    def vector(self, kind: str, values: Any) -> Any:
+        """geometry_msgs/Point or Vector3 of (3,)."""
+        return self.make(f"geometry_msgs/msg/{kind}", **dict(zip("xyz", map(float, values), strict=True)))
+
+    def pose(self, position: Any, yaw: float = 0.0) -> Any:
+        """geometry_msgs/Pose of position (3,) and yaw."""
+        x, y, z, w = (float(value) for value in quaternion_from_euler([0.0, 0.0, yaw]))
+        turn = self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        return self.make("geometry_msgs/msg/Pose", position=self.vector("Point", position), orientation=turn)
+
+    def evidence(self, evidence: WorldEvidence, stamp: float, frame: str) -> Any:
+        """whereabouts_msgs/WorldEvidence."""
+        view = [] if evidence.sensor is None else [self._view(evidence.sensor)]
+        return self.make(
+            EVIDENCE,
+            header=self.header(stamp, frame),
+            sensor="",
+            field_of_view=view,
+            blocked=evidence.blocked,
+            objects=[self._object(item) for item in evidence.objects],
+        )
+
+    def _object(self, item: ObjectEvidence) -> Any:
+        covariance = np.zeros((6, 6))
+        if item.covariance is not None:
+            covariance[:3, :3] = item.covariance
+        attributes = [
+            self.make(
+                "whereabouts_msgs/msg/Attribute",
+                name=name,
+                discrete=self.distribution(values),
+                continuous=self.make(
+                    "whereabouts_msgs/msg/GaussianDistribution", mean=np.zeros(0), covariance=np.zeros(0)
+                ),
+            )
+            for name, values in item.attributes.items()
+        ]
+        return self.make(
+            "whereabouts_msgs/msg/ObjectEvidence",
+            detection_id="",
+            object_id=item.object_id or "",
+            pose=self.make(
+                "geometry_msgs/msg/PoseWithCovariance",
+                pose=self.pose(np.asarray(item.position, dtype=np.float64)),
+                covariance=covariance.reshape(36),
+            ),
+            has_orientation=False,
+            size=self.vector("Vector3", np.zeros(3)),
+            attributes=attributes,
+            existence_probability=0.0,
+        )
+
+    def _view(self, sensor: Any) -> Any:
+        x, y, z, yaw = sensor["pose"]
+        return self.make(
+            "whereabouts_msgs/msg/FieldOfView",
+            pose=self.pose(np.array([x, y, z]), float(yaw)),
+            range_min=float(sensor.get("range_min", 0.0)),
+            range_max=float(sensor["range"]),
+            horizontal_angle=min(float(sensor["angle"]), 2.0 * math.pi),
+            vertical_angle=float(sensor.get("vertical_angle", 0.0)),
+        )
+
+
 class EvidenceWriter:
     """A bag with evidence on the topic /evidence; a context manager.
 
@@ -25,15 +137,9 @@ class EvidenceWriter:
     """
 
     def __init__(self, path: Path, frame: str = "map") -> None:
-        text = definition(EVIDENCE)
-        if not text:
-            raise InputError(f"{EVIDENCE} is not installed: its definition is part of every bag")
+        self._messages = SuiteMessages(EVIDENCE)
         self._frame = frame
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        self._store.register(
-            {k: v for k, v in get_types_from_msg(text, EVIDENCE).items() if k not in self._store.fielddefs}
-        )
-        self._topic = Topic("/evidence", EVIDENCE, text)
+        self._topic = self._messages.topic("/evidence", EVIDENCE)
         self._writer = McapWriter(path)
 
     def __enter__(self) -> EvidenceWriter:
@@ -47,76 +153,6 @@ class EvidenceWriter:
 
     def write(self, evidence: WorldEvidence, stamp: float) -> None:
         """One message, stamped and recorded at `stamp` seconds."""
-        total = round(stamp * NANOSECONDS)
-        time = self._make(
-            "builtin_interfaces/msg/Time", sec=total // NANOSECONDS, nanosec=total % NANOSECONDS
-        )
-        header = self._make("std_msgs/msg/Header", stamp=time, frame_id=self._frame)
-        view = [] if evidence.sensor is None else [self._view(evidence.sensor)]
-        message = self._make(
-            EVIDENCE,
-            header=header,
-            sensor="",
-            field_of_view=view,
-            blocked=evidence.blocked,
-            objects=[self._object(item) for item in evidence.objects],
-        )
-        self._writer.write_raw(self._topic, bytes(self._store.serialize_cdr(message, EVIDENCE)), total)
-
-    def _object(self, item: ObjectEvidence) -> Any:
-        covariance = np.zeros((6, 6))
-        if item.covariance is not None:
-            covariance[:3, :3] = item.covariance
-        attributes = [
-            self._make(
-                "whereabouts_msgs/msg/Attribute",
-                name=name,
-                discrete=self._make(
-                    "whereabouts_msgs/msg/DiscreteDistribution",
-                    values=list(values),
-                    probabilities=np.array(list(values.values()), dtype=np.float64),
-                ),
-                continuous=self._make(
-                    "whereabouts_msgs/msg/GaussianDistribution", mean=np.zeros(0), covariance=np.zeros(0)
-                ),
-            )
-            for name, values in item.attributes.items()
-        ]
-        return self._make(
-            "whereabouts_msgs/msg/ObjectEvidence",
-            detection_id="",
-            object_id=item.object_id or "",
-            pose=self._make(
-                "geometry_msgs/msg/PoseWithCovariance",
-                pose=self._pose(np.asarray(item.position, dtype=np.float64), 0.0),
-                covariance=covariance.reshape(36),
-            ),
-            has_orientation=False,
-            size=self._make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
-            attributes=attributes,
-            existence_probability=0.0,
-        )
-
-    def _view(self, sensor: Any) -> Any:
-        x, y, z, yaw = sensor["pose"]
-        return self._make(
-            "whereabouts_msgs/msg/FieldOfView",
-            pose=self._pose(np.array([x, y, z]), float(yaw)),
-            range_min=float(sensor.get("range_min", 0.0)),
-            range_max=float(sensor["range"]),
-            horizontal_angle=min(float(sensor["angle"]), 2.0 * math.pi),
-            vertical_angle=float(sensor.get("vertical_angle", 0.0)),
-        )
-
-    def _pose(self, position: np.ndarray, yaw: float) -> Any:
-        x, y, z, w = (float(value) for value in quaternion_from_euler([0.0, 0.0, yaw]))
-        return self._make(
-            "geometry_msgs/msg/Pose",
-            position=self._make(
-                "geometry_msgs/msg/Point", **dict(zip("xyz", map(float, position), strict=True))
-            ),
-            orientation=self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
-        )
-
-    def _make(self, type_name: str, **fields: Any) -> Any:
-        return self._store.types[type_name](**fields)
+        message = self._messages.evidence(evidence, stamp, self._frame)
+        data = self._messages.serialized(message, EVIDENCE)
+        self._writer.write_raw(self._topic, data, round(stamp * NANOSECONDS))

@@ -31,7 +31,8 @@ def demo(
     bag: Annotated[
         str | None,
         typer.Option(
-            "--bag", help="Replay this bag (or any log `convert` reads) instead of `killian`, the default."
+            "--bag",
+            help="Replay this bag (or any log `convert` reads), or `killian`, instead of the apartment.",
         ),
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="Folder of the report.")] = Path("demo-report"),
@@ -48,8 +49,13 @@ def demo(
 ) -> None:
     """Replay a recorded robot run over DDS through the suite and write a report with pictures.
 
-    The default run is the MIT Killian Court log (1.9 km), fetched once from PyPI.
+    The default run is a simulated morning in an apartment, through all nodes and judged by its ground truth. `killian`
+    is the MIT Killian Court log (1.9 km), fetched once from PyPI; it and other bags go through scan_registration and
+    loop_closure.
     """
+    if bag is None:
+        _apartment(out, rate, json_file)
+        return
     from whereabouts.bag_profile import profile_of
     from whereabouts.logs import read_g2o
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, prepare_environment, run_suite
@@ -58,7 +64,7 @@ def demo(
     from whereabouts.replay_report import read_replay, revisit_errors, revisit_recall, write_report
 
     prepare_environment(private=True)
-    killian = bag is None or bag == "killian"
+    killian = bag == "killian"
     path, graph = _bag(bag, out), None
     if killian:
         from whereabouts.killian import graph_file
@@ -117,6 +123,50 @@ def demo(
     typer.echo(f"report: {page}")
 
 
+def _apartment(out: Path, rate: float | None, json_file: Path | None) -> None:
+    """The shipped bag through all nodes; where it is not there it is made first."""
+    from whereabouts.demo.replay import replay
+    from whereabouts.demo.report import figures, judge, summary, write
+    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.progress import progress_bar
+
+    prepare_environment(private=True)
+    out.mkdir(parents=True, exist_ok=True)
+    path = apartment_bag(out)
+    typer.echo(f"replaying {path} through eight nodes over DDS")
+    with progress_bar() as bar:
+        task = bar.add_task("replaying", total=100)
+        recording, run = replay(
+            path,
+            out,
+            rate,
+            on_event=lambda text: typer.echo(text, err=True),
+            on_progress=lambda share: bar.update(task, completed=round(100 * share)),
+        )
+    typer.echo("writing the report")
+    judged = judge(recording, path, run)
+    page = write(out, judged)
+    write_figures(json_file, figures(judged))
+    for row in summary(figures(judged), judged):
+        wanted = f" (wanted: {row.wanted})" if row.wanted else ""
+        typer.echo(f"  {row.name}: {row.value}{wanted}")
+    typer.echo(f"report: {page}")
+
+
+def apartment_bag(out: Path) -> Path:
+    """The apartment's bag: the checkout's, else made in `out`."""
+    from whereabouts.simulation.apartment_bag import record
+
+    shipped = Path(__file__).resolve().parents[2] / "bags" / "apartment.mcap"
+    if shipped.exists():
+        return shipped
+    made = out / "apartment.mcap"
+    if not made.exists():
+        typer.echo(f"making {made}")
+        record(made)
+    return made
+
+
 def mapping_parameters(profile: BagProfile) -> dict[str, Any]:
     """What loop_closure has to know of a bag: its frame and its first sensor."""
     given = profile.parameters
@@ -134,12 +184,12 @@ def _title(killian: bool, path: Path) -> str:
     return "MIT Killian Court through whereabouts" if killian else f"{path.name} through whereabouts"
 
 
-def _bag(bag: str | None, out: Path) -> Path:
+def _bag(bag: str, out: Path) -> Path:
     """The bag to replay; other logs are converted next to the report first."""
     from whereabouts.killian import recorded_bag
     from whereabouts.logs import convert_log
 
-    if bag is None or bag == "killian":
+    if bag == "killian":
         return recorded_bag(typer.echo)
     path = Path(bag)
     if path.suffix in (".mcap", ".db3", ".bag") or path.is_dir():

@@ -144,22 +144,37 @@ def _judge(
     judged: SceneJudgement, scan: PeopleScan, targets: list[Person], expected: NDArray[np.bool_]
 ) -> None:
     spots = np.array([target.mean[:2] for target in targets]).reshape(-1, 2)
-    gaps = np.linalg.norm(scan.people[:, None] - spots[None], axis=2)
-    labels = np.full(len(scan.people), -1, dtype=np.int64)
-    used = np.zeros(len(targets), dtype=bool)
+    names = np.array([target.label for target in targets], dtype=np.int64)
+    judge_people(judged, scan.people, scan.returns, names, spots, expected)
+
+
+def judge_people(
+    judged: SceneJudgement,
+    people: Array,
+    returns: NDArray[np.int64],
+    names: NDArray[np.int64],
+    spots: Array,
+    expected: NDArray[np.bool_],
+) -> None:
+    """One scan: true people (P, 2) with their returns (P,), tracked ones by label (T,) at spots (T, 2), all in m.
+
+    expected (P,) : who has to be found. Who is found before or longer than he must be is no error.
+    """
+    gaps = np.linalg.norm(people[:, None] - spots[None], axis=2)
+    labels = np.full(len(people), -1, dtype=np.int64)
+    used = np.zeros(len(spots), dtype=bool)
     for person, k in zip(*linear_sum_assignment(np.minimum(gaps, NEAR)), strict=True):
         if gaps[person, k] < NEAR:
-            labels[person], used[k] = targets[k].label, True
+            labels[person], used[k] = names[k], True
             judged.errors.append(float(gaps[person, k]))
-    # Who is found before or longer than he must be is no error.
-    excused = np.isin([target.label for target in targets], labels[~expected & (labels >= 0)])
+    excused = np.isin(names, labels[~expected & (labels >= 0)])
     judged.labels.append(labels)
-    judged.returns.append(scan.returns)
+    judged.returns.append(returns)
     if expected.any() or len(spots):
-        judged.ospa.append(ospa(spots[~excused], scan.people[expected], 1.0, 1.0))
+        judged.ospa.append(ospa(spots[~excused], people[expected], 1.0, 1.0))
     judged.missed.append(int(np.sum(labels[expected] < 0)))
     judged.false.append(int(np.sum(~used)))
-    judged.hidden += (labels[expected & (scan.returns == 0)] >= 0).tolist()
+    judged.hidden += (labels[expected & (returns == 0)] >= 0).tolist()
 
 
 def crossing_kept(judged: SceneJudgement) -> bool:

@@ -14,26 +14,42 @@ from whereabouts.simulation.shapes import Array
 class Drive:
     """A path through waypoints at constant speed, with corners turned on the spot.
 
-    waypoints : (K, 2) metres. speed : m/s. turn_rate : rad/s. Call with a time in seconds for the pose (3,);
-    before the start and after `duration` the robot stands.
+    waypoints : (K, 2) metres. speed : m/s. turn_rate : rad/s. rests : (K,) seconds at each waypoint before it turns on,
+    zeros where left out. Call with a time in seconds for the pose (3,); before the start and after `duration` the
+    robot stands.
     """
 
-    def __init__(self, waypoints: ArrayLike, speed: float = 0.6, turn_rate: float = 0.8) -> None:
+    def __init__(
+        self,
+        waypoints: ArrayLike,
+        speed: float = 0.6,
+        turn_rate: float = 0.8,
+        rests: ArrayLike | None = None,
+    ) -> None:
         points = np.asarray(waypoints, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise InputError(f"waypoints: shape (K >= 2, 2) expected, got {points.shape}")
+        pauses = np.zeros(len(points)) if rests is None else np.asarray(rests, dtype=np.float64)
+        if pauses.shape != (len(points),) or (pauses < 0.0).any():
+            raise InputError(f"rests: one of at least 0 s for each waypoint expected, got {rests!r}")
         legs = np.diff(points, axis=0)
         lengths = np.linalg.norm(legs, axis=1)
-        legs, lengths = legs[lengths > 1e-9], lengths[lengths > 1e-9]
+        moving = lengths > 1e-9
+        legs, lengths = legs[moving], lengths[moving]
         headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
         times, poses = [0.0], [np.array([*points[0], headings[0]])]
-        for leg, length, heading in zip(legs, lengths, headings, strict=True):
+        for leg, length, heading, pause in zip(legs, lengths, headings, pauses[:-1][moving], strict=True):
+            if pause > 0.0:
+                times.append(times[-1] + pause)
+                poses.append(poses[-1])
             turn = heading - poses[-1][2]
             if abs(turn) > 1e-9:
                 times.append(times[-1] + abs(turn) / turn_rate)
                 poses.append(np.array([*poses[-1][:2], heading]))
             times.append(times[-1] + length / speed)
             poses.append(np.array([*(poses[-1][:2] + leg), heading]))
+        times.append(times[-1] + pauses[-1])
+        poses.append(poses[-1])
         self._times, self._poses = np.array(times), np.array(poses)
 
     @property

@@ -1,0 +1,161 @@
+"""How well the suite did in the apartment: every figure of the demo's report, against ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from whereabouts.demo.reading import Said, Thing, Truth
+from whereabouts.experiments.people_judging import FORGIVEN, SceneJudgement, judge_people
+
+Array = NDArray[np.float64]
+SAME = 0.4
+"""m, between a thing and the object that is believed to be it."""
+SEEN_FOR, RETURNS = 1.5, 3
+
+
+@dataclass
+class Trajectories:
+    """Poses (N, 3) in the map at `stamps`, and the distance (N,) m of each from the truth."""
+
+    stamps: Array
+    truth: Array
+    named: dict[str, Array] = field(default_factory=dict)
+    errors: dict[str, Array] = field(default_factory=dict)
+
+
+@dataclass
+class Identities:
+    """What became of each thing.
+
+    ids : (stamp, id) whenever the id by which a thing is known changed. missing, extra : at the end, of things that lie
+    about, and of objects that are believed in and are nothing. wrong : class at the end.
+    """
+
+    ids: dict[str, list[tuple[float, str]]] = field(default_factory=dict)
+    present: int = 0
+    right: int = 0
+    missing: list[str] = field(default_factory=list)
+    extra: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
+
+    @property
+    def switches(self) -> int:
+        """Changes of a thing's id."""
+        return sum(max(len(known) - 1, 0) for known in self.ids.values())
+
+
+def judge_trajectories(truth: Truth, said: Said) -> Trajectories:
+    """Wheels, odometry, the map as it was said at the time, and with all loops closed."""
+    replayed = said.replayed
+    both = [k for k, stamp in enumerate(replayed.stamps) if round(float(stamp), 4) in truth.poses]
+    stamps = replayed.stamps[both]
+    true = np.array([truth.poses[round(float(stamp), 4)] for stamp in stamps]).reshape(-1, 3)
+    found = Trajectories(stamps, true)
+    keys = [round(float(stamp), 4) for stamp in stamps]
+    if keys and all(key in truth.wheels for key in keys):
+        found.named["wheels"] = np.array([truth.wheels[key] for key in keys])
+    found.named["scan registration"] = replayed.poses[both]
+    found.named["in the map, at the time"] = said.live()[both]
+    if len(replayed.corrected):
+        found.named["loops closed"] = replayed.corrected[both]
+    for name, poses in found.named.items():
+        found.errors[name] = np.linalg.norm(poses[:, :2] - true[:, :2], axis=1)
+    return found
+
+
+def rmse(errors: Array) -> float:
+    """Root mean square, nan of nothing."""
+    return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else float("nan")
+
+
+def judge_tracks(truth: Truth, said: Said) -> tuple[SceneJudgement, Array]:
+    """People as `whereabouts experiment people` judges them, and the stamps of the scans that count.
+
+    Expected are those who were in plain view for 1.5 s, until they have been hidden for 3 s.
+    """
+    judged, stamps = SceneJudgement(), []
+    seen: Array | None = None
+    last = np.zeros(0)
+    before: float | None = None
+    for stamp, (spots, returns) in sorted(truth.people.items()):
+        if seen is None:
+            seen, last = np.zeros(len(spots)), np.full(len(spots), -np.inf)
+        in_sight = returns >= RETURNS
+        # Who was away for longer has to be found anew.
+        seen[stamp - last >= FORGIVEN] = 0.0
+        last[in_sight] = stamp
+        seen += in_sight * (0.0 if before is None else stamp - before)
+        before = stamp
+        if stamp not in said.people:
+            continue
+        tracked = said.people[stamp]
+        expected = (seen >= SEEN_FOR) & (stamp - last < FORGIVEN)
+        labels = np.array([person.label for person in tracked], dtype=np.int64)
+        places = np.array([person.position for person in tracked]).reshape(-1, 2)
+        counted = len(judged.ospa)
+        judge_people(judged, spots, returns, labels, places, expected)
+        stamps += [stamp] * (len(judged.ospa) - counted)
+    return judged, np.array(stamps)
+
+
+def judge_things(truth: Truth, said: Said) -> Identities:
+    """Ids of all things over time, and the account at the end."""
+    found = Identities()
+    worlds = sorted(said.worlds)
+    if not worlds or not truth.things:
+        return found
+    known: list[Thing] = []
+    for stamp, things in sorted(truth.things.items()):
+        index = int(np.searchsorted(worlds, stamp + 0.02)) - 1
+        if index < 0:
+            continue
+        known = [thing for thing in said.worlds[worlds[index]] if thing.known]
+        for name, spot in things.items():
+            thing = _nearest(known, truth.kinds[name][0], spot)
+            ids = found.ids.setdefault(name, [])
+            if thing is not None and (not ids or ids[-1][1] != thing.id):
+                ids.append((stamp, thing.id))
+    last = truth.things[max(truth.things)]
+    final = said.worlds[worlds[-1]]
+    known = [thing for thing in final if thing.known]
+    used = _matched(last, truth.kinds, known)
+    found.present, found.right = len(last), len(used)
+    found.missing = sorted(set(last) - set(used))
+    taken = {thing.id for thing in used.values()}
+    found.extra = [thing.id for thing in known if thing.id not in taken]
+    found.lost = [thing.id for thing in final if thing.lost and thing.kind not in ("person", "other")]
+    found.errors = [
+        float(np.linalg.norm(thing.position[:2] - last[name][:2])) for name, thing in used.items()
+    ]
+    return found
+
+
+def _nearest(known: list[Thing], kind: str, spot: Array) -> Thing | None:
+    near = [thing for thing in known if thing.kind == kind and _apart(thing, spot) < SAME]
+    return min(near, key=lambda thing: _apart(thing, spot), default=None)
+
+
+def _apart(thing: Thing, spot: Array) -> float:
+    return float(np.linalg.norm(thing.position - spot))
+
+
+def _matched(
+    things: Mapping[str, Array], kinds: Mapping[str, tuple[str, str]], known: list[Thing]
+) -> dict[str, Thing]:
+    """One object at most for each thing, the nearest pairs first."""
+    pairs = sorted(
+        (_apart(thing, spot), name, thing.id)
+        for name, spot in things.items()
+        for thing in known
+        if thing.kind == kinds[name][0]
+    )
+    by_id, used = {thing.id: thing for thing in known}, {}
+    for apart, name, own in pairs:
+        if apart < SAME and name not in used and own in by_id:
+            used[name] = by_id.pop(own)
+    return used

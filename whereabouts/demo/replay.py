@@ -1,0 +1,78 @@
+"""The demo from the bag to the page; needs ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from whereabouts.demo.report import Run
+from whereabouts.demo.suite import RECORDED, parameters
+from whereabouts.logs import RawMessage
+from whereabouts.nodes.demo_director import Director
+from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
+from whereabouts.nodes.supervisor import NodeSpec
+from whereabouts.process_usage import UsageMeter
+from whereabouts.simulation.apartment_bag import START
+from whereabouts.simulation.apartment_day import MOVED, THINGS, stop
+
+SEARCH_AFTER = 13.0
+"""s after the request to verify: two looks in vain, with a rest between, take about ten."""
+
+
+@dataclass(frozen=True)
+class Script:
+    """What is asked for while the bag plays: class of the thing, and s of the bag at which it is verified, searched."""
+
+    wanted: str
+    verify_at: float
+    search_at: float
+
+
+def full_script() -> Script:
+    """Verify the moved thing where it was, from the stop in the hall, and then look for it."""
+    return Script(THINGS[MOVED][0].kind, START + stop(), START + stop() + SEARCH_AFTER)
+
+
+def replay(
+    bag: Path,
+    folder: Path,
+    rate: float | None = None,
+    script: Script | None = None,
+    on_event: Callable[[str], None] = lambda text: None,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> tuple[Path, Run]:
+    """The apartment's bag through all nodes; returns the recording of what they said, and an account.
+
+    rate : multiple of the recorded speed, None for lock-step. Raises SuiteError and LogError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob("world.sqlite*"):
+        old.unlink()
+    recording = folder / "recording.mcap"
+    specs = [
+        NodeSpec(name, parameters={**REPLAY_PARAMETERS, **given})
+        for name, given in parameters(folder).items()
+    ]
+    meter = UsageMeter()
+    script = script or full_script()
+    with Director(script.wanted, script.verify_at, script.search_at) as director:
+        run = SuiteRun(
+            bag,
+            specs,
+            folder / "logs",
+            rate=rate,
+            record=RECORDED,
+            output=recording,
+            on_event=on_event,
+            on_progress=on_progress,
+        )
+
+        def between(message: RawMessage) -> None:
+            director.look(message)
+            assert run.supervisor is not None
+            meter.look({name: node.process.pid for name, node in run.supervisor.nodes.items()})
+
+        run.on_message = between
+        account = run_suite(run)
+    return recording, Run(account, director.account, meter.usage)

@@ -1,0 +1,53 @@
+"""How the demo runs the suite on the recorded apartment: parameters of all eight nodes, and what is recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from whereabouts.simulation.apartment import places_file
+from whereabouts.simulation.apartment_camera import Camera
+from whereabouts.simulation.apartment_day import LOOK_RATE, THINGS
+
+RECORDED = [
+    ("odometry", "nav_msgs/msg/Odometry"),
+    ("loop_closures", "whereabouts_msgs/msg/LoopClosure"),
+    ("trajectory", "nav_msgs/msg/Path"),
+    ("map", "nav_msgs/msg/OccupancyGrid"),
+    ("tf", "tf2_msgs/msg/TFMessage"),
+    ("targets", "whereabouts_msgs/msg/TargetArray"),
+    ("predicted_paths", "whereabouts_msgs/msg/PredictedPathArray"),
+    ("world_state", "whereabouts_msgs/msg/WorldState"),
+    ("verification_tasks", "whereabouts_msgs/msg/VerificationTask"),
+    ("evidence", "whereabouts_msgs/msg/WorldEvidence"),
+    ("diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+]
+
+
+def parameters(folder: Path) -> dict[str, dict[str, Any]]:
+    """Parameters by node, on top of the shipped files. folder : for the world model's memory."""
+    camera = Camera()
+    items = [item for item, _ in THINGS.values()]
+    places = str(places_file())
+    return {
+        "scan_registration": {"publish_static_points": False},
+        "loop_closure": {"map_period": 5.0, "tf_period": 0.25},
+        "target_tracker": {},
+        "motion_predictor": {"rate": 2.0, "publish_markers": False, "publish_occupancy": False},
+        "world_model": {
+            "rate_hz": float(LOOK_RATE),
+            "detection_probability": camera.detected,
+            "clutter_per_frame": camera.false_per_look,
+            "class_accuracy": camera.accuracy,
+            "classes": sorted({item.kind for item in items} | {"person", "other"}),
+            "colors": sorted({item.color for item in items}),
+            "region": [-2.0, 9.0, -5.5, 6.2, -0.2, 2.0],
+            "places_file": places,
+            "store_path": str(folder / "world.sqlite"),
+            "hypotheses_period": 1.0,
+        },
+        "world_maintenance": {"sensors": ["laser"], "sensor_range_max": [4.0], "verify_timeout": 8.0},
+        # Bags stand where the map has them, so what the map shows counts.
+        "verifier": {"use_map": False},
+        "object_search": {"places_file": places, "together_distance": 1.5},
+    }

@@ -1,0 +1,70 @@
+"""What processes cost: resident memory and processor time, from the kernel's own account (Linux)."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+@dataclass
+class Usage:
+    """Of one process.
+
+    resident, proportional : most MiB, shared pages counted in full, and by share. seconds : of processor.
+    """
+
+    resident: float = 0.0
+    proportional: float = 0.0
+    seconds: float = 0.0
+
+
+@dataclass
+class UsageMeter:
+    """Follows processes by name; `period` s between two looks at them.
+
+    A process that is started again under its name goes on where the one before ended.
+    """
+
+    period: float = 1.0
+    usage: dict[str, Usage] = field(default_factory=dict)
+    _first: dict[tuple[str, int], float] = field(default_factory=dict)
+    _spent: dict[tuple[str, int], float] = field(default_factory=dict)
+    _next: float = 0.0
+
+    def look(self, processes: Mapping[str, int]) -> None:
+        """Take a reading, unless one was taken within the period. processes : process id by name."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + self.period
+        for name, process in processes.items():
+            try:
+                seconds = processor_seconds(process)
+                resident, proportional = memory(process)
+            except OSError:
+                continue
+            entry = self.usage.setdefault(name, Usage())
+            first = self._first.setdefault((name, process), seconds)
+            self._spent[name, process] = seconds - first
+            entry.seconds = sum(spent for (own, _), spent in self._spent.items() if own == name)
+            entry.resident = max(entry.resident, resident)
+            entry.proportional = max(entry.proportional, proportional)
+
+
+def processor_seconds(process: int) -> float:
+    """User and system time of a process, all its threads. Raises OSError where it has ended."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
+
+
+def memory(process: int) -> tuple[float, float]:
+    """Resident and proportional set size in MiB. Raises OSError where it has ended."""
+    text = Path(f"/proc/{process}/smaps_rollup").read_text()
+    sizes = {
+        name: int(size) / 1024.0 for name, size in re.findall(r"^(Rss|Pss):\s+(\d+) kB", text, re.MULTILINE)
+    }
+    return sizes.get("Rss", 0.0), sizes.get("Pss", 0.0)
