@@ -17,7 +17,7 @@ from estimation.poses import between
 from registration.align import agreements, is_cloud, keep_open, settle
 from registration.consistency import Agreement
 from registration.correlative import candidates
-from registration.judgement import GUESS_SIGMA, judged
+from registration.judgement import GUESS_SIGMA, Asked, judged
 from registration.motion import Array
 from registration.outline import Outline, outline_of
 from registration.refine import Refined, refine
@@ -26,8 +26,12 @@ from registration.scan import Scan
 from registration.spatial import OPEN_VARIANCE, align_clouds, checked_cloud, leaf_size, too_few
 
 REACH = 6.0  # metres between the two sensors in x and in y
-CANDIDATES = 8
+CANDIDATES = 24
+KEEP = 0.55  # share of the best candidate's correlation that another needs: seen from elsewhere, little fits
+AGAINST = 3.0  # metres of agreeing outline that one in seen space outweighs
 RIVAL = 0.93  # share of the best merit at which another place is as good
+# Without a guess there are as many wrong places as there are candidates.
+ASKED = Asked(fitness=0.75, merit=0.35)
 
 
 def align_globally(
@@ -70,7 +74,7 @@ def align_globally(
 def _outlines(moving: Outline, still: Outline) -> Registration:
     start = np.zeros(3)
     found = candidates(
-        moving.surface.points, still.surface.points, start, REACH, np.pi, levels=4, keep=0.75, most=CANDIDATES
+        moving.surface.points, still.surface.points, start, REACH, np.pi, levels=4, keep=KEEP, most=CANDIDATES
     )
     ranked: list[tuple[float, Refined, tuple[Agreement, Agreement]]] = []
     for candidate in found:
@@ -85,7 +89,7 @@ def _outlines(moving: Outline, still: Outline) -> Registration:
     if refined.open_directions in (1, 2):
         refined = replace(refined, pose=keep_open(refined, start))
         views = agreements(moving, still, refined.pose)
-    outcome = judged(moving, still, refined, start, views)
+    outcome = judged(moving, still, refined, start, views, ASKED)
     if not outcome.converged:
         return outcome
     if refined.open_directions:
@@ -103,8 +107,8 @@ def _refused(outcome: Registration, reason: str) -> Registration:
 
 
 def _merit(views: tuple[Agreement, Agreement]) -> float:
-    """Agreeing less contradicting outline, metres."""
-    return sum(view.agreeing - view.standing for view in views)
+    """Agreeing less contradicting outline, metres; in one place at two times, little contradicts."""
+    return sum(view.agreeing - AGAINST * view.standing for view in views)
 
 
 def _clouds(source: Array, target: Array) -> Registration:

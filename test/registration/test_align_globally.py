@@ -26,8 +26,8 @@ def test_finds_places_of_a_room_from_any_direction() -> None:
         good = np.hypot(*error[:2]) < 0.05 and abs(wrap_angle(error[2])) < np.deg2rad(1.0)
         right += good
         sure_and_wrong += found.converged and not good
-    assert right >= 26
-    assert sure_and_wrong <= 1
+    assert right >= 27
+    assert sure_and_wrong == 0
 
 
 def test_a_square_room_has_four_answers_and_so_none() -> None:
@@ -46,11 +46,11 @@ def test_a_corridor_without_a_guess_is_refused() -> None:
     assert found.reason
 
 
-def test_different_rooms_are_rarely_believed() -> None:
+def test_different_rooms_are_not_believed() -> None:
     rng = np.random.default_rng(4)
     scans = [random_pair(rng, ROUND, EASY).target.scan for _ in range(60)]
     believed = sum(align_globally(a, b).converged for a, b in zip(scans[::2], scans[1::2], strict=True))
-    assert believed <= 3
+    assert believed == 0
 
 
 def cloud(rng: np.random.Generator) -> np.ndarray:
