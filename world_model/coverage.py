@@ -1,8 +1,9 @@
-"""Random search that is not blind: what of the floor has been looked at, and where to look next."""
+"""Where to look next when nothing in view says so: what of the floor has been looked at, and what more there may be."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from estimation.grid_paths import GridPaths
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres
+# On a floor nobody knows, metres: seen well enough to know its furniture; how far it may go on beyond what has been
+# seen, and how fast that becomes unlikely; between candidates, of which there are MOST along a side at most.
+# Who comes in stands at a wall: out on that side is DOOR times farther.
+PASSED, OUTER, FADE, COARSE, MOST, DOOR = 4.0, 6.0, 4.0, 1.5, 25, 5.0
 
 
 class Coverage:
@@ -67,6 +72,46 @@ class Coverage:
         fresh = (np.hypot(*(left[chosen, None] - left[None]).transpose(2, 0, 1)) <= self.view).sum(axis=1)
         worth = fresh / (lengths[chosen] + self.view)
         return np.asarray(left[chosen[int(np.argmax(worth))]])
+
+
+def where_more_is_seen(
+    known: Sequence[FloatArray],
+    track: Sequence[FloatArray],
+    place: FloatArray,
+    tried: Sequence[FloatArray] = (),
+) -> FloatArray | None:
+    """Where to go on from `place` (2,) on a floor nobody knows; None when all of it has been passed.
+
+    The floor is taken to be the box of all objects seen, `known` (each (2,)), and of where the robot came in, with
+    OUTER metres around, the less likely the farther out: rooms go on where nothing has been seen yet, though hardly
+    behind where one came in. What is within PASSED metres of the robot's `track` counts as looked at by and large,
+    enough to have seen furniture, and so do goals `tried`, reached or not. As for coverage, much that is new and
+    likely for little driving.
+    """
+    been = np.concatenate((_along(np.array(track)), np.reshape(tried, (-1, 2))))
+    every = np.array([track[0], *known])
+    low, high = every.min(axis=0), every.max(axis=0)
+    step = max(COARSE, float((high - low + 2.0 * OUTER).max()) / MOST)
+    x, y = (np.arange(low[a] - OUTER + 0.5 * step, high[a] + OUTER, step) for a in range(2))
+    cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    left = cells[np.hypot(*(cells[:, None] - been[None]).transpose(2, 0, 1)).min(axis=1) > PASSED]
+    if not len(left):
+        return None
+    below, above = np.maximum(low - left, 0.0), np.maximum(left - high, 0.0)
+    below *= np.where(track[0] <= low, DOOR, 1.0)
+    above *= np.where(track[0] >= high, DOOR, 1.0)
+    outside = np.hypot(*(below + above).T)
+    likely = np.exp(-outside / FADE)
+    lengths = np.hypot(*(left - place).T)
+    near = np.hypot(*(left[:, None] - left[None]).transpose(2, 0, 1)) <= PASSED
+    return np.asarray(left[int(np.argmax(likely * (near @ likely) / (lengths + PASSED)))])
+
+
+def _along(track: FloatArray) -> FloatArray:
+    """Places (M, 2) about a metre apart along a track (N, 2)."""
+    marks = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(track, axis=0).T))))
+    at = np.linspace(0.0, marks[-1], math.ceil(marks[-1]) + 1)
+    return np.stack([np.interp(at, marks, track[:, axis]) for axis in range(2)], axis=1)
 
 
 def middle_of(grid: OccupancyGrid) -> FloatArray | None:

@@ -47,6 +47,7 @@ class Relations:
         self._pairs = np.zeros((0, 0))
         self._rooms: dict[str, dict[str, float]] = {}
         self._room_frames: dict[str, float] = {}
+        self._frames = 0.0
         self._scale = 1.0  # what one new frame counts: fading old counts by growing new ones
         self._cache: FloatArray | None = None
 
@@ -152,10 +153,11 @@ class Relations:
         self._scale /= self.fading
         if self._scale > 1e12:
             self._settle()
+        weight = count * self._scale
+        self._frames += weight
         if not seen:
             return
         rows = np.array([self._number(name) for name in seen])
-        weight = count * self._scale
         self._single[rows] += weight
         self._pairs[np.ix_(rows, rows)] += weight
         if room is not None:
@@ -189,6 +191,10 @@ class Relations:
             base = self._single / self._scale + self.smoothing * max(len(self._index), 1)
             self._cache = (pairs + self.smoothing) / np.maximum(base, 1e-300)[None, :]
         return self._cache
+
+    def ubiquity(self) -> FloatArray:
+        """(n,) share of all frames that show each of `names`; what is in view everywhere says nothing about where."""
+        return self._single / max(self._frames, 1e-300)
 
     def column(self, names: Sequence[str]) -> FloatArray:
         """(M,) indices into `names` of the relations; -1 where one is unknown."""
@@ -231,6 +237,7 @@ class Relations:
         """Carry out the fading, before numbers grow too large."""
         self._single /= self._scale
         self._pairs /= self._scale
+        self._frames /= self._scale
         for counter in (*self._rooms.values(), self._room_frames):
             for key in counter:
                 counter[key] /= self._scale

@@ -2,10 +2,11 @@
 
 Two rules choose among the objects in view. "chain" is the text's: expected utility (5.3) over the target and, one
 after the other, intermediate targets (steps 1 to 4 of section 5.3). "belief", the default, differs in three ways that
-shorten the path: an object is worth visiting by how exclusively it goes with the target, sqrt(p(o|T) p(T|o)), or
-through one intermediate object; worth is weighed against the drive by division, and near a dead end it is discounted,
-for the target would have been seen; and where nothing in view has much to do with the target, the robot goes to the
-middle of the room, where most can be seen, instead of trying whatever is near.
+shorten the path: an object is worth visiting by how exclusively it goes with the target, sqrt(p'(o|T) p(T|o)) with p'
+what exceeds p(o), or through one intermediate object; worth is weighed against the drive by division, and near a dead
+end it is discounted, for the target would have been seen; and where nothing in view has much to do with the target,
+the robot goes to the middle of the room, where most can be seen, and in a room nobody knows on to where it has not
+been, instead of trying whatever is near.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from estimation.checks import FloatArray, as_vectors
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.places import Place, Places
-from world_model.coverage import Coverage, bounds_of, length_between, middle_of
+from world_model.coverage import Coverage, bounds_of, length_between, middle_of, where_more_is_seen
 from world_model.relations import Relations
 
 METHODS = ("belief", "chain")
 # Where the middle of an unknown room may be, in distances from the door to the middle of what has been seen.
 BEYOND = (1.5,)
 LINKS = 40  # names that a chain may lead through
+FLOOR = 0.1  # least share of p(o | T) that counts, whatever is in view everywhere
 MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
 
 
@@ -169,17 +171,26 @@ class ObjectSearch:
             self._rooms_left = {room.name for room in self.places.rooms}
 
     def _worths(self, target: str) -> dict[str, float]:
-        """How exclusively each known name goes with the target, directly or through one other; in [0, 1]."""
+        """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
+
+        Of p(o | T) only what exceeds p(o) counts: that a sofa is in view where the target is says little where sofas
+        are always in view, as they are for a camera that sees far.
+        """
         names = self.relations.names
         if target not in self.relations:
             return dict.fromkeys(names, 0.0)
         forward = self.relations.matrix()
         at = names.index(target)
-        through = np.sqrt(forward[:, at] * forward[at, :])
+        everywhere = self.relations.ubiquity()[:, None]
+        telling = np.maximum((forward - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * forward)
+        through = np.sqrt(telling[:, at] * forward[at, :])
         through[at] = 0.0
+        # What a chain leads through is not in view yet: it may be common where it is.
+        onward = np.sqrt(forward[:, at] * forward[at, :])
+        onward[at] = 0.0
         # Chains through a name that has little to do with the target are worth little themselves.
-        over = np.argsort(-through, kind="stable")[:LINKS]
-        chained = np.sqrt(forward[:, over] * forward[over, :].T) * through[None, over]
+        over = np.argsort(-onward, kind="stable")[:LINKS]
+        chained = np.sqrt(telling[:, over] * forward[over, :].T) * onward[None, over]
         chained[over, np.arange(len(over))] = 0.0
         chained[at] = 0.0
         worth = np.maximum(through, self.config.chain_share * chained.max(axis=1, initial=0.0))
@@ -250,6 +261,11 @@ class ObjectSearch:
                 if unknown:
                     said = f"nobody has said what goes with {self._target}: to where more can be seen"
                 return SearchStep("room", middle, "", said)
+            if room is None and self.grid is None:
+                spot = where_more_is_seen(list(known.values()), self._track, place, self._middles)
+                if spot is not None:
+                    said = f"nothing in view goes with {self._target}: on to where nobody has looked"
+                    return SearchStep("room", spot, "", said)
             related = worth
         if not related:
             return None
@@ -274,7 +290,8 @@ class ObjectSearch:
             return None
         cost = {name: 1.0 / max(math.atan(length_between(spot, place)), 1e-3) for name, spot in able.items()}
         while True:
-            chance = {name: max(self._given(name, goal, able) for goal in self._targets) for name in able}
+            given = [self._given(goal, able) for goal in self._targets]
+            chance = {name: max(one[name] for one in given) for name in able}
             best = max(able, key=lambda name: chance[name] + self.config.weight * cost[name])
             added = None
             if chance[best] + self.config.weight * cost[best] < self.config.threshold:
@@ -283,9 +300,12 @@ class ObjectSearch:
                 return self._towards(best, able[best], chance[best])
             self._targets.append(added)
 
-    def _given(self, name: str, goal: str, observed: Iterable[str]) -> float:
-        """p(o_i | o_T): of the text's (5.2) only the relation itself, which does not depend on what else is in view."""
-        return self.relations.probability(name, goal) if self.relations.unified(name) != goal else 1.0
+    def _given(self, goal: str, observed: Iterable[str]) -> dict[str, float]:
+        """(5.2): p(o_j | o_T) over what is in view; an intermediate target that is in view itself is certain."""
+        chance = self.relations.posterior(goal, list(observed))
+        return {
+            name: 1.0 if self.relations.unified(name) == goal else chance.get(name, 0.0) for name in observed
+        }
 
     def _intermediate(self, able: Iterable[str]) -> str | None:
         """The name with the strongest relation to any intermediate target that is neither one nor a dead end (o_s)."""

@@ -18,9 +18,9 @@ HERE = np.zeros(3)
 
 
 def example() -> Relations:
-    """Figure 5.1: T next to A or D with 0.45 each, next to B with 0.1; D also next to C."""
-    frames = [["t", "a"]] * 45 + [["t", "d"]] * 45 + [["t", "b"]] * 10 + [["c", "d"]] * 60
-    return Relations.from_frames(frames, smoothing=1e-3)
+    """Figure 5.1: p(T | A) = p(T | D) = 0.45, p(T | B) = 0.1, p(T | C) = 0; D is also next to C."""
+    frames = [["t", "a"]] * 45 + [["a"]] * 55 + [["t", "d"]] * 45 + [["c", "d"]] * 40 + [["d"]] * 15
+    return Relations.from_frames(frames + [["t", "b"]] * 10 + [["b"]] * 90 + [["c"]] * 20, smoothing=1e-3)
 
 
 @pytest.mark.parametrize("method", ["chain", "belief"])
@@ -48,13 +48,13 @@ def test_the_example_of_the_text_finds_the_target_over_an_intermediate_object(me
 
 def test_dead_ends_are_not_tried_again_and_a_new_target_starts_afresh() -> None:
     search = ObjectSearch(example())
-    view = {"a": [2.0, 0.0], "b": [0.0, 2.0]}
+    view = {"a": [2.0, 0.0], "d": [0.0, 3.0]}
     first = search.next_goal(view, "t", HERE)
     search.reached(first.goal)
     second = search.next_goal(view, "t", HERE)
-    assert {first.object, second.object} == {"a", "b"}
+    assert {first.object, second.object} == {"a", "d"}
     assert search.dead_ends == (first.object,)
-    search.next_goal(view, "d", HERE)
+    search.next_goal(view, "c", HERE)
     assert search.dead_ends == ()
 
 
@@ -116,15 +116,17 @@ def test_a_class_nobody_has_heard_of_is_looked_for_all_the_same() -> None:
     assert ObjectSearch(Relations()).next_goal({}, "cup", HERE).goal is not None
 
 
-@pytest.mark.parametrize("view_scale", [4.0, 6.0])
-def test_searches_in_rooms_of_another_design_end_without_a_random_search(view_scale: float) -> None:
+@pytest.mark.parametrize(("view_scale", "outline"), [(4.0, True), (6.0, True), (5.0, False)])
+def test_searches_in_rooms_of_another_design_end_without_a_random_search(
+    view_scale: float, outline: bool
+) -> None:
     relations = Relations.from_frames(learning_frames(np.random.default_rng(0), rooms=12))
     square = [[0.0, 0.0], [18.0, 0.0], [18.0, 18.0], [0.0, 18.0]]
     places = Places.from_mapping({"places": {"living room": {"polygon": square, "type": "living room"}}})
     for seed in range(5):
         room = recipe_room(np.random.default_rng(seed), redesigned=True)
         for corner in room.corners()[::2]:
-            search = ObjectSearch(relations, places=places)
+            search = ObjectSearch(relations, places=places if outline else None)
 
             def next_goal(
                 known: Mapping[str, np.ndarray], place: np.ndarray, search: ObjectSearch = search
@@ -134,6 +136,39 @@ def test_searches_in_rooms_of_another_design_end_without_a_random_search(view_sc
 
             run = driven(room, corner, "remote control", view_scale, next_goal, search.reached)
             assert not run.failed
+
+
+def test_what_is_in_view_everywhere_is_no_lead() -> None:
+    frames = (
+        [["sofa", "table", "t"]] * 20 + [["sofa", "table"]] * 10 + [["sofa"]] * 60 + [["sofa", "lamp"]] * 10
+    )
+    search = ObjectSearch(Relations.from_frames(frames))
+    step = search.next_goal({"sofa": [1.0, 0.0], "table": [6.0, 0.0], "lamp": [0.0, 1.0]}, "t", HERE)
+    assert step.object == "table"
+
+
+def test_on_a_floor_nobody_knows_a_robot_that_gets_nowhere_is_not_sent_there_for_ever() -> None:
+    search = ObjectSearch(example())
+    kinds = []
+    for _ in range(60):
+        step = search.next_goal({"b": [3.0, 1.0]}, "t", HERE)
+        kinds.append(step.kind)
+        if step.goal is None or step.kind == "random":
+            break
+        search.reached(step.goal)
+    assert kinds[0] == "room"
+    assert kinds[-1] == "random"
+    # 12 m by 15 m seen from 4 m around.
+    assert len(kinds) < 15
+
+
+def test_chains_are_chosen_by_the_inverted_relation() -> None:
+    relations = example()
+    search = ObjectSearch(relations, SearchConfig(method="chain", weight=0.0, threshold=0.0))
+    step = search.next_goal({"a": [2.0, 0.0], "b": [1.0, 0.0], "c": [1.0, 1.0]}, "t", HERE)
+    # (5.2) by hand: p(t|a) N(a) against p(t|b) N(b) and p(t|c) N(c), of 100, 100 and 60 frames.
+    assert step.object == "a"
+    assert step.probability == pytest.approx(45.0 / 55.0, abs=1e-3)
 
 
 def test_bad_input_is_named() -> None:
