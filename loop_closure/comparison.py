@@ -108,8 +108,7 @@ class PlaceDatabase:
         if self._first is None:
             return np.empty((0, width))
         require_comparable(self._first, query)
-        if len(rows) and not 0 <= rows.min() <= rows.max() < self._size:
-            raise InputError(f"rows: indices from 0 to {self._size - 1} expected")
+        self._require_rows(rows)
         pairs = np.empty((len(rows), width))
         _compare(query.values, query.profile, self.values, self.profiles, self._starts, rows, pairs)
         return pairs
@@ -127,11 +126,16 @@ class PlaceDatabase:
             return np.empty((0, len(query.values) + len(query.histograms) + len(query.signature)))
         require_comparable(self._first, query, True)
         rows = np.arange(self._size) if rows is None else rows
-        narrow = self.compare_some(query, rows)
-        wide = np.empty((len(rows), narrow.shape[1] + len(query.signature)))
-        wide[:, : narrow.shape[1]] = narrow
-        np.abs(self._signatures[rows] - query.signature, out=wide[:, narrow.shape[1] :])
+        self._require_rows(rows)
+        narrow = len(query.values) + len(query.histograms)
+        wide = np.empty((len(rows), narrow + len(query.signature)))
+        _compare(query.values, query.profile, self.values, self.profiles, self._starts, rows, wide)
+        _differ(query.signature, self._signatures, rows, wide, narrow)
         return wide
+
+    def _require_rows(self, rows: npt.NDArray[np.integer]) -> None:
+        if len(rows) and not 0 <= rows.min() <= rows.max() < self._size:
+            raise InputError(f"rows: indices from 0 to {self._size - 1} expected")
 
 
 def require_comparable(a: PlaceFeatures, b: PlaceFeatures, wide: bool = False) -> None:
@@ -181,7 +185,8 @@ def _doubled(array: npt.NDArray[np.floating]) -> npt.NDArray:
     return grown
 
 
-# Reordered sums vectorise; every sum is accumulated in double precision.
+# Reordered sums vectorise, and only over slices: an index counted from elsewhere might be negative. Every sum is
+# accumulated in double precision.
 @numba.njit(cache=True, fastmath={"reassoc", "contract"})
 def _compare(values, profile, all_values, all_profiles, starts, rows, pairs):  # type: ignore[no-untyped-def]
     scalars = len(values)
@@ -190,7 +195,18 @@ def _compare(values, profile, all_values, all_profiles, starts, rows, pairs):  #
         for j in range(scalars):
             pairs[i, j] = abs(values[j] - all_values[row, j])
         for h in range(len(starts) - 1):
+            own = profile[starts[h] : starts[h + 1]]
+            other = all_profiles[row, starts[h] : starts[h + 1]]
             total = 0.0
-            for k in range(starts[h], starts[h + 1]):
-                total += np.float64(profile[k]) * np.float64(all_profiles[row, k])
+            for k in range(len(own)):
+                total += np.float64(own[k]) * np.float64(other[k])
             pairs[i, scalars + h] = min(max(total, -1.0), 1.0)
+
+
+@numba.njit(cache=True)
+def _differ(signature, all_signatures, rows, wide, start):  # type: ignore[no-untyped-def]
+    """Absolute differences of signatures, in single precision as they are, into the columns of `wide` from `start`."""
+    for i in range(len(rows)):
+        other, out = all_signatures[rows[i]], wide[i, start:]
+        for j in range(len(signature)):
+            out[j] = abs(signature[j] - other[j])
