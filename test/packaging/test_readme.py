@@ -43,3 +43,13 @@ def test_every_command_and_executable_is_mentioned() -> None:
     assert executables
     for executable in executables:
         assert executable in README
+
+
+def test_results_list_every_experiment_with_its_command() -> None:
+    from whereabouts.cli.experiment import experiments
+
+    page = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    for name in experiments():
+        section = page.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
+        assert f"whereabouts experiment {name}" in section
+        assert "| --- |" in section or "See [above]" in section, f"no table of {name}"
