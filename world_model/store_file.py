@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,18 @@ def is_store(path: Path) -> bool:
             head = file.read(72)
     except OSError:
         return False
-    return head[:16] == b"SQLite format 3\0" and head[68:72] == APPLICATION.to_bytes(4, "big")
+    if head[:16] != b"SQLite format 3\0":
+        return False
+    if head[68:72] == APPLICATION.to_bytes(4, "big"):
+        return True
+    # While a node has it open, or after one was killed, the mark may still be in the companion file.
+    if not Path(f"{path}-wal").exists():
+        return False
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+            return bool(connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION)
+    except sqlite3.Error:
+        return False
 
 
 def set_aside(path: Path) -> Path:

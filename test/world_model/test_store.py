@@ -16,7 +16,7 @@ import pytest
 
 from world_model import WorldObject, WorldState
 from world_model.store import Store, StoreError
-from world_model.store_file import StoreVersionError
+from world_model.store_file import StoreVersionError, is_store
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -65,6 +65,24 @@ def same(a: WorldObject, b: WorldObject) -> bool:
 def same_world(objects: tuple[WorldObject, ...], step: int) -> bool:
     expected = {item.id: item for item in marching(step).objects}
     return expected.keys() == {item.id for item in objects} and all(same(i, expected[i.id]) for i in objects)
+
+
+def test_a_store_is_known_as_one_also_while_a_node_has_it_open(tmp_path: Path) -> None:
+    path, killed, other = tmp_path / "world.sqlite", tmp_path / "killed.sqlite", tmp_path / "other.sqlite"
+    with Store(path) as store:
+        store.record(marching(0))
+        assert is_store(path)
+        for suffix in ("", "-wal"):
+            shutil.copy(f"{path}{suffix}", f"{killed}{suffix}")
+        assert is_store(killed)
+    assert is_store(path)
+    with sqlite3.connect(other) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("CREATE TABLE topics (name TEXT)")
+        connection.commit()
+        assert Path(f"{other}-wal").exists()
+        assert not is_store(other)
+    assert not is_store(tmp_path / "none")
 
 
 def test_a_restart_finds_what_was_known_to_the_last_digit(tmp_path: Path) -> None:
