@@ -189,14 +189,19 @@ def off_outline(x, y, radius, xy, ranges, angle_min, step):  # type: ignore[no-u
     return best
 
 
+TOUCHING = 1.0001
+
+
 @njit(cache=True)
-def sight(x, y, near, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+def sight(x, y, near, xy, ranges, clear, angle_min, step, wide=3.0):  # type: ignore[no-untyped-def]
     """(label, distance off the outline): how a scan sees the spot (x, y).
+
+    wide : the distance is told up to so many times `near`; the label needs no more than `TOUCHING`.
 
     AGREES: on its outline; FREE: it saw through there; HIDDEN: behind what it saw; UNSEEN: no beam tells; CLEAR:
     near, and nothing came back from there.
     """
-    radius = 3.0 * near
+    radius = wide * near
     off = off_outline(x, y, radius, xy, ranges, angle_min, step)
     if off <= near:
         return AGREES, off

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from registration.crf.beams import AGREES, FREE, UNSEEN, beam_at, sight
+from registration.crf.beams import AGREES, FREE, TOUCHING, UNSEEN, beam_at, sight
 from registration.crf.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements
@@ -74,7 +74,10 @@ def fit_group(points, spacing, start, background, targets, weights, sigma, motio
             y = motion[1] + s * points[i, 0] + c * points[i, 1]
             best, found = max(radius, 1.5 * spacing[i]) ** 2, -1
             for j in range(len(targets)):
-                square = (x - targets[j, 0]) ** 2 + (y - targets[j, 1]) ** 2
+                dx = x - targets[j, 0]
+                if dx * dx >= best:
+                    continue
+                square = dx**2 + (y - targets[j, 1]) ** 2
                 if square < best:
                     best, found = square, j
             if found >= 0:
@@ -100,7 +103,7 @@ def explained(points, near, standing, motion, targets, claimed, xy, ranges, clea
     for i in range(len(points)):
         x = motion[0] + c * points[i, 0] - s * points[i, 1]
         y = motion[1] + s * points[i, 0] + c * points[i, 1]
-        label, _ = sight(x, y, near[i], xy, ranges, clear, angle_min, step)
+        label, _ = sight(x, y, near[i], xy, ranges, clear, angle_min, step, TOUCHING)
         on += label == AGREES
         if standing[i] and label == UNSEEN:
             beam = beam_at(x, y, angle_min, step)
@@ -108,7 +111,8 @@ def explained(points, near, standing, motion, targets, claimed, xy, ranges, clea
         through += label == FREE
         reach = (1.5 * near[i]) ** 2
         for j in range(len(targets)):
-            if not claimed[j] and (x - targets[j, 0]) ** 2 + (y - targets[j, 1]) ** 2 < reach:
+            dx = x - targets[j, 0]
+            if dx * dx < reach and not claimed[j] and dx**2 + (y - targets[j, 1]) ** 2 < reach:
                 claimed[j] = True
     for j in range(len(targets)):
         hits += claimed[j]
