@@ -8,7 +8,7 @@ is a hypothesis of its own.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,34 +16,20 @@ from scipy.special import gammaln
 
 from estimation.checks import FloatArray
 from world_model.behaviors import motion_table
-from world_model.branching import begin, join, presence, realise, same_worlds, settle, sweep
-from world_model.clusters import Cluster, Track, best_sums, combined, lonely
+from world_model.beliefs import NAMED
+from world_model.branching import begin, join, realise, settle
+from world_model.clusters import Cluster, Track, combined, lonely
 from world_model.config import WorldModelConfig
 from world_model.evidence import Measurements
-from world_model.expansion import components, expand, unify
-from world_model.kernels import copy_leaf, learn_attributes, touch, weigh
-from world_model.leaves import AWAY, MOVING, NONE, REST, IntArray, Pool
-from world_model.recognition import alternatives, candidates, odds
-from world_model.single import SingleObjects
+from world_model.expansion import expand, unify
+from world_model.grouping import THRESHOLD, Grouping
+from world_model.kernels import SETTLED_HITS, touch, weigh
+from world_model.leaves import MOVING, REST, IntArray, Pool
+from world_model.sensor_bias import SensorBias
 from world_model.state import WorldObject
 from world_model.unseen import Unseen, sensor_array
 from world_model.vocabulary import Vocabulary
 
-THRESHOLD = 11.5
-"""Hypotheses less probable than the best of their cluster by e to this are dropped."""
-LEAST_PRESENCE = 1e-6
-"""An anchor less probably there, never believed in, is dropped."""
-DEPENDENCE = 1e-4
-"""Total variation from which two tracks are dependent."""
-BELIEVED = 0.5
-NAMED = 0.95
-"""Probability from which an anchor gets a symbol and is believed in for the first time."""
-OUT_OF_VIEW_SECONDS = 0.3
-"""A mover that nobody looks at is shown for this long; after that it is only remembered."""
-LOST_SIGMA = 1.5
-"""m: a mover that is looked for, but hidden, is shown until its position is known less well than this."""
-FORGOTTEN_SIGMA = 3.0
-"""m: a mover known less well than this says no more than that some object is somewhere; its anchor goes."""
 TOUCHING = 3.0
 """Two movers nearer than this, in standard deviations of a detection, may be detected as one."""
 BURST = 1e-3
@@ -72,7 +58,7 @@ class Look:
     missing: FloatArray
 
 
-class Anchoring(SingleObjects):
+class Anchoring(Grouping):
     """All anchors and hypotheses. `shown` : believed objects of the most probable world, by track number."""
 
     def __init__(self, config: WorldModelConfig) -> None:
@@ -86,6 +72,7 @@ class Anchoring(SingleObjects):
         self.persistence = 1.0 - 1.0 / run - (1.0 - detection) / (detection * run)
         self._detector = np.array([detection, self.persistence, config.rate_hz, config.removed_per_second])
         self.unseen = Unseen(config)
+        self.bias = SensorBias(np.array(config.sensor_bias, dtype=float))
         self.reset()
 
     def reset(self) -> None:
@@ -102,6 +89,7 @@ class Anchoring(SingleObjects):
         self._fresh: list[int] = []
         self._stamp = 0.0
         self.unseen.reset()
+        self.bias.reset()
 
     def learn_value(self, name: str, value: str) -> None:
         """A new value of an attribute whose values are not fixed."""
@@ -110,11 +98,10 @@ class Anchoring(SingleObjects):
         if name == "class":
             self.motion = motion_table(self.vocabulary.values["class"], self.config.motion)
 
-    # One look.
-
     def look(self, measured: Measurements, stamp: float, lag: float) -> tuple[str | None, ...]:
         """Take a look in that was made `lag` seconds before `stamp`; returns the id per detection."""
         self._stamp = stamp
+        raw, measured = measured, self._unbiased(measured)
         measured, verified = self._verified(measured, stamp, lag)
         look = self._weighed(measured, stamp, lag, set(verified.values()))
         touched, owners = self._associate(look)
@@ -128,7 +115,37 @@ class Anchoring(SingleObjects):
             self._tidy(stamp)
         for index, number in verified.items():
             owners.insert(index, number)
+        if raw is not measured:
+            self._learn_bias(raw, owners)
         return tuple(self._symbol(track) for track in owners)
+
+    def _unbiased(self, measured: Measurements) -> Measurements:
+        """Detections without the errors that the sensor is known to have; those of a resting sensor as they are."""
+        if measured.sensor is None or not self.bias.follow(measured.sensor.pose):
+            return measured
+        return replace(measured, positions=self.bias.corrected(measured.positions, measured.sensor.pose))
+
+    def _learn_bias(self, raw: Measurements, owners: list[int]) -> None:
+        """Take in what settled objects say about the sensor, and move them when it turns out to be off."""
+        leaves, used, slots = self.pool.leaves, [], []
+        for j, number in enumerate(owners):
+            slot = self._best_leaf(self.tracks[number]) if number in self.tracks else -1
+            if slot >= 0 and leaves.hits[slot] >= SETTLED_HITS and leaves.behavior[slot, REST] > NAMED:
+                used.append(j)
+                slots.append(slot)
+        if raw.sensor is not None and used:
+            numbers = [owners[j] for j in used]
+            self.bias.add(
+                numbers, leaves.rest[slots], raw.positions[used], raw.covariances[used], raw.sensor.pose
+            )
+        self.bias.keep_only(set(self.tracks))
+        solved = self.bias.solve()
+        if solved is None:
+            return
+        for number, shift in zip(*solved, strict=True):
+            of = self._leaves_of(self.tracks[number])
+            leaves.rest[of, :2] += shift
+            leaves.moving[of, :2] += shift
 
     def _verified(
         self, measured: Measurements, stamp: float, lag: float
@@ -147,15 +164,6 @@ class Anchoring(SingleObjects):
             verified[index] = track.number
         others = [index for index in range(len(measured.positions)) if index not in verified]
         return measured.only(others), verified
-
-    def _keep_rows(self, number: int, keep: npt.NDArray[np.bool_]) -> None:
-        """Hypotheses of a cluster that turned out to be impossible go."""
-        cluster = self.clusters[number]
-        rows, weights = unify(np.ascontiguousarray(cluster.rows[keep]), cluster.weights[keep])
-        sweep(self.pool.leaves, self.pool.free, self.pool.top, cluster.rows, rows)
-        del self.clusters[number]
-        for made in self._divide(list(cluster.tracks), rows, weights):
-            self._show(made, self._stamp)
 
     def _weighed(self, measured: Measurements, stamp: float, lag: float, verified: set[int]) -> Look:
         leaves = self.pool.leaves
@@ -434,309 +442,3 @@ class Anchoring(SingleObjects):
             return np.zeros(len(slots))
         result: FloatArray = np.where(touched & (pi[:, MOVING] > pi[:, REST]), pi[:, MOVING], 0.0)
         return result
-
-    def _same_worlds(self, rows: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Join hypotheses that differ only in which anchor is called what: no later evidence could tell."""
-        pool = self.pool
-        kept, own = same_worlds(pool.leaves, rows, weights, self.persistence, self.vocabulary.width)
-        if len(own) < len(weights):
-            sweep(pool.leaves, pool.free, pool.top, rows, kept)
-        return kept, own
-
-    def _drop_unused(self, members: list[int], whole: Cluster) -> None:
-        """Leaves of combinations that were not kept are given back."""
-        leaves = self.pool.leaves
-        numbers = np.array(whole.tracks)
-        mine = np.flatnonzero(np.isin(leaves.track, numbers))
-        for slot in np.setdiff1d(mine, whole.rows).tolist():
-            self.pool.give(slot)
-
-    def _divide(self, tracks: list[int], rows: IntArray, weights: FloatArray) -> list[int]:
-        """Clusters of what is left dependent; anchors that are not worth keeping go."""
-        there = presence(self.pool.leaves, rows, weights)
-        names = [self.tracks[t].id for t in tracks]
-        keep = [
-            c
-            for c, name in enumerate(names)
-            if (there[c] > LEAST_PRESENCE or (name is not None and (rows[:, c] >= 0).any()))
-            and not (rows[0, c] >= 0 and self._dispersed(rows[0, c]))
-        ]
-        if len(keep) < len(tracks):
-            before = rows
-            rows = np.ascontiguousarray(rows[:, keep])
-            sweep(self.pool.leaves, self.pool.free, self.pool.top, before, rows)
-            for c in set(range(len(tracks))) - set(keep):
-                self._forget_track(tracks[c])
-            tracks = [tracks[c] for c in keep]
-            if not tracks:
-                return []
-            rows, weights = unify(rows, weights)
-        labels = np.arange(len(tracks)) if len(weights) == 1 else components(rows, weights, DEPENDENCE)
-        made = []
-        for label in sorted(set(labels.tolist())):
-            columns = np.flatnonzero(labels == label)
-            part, own = unify(np.ascontiguousarray(rows[:, columns]), weights)
-            number = tracks[columns[0]]
-            self._place(number, Cluster([tracks[c] for c in columns], part, own))
-            made.append(number)
-        return made
-
-    def _place(self, number: int, cluster: Cluster) -> None:
-        """File a cluster under the number of its first track."""
-        self.clusters[number] = cluster
-        for track in cluster.tracks:
-            self.tracks[track].cluster = number
-            if track != number:
-                self.expected.pop(track, None)
-                self._open.discard(track)
-        if len(cluster.weights) > 1:
-            self._open.add(number)
-        else:
-            self._open.discard(number)
-
-    def _forget_track(self, number: int) -> None:
-        del self.tracks[number]
-        self.shown.pop(number, None)
-        self.expected.pop(number, None)
-        self._open.discard(number)
-
-    # What is believed.
-
-    def _show(self, number: int, stamp: float) -> None:
-        """Bring `shown` and the expected count of a cluster up to date."""
-        cluster = self.clusters.get(number)
-        if cluster is None:
-            return
-        leaves = self.pool.leaves
-        if cluster.lonely:
-            slot = int(cluster.rows[0, 0])
-            there = 1.0 - float(leaves.behavior[slot, NONE])
-            here = float(leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING])
-            track = self.tracks[cluster.tracks[0]]
-            if self._dispersed(slot) or (track.id is None and here < LEAST_PRESENCE):
-                self.pool.give(slot)
-                del self.clusters[number]
-                self._forget_track(number)
-                return
-            if track.id is None and here <= NAMED:
-                self.expected[number] = here
-                return
-            self.expected[number] = here if leaves.missed[slot] > 0.5 else there
-            self._show_track(track, slot, stamp)
-            return
-        here = presence(leaves, cluster.rows, cluster.weights)
-        self.expected[number] = float(here.sum())
-        for track_number, slot in zip(list(cluster.tracks), cluster.rows[0].tolist(), strict=True):
-            self._show_track(self.tracks[track_number], slot, stamp)
-
-    def _show_track(self, track: Track, slot: int, stamp: float) -> None:
-        if slot < 0 or not self._believed(track, slot):
-            self.shown.pop(track.number, None)
-            return
-        if not track.recognised:
-            track.recognised = True
-            self.unseen.found += 1.0
-            self._fresh.append(track.number)
-            return
-        if track.id is None:
-            track.id = self._name(slot)
-        self.shown[track.number] = self._object(track, slot)
-
-    def _believed(self, track: Track, slot: int) -> bool:
-        """Whether an anchor is part of the most probable world.
-
-        One that nobody looked for stays; one that was looked for and not seen must still be there probably.
-        """
-        leaves = self.pool.leaves
-        pi = leaves.behavior[slot]
-        here = pi[REST] + pi[MOVING]
-        if pi[MOVING] > pi[REST] and not self._followed(slot):
-            return False
-        if here > (BELIEVED if track.id is not None else NAMED):
-            return True
-        if track.id is None:
-            return False
-        return bool(
-            (track.lost and pi[AWAY] > here)
-            or (leaves.missed[slot] < BELIEVED and pi[MOVING] <= pi[REST] + pi[AWAY])
-        )
-
-    def _followed(self, slot: int) -> bool:
-        """Whether a mover was seen lately enough to say where it is."""
-        leaves = self.pool.leaves
-        looked_for = leaves.missed[slot] > BELIEVED
-        if not looked_for and self._stamp - leaves.last[slot] > OUT_OF_VIEW_SECONDS:
-            return False
-        return bool(leaves.moving_cov[slot].diagonal()[:3].max() < LOST_SIGMA**2)
-
-    def _dispersed(self, slot: int) -> bool:
-        """Whether a leaf is of a mover that may be anywhere."""
-        leaves = self.pool.leaves
-        moves = leaves.behavior[slot, MOVING] > leaves.behavior[slot, REST] + leaves.behavior[slot, AWAY]
-        return bool(moves and leaves.moving_cov[slot].diagonal()[:3].max() > FORGOTTEN_SIGMA**2)
-
-    def _recognise(self, number: int, stamp: float) -> None:
-        """Hypotheses in which a new anchor is a known object that was carried; then it is shown."""
-        track = self.tracks[number]
-        cluster = self.clusters[track.cluster]
-        new = int(cluster.rows[0, cluster.tracks.index(number)])
-        named = [other for other in self.tracks.values() if other.id is not None]
-        if named and new >= 0:
-            slots = np.array([self._best_leaf(other) for other in named])
-            named = [other for other, slot in zip(named, slots, strict=True) if slot >= 0]
-            slots = slots[slots >= 0]
-            values = self._odds(slots, new, track)
-            for index in candidates(values):
-                if number in self.tracks:
-                    self._add_alternatives(track, named[index])
-        if number in self.tracks:
-            self._show(self.tracks[number].cluster, stamp)
-
-    def _best_leaf(self, track: Track) -> int:
-        cluster = self.clusters[track.cluster]
-        return int(cluster.rows[0, cluster.tracks.index(track.number)])
-
-    def _odds(self, slots: IntArray, new: int, track: Track) -> FloatArray:
-        leaves, classes = self.pool.leaves, self.vocabulary.classes
-        rows = leaves.attributes[slots, :classes].argmax(1) if classes else np.full(len(slots), -1)
-        volume = self.unseen.volume
-        return odds(leaves, slots, new, track, self.motion[rows, 2], self.vocabulary.blocks, volume)
-
-    def _add_alternatives(self, new: Track, known: Track) -> None:
-        members = sorted({new.cluster, known.cluster})
-        whole = combined([self.clusters.pop(n) for n in members], self.config.hypotheses, THRESHOLD)
-        if len(members) > 1:
-            self._drop_unused(members, whole)
-        a, b = whole.tracks.index(new.number), whole.tracks.index(known.number)
-        if not (whole.rows[:, a] >= 0).any():
-            # No hypothesis that is worth keeping has the new anchor any more.
-            self._divide(list(whole.tracks), whole.rows, whole.weights)
-            return
-        slots = np.unique(whole.rows[:, b])
-        slots = slots[slots >= 0]
-        values = dict(
-            zip(slots.tolist(), self._odds(slots, self._any_leaf(whole, a), new).tolist(), strict=True)
-        )
-        made: dict[tuple[int, int], int] = {}
-        rows, weights = [whole.rows], [whole.weights]
-        for h, leaf, old, weight in alternatives(whole, a, b, values):
-            if (leaf, old) not in made:
-                slot = self.pool.take()
-                leaves = self.pool.leaves
-                copy_leaf(leaves, leaf, slot)
-                leaves.track[slot] = known.number
-                learn_attributes(leaves, slot, leaves.attributes[old], self.vocabulary.blocks)
-                leaves.first[slot] = leaves.first[old]
-                made[leaf, old] = slot
-            row = whole.rows[h].copy()
-            row[a], row[b] = -1, made[leaf, old]
-            rows.append(row[None])
-            weights.append(np.array([weight]))
-        joint, own = unify(np.concatenate(rows), np.concatenate(weights))
-        self._divide(whole.tracks, joint, own)
-        self._show(known.cluster, self._stamp)
-
-    @staticmethod
-    def _any_leaf(cluster: Cluster, column: int) -> int:
-        used = cluster.rows[:, column]
-        return int(used[used >= 0][0])
-
-    def _name(self, slot: int) -> str:
-        classes = self.vocabulary.classes
-        name = "object"
-        if classes:
-            name = self.vocabulary.values["class"][int(self.pool.leaves.attributes[slot, :classes].argmax())]
-        taken = {track.id for track in self.tracks.values()} if self._names[name] == 0 else ()
-        while True:
-            self._names[name] += 1
-            if f"{name}-{self._names[name]}" not in taken:
-                return f"{name}-{self._names[name]}"
-
-    def _object(self, track: Track, slot: int) -> WorldObject:
-        leaves = self.pool.leaves
-        rest, moving, away, none = leaves.behavior[slot].tolist()
-        lost = away > rest + moving
-        if moving > rest:
-            position, velocity = leaves.moving[slot, :3].copy(), leaves.moving[slot, 3:].copy()
-            covariance = leaves.moving_cov[slot, :3, :3].copy()
-        else:
-            position, velocity = leaves.rest[slot].copy(), np.zeros(3)
-            covariance = leaves.rest_cov[slot].copy()
-        region = None
-        if lost:
-            region = (track.region if track.lost else None) or self.config.region
-            low, high = np.array(region).T
-            position, covariance = 0.5 * (low + high), np.diag((high - low) ** 2 / 12.0)
-        return WorldObject(
-            track.id or "",
-            position,
-            velocity,
-            covariance,
-            self.vocabulary.distributions(leaves.attributes[slot]),
-            1.0 - none if leaves.missed[slot] < BELIEVED or lost else rest + moving,
-            lost,
-            float(leaves.last[slot]),
-            float(leaves.first[slot]),
-            {"constant_position": rest, "constant_velocity": moving, "uniform": away},
-            region,
-        )
-
-    def _symbol(self, number: int) -> str | None:
-        track = self.tracks.get(number)
-        return track.id if track is not None and number in self.shown else None
-
-    @property
-    def expected_count(self) -> float:
-        """Expected number of objects over all hypotheses."""
-        return float(sum(self.expected.values()))
-
-    def probabilities(self) -> FloatArray:
-        """Of the best combinations of hypotheses over all clusters (K,), normalised."""
-        weights = [self.clusters[number].weights for number in sorted(self._open)]
-        sums, _ = best_sums(weights, self.config.hypotheses)
-        shares = np.exp(sums - sums[0])
-        result: FloatArray = shares / shares.sum()
-        return result
-
-    def worlds(self) -> list[tuple[list[WorldObject], float]]:
-        """Objects and probability of every combination of hypotheses that is kept."""
-        numbers = sorted(self._open)
-        sums, picks = best_sums([self.clusters[n].weights for n in numbers], self.config.hypotheses)
-        shares = np.exp(sums - sums[0])
-        shares /= shares.sum()
-        out = []
-        for pick, share in zip(picks, shares, strict=True):
-            shown = dict(self.shown)
-            for number, h in zip(numbers, pick, strict=True):
-                cluster = self.clusters[number]
-                for track_number, slot in zip(cluster.tracks, cluster.rows[h].tolist(), strict=True):
-                    track = self.tracks[track_number]
-                    shown.pop(track_number, None)
-                    if slot >= 0 and self._believed(track, slot):
-                        shown[track_number] = self._object(track, slot)
-            out.append((list(shown.values()), float(share)))
-        return out
-
-    def _tidy(self, stamp: float) -> None:
-        """Drop anchors that never were believed in and are not looked at any more."""
-        leaves = self.pool.leaves
-        for number, cluster in list(self.clusters.items()):
-            track = self.tracks[cluster.tracks[0]]
-            if not cluster.lonely:
-                continue
-            slot = int(cluster.rows[0, 0])
-            here = leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING]
-            old = stamp - leaves.last[slot]
-            if (track.id is None and old > 10.0) or (here < 0.1 and not track.lost and old > 600.0):
-                self.pool.give(slot)
-                del self.clusters[number]
-                self._forget_track(number)
-
-    def health(self) -> dict[str, float]:
-        """Figures for diagnostics."""
-        return {
-            "objects": len(self.shown),
-            "anchors": len(self.tracks),
-            "hypotheses": max((len(self.clusters[n].weights) for n in self._open), default=1),
-            "leaves": self.pool.used,
-        }

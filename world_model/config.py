@@ -113,6 +113,13 @@ class WorldModelConfig:
     merged_detections: bool = field(
         default=False, metadata={"description": "whether one detection may stem from two touching movers"}
     )
+    sensor_bias: Sequence[float] = field(
+        default=(0.0, 0.0, 0.0, 0.0),
+        metadata={
+            "description": "systematic errors of detections at distance d and bearing b off the axis: offset + "
+            "scale d + depth d b²/2 along the line of sight, m, and turn d across it; where learning starts from"
+        },
+    )
 
     def __post_init__(self) -> None:
         for name, described in self.__dataclass_fields__.items():
@@ -130,6 +137,8 @@ class WorldModelConfig:
                 raise InputError(f"{name} must be a list of names, not {values!r}")
             if len(set(values)) != len(values):
                 raise InputError(f"{name} must not repeat a name: {values!r}")
+        if as_finite("sensor_bias", self.sensor_bias).shape != (4,):
+            raise InputError(f"sensor_bias must be (offset, scale, depth, turn), not {self.sensor_bias!r}")
         region = as_finite("region", self.region)
         if (
             region.shape != (3, 2)

@@ -106,6 +106,7 @@ def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfi
     if new:
         changes["new_objects_per_second"] = new / seconds
     changes["initial_objects"] = max(float(len(lasting) - new), 1.0)
+    changes["sensor_bias"] = model.sensor_bias
     changes["rate_hz"] = float(np.clip((len(looks) - 1) / seconds, 0.01, 1000.0))
     covariances = _covariances(lasting)
     if covariances:

@@ -181,6 +181,11 @@ class WorldModel:
             self.store.begin(self.epoch)
 
     @property
+    def sensor_bias(self) -> tuple[float, ...]:
+        """What the sensor's systematic errors are found to be: offset (m), scale, depth, turn (rad)."""
+        return tuple(self._anchors.bias.values.tolist())
+
+    @property
     def health(self) -> dict[str, float]:
         """Figures for diagnostics: objects, anchors, hypotheses, leaves."""
         return self._anchors.health()

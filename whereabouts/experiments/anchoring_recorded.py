@@ -27,15 +27,15 @@ class LandmarkRun:
     landmarks: int
 
 
-def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.15, 0.02)) -> LandmarkRun:
+def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.05, 0.015)) -> LandmarkRun:
     """One robot's sightings of a MRCLAM recording from its true poses; sigma: of range (m) and bearing (rad)."""
     config = WorldModelConfig(
         classes=("landmark", "robot"),
         region=((-2.0, 6.0), (-7.0, 7.0), (-0.5, 0.5)),
         rate_hz=5.0,
-        detection_probability=0.5,
+        detection_probability=0.35,
         clutter_per_frame=0.1,
-        missed_run_frames=5.0,
+        missed_run_frames=10.0,
         motion={
             "landmark": {"model": "static", "moved_per_second": 0.0},
             "robot": {"model": "constant_velocity", "accel_sigma": 0.2},

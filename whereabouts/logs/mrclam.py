@@ -1,4 +1,10 @@
-"""UTIAS multi-robot landmark recordings (MRCLAM): range and bearing of landmarks and robots, with true poses."""
+"""UTIAS multi-robot landmark recordings (MRCLAM): range and bearing of landmarks and robots, with true poses.
+
+What the files call range is the depth along the camera's axis, as the height of a barcode in the image gives it:
+against the true poses of mrclam6 the stated ranges are short by half the squared bearing, times the distance
+(regression: 0.51 to 0.53 for all five robots). `sightings` turns it into the distance, which leaves 3 cm of
+16 to 19 cm standard deviation.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +24,7 @@ FIRST_LANDMARK = 6
 
 @dataclass(frozen=True)
 class Sighting:
-    """What one robot saw at one stamp (s): pose (3,) x, y, yaw, true; range and bearing (M, 2), m and rad;
+    """What one robot saw at one stamp (s): pose (3,) x, y, yaw, true; distance and bearing (M, 2), m and rad;
     subjects (M,): landmark or robot by barcode, 0 where the code belongs to nobody."""
 
     stamp: float
@@ -57,4 +63,5 @@ def sightings(folder: Path, robot: int) -> Iterator[Sighting]:
         rows = seen[seen[:, 0] == stamp]
         pose = np.array([np.interp(stamp, truth[:, 0], column) for column in (truth[:, 1], truth[:, 2], yaw)])
         subjects = np.array([codes.get(int(code), 0) for code in rows[:, 1]])
-        yield Sighting(float(stamp), robot, pose, rows[:, 2:4], subjects)
+        readings = np.column_stack([rows[:, 2] / np.cos(rows[:, 3]), rows[:, 3]])
+        yield Sighting(float(stamp), robot, pose, readings, subjects)

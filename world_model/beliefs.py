@@ -1,0 +1,202 @@
+"""What is believed: objects of the most probable world, and of all others, from clusters and leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.branching import presence
+from world_model.clusters import Track, best_sums
+from world_model.leaves import AWAY, MOVING, NONE, REST
+from world_model.single import SingleObjects
+from world_model.state import WorldObject
+from world_model.unseen import Unseen
+
+LEAST_PRESENCE = 1e-6
+"""An anchor less probably there, never believed in, is dropped."""
+BELIEVED = 0.5
+NAMED = 0.95
+"""Probability from which an anchor gets a symbol and is believed in for the first time."""
+OUT_OF_VIEW_SECONDS = 0.3
+"""A mover that nobody looks at is shown for this long; after that it is only remembered."""
+LOST_SIGMA = 1.5
+"""m: a mover that is looked for, but hidden, is shown until its position is known less well than this."""
+FORGOTTEN_SIGMA = 3.0
+"""m: a mover known less well than this says no more than that some object is somewhere; its anchor goes."""
+
+
+class Beliefs(SingleObjects):
+    """Part of `Anchoring`: `shown`, expected counts and worlds."""
+
+    unseen: Unseen
+    expected: dict[int, float]
+    _open: set[int]
+    _fresh: list[int]
+
+    def _show(self, number: int, stamp: float) -> None:
+        """Bring `shown` and the expected count of a cluster up to date."""
+        cluster = self.clusters.get(number)
+        if cluster is None:
+            return
+        leaves = self.pool.leaves
+        if cluster.lonely:
+            slot = int(cluster.rows[0, 0])
+            there = 1.0 - float(leaves.behavior[slot, NONE])
+            here = float(leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING])
+            track = self.tracks[cluster.tracks[0]]
+            if self._dispersed(slot) or (track.id is None and here < LEAST_PRESENCE):
+                self.pool.give(slot)
+                del self.clusters[number]
+                self._forget_track(number)
+                return
+            if track.id is None and here <= NAMED:
+                self.expected[number] = here
+                return
+            self.expected[number] = here if leaves.missed[slot] > 0.5 else there
+            self._show_track(track, slot, stamp)
+            return
+        here = presence(leaves, cluster.rows, cluster.weights)
+        self.expected[number] = float(here.sum())
+        for track_number, slot in zip(list(cluster.tracks), cluster.rows[0].tolist(), strict=True):
+            self._show_track(self.tracks[track_number], slot, stamp)
+
+    def _show_track(self, track: Track, slot: int, stamp: float) -> None:
+        if slot < 0 or not self._believed(track, slot):
+            self.shown.pop(track.number, None)
+            return
+        if not track.recognised:
+            track.recognised = True
+            self.unseen.found += 1.0
+            self._fresh.append(track.number)
+            return
+        if track.id is None:
+            track.id = self._name(slot)
+        self.shown[track.number] = self._object(track, slot)
+
+    def _believed(self, track: Track, slot: int) -> bool:
+        """Whether an anchor is part of the most probable world.
+
+        One that nobody looked for stays; one that was looked for and not seen must still be there probably.
+        """
+        leaves = self.pool.leaves
+        pi = leaves.behavior[slot]
+        here = pi[REST] + pi[MOVING]
+        if pi[MOVING] > pi[REST] and not self._followed(slot):
+            return False
+        if here > (BELIEVED if track.id is not None else NAMED):
+            return True
+        if track.id is None:
+            return False
+        return bool(
+            (track.lost and pi[AWAY] > here)
+            or (leaves.missed[slot] < BELIEVED and pi[MOVING] <= pi[REST] + pi[AWAY])
+        )
+
+    def _followed(self, slot: int) -> bool:
+        """Whether a mover was seen lately enough to say where it is."""
+        leaves = self.pool.leaves
+        looked_for = leaves.missed[slot] > BELIEVED
+        if not looked_for and self._stamp - leaves.last[slot] > OUT_OF_VIEW_SECONDS:
+            return False
+        return bool(leaves.moving_cov[slot].diagonal()[:3].max() < LOST_SIGMA**2)
+
+    def _dispersed(self, slot: int) -> bool:
+        """Whether a leaf is of a mover that may be anywhere."""
+        leaves = self.pool.leaves
+        moves = leaves.behavior[slot, MOVING] > leaves.behavior[slot, REST] + leaves.behavior[slot, AWAY]
+        return bool(moves and leaves.moving_cov[slot].diagonal()[:3].max() > FORGOTTEN_SIGMA**2)
+
+    def _forget_track(self, number: int) -> None:
+        del self.tracks[number]
+        self.shown.pop(number, None)
+        self.expected.pop(number, None)
+        self._open.discard(number)
+
+    def _best_leaf(self, track: Track) -> int:
+        cluster = self.clusters[track.cluster]
+        return int(cluster.rows[0, cluster.tracks.index(track.number)])
+
+    def _name(self, slot: int) -> str:
+        classes = self.vocabulary.classes
+        name = "object"
+        if classes:
+            name = self.vocabulary.values["class"][int(self.pool.leaves.attributes[slot, :classes].argmax())]
+        taken = {track.id for track in self.tracks.values()} if self._names[name] == 0 else ()
+        while True:
+            self._names[name] += 1
+            if f"{name}-{self._names[name]}" not in taken:
+                return f"{name}-{self._names[name]}"
+
+    def _object(self, track: Track, slot: int) -> WorldObject:
+        leaves = self.pool.leaves
+        rest, moving, away, none = leaves.behavior[slot].tolist()
+        lost = away > rest + moving
+        if moving > rest:
+            position, velocity = leaves.moving[slot, :3].copy(), leaves.moving[slot, 3:].copy()
+            covariance = leaves.moving_cov[slot, :3, :3].copy()
+        else:
+            position, velocity = leaves.rest[slot].copy(), np.zeros(3)
+            covariance = leaves.rest_cov[slot].copy()
+        region = None
+        if lost:
+            region = (track.region if track.lost else None) or self.config.region
+            low, high = np.array(region).T
+            position, covariance = 0.5 * (low + high), np.diag((high - low) ** 2 / 12.0)
+        return WorldObject(
+            track.id or "",
+            position,
+            velocity,
+            covariance,
+            self.vocabulary.distributions(leaves.attributes[slot]),
+            1.0 - none if leaves.missed[slot] < BELIEVED or lost else rest + moving,
+            lost,
+            float(leaves.last[slot]),
+            float(leaves.first[slot]),
+            {"constant_position": rest, "constant_velocity": moving, "uniform": away},
+            region,
+        )
+
+    def _symbol(self, number: int) -> str | None:
+        track = self.tracks.get(number)
+        return track.id if track is not None and number in self.shown else None
+
+    @property
+    def expected_count(self) -> float:
+        """Expected number of objects over all hypotheses."""
+        return float(sum(self.expected.values()))
+
+    def probabilities(self) -> FloatArray:
+        """Of the best combinations of hypotheses over all clusters (K,), normalised."""
+        weights = [self.clusters[number].weights for number in sorted(self._open)]
+        sums, _ = best_sums(weights, self.config.hypotheses)
+        shares = np.exp(sums - sums[0])
+        result: FloatArray = shares / shares.sum()
+        return result
+
+    def worlds(self) -> list[tuple[list[WorldObject], float]]:
+        """Objects and probability of every combination of hypotheses that is kept."""
+        numbers = sorted(self._open)
+        sums, picks = best_sums([self.clusters[n].weights for n in numbers], self.config.hypotheses)
+        shares = np.exp(sums - sums[0])
+        shares /= shares.sum()
+        out = []
+        for pick, share in zip(picks, shares, strict=True):
+            shown = dict(self.shown)
+            for number, h in zip(numbers, pick, strict=True):
+                cluster = self.clusters[number]
+                for track_number, slot in zip(cluster.tracks, cluster.rows[h].tolist(), strict=True):
+                    track = self.tracks[track_number]
+                    shown.pop(track_number, None)
+                    if slot >= 0 and self._believed(track, slot):
+                        shown[track_number] = self._object(track, slot)
+            out.append((list(shown.values()), float(share)))
+        return out
+
+    def health(self) -> dict[str, float]:
+        """Figures for diagnostics."""
+        return {
+            "objects": len(self.shown),
+            "anchors": len(self.tracks),
+            "hypotheses": max((len(self.clusters[n].weights) for n in self._open), default=1),
+            "leaves": self.pool.used,
+        }
