@@ -39,6 +39,10 @@ def view(
     namespace: Annotated[
         str, typer.Option("--namespace", help="Show one robot of several, such as /robot1.")
     ] = "",
+    hide: Annotated[
+        list[str] | None,
+        typer.Option("--hide", metavar="TOPIC", help="Leave out a bag's topics that begin so; repeatable."),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Show scans with what moves in red, people and their paths, map, trajectory and closures, objects and symbols.
@@ -54,7 +58,11 @@ def view(
         raise InputError(f"--namespace: must start with a slash, got {namespace!r}")
     prefix = namespace.rstrip("/")
     with _sink(save, picture) as sink:
-        scene = _bags(bags, sink, until, prefix) if bags else _live(sink, until, prefix)
+        scene = (
+            _bags(bags, sink, until, prefix, [t.lstrip("/") for t in hide or ()])
+            if bags
+            else _live(sink, until, prefix)
+        )
     for reason, count in scene.skipped.items():
         typer.echo(f"{count} messages not shown: {reason}", err=True)
     target = save or picture
@@ -72,14 +80,14 @@ def _sink(save: Path | None, picture: Path | None) -> RerunSink | PictureSink:
     return RerunSink(save)
 
 
-def _bags(bags: list[Path], sink: Any, until: float | None, namespace: str) -> Scene:
+def _bags(bags: list[Path], sink: Any, until: float | None, namespace: str, hidden: list[str]) -> Scene:
     from whereabouts.progress import progress_bar
     from whereabouts.viewer.playback import play
 
     with progress_bar() as bar:
         task = bar.add_task(f"reading {', '.join(bag.name for bag in bags)}", total=100)
         return play(
-            bags, sink, until, namespace, lambda share: bar.update(task, completed=round(100 * share))
+            bags, sink, until, namespace, hidden, lambda share: bar.update(task, completed=round(100 * share))
         )
 
 

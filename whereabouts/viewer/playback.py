@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -26,11 +26,12 @@ def play(
     sink: Sink,
     until: float | None = None,
     namespace: str = "",
+    hidden: Sequence[str] = (),
     progress: Callable[[float], None] = lambda share: None,
 ) -> Scene:
     """Draw bags, one after the other or, where they overlap, together: a recording of the suite and the bag it heard.
 
-    until : seconds after the first message.
+    until : seconds after the first message. hidden : beginnings of topics that are not shown, in the namespace.
 
     Raises
     ------
@@ -39,7 +40,7 @@ def play(
     scene, drawn = Scene(), 0
     given = list(paths)
     start: float | None = None
-    streams = [_messages(path, scene.types, namespace, progress) for path in given]
+    streams = [_messages(path, scene.types, namespace, hidden, progress) for path in given]
     for log_time, type_name, topic, message in heapq.merge(*streams, key=lambda item: item[0]):
         stamp = stamp_of(message, log_time)
         start = stamp if start is None else start
@@ -56,13 +57,20 @@ def play(
 
 
 def _messages(
-    path: Path, types: frozenset[str], namespace: str, progress: Callable[[float], None]
+    path: Path,
+    types: frozenset[str],
+    namespace: str,
+    hidden: Sequence[str],
+    progress: Callable[[float], None],
 ) -> Iterator[tuple[int, str, str, object]]:
     """(time of recording, type, topic, message) of what can be drawn."""
     decoders: dict[str, Decoder] = {}
     with open_raw(path) as bag:
         for raw in bag:
+            topic = raw.name.removeprefix(namespace)
             if raw.type_name not in types or not raw.name.startswith(namespace):
+                continue
+            if topic.lstrip("/").startswith(tuple(hidden)):
                 continue
             try:
                 if raw.name not in decoders:
@@ -71,4 +79,4 @@ def _messages(
             except UnreadableTypeError:
                 continue
             progress(bag.progress)
-            yield raw.log_time, raw.type_name, raw.name.removeprefix(namespace), message
+            yield raw.log_time, raw.type_name, topic, message
