@@ -23,6 +23,8 @@ FADE = 0.999
 """Weight of what was known at the last solution."""
 MOVED = 0.15
 """m: an object that is this far from where all its detections put it was carried."""
+SIGNIFICANT = 40.0
+"""What a sensor without errors stays below: squared length of the estimate in its standard deviations, (4 expected)."""
 FORGOTTEN = 1e-3
 """1/m²: sums with less weight have faded away."""
 OUTLIER = 16.0
@@ -60,6 +62,7 @@ class SensorBias:
         """Nothing is known but the calibration."""
         self.values: FloatArray = self.known.copy()
         self.moved = False
+        self.significant = False
         self._start: FloatArray | None = None
         self._rows: dict[int, int] = {}
         self._weight: FloatArray = np.zeros((0, 2, 2))
@@ -175,7 +178,10 @@ class SensorBias:
         before = self.values
         prior = 1.0 / PRIOR**2
         left, ahead = self._normal + normal + np.diag(prior), self._right + right + prior * self.known
-        self.values = np.asarray(np.linalg.solve(left, ahead), dtype=np.float64)
+        solved = np.asarray(np.linalg.solve(left, ahead), dtype=np.float64)
+        apart = solved - self.known
+        if self.significant or apart @ left @ apart > SIGNIFICANT:
+            self.significant, self.values = True, solved
         shifts: FloatArray = -np.linalg.solve(self._weight[:count], self._mixed[:count]) @ (
             self.values - before
         )

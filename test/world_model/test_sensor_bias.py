@@ -78,6 +78,7 @@ def test_elimination_is_the_joint_least_squares() -> None:
     """Against one dense system of all places and errors, also after an object is gone."""
     rng = np.random.default_rng(5)
     bias = SensorBias()
+    bias.significant = True
     rows, right = [], []
     for step in range(40):
         pose = round_trip(step)
@@ -101,6 +102,20 @@ def test_elimination_is_the_joint_least_squares() -> None:
     while bias.solve() is None:
         pass
     assert bias.values == pytest.approx(dense[-4:], abs=1e-6)
+
+
+def test_sensor_without_errors_is_left_alone() -> None:
+    """Noise alone moves nothing, although the sensor goes about."""
+    rng, bias = np.random.default_rng(11), SensorBias()
+    covariance = 0.01**2 * np.eye(3)
+    for step in range(200):
+        pose = round_trip(step)
+        bias.follow(pose)
+        seen, _ = measured(pose, np.zeros(4), rng)
+        positions = LANDMARKS[seen] + rng.normal(0.0, 0.01, (len(seen), 3))
+        bias.add(seen, LANDMARKS[seen], positions, np.tile(covariance, (len(seen), 1, 1)), pose)
+        bias.solve()
+    assert not bias.values.any()
 
 
 def test_resting_sensor_is_left_alone() -> None:

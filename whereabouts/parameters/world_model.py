@@ -17,7 +17,7 @@ from world_model.store import LIMIT
 from world_model.symbols import Symbols, default_symbols
 
 # Those that ROS cannot express as they are, or that all nodes have.
-_OTHERWISE = ("classes", "colors", "attributes", "region", "motion", "late_window")
+_OTHERWISE = ("classes", "colors", "attributes", "region", "motion", "late_window", "sensor_bias")
 _taken = {name: made for name, made in settings_of(WorldModelConfig).items() if name not in _OTHERWISE}
 _WithWorld = create_model("_WithWorld", __base__=NodeParameters, **_taken)  # type: ignore[call-overload]
 
