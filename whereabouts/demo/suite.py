@@ -46,8 +46,14 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
             "store_path": str(folder / "world.sqlite"),
             "hypotheses_period": 1.0,
         },
-        "world_maintenance": {"sensors": ["laser"], "sensor_range_max": [4.0], "verify_timeout": 8.0},
-        # Bags stand where the map has them, so what the map shows counts.
-        "verifier": {"use_map": False},
+        # People come and go, and are not looked after.
+        "world_maintenance": {
+            "sensors": ["laser"],
+            "sensor_range_max": [4.0],
+            "verify_timeout": 8.0,
+            "class_names": ["person", "other"],
+            "class_values": [1e6, 1e6],
+        },
+        "verifier": {},
         "object_search": {"places_file": places, "together_distance": 1.5},
     }

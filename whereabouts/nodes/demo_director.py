@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -128,6 +129,8 @@ class Director:
             self.account.outcome = "the search was refused"
             return
         future.result().get_result_async().add_done_callback(self._ended)
+        # The bag goes on when the search has said what it is about to do, or that it knows already.
+        _until(lambda: bool(self.account.steps) or self.account.ended is not None)
 
     def _told(self, message: Any) -> None:
         said, at = message.feedback, message.feedback.goal.pose.position
@@ -167,7 +170,12 @@ class Director:
 
 
 def _wait(future: Any) -> bool:
+    return _until(future.done)
+
+
+def _until(done: Callable[[], bool]) -> bool:
+    """Wait, but not for ever; whether it is done."""
     deadline = time.monotonic() + PATIENCE
-    while not future.done() and time.monotonic() < deadline:
+    while not done() and time.monotonic() < deadline:
         time.sleep(0.002)
-    return bool(future.done())
+    return done()
