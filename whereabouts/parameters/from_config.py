@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, fields
-from types import GenericAlias
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal, get_type_hints
 
 from whereabouts.parameters.base import setting
 
@@ -23,13 +22,9 @@ def settings_of(config_type: type) -> dict[str, tuple[Any, Any]]:
         if item.default is MISSING:
             raise TypeError(f"{config_type.__name__}.{item.name} has no plain default")
         about = item.metadata
-        kind: Any = Literal[tuple(about["choices"])] if "choices" in about else hints[item.name]
-        # ROS and YAML know lists, no tuples.
-        listed = isinstance(item.default, tuple)
-        if listed:
-            kind = GenericAlias(list, get_args(kind)[:1])
+        kind = Literal[tuple(about["choices"])] if "choices" in about else hints[item.name]
         described = setting(
-            list(item.default) if listed else item.default,
+            item.default,
             about["description"],
             unit=about.get("unit", ""),
             ge=about.get("low"),
