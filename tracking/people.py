@@ -9,7 +9,7 @@ who once walked stays one while standing. All clusters and potential people are 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,13 +22,15 @@ from estimation.uncertain_frame import state_through_uncertain_pose
 from registration.scan import Scan
 from tracking.background import Background
 from tracking.legs import Clusters, clusters_of
-from tracking.occlusion import WEIGHTS, seen_shares
+from tracking.occlusion import seen_shares
 from tracking.people_association import WIDE, Seen, associate
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
+from tracking.people_returns import come_back
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
-from tracking.people_tracks import SURE, BoolArray, IntArray, Tracks
+from tracking.people_tracks import BoolArray, IntArray, Tracks
+from tracking.people_update import Moment, learn, update
 from tracking.target import Target
 
 LEG_RADIUS = 0.05  # metres from the middle of a leg's returns to its axis
@@ -36,11 +38,7 @@ LARGEST = 0.9  # metres, a cluster wider than that is no person
 LEAST_JUMP = 0.05  # metres, or twice the radians, that a pose must change by to have jumped
 DOUBLE, DOUBLED = 0.55, 0.5  # metres and seconds for which two with a leg each are taken for two
 SAME = 0.4  # metres, two potential people closer than that are one
-FULL = 8  # returns with which a cluster shows its shape
 GONE = 0.25  # probability of being there below which somebody reported no longer is
-LAG = 1.5  # seconds over which walking shows
-COASTING = 0.35  # seconds after which somebody not seen is taken to be hidden
-SLIDING = 0.25  # m/s, slower than that is not walking
 MOST_CLUSTERS = 400
 
 
@@ -110,8 +108,8 @@ class PeopleTracker:
 
         Raises InputError for other shapes, for a pose or stamp that is not finite and an indefinite covariance.
         """
-        place, beams = self._checked(scan, pose, stamp, labels)
-        self._uncertain = None if pose_covariance is None else self._checked_covariance(pose_covariance)
+        place, beams = _checked(scan, pose, stamp, labels)
+        self._uncertain = None if pose_covariance is None else _checked_covariance(pose_covariance)
         dt = self._interval(float(stamp))
         if dt is None:
             return self._reported()
@@ -123,9 +121,10 @@ class PeopleTracker:
         owners, scores = self._associate(seen, place, before)
         shares, places = self._shares(scan, place)
         names = self.tracks.names
-        self._update(seen, owners, scores, shares, places, dt, float(stamp))
+        moment = Moment(float(stamp), dt)
+        update(self.tracks, seen, owners, scores, shares, places, moment, self.config)
         self._find_doubles(seen, owners, dt)
-        self._start(seen, owners, float(stamp))
+        self._start(seen, owners, moment)
         self._tidy()
         self._remember(scan, sweep, float(stamp), clusters, seen, owners, names, own)
         return self._reported()
@@ -155,26 +154,6 @@ class PeopleTracker:
         self.tracks = moved
         self.health.jumps += 1
         return others, other_scores
-
-    def _checked(
-        self, scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None
-    ) -> tuple[FloatArray, IntArray | None]:
-        place = as_finite("pose", pose)
-        if place.shape != (3,):
-            raise InputError(f"pose must have shape (3,), not {place.shape}")
-        if not np.isfinite(stamp):
-            raise InputError(f"stamp must be finite, not {stamp!r}")
-        if labels is None:
-            return place, None
-        beams = np.asarray(labels)
-        if beams.shape != (len(scan),):
-            raise InputError(f"labels must have shape ({len(scan)},), one per beam, not {beams.shape}")
-        return place, beams.astype(np.int64)
-
-    @staticmethod
-    def _checked_covariance(pose_covariance: npt.ArrayLike) -> FloatArray:
-        P = as_shape("pose_covariance", pose_covariance, (3, 3))
-        return repair_covariance(P, "pose_covariance", definite=False)
 
     def _interval(self, stamp: float) -> float | None:
         """Seconds to predict over; None for a late scan."""
@@ -259,95 +238,6 @@ class PeopleTracker:
         shares, places = seen_shares(scan, centres, spreads, self.config.max_range)
         return shares, places @ turn
 
-    def _update(
-        self,
-        seen: Seen,
-        owners: IntArray,
-        scores: FloatArray,
-        shares: FloatArray,
-        places: FloatArray,
-        dt: float,
-        stamp: float,
-    ) -> None:
-        tracks, config = self.tracks, self.config
-        keeps = -math.log1p(-config.detection_probability) * min(dt / 0.1, 3.0)
-        for t in range(len(tracks)):
-            mine = np.flatnonzero(owners == t)
-            if not len(mine):
-                # The next thing to show of somebody who was hidden is a part of a leg: easily missed.
-                rate = keeps if tracks.hidden[t] < COASTING else 0.3 * keeps
-                self._miss(t, shares[t], places[t], 1.0 - math.exp(-rate))
-                tracks.hidden[t] += dt
-                continue
-            self._correct(t, seen, mine)
-            tracks.hidden[t] = 0.0
-            tracks.last_seen[t] = stamp
-            gain = min(max(float(scores[mine].sum()), 0.2), 2.0)
-            tracks.existence[t] = min(tracks.existence[t] + gain, SURE)
-            self._learn(t, seen, mine, dt)
-
-    def _miss(self, t: int, shares: FloatArray, places: FloatArray, detection: float) -> None:
-        """Not being seen says that nobody is there, or that he is where the scan could not show him."""
-        tracks = self.tracks
-        stays = WEIGHTS * (1.0 - detection * shares)
-        total = float(stays.sum())
-        tracks.existence[t] = max(tracks.existence[t] + math.log(total), -SURE)
-        stays /= total
-        shift = stays @ places
-        spread = (places.T * stays) @ places - np.outer(shift, shift)
-        before = (places.T * WEIGHTS) @ places
-        P = tracks.covariances[t]
-        gain = np.linalg.solve(P[:2, :2], P[:2, :]).T
-        # Where he is changes what is believed of his speed but little: he may as well have turned.
-        gain[2:] *= 0.3
-        tracks.means[t] += gain @ shift
-        # A tenth is kept, so that it stays positive definite.
-        P = P + gain @ (0.9 * (spread - before)) @ gain.T
-        tracks.covariances[t] = 0.5 * (P + P.T)
-
-    def _correct(self, t: int, seen: Seen, mine: IntArray) -> None:
-        """Kalman update with the middle of both legs, a trunk, or one leg that is off the middle."""
-        tracks, config = self.tracks, self.config
-        place = seen.places[mine].mean(0)
-        whole = len(mine) == 2 or seen.widths[mine[0]] > WIDE
-        sigma = config.body_noise if whole else config.leg_noise
-        noise = sigma**2 + (0.01 * seen.ranges[mine[0]]) ** 2
-        P = tracks.covariances[t]
-        S = P[:2, :2] + noise * np.eye(2)
-        K = np.linalg.solve(S, P[:2, :]).T
-        tracks.means[t] = tracks.means[t] + K @ (place - tracks.means[t, :2])
-        P = P - K @ S @ K.T
-        tracks.covariances[t] = 0.5 * (P + P.T)
-
-    def _learn(self, t: int, seen: Seen, mine: IntArray, dt: float) -> None:
-        """What this scan says about being a person."""
-        tracks = self.tracks
-        # A splinter of three returns says little about its shape.
-        weights = np.minimum(seen.counts[mine], FULL) / FULL
-        evidence = float(weights @ np.clip(seen.shape[mine], -4.0, 3.5) / weights.sum())
-        if len(mine) == 2:
-            evidence += 0.5
-        share = max(dt / (min(tracks.looks[t], 3.0) + dt), 0.02) * min(1.0, float(weights.sum()))
-        tracks.shape[t] += share * (evidence - tracks.shape[t])
-        tracks.looks[t] += dt
-        tracks.oldness[t] += min(1.0, dt / 1.0) * (float(seen.old[mine].mean()) - tracks.oldness[t])
-        self._learn_motion(t, float(seen.fresh[mine].mean()), float(seen.old[mine].mean()), dt)
-        count = float(seen.counts[mine].sum())
-        tracks.rates[t] += 0.2 * (count - tracks.rates[t]) if tracks.rates[t] else count
-        off = seen.places[mine] - tracks.means[t, :2]
-        spread = off.T @ off / len(mine) + np.eye(2) * 0.06**2
-        tracks.extents[t] += (0.2 if tracks.extents[t, 0, 0] else 1.0) * (spread - tracks.extents[t])
-
-    def _learn_motion(self, t: int, fresh: float, old: float, dt: float) -> None:
-        """People walk; what slides along furniture as the robot drives by is slower, and is where something stood."""
-        tracks = self.tracks
-        behind = tracks.means[t, :2] - tracks.origins[t]
-        moved = float(np.hypot(behind[0], behind[1]))
-        tracks.moved[t] = max(tracks.moved[t], moved)
-        tracks.origins[t] += (1.0 - math.exp(-dt / LAG)) * behind
-        walking = min(2.5, max(0.0, (moved / LAG - SLIDING) / SLIDING))
-        tracks.motion[t] = min(tracks.motion[t] + walking * (4.0 * fresh + 1.0 - old) * dt, SURE)
-
     def _find_doubles(self, seen: Seen, owners: IntArray, dt: float) -> None:
         """Two that walk together with one leg each are one person; of two people one now and then shows both legs."""
         tracks = self.tracks
@@ -371,7 +261,7 @@ class PeopleTracker:
                     alone[younger] = False
         tracks.doubled[alone & (legs > 0)] = np.maximum(tracks.doubled[alone & (legs > 0)] - dt, 0.0)
 
-    def _start(self, seen: Seen, owners: IntArray, stamp: float) -> None:
+    def _start(self, seen: Seen, owners: IntArray, moment: Moment) -> None:
         """New potential people from clusters that are nobody's, two near ones being one person."""
         free = np.flatnonzero((owners < 0) & (seen.shape > -3.0) & (seen.old < 0.7))
         taken = np.zeros(len(seen), dtype=bool)
@@ -402,17 +292,17 @@ class PeopleTracker:
         covariances = np.zeros((n, 4, 4))
         covariances[:, 0, 0] = covariances[:, 1, 1] = variances
         covariances[:, 2, 2] = covariances[:, 3, 3] = 0.7**2
-        born = Tracks.born(np.arange(self._named, self._named + n), means, covariances, stamp)
+        born = Tracks.born(np.arange(self._named, self._named + n), means, covariances, moment.stamp)
         self._named += n
         first = len(self.tracks)
         self.tracks = self.tracks.joined(born)
         for k, group in enumerate(groups):
-            self._learn(first + k, seen, np.array(group), 0.1)
+            learn(self.tracks, first + k, seen, np.array(group), replace(moment, dt=0.1))
             self.tracks.oldness[first + k] = seen.old[group].mean()
 
     def _tidy(self) -> None:
         """Drop what is not there, join what is one person, and decide who is reported."""
-        tracks = self.tracks
+        tracks = self.tracks.select(~come_back(self.tracks))
         person = tracks.person(self.config.prior)
         keep = tracks.existence > np.where(tracks.public >= 0, -3.0, -1.5)
         keep &= tracks.doubled < DOUBLED
@@ -481,3 +371,24 @@ class PeopleTracker:
         if self._uncertain is None or self._pose is None:
             return mean.copy(), covariance.copy()
         return state_through_uncertain_pose(mean, covariance, self._pose[:2], self._uncertain)
+
+
+def _checked(
+    scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None
+) -> tuple[FloatArray, IntArray | None]:
+    place = as_finite("pose", pose)
+    if place.shape != (3,):
+        raise InputError(f"pose must have shape (3,), not {place.shape}")
+    if not np.isfinite(stamp):
+        raise InputError(f"stamp must be finite, not {stamp!r}")
+    if labels is None:
+        return place, None
+    beams = np.asarray(labels)
+    if beams.shape != (len(scan),):
+        raise InputError(f"labels must have shape ({len(scan)},), one per beam, not {beams.shape}")
+    return place, beams.astype(np.int64)
+
+
+def _checked_covariance(pose_covariance: npt.ArrayLike) -> FloatArray:
+    P = as_shape("pose_covariance", pose_covariance, (3, 3))
+    return repair_covariance(P, "pose_covariance", definite=False)

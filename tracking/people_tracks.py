@@ -124,11 +124,15 @@ class Tracks:
         both = np.kron(np.eye(2), turn.T)
         self.covariances[:] = both @ self.covariances @ both.T
 
-    def person(self, prior: float) -> FloatArray:
-        """Probability that each, if it exists, is a person, (T,)."""
+    def evidence(self) -> FloatArray:
+        """Log-likelihood ratio person : other of what was seen of each, (T,)."""
         # Looking longer at the same thing from the same side says less and less.
         weight = 0.35 + 0.65 * (1.0 - np.exp(-self.looks / 1.0))
-        odds = prior + 1.75 * weight * self.shape + self.motion
+        return np.asarray(1.75 * weight * self.shape + self.motion)
+
+    def person(self, prior: float) -> FloatArray:
+        """Probability that each, if it exists, is a person, (T,)."""
+        odds = prior + self.evidence()
         return np.asarray(1.0 / (1.0 + np.exp(-np.clip(odds, -SURE, SURE))))
 
     @property

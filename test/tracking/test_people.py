@@ -12,7 +12,9 @@ from tracking import PeopleConfig, PeopleTracker
 from tracking.background import Background
 from tracking.legs import clusters_of
 from tracking.occlusion import PLACES, WEIGHTS, seen_shares
+from tracking.people_returns import come_back
 from tracking.people_sweep import Sweep
+from tracking.people_tracks import Tracks
 from whereabouts.datasets import recording
 from whereabouts.experiments.people_judging import (
     Constant,
@@ -263,6 +265,34 @@ def test_hidden_people_are_kept_by_what_is_in_the_way() -> None:
     assert len(outcomes["variable"]) >= 6
     assert np.mean([kept for kept, _ in outcomes["variable"]]) >= 0.85
     assert np.mean([kept for kept, _ in outcomes["constant"]]) <= 0.3
+
+
+def standing(places: list[tuple[float, float]], hidden: list[float], labels: list[int]) -> Tracks:
+    """Potential people at places, unseen for some seconds, by label (-1: not believed yet)."""
+    n = len(places)
+    means = np.column_stack((places, np.zeros((n, 2))))
+    tracks = Tracks.born(np.arange(n), means, np.tile(np.diag([0.02, 0.02, 0.2, 0.2]), (n, 1, 1)), 0.0)
+    tracks.hidden[:], tracks.public[:] = hidden, labels
+    tracks.existence[:], tracks.looks[:], tracks.age[:] = 2.0, 0.4, 0.4
+    return tracks
+
+
+def test_who_was_hidden_is_found_where_he_comes_out() -> None:
+    # Two are hidden; near the first a leg appears, farther off something that looks like nothing.
+    tracks = standing([(0, 0), (5, 5), (0.6, 0.3), (5.5, 5.0)], [1.0, 1.0, 0.0, 0.0], [3, 4, -1, -1])
+    tracks.shape[2], tracks.shape[3] = 2.5, -2.5
+    assert come_back(tracks).tolist() == [False, False, True, False]
+    assert tracks.hidden.tolist() == [0.0, 1.0, 0.0, 0.0]
+    assert np.allclose(tracks.means[0, :2], [0.6, 0.3])
+    assert np.allclose(tracks.means[1, :2], [5.0, 5.0])
+
+
+def test_what_was_there_before_or_is_too_far_off_is_not_who_was_hidden() -> None:
+    tracks = standing([(0, 0), (0.6, 0.3), (4.0, 0.0)], [1.0, 0.0, 0.0], [3, -1, -1])
+    tracks.shape[:] = 3.0
+    tracks.age[1] = 5.0
+    assert not come_back(tracks).any()
+    assert tracks.hidden[0] == 1.0
 
 
 def test_the_recorded_person_is_followed() -> None:

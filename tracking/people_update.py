@@ -1,0 +1,123 @@
+"""What one scan says about each potential person: where it is, whether it is there, and whether it is a person."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from tracking.occlusion import WEIGHTS
+from tracking.people_association import WIDE, Seen
+from tracking.people_config import PeopleConfig
+from tracking.people_tracks import SURE, IntArray, Tracks
+
+FULL = 8  # returns with which a cluster shows its shape
+LAG = 1.5  # seconds over which walking shows
+COASTING = 0.35  # seconds after which somebody not seen is taken to be hidden
+SLIDING = 0.25  # m/s, slower than that is not walking
+
+
+@dataclass(frozen=True)
+class Moment:
+    """stamp : of the scan, s. dt : since the last one, s."""
+
+    stamp: float
+    dt: float
+
+
+def update(
+    tracks: Tracks,
+    seen: Seen,
+    owners: IntArray,
+    scores: FloatArray,
+    shares: FloatArray,
+    places: FloatArray,
+    moment: Moment,
+    config: PeopleConfig,
+) -> None:
+    """All potential people after a scan: corrected by their clusters, or missed.
+
+    owners, scores (K,) : of the clusters. shares (T, S) : of each that the scan could show, at places (T, S, 2).
+    """
+    dt = moment.dt
+    keeps = -math.log1p(-config.detection_probability) * min(dt / 0.1, 3.0)
+    for t in range(len(tracks)):
+        mine = np.flatnonzero(owners == t)
+        if not len(mine):
+            # The next thing to show of somebody who was hidden is a part of a leg: easily missed.
+            rate = keeps if tracks.hidden[t] < COASTING else 0.3 * keeps
+            _miss(tracks, t, shares[t], places[t], 1.0 - math.exp(-rate))
+            tracks.hidden[t] += dt
+            continue
+        _correct(tracks, t, seen, mine, config)
+        tracks.hidden[t] = 0.0
+        tracks.last_seen[t] = moment.stamp
+        gain = min(max(float(scores[mine].sum()), 0.2), 2.0)
+        tracks.existence[t] = min(tracks.existence[t] + gain, SURE)
+        learn(tracks, t, seen, mine, moment)
+
+
+def _miss(tracks: Tracks, t: int, shares: FloatArray, places: FloatArray, detection: float) -> None:
+    """Not being seen says that nobody is there, or that he is where the scan could not show him."""
+    stays = WEIGHTS * (1.0 - detection * shares)
+    total = float(stays.sum())
+    tracks.existence[t] = max(tracks.existence[t] + math.log(total), -SURE)
+    stays /= total
+    shift = stays @ places
+    spread = (places.T * stays) @ places - np.outer(shift, shift)
+    before = (places.T * WEIGHTS) @ places
+    P = tracks.covariances[t]
+    gain = np.linalg.solve(P[:2, :2], P[:2, :]).T
+    # Where he is changes what is believed of his speed but little: he may as well have turned.
+    gain[2:] *= 0.3
+    tracks.means[t] += gain @ shift
+    # A tenth is kept, so that it stays positive definite.
+    P = P + gain @ (0.9 * (spread - before)) @ gain.T
+    tracks.covariances[t] = 0.5 * (P + P.T)
+
+
+def _correct(tracks: Tracks, t: int, seen: Seen, mine: IntArray, config: PeopleConfig) -> None:
+    """Kalman update with the middle of both legs, a trunk, or one leg that is off the middle."""
+    place = seen.places[mine].mean(0)
+    whole = len(mine) == 2 or seen.widths[mine[0]] > WIDE
+    sigma = config.body_noise if whole else config.leg_noise
+    noise = sigma**2 + (0.01 * seen.ranges[mine[0]]) ** 2
+    P = tracks.covariances[t]
+    S = P[:2, :2] + noise * np.eye(2)
+    K = np.linalg.solve(S, P[:2, :]).T
+    tracks.means[t] = tracks.means[t] + K @ (place - tracks.means[t, :2])
+    P = P - K @ S @ K.T
+    tracks.covariances[t] = 0.5 * (P + P.T)
+
+
+def learn(tracks: Tracks, t: int, seen: Seen, mine: IntArray, moment: Moment) -> None:
+    """What this scan says about being a person."""
+    dt = moment.dt
+    # A splinter of three returns says little about its shape.
+    weights = np.minimum(seen.counts[mine], FULL) / FULL
+    evidence = float(weights @ np.clip(seen.shape[mine], -4.0, 3.5) / weights.sum())
+    if len(mine) == 2:
+        evidence += 0.5
+    share = max(dt / (min(tracks.looks[t], 3.0) + dt), 0.02) * min(1.0, float(weights.sum()))
+    tracks.shape[t] += share * (evidence - tracks.shape[t])
+    tracks.looks[t] += dt
+    tracks.oldness[t] += min(1.0, dt / 1.0) * (float(seen.old[mine].mean()) - tracks.oldness[t])
+    _learn_motion(tracks, t, float(seen.fresh[mine].mean()), float(seen.old[mine].mean()), moment)
+    count = float(seen.counts[mine].sum())
+    tracks.rates[t] += 0.2 * (count - tracks.rates[t]) if tracks.rates[t] else count
+    off = seen.places[mine] - tracks.means[t, :2]
+    spread = off.T @ off / len(mine) + np.eye(2) * 0.06**2
+    tracks.extents[t] += (0.2 if tracks.extents[t, 0, 0] else 1.0) * (spread - tracks.extents[t])
+
+
+def _learn_motion(tracks: Tracks, t: int, fresh: float, old: float, moment: Moment) -> None:
+    """People walk; what slides along furniture as the robot drives by is slower, and is where something stood."""
+    dt = moment.dt
+    behind = tracks.means[t, :2] - tracks.origins[t]
+    moved = float(np.hypot(behind[0], behind[1]))
+    tracks.moved[t] = max(tracks.moved[t], moved)
+    tracks.origins[t] += (1.0 - math.exp(-dt / LAG)) * behind
+    walking = min(2.5, max(0.0, (moved / LAG - SLIDING) / SLIDING))
+    tracks.motion[t] = min(tracks.motion[t] + walking * (4.0 * fresh + 1.0 - old) * dt, SURE)
