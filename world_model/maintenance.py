@@ -358,9 +358,11 @@ class Maintenance:
         opening = looks.opening(view)
         for k, s in pairs:
             low, high = looks.sensors[s].range_min, looks.sensors[s].range_max
-            # From where it could not be seen, it is looked at from nearer the next time.
-            share = NEARER ** self._misses.get(looks.objects[k].id, 0) * config.standoff
-            way = ways.to_see(looks.positions[k, :2], low, high, share) if base_available else ways.stay()
+            # From where it could not be seen, it is looked at from nearer and another side the next time.
+            misses = self._misses.get(looks.objects[k].id, 0)
+            share = NEARER**misses * config.standoff
+            spot = looks.positions[k, :2]
+            way = ways.to_see(spot, low, high, share, misses > 0) if base_available else ways.stay()
             if way is None:
                 continue
             points = way.sampled(config.speed * config.time_step)

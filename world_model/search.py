@@ -3,7 +3,7 @@
 Two rules choose among the objects in view. "chain" is the text's: expected utility (5.3) over the target and, one
 after the other, intermediate targets (steps 1 to 4 of section 5.3). "belief", the default, differs in three ways that
 shorten the path: an object is worth visiting by how exclusively it goes with the target, sqrt(p'(o|T) p(T|o)) with p'
-what exceeds p(o), or through one intermediate object; worth is weighed against the drive by division, and near a dead
+what exceeds p(o)², or through one intermediate object; worth is weighed against the drive by division, and near a dead
 end it is discounted, for the target would have been seen; and where nothing in view has much to do with the target,
 the robot goes to the middle of the room, where most can be seen, and in a room nobody knows on to where it has not
 been, instead of trying whatever is near.
@@ -113,6 +113,7 @@ class ObjectSearch:
         self._worth: dict[str, float] = {}
         self._rooms_left: set[str] = set()
         self._middles: list[FloatArray] = []
+        self._exploring: tuple[int, FloatArray] | None = None
         self._start: FloatArray | None = None
         self._coverage: Coverage | None = None
         self._track: list[FloatArray] = []
@@ -133,7 +134,7 @@ class ObjectSearch:
             return
         where = step.goal if goal is None else as_vectors("goal", goal, 2, 3)[:2]
         if step.kind == "room":
-            self._middles.append(np.asarray(step.goal))
+            self._middles.append(step.goal)
         elif step.object:
             self._dead[step.object] = np.array(where, dtype=np.float64)
         if self._coverage is not None:
@@ -173,7 +174,7 @@ class ObjectSearch:
     def _worths(self, target: str) -> dict[str, float]:
         """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
 
-        Of p(o | T) only what exceeds p(o) counts: that a sofa is in view where the target is says little where sofas
+        Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the target is says little where sofas
         are always in view, as they are for a camera that sees far.
         """
         names = self.relations.names
@@ -181,7 +182,7 @@ class ObjectSearch:
             return dict.fromkeys(names, 0.0)
         forward = self.relations.matrix()
         at = names.index(target)
-        everywhere = self.relations.ubiquity()[:, None]
+        everywhere = self.relations.ubiquity()[:, None] ** 2
         telling = np.maximum((forward - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * forward)
         through = np.sqrt(telling[:, at] * forward[at, :])
         through[at] = 0.0
@@ -256,13 +257,16 @@ class ObjectSearch:
         }
         if not related:
             middle = self._middle(known, bool(able), room)
-            if middle is not None and length_between(middle, place) > 1.0:
+            if middle is not None and length_between(middle, place) <= 1.0:
+                # It is there: going on must not lead back to it.
+                self._middles.append(middle)
+            elif middle is not None:
                 said = f"nothing in view goes with {self._target}: to where more can be seen"
                 if unknown:
                     said = f"nobody has said what goes with {self._target}: to where more can be seen"
                 return SearchStep("room", middle, "", said)
             if room is None and self.grid is None:
-                spot = where_more_is_seen(list(known.values()), self._track, place, self._middles)
+                spot = self._onward(known, place)
                 if spot is not None:
                     said = f"nothing in view goes with {self._target}: on to where nobody has looked"
                     return SearchStep("room", spot, "", said)
@@ -350,6 +354,16 @@ class ObjectSearch:
         if any(length_between(middle, been) < 1.0 for been in self._middles):
             return None
         return middle
+
+    def _onward(self, known: Mapping[str, FloatArray], place: FloatArray) -> FloatArray | None:
+        """Where to explore a floor nobody knows: one goal until it is reached or something new is seen."""
+        if self._exploring is not None:
+            seen, spot = self._exploring
+            if seen == len(known) and not any(spot is been for been in self._middles):
+                return spot
+        found = where_more_is_seen(list(known.values()), self._track, place, self._middles)
+        self._exploring = None if found is None else (len(known), found)
+        return found
 
     def _towards(self, name: str, spot: FloatArray, chance: float) -> SearchStep:
         said = f"no {self._target} seen; {name} is in view, p = {chance:.2f}"

@@ -12,6 +12,7 @@ from estimation.grid import OccupancyGrid
 from estimation.grid_paths import GridPaths
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
+ASIDE = math.radians(60.0)  # between directions that are different sides
 SIDES = 16  # directions from which an object may be looked at
 
 
@@ -63,10 +64,13 @@ class Ways:
         here = self.pose[:2]
         return Way(np.array([here, here]), float(self.pose[2]), 0.0)
 
-    def to_see(self, target: FloatArray, low: float, high: float, standoff: float) -> Way | None:
+    def to_see(
+        self, target: FloatArray, low: float, high: float, standoff: float, aside: bool = False
+    ) -> Way | None:
         """Shortest way to where a target (2,) is within range; None where none can be reached.
 
-        low, high : m, range of the sensor. standoff : share of `high` to stop at.
+        low, high : m, range of the sensor. standoff : share of `high` to stop at. aside : look from another side than
+        the one that the robot is on, if there is one.
         """
         here = self.pose[:2]
         offset = target - here
@@ -74,14 +78,22 @@ class Ways:
         toward = offset / away if away > 1e-9 else np.array([math.cos(self.pose[2]), math.sin(self.pose[2])])
         reach = max(standoff * high, min(low + 0.05, 0.5 * (low + high)))
         nearest = min(low + 0.05, 0.5 * (low + high))
-        inside = nearest <= away <= reach
+        if aside:
+            # A quarter to the left: what hid the target from here does not hide it from there.
+            toward = np.array([toward[1], -toward[0]])
+        inside = nearest <= away <= reach and not aside
         stop = here if inside else target - toward * (reach if away > reach else nearest)
         if self._grid is None:
             return Way(np.array([here, stop]), math.atan2(toward[1], toward[0]), math.hypot(*(stop - here)))
-        return self._around(target, stop, nearest, reach)
+        return self._around(target, stop, nearest, reach, aside)
 
-    def _around(self, target: FloatArray, stop: FloatArray, nearest: float, reach: float) -> Way | None:
-        """The nearest of several places around the target that can be reached and has a free view of it."""
+    def _around(
+        self, target: FloatArray, stop: FloatArray, nearest: float, reach: float, aside: bool
+    ) -> Way | None:
+        """The nearest of several places around the target that can be reached and has a free view of it.
+
+        aside : those that are on another side than the robot come first.
+        """
         assert self._grid is not None
         if self._paths is None:
             self._paths = GridPaths(self._grid, self.pose[:2], CLEARANCE)
@@ -89,7 +101,14 @@ class Ways:
         ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         spots = np.vstack([stop[None], *(target + radius * ring for radius in (reach, 0.6 * reach, nearest))])
         lengths = self._paths.lengths(spots)
-        for index in np.argsort(lengths, kind="stable"):
+        order = np.argsort(lengths, kind="stable")
+        if aside:
+            front = math.atan2(*(self.pose[:2] - target)[::-1])
+            bearings = np.arctan2(*(spots - target).T[::-1])
+            same = np.abs(np.angle(np.exp(1j * (bearings - front)))) < ASIDE
+            far = ~np.isfinite(lengths)
+            order = order[np.argsort((same | far)[order] + 1.0 * far[order], kind="stable")]
+        for index in order:
             if not math.isfinite(lengths[index]):
                 return None
             spot = spots[index]

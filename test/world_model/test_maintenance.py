@@ -193,6 +193,30 @@ def test_outcomes_rest_an_object_until_there_is_news() -> None:
         maintenance.report(task, "perhaps")
 
 
+@pytest.mark.parametrize("walled", [False, True])
+def test_after_a_look_in_vain_the_object_is_looked_at_from_another_side(walled: bool) -> None:
+    grid = None
+    if walled:
+        values = np.zeros((100, 100), dtype=int)
+        values[0], values[-1], values[:, 0], values[:, -1] = 100, 100, 100, 100
+        grid = OccupancyGrid.from_values(values, 0.1)
+    maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=0.1, retry_after=0.0))
+    cup = np.array([5.0, 5.0])
+    sensor = Sensor("camera", 0.4, 2.0, 0.01 * np.eye(2))
+    pose, state = np.array([1.0, 5.0, 0.0]), world(thing("cup", *cup))
+    first = maintenance.next_task(state, pose, [sensor], grid=grid)
+    assert first is not None
+    maintenance.report(first, "occluded", 0.0)
+    second = maintenance.next_task(world(thing("cup", *cup), stamp=1.0), first.goal, [sensor], grid=grid)
+    assert second is not None
+    a, b = first.goal[:2] - cup, second.goal[:2] - cup
+    turned = math.degrees(math.acos(a @ b / (np.hypot(*a) * np.hypot(*b))))
+    assert turned >= 59.0
+    assert np.hypot(*b) < np.hypot(*a)
+    # It still faces the object.
+    assert math.atan2(*(-b)[::-1]) == pytest.approx(second.goal[2], abs=1e-6)
+
+
 def test_empty_and_lost_worlds_are_said_to_be_so() -> None:
     maintenance = Maintenance(EAGER)
     assert maintenance.next_task(world(), np.zeros(3), [CAMERA]) is None

@@ -28,6 +28,9 @@ from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
 
 Array = NDArray[np.float64]
+# A goal that the robot has not come NEARER to, m, for PATIENCE s is not reached; goals closer than SAME m are one.
+NEARER, PATIENCE, SAME = 0.1, 20.0, 0.5
+NOWHERE = np.full(2, np.inf)
 
 
 class ObjectSearchNode(SuiteNode):
@@ -56,6 +59,7 @@ class ObjectSearchNode(SuiteNode):
         self._seen_at: dict[str, float] = {}
         self._searching = ""
         self._reason = ""
+        self._progress = (NOWHERE, math.inf, 0.0)
         self._found = self._failed = 0
         self._steps = 0
 
@@ -101,6 +105,7 @@ class ObjectSearchNode(SuiteNode):
         self._serial += 1
         serial = self._serial
         self._search.reset()
+        self._progress = (NOWHERE, math.inf, 0.0)
         self._searching, self._reason = wanted, "starting"
         self._available_output.publish(Bool(data=False))
         try:
@@ -157,12 +162,27 @@ class ObjectSearchNode(SuiteNode):
             await self.pause(1.0 / self.settings.rate)
 
     def _next(self, step: SearchStep | None, pose: Array, wanted: str) -> SearchStep:
-        """The next step; what has been reached without seeing the target is a dead end."""
-        if step is not None and step.goal is not None:
-            away = np.hypot(*(step.goal - pose[:2]))
-            if away <= self.settings.arrival_distance and step.kind != "target":
+        """The next step; what has been reached without seeing the target is a dead end, and what never is."""
+        if step is not None and step.goal is not None and step.kind != "target":
+            away = float(np.hypot(*(step.goal - pose[:2])))
+            if away <= self.settings.arrival_distance:
                 self._search.reached(pose[:2])
+            elif self._stuck(step.goal, away):
+                self.complain(f"a goal is not reached, another is tried: {step.reason}", key="goal")
+                self._search.reached(step.goal)
         return self._search.next_goal(self._observed(), wanted, pose)
+
+    def _stuck(self, goal: Array, away: float) -> bool:
+        """Whether the robot has not come nearer to a goal for long, by the stamps of the world."""
+        assert self._state is not None
+        where, nearest, since = self._progress
+        if not np.hypot(*(where - goal)) < SAME or away < nearest - NEARER:
+            self._progress = (np.array(goal), away, self._state.stamp)
+            return False
+        if self._state.stamp - since < PATIENCE:
+            return False
+        self._progress = (NOWHERE, math.inf, 0.0)
+        return True
 
     def _observed(self) -> dict[str, Array]:
         """Positions by name of what is believed in; of several of a class the nearest one counts."""
