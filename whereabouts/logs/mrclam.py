@@ -1,9 +1,8 @@
 """UTIAS multi-robot landmark recordings (MRCLAM): range and bearing of landmarks and robots, with true poses.
 
 What the files call range is the depth along the camera's axis, as the height of a barcode in the image gives it:
-against the true poses of mrclam6 the stated ranges are short by half the squared bearing, times the distance
-(regression: 0.51 to 0.53 for all five robots). `sightings` turns it into the distance, which leaves 3 cm of
-16 to 19 cm standard deviation.
+held against the true poses of mrclam6 the stated ranges fall short by the distance times half the squared bearing, for
+all five robots. `sightings` turns it into the distance.
 """
 
 from __future__ import annotations
