@@ -38,7 +38,9 @@ class Recorder:
 
         def keep(data: bytes) -> None:
             self.counts[topic[0].name] = self.counts.get(topic[0].name, 0) + 1
-            self.last_arrival = time.monotonic()
+            # Diagnostics never end.
+            if not name.endswith("diagnostics"):
+                self.last_arrival = time.monotonic()
             self._writer.write_raw(topic[0], bytes(data), max(0, self.now()))
 
         # A latched publisher's last message is wanted too; a volatile one is compatible only with volatile.

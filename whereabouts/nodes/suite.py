@@ -195,7 +195,8 @@ def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) 
             recorder.counts.get(topic, 0) >= replayer.sent_by_nodes(topic) for topic in recorder.topics
         )
 
-    while quiet() < QUIET or (quiet() < PATIENCE and not complete()):
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline and not (complete() and quiet() >= QUIET):
         executor.spin_once(timeout_sec=QUIET / 5)
 
 
