@@ -51,7 +51,9 @@ def processes(commands: dict[str, list[str]]) -> Iterator[dict[str, tuple[subpro
     try:
         for name, command in commands.items():
             started = time.monotonic()
-            process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+            process = subprocess.Popen(
+                command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True
+            )
             running[name] = (process, started)
         states = wait_until_active(list(commands), {name: start for name, (_, start) in running.items()})
         yield {name: (process, states[name]) for name, (process, _) in running.items()}

@@ -124,7 +124,9 @@ class Distances:
     def __init__(self, config: PhdConfig, thresholds: tuple[float, float] | None = None) -> None:
         """`thresholds` (m) replace those of the configuration."""
         if thresholds is None:
-            low, high = config.measurement_noise * np.sqrt(chdtri(2, np.subtract(1.0, config.distance_probabilities)))
+            low, high = config.measurement_noise * np.sqrt(
+                chdtri(2, np.subtract(1.0, config.distance_probabilities))
+            )
             thresholds = float(low), float(high)
         self.low, self.high = thresholds
         self.most = config.max_partitions

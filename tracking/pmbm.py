@@ -100,7 +100,9 @@ class PmbmRecursion:
         self.unseen = Components.empty()
         self.log_clutter = float(np.log(config.clutter_rate / config.area))
         self.gate = float(chdtri(2, 1.0 - config.gate_probability))
-        self.link = config.measurement_noise * float(np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1])))
+        self.link = config.measurement_noise * float(
+            np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1]))
+        )
         self.repaired = 0
         self.thinned = 0
 

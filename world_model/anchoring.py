@@ -72,7 +72,7 @@ class Anchoring(Grouping):
         self.persistence = 1.0 - 1.0 / run - (1.0 - detection) / (detection * run)
         self._detector = np.array([detection, self.persistence, config.rate_hz, config.removed_per_second])
         self.unseen = Unseen(config)
-        self.bias = SensorBias(np.array(config.sensor_bias, dtype=float))
+        self.bias = SensorBias(np.array(config.sensor_bias, dtype=float), config.learn_sensor_bias)
         self.reset()
 
     def reset(self) -> None:

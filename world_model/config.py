@@ -120,6 +120,13 @@ class WorldModelConfig:
             "scale d + depth d b²/2 along the line of sight, m, and turn d across it; where learning starts from"
         },
     )
+    learn_sensor_bias: bool = field(
+        default=False,
+        metadata={
+            "description": "whether to learn the systematic errors of a moving sensor from resting objects; for "
+            "sensors that have some: where the robot's pose is off instead, it misleads"
+        },
+    )
 
     def __post_init__(self) -> None:
         for name, described in self.__dataclass_fields__.items():

@@ -53,7 +53,8 @@ class SensorBias:
     basis (4, 4) and basis, weight, position (4,).
     """
 
-    def __init__(self, known: FloatArray | None = None) -> None:
+    def __init__(self, known: FloatArray | None = None, learning: bool = True) -> None:
+        self.learning = learning
         self.known: FloatArray = np.zeros(4) if known is None else np.asarray(known, dtype=float)
         """(4,) what a calibration says."""
         self.reset()
@@ -76,7 +77,7 @@ class SensorBias:
         """Whether there is something to correct: errors are known, or the sensor has moved far enough to learn."""
         if self._start is None:
             self._start = pose[:2].copy()
-        self.moved = self.moved or bool(np.hypot(*(pose[:2] - self._start)) > PARALLAX)
+        self.moved = self.moved or (self.learning and bool(np.hypot(*(pose[:2] - self._start)) > PARALLAX))
         return self.moved or bool(self.known.any())
 
     def corrected(self, positions: FloatArray, pose: FloatArray) -> FloatArray:

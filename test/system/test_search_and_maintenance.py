@@ -185,7 +185,10 @@ def test_an_object_that_was_moved_gets_lost_is_searched_for_and_found(
 
     run_until(graph, house, asked, "maintenance takes the trigger")
     run_until(graph, house, lambda: first in house.verified, "the robot has gone to look")
-    assert any(task.object_id == first and "grasping" in task.reason for task in tasks)
+    graph.until(
+        lambda: any(task.object_id == first and "grasping" in task.reason for task in tasks),
+        "the task says for whom",
+    )
 
     def gone() -> bool:
         item = the(states, "cup")

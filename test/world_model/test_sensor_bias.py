@@ -55,7 +55,11 @@ def test_errors_are_found_from_different_places() -> None:
     errors, rng = np.array([0.12, 0.03, -0.8, 0.01]), np.random.default_rng(3)
     model = WorldModel(
         WorldModelConfig(
-            region=REGION, rate_hz=5.0, clutter_per_frame=0.01, motion={"*": {"moved_per_second": 0.0}}
+            region=REGION,
+            rate_hz=5.0,
+            clutter_per_frame=0.01,
+            motion={"*": {"moved_per_second": 0.0}},
+            learn_sensor_bias=True,
         )
     )
     for step in range(400):

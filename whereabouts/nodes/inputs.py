@@ -211,7 +211,8 @@ class Input:
 
     def watch_publishers(self) -> None:
         """Numbers of several publishers interleave and say nothing; called now and then, as asking costs time."""
-        self._one_publisher = self._node.count_publishers(self.topic) == 1
+        # The graph may not know yet of the one whose message has just come.
+        self._one_publisher = self._node.count_publishers(self.topic) <= 1
         if not self._one_publisher:
             self._sequence = 0
 
