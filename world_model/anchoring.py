@@ -22,8 +22,9 @@ from world_model.clusters import Cluster, Track, combined, lonely
 from world_model.config import WorldModelConfig
 from world_model.evidence import Measurements
 from world_model.expansion import expand, unify
+from world_model.gating import touch, weigh
 from world_model.grouping import THRESHOLD, Grouping
-from world_model.kernels import SETTLED_HITS, touch, weigh
+from world_model.kernels import SETTLED_HITS
 from world_model.leaves import MOVING, REST, IntArray, Pool
 from world_model.sensor_bias import SensorBias
 from world_model.state import WorldObject
@@ -107,8 +108,12 @@ class Anchoring(Grouping):
         touched, owners = self._associate(look)
         for number in touched:
             self._show(number, stamp)
-        for number in self._fresh:
-            self._recognise(number, stamp)
+        if self._fresh:
+            # None of those that this look made known is another one that was carried.
+            fresh = set(self._fresh)
+            known = [t for t in self.tracks.values() if t.id is not None and t.number not in fresh]
+            for number in self._fresh:
+                self._recognise(number, stamp, known)
         self._fresh.clear()
         self._looks += 1
         if self._looks % 64 == 0:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -93,12 +95,12 @@ class Grouping(Beliefs):
         else:
             self._open.discard(number)
 
-    def _recognise(self, number: int, stamp: float) -> None:
-        """Hypotheses in which a new anchor is a known object that was carried; then it is shown."""
+    def _recognise(self, number: int, stamp: float, known: Sequence[Track]) -> None:
+        """Hypotheses in which a new anchor is one of the known objects, which was carried; then it is shown."""
         track = self.tracks[number]
         cluster = self.clusters[track.cluster]
         new = int(cluster.rows[0, cluster.tracks.index(number)])
-        named = [other for other in self.tracks.values() if other.id is not None]
+        named = [other for other in known if other.number in self.tracks]
         if named and new >= 0:
             slots = np.array([self._best_leaf(other) for other in named])
             named = [other for other, slot in zip(named, slots, strict=True) if slot >= 0]
