@@ -79,7 +79,8 @@ class Reader:
         if len(message.field_of_view):
             with _named("field_of_view"):
                 sensor = _sensor(message.field_of_view[0], frame)
-        return WorldEvidence(objects, sensor, bool(message.blocked)), missing
+        # Where nobody says what was in view, what is not seen may have been out of it.
+        return WorldEvidence(objects, sensor, bool(message.blocked) or sensor is None), missing
 
     def detections(self, message: Any, frame: Frame) -> WorldEvidence:
         """A vision_msgs/Detection3DArray; where the detector looked is not known. Raises InputError."""
