@@ -132,6 +132,8 @@ class Verification:
 
     needed : frames that must agree. points : returns inside the region that are an object. clear : share of the region
     that must have been seen for it to be empty. grid : returns at what the map has occupied anyway do not count.
+    widest : m, of a region in which a return can be taken for the object; in a wider one it may be anything, which says
+    nothing.
     """
 
     box: Box
@@ -139,6 +141,7 @@ class Verification:
     points: int = 3
     clear: float = 0.8
     grid: OccupancyGrid | None = None
+    widest: float = 1.5
     frames: int = 0
     visible: float = 0.0
     _hits: list[FloatArray] = field(default_factory=list)
@@ -149,7 +152,7 @@ class Verification:
         self.points = require_count("points", self.points)
 
     def take(self, frame: Frame) -> str | None:
-        """Add a frame; "found", "not_found", or None while it cannot tell."""
+        """Add a frame; "found", "not_found", "occluded" where it never will, or None while it cannot tell."""
         self.frames += 1
         self.visible = max(self.visible, frame.visible)
         points = frame.points
@@ -160,14 +163,17 @@ class Verification:
         elif frame.visible >= self.clear:
             self._empty += 1
         if len(self._hits) >= self.needed:
-            return FOUND
+            return self._seen_something()
         return NOT_FOUND if self._empty >= self.needed else None
 
     def outcome(self) -> str:
         """What is to be said when time is up: nothing, unless most frames agree."""
         if len(self._hits) > self._empty:
-            return FOUND
+            return self._seen_something()
         return OCCLUDED
+
+    def _seen_something(self) -> str:
+        return FOUND if self.box.size[:2].max() <= self.widest else OCCLUDED
 
     def measurement(self, sigma: float) -> tuple[FloatArray, FloatArray]:
         """Position (3,) of the object and its covariance (3, 3), m and m²; sigma : m, of one look per axis."""

@@ -106,3 +106,15 @@ def test_regions_without_size_are_refused() -> None:
         Box(np.zeros(3), np.array([1.0, 0.0, 1.0]))
     with pytest.raises(InputError, match="centre"):
         Box(np.array([np.nan, 0.0, 0.0]), np.ones(3))
+
+
+def test_a_return_in_a_wide_region_may_be_anything() -> None:
+    ranges, first, step = scanned(box(0.3, 0.3, (3.0, 1.5, 0.2)))
+    outcomes = []
+    for width in (0.6, 2.0):
+        region = Box(REGION.centre, np.array([width, width, 0.6]))
+        verification = Verification(region, needed=2)
+        for _ in range(2):
+            outcome = verification.take(look_with_scan(region, ranges, first, step, 12.0, SENSOR))
+        outcomes.append(outcome)
+    assert outcomes == ["found", "occluded"]

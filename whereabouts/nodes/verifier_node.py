@@ -75,7 +75,9 @@ class VerifierNode(SuiteNode):
             return result
         settings = self.settings
         grid = self._grid if settings.use_map else None
-        verification = Verification(box, settings.frames, settings.points, settings.clear, grid)
+        verification = Verification(
+            box, settings.frames, settings.points, settings.clear, grid, settings.widest
+        )
         limit = nanoseconds(request.timeout) / NANOSECONDS or settings.timeout
         begun, taken = self.get_clock().now().nanoseconds, self._count
         outcome: str | None = None
