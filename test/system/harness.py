@@ -53,6 +53,7 @@ class Graph:
         self._publishers: dict[str, Any] = {}
         self._connections: dict[str, Connections] = {}
         self._collected: Counter[str] = Counter()
+        self._started: dict[str, int] = {}
         self._found = 0
 
     def close(self) -> None:
@@ -64,6 +65,7 @@ class Graph:
         defaults = {"input_reliability": "reliable", "report_processed": True, "diagnostics_period": 0.2}
         spec = NodeSpec(executable, namespace or self.namespace, {**defaults, **parameters})
         self._connections.pop(spec.full_name, None)
+        self._started[spec.full_name] = time.time_ns()
         self.supervisor.start(spec)
         self._listen_to_connections(spec.full_name)
         if wait:
@@ -71,8 +73,10 @@ class Graph:
         return spec
 
     def _listen_to_connections(self, name: str) -> None:
-        def keep(message: Connections) -> None:
-            self._connections[name] = message
+        def keep(message: Connections, info: dict[str, Any]) -> None:
+            # What one of the same name said before it was killed may still be on its way.
+            if int(info["source_timestamp"]) > self._started[name]:
+                self._connections[name] = message
 
         self.node.create_subscription(Connections, f"{name}/connections", keep, 1)
         self._found = 0

@@ -89,6 +89,7 @@ class Replayer:
         self._clock_sent = 0
         self._connections: dict[str, Connections] = {}
         self._dead: set[tuple[int, ...]] = set()
+        self._died: dict[str, int] = {}
         self._subscriptions = [
             listen(name) for name in self.watched for listen in (self._listen, self._listen_to_connections)
         ]
@@ -117,10 +118,17 @@ class Replayer:
         return self._node.create_subscription(Processed, f"{watched}/processed", keep, DEPTH)
 
     def _listen_to_connections(self, watched: str) -> Any:
-        def keep(message: Connections) -> None:
-            self._connections[watched] = message
+        def keep(message: Connections, info: dict[str, Any]) -> None:
+            # What a node said before it died may still be on its way.
+            if int(info["source_timestamp"]) > self._died.get(watched, 0):
+                self._connections[watched] = message
 
-        return self._node.create_subscription(Connections, f"{watched}/connections", keep, 1)
+        return self._node.create_subscription(
+            Connections,
+            f"{watched}/connections",
+            keep,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
+            1,
+        )
 
     def _name(self, topic: Topic) -> str:
         return self._name_of(topic.name)
@@ -252,6 +260,7 @@ class Replayer:
     def bury(self, node: str) -> None:
         """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
         self._connections.pop(node, None)
+        self._died[node] = time.time_ns()
         for topic in map(self._name_of, self._publishers):
             for end in self._node.get_subscriptions_info_by_topic(topic):
                 if f"{end.node_namespace.rstrip('/')}/{end.node_name}" == node:
