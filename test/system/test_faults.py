@@ -1,4 +1,4 @@
-"""The whole suite broken on purpose: nonsense on every input, floods, full disks, nodes that die."""
+"""Nodes broken on purpose: nonsense on every input, and a flood. `test_replay.py` kills them."""
 
 from __future__ import annotations
 
