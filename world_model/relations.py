@@ -11,9 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+
+IntArray = npt.NDArray[np.int64]
 
 
 class Relations:
@@ -187,10 +190,24 @@ class Relations:
     def matrix(self) -> FloatArray:
         """(n, n) of p(row | column) over `names`, (5.1)."""
         if self._cache is None:
-            pairs = np.where(self._pairs / self._scale >= self.minimum, self._pairs / self._scale, 0.0)
-            base = self._single / self._scale + self.smoothing * max(len(self._index), 1)
-            self._cache = (pairs + self.smoothing) / np.maximum(base, 1e-300)[None, :]
+            every = np.arange(len(self._index))
+            self._cache = self.block(every, every)
         return self._cache
+
+    def block(self, rows: IntArray, columns: IntArray) -> FloatArray:
+        """(R, C) of p(row | column) for indices into `names`, (5.1): of many names few pairs are ever asked for."""
+        if self._cache is not None:
+            return self._cache[np.ix_(rows, columns)]
+        # Pairs are symmetric: of the two ways to cut them out, the one along rows is read in one go.
+        few = len(rows) < len(columns)
+        pairs = self._pairs[rows][:, columns] if few else self._pairs[columns][:, rows].T
+        pairs = pairs / self._scale
+        if self.minimum > 0.0:
+            pairs[pairs < self.minimum] = 0.0
+        base = self._single[columns] / self._scale + self.smoothing * max(len(self._index), 1)
+        pairs += self.smoothing
+        pairs /= np.maximum(base, 1e-300)[None, :]
+        return pairs
 
     def ubiquity(self) -> FloatArray:
         """(n,) share of all frames that show each of `names`; what is in view everywhere says nothing about where."""

@@ -23,7 +23,7 @@ from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.places import Place, Places
 from world_model.coverage import Coverage, bounds_of, length_between, middle_of, where_more_is_seen
-from world_model.relations import Relations
+from world_model.relations import IntArray, Relations
 
 METHODS = ("belief", "chain")
 # Where the middle of an unknown room may be, in distances from the door to the middle of what has been seen.
@@ -81,6 +81,11 @@ class SearchStep:
     object: str
     reason: str
     probability: float = 0.0
+
+
+def _telling(share: FloatArray, everywhere: FloatArray) -> FloatArray:
+    """What of p(o | T) counts: what exceeds `everywhere`, the square of how often o is in view at all."""
+    return np.maximum((share - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * share)
 
 
 class ObjectSearch:
@@ -180,22 +185,26 @@ class ObjectSearch:
         names = self.relations.names
         if target not in self.relations:
             return dict.fromkeys(names, 0.0)
-        forward = self.relations.matrix()
-        at = names.index(target)
+        every, at = np.arange(len(names)), names.index(target)
         everywhere = self.relations.ubiquity()[:, None] ** 2
-        telling = np.maximum((forward - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * forward)
-        through = np.sqrt(telling[:, at] * forward[at, :])
-        through[at] = 0.0
+        there, back = self._both_ways(every, np.array([at]))
         # What a chain leads through is not in view yet: it may be common where it is.
-        onward = np.sqrt(forward[:, at] * forward[at, :])
+        onward = np.sqrt(there * back)[:, 0]
         onward[at] = 0.0
+        through = np.sqrt(_telling(there, everywhere) * back)[:, 0]
+        through[at] = 0.0
         # Chains through a name that has little to do with the target are worth little themselves.
         over = np.argsort(-onward, kind="stable")[:LINKS]
-        chained = np.sqrt(telling[:, over] * forward[over, :].T) * onward[None, over]
+        there, back = self._both_ways(every, over)
+        chained = np.sqrt(_telling(there, everywhere) * back) * onward[None, over]
         chained[over, np.arange(len(over))] = 0.0
         chained[at] = 0.0
         worth = np.maximum(through, self.config.chain_share * chained.max(axis=1, initial=0.0))
         return dict(zip(names, worth.tolist(), strict=True))
+
+    def _both_ways(self, names: IntArray, others: IntArray) -> tuple[FloatArray, FloatArray]:
+        """(N, M) of p(name | other) and of p(other | name)."""
+        return self.relations.block(names, others), self.relations.block(others, names).T
 
     def _follow(self, place: FloatArray) -> None:
         if not self._track or length_between(self._track[-1], place) > 0.2:
@@ -317,9 +326,9 @@ class ObjectSearch:
         options = [name for name in self.relations.names if name not in taken]
         if not options or self._target not in self.relations:
             return None
-        columns = [self.relations.names.index(goal) for goal in self._targets if goal in self.relations]
-        strength = self.relations.matrix()[:, columns].max(axis=1)
         index = {name: k for k, name in enumerate(self.relations.names)}
+        columns = np.array([index[goal] for goal in self._targets if goal in index], dtype=np.int64)
+        strength = self.relations.block(np.arange(len(index)), columns).max(axis=1)
         return max(options, key=lambda name: strength[index[name]])
 
     def _value(self, name: str) -> float:

@@ -27,6 +27,16 @@ def test_lidstone_probabilities_are_those_of_the_formula() -> None:
                 assert matrix[index[one], index[other]] == pytest.approx(relations.probability(one, other))
 
 
+@pytest.mark.parametrize("minimum", [0.0, 2.0])
+def test_a_block_is_cut_out_of_the_whole_matrix(minimum: float) -> None:
+    relations = Relations.from_frames(FRAMES, minimum=minimum)
+    few, every = np.array([2, 0]), np.arange(len(relations.names))
+    apart = [relations.block(few, every), relations.block(every, few)]
+    matrix = relations.matrix()
+    np.testing.assert_allclose(apart[0], matrix[few])
+    np.testing.assert_allclose(apart[1], matrix[:, few])
+
+
 def test_posterior_is_bayes_law_over_what_is_in_view() -> None:
     relations = Relations.from_frames(FRAMES)
     posterior = relations.posterior("cup", ["table", "lamp"])
