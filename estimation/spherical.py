@@ -142,12 +142,15 @@ def convert_spherical_to_map(
     sigma_bearing: npt.ArrayLike,
     sigma_elevation: npt.ArrayLike,
     method: Method = "ucm",
+    samples: int = 1000,
+    seed: int = 0,
 ) -> tuple[FloatArray, FloatArray]:
     """Mean (..., 3) and covariance (..., 3, 3) in the map frame through an uncertain pose of the sensor.
 
     robot_pose : (6,) [x, y, z, roll, pitch, yaw] of the sensor; robot_covariance : (6, 6), zero where exact.
     Upright sensors (roll = pitch = 0) add their yaw variance to the bearing's, exactly as in 2D; all other
-    rotational uncertainty enters to first order, as does its correlation with the position.
+    rotational uncertainty enters to first order, as does its correlation with the position. samples, seed : of method
+    "sampled" only.
     """
     pose = as_vectors("robot_pose", robot_pose, 6)
     P = repair_covariance(robot_covariance, "robot_covariance", definite=False)
@@ -156,8 +159,9 @@ def convert_spherical_to_map(
     upright = bool((pose[3:5] == 0).all())
     sb = check_positive("sigma_bearing", sigma_bearing)
     heading = P[5, 5] if upright else 0.0
+    total = np.sqrt(sb**2 + heading)
     mean, cov = convert_spherical(
-        range_, bearing, elevation, sigma_range, np.sqrt(sb**2 + heading), sigma_elevation, method
+        range_, bearing, elevation, sigma_range, total, sigma_elevation, method, samples, seed
     )
     R = rotation_from_euler(pose[3:])
     turned = (R @ mean[..., None])[..., 0]

@@ -182,8 +182,13 @@ class SwitchingBank:
             if R.ndim == 3
             else as_shape("covariance", R, (2, 2))[None]
         )
+        problem = kernels.check(pose, P, z, R)
+        if problem == kernels.ROUNDED:
+            P = repair_covariance(P, "robot_covariance", definite=False)
+        elif problem:
+            raise InputError(kernels.PROBLEMS[problem])
         K = np.empty(len(chosen))
-        problem = kernels.update_kalman(
+        kernels.update_kalman(
             self._means,
             self._covariances,
             self._kalman,
@@ -197,8 +202,6 @@ class SwitchingBank:
             self._decorrelated,
             K,
         )
-        if problem:
-            raise InputError(kernels.PROBLEMS[problem])
         self.ratio[chosen] = K
         self._updates += 1
         if not self._targets and (self._limit >= np.inf or not (self._limit <= K).any()):

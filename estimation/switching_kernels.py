@@ -16,13 +16,15 @@ PROBLEMS = {
     3: "measurement must be finite: a range above 0 and a bearing within ±π",
     4: "covariance must be finite and diagonal with variances above 0 (range and bearing are independent)",
 }
+# What `check` also returns: the robot's covariance is indefinite or asymmetric, but by no more than rounding.
+ROUNDED = -1
 _ROOM = 1e-6
 _ROUNDING = 1e-9
 
 
 @numba.njit(cache=True)
-def _semi_definite(P):  # type: ignore[no-untyped-def]
-    """Whether a symmetric (3, 3) is positive semi-definite up to rounding, by its principal minors."""
+def _semi_definite(P, rounding):  # type: ignore[no-untyped-def]
+    """Whether a symmetric (3, 3) is positive semi-definite up to `rounding`, by its principal minors."""
     size = 0.0
     for i in range(3):
         for j in range(3):
@@ -30,25 +32,25 @@ def _semi_definite(P):  # type: ignore[no-untyped-def]
                 return False
             size = max(size, abs(P[i, j]))
     for i in range(3):
-        if P[i, i] < -_ROUNDING * size:
+        if P[i, i] < -rounding * size:
             return False
         for j in range(i):
-            if abs(P[i, j] - P[j, i]) > _ROUNDING * size:
+            if abs(P[i, j] - P[j, i]) > rounding * size:
                 return False
-            if P[i, i] * P[j, j] - P[i, j] * P[i, j] < -_ROUNDING * size * size:
+            if P[i, i] * P[j, j] - P[i, j] * P[i, j] < -rounding * size * size:
                 return False
     a = P[1, 1] * P[2, 2] - P[1, 2] * P[1, 2]
     b = P[0, 1] * P[2, 2] - P[1, 2] * P[0, 2]
     c = P[0, 1] * P[1, 2] - P[1, 1] * P[0, 2]
-    return P[0, 0] * a - P[0, 1] * b + P[0, 2] * c >= -_ROUNDING * size * size * size
+    return P[0, 0] * a - P[0, 1] * b + P[0, 2] * c >= -rounding * size * size * size
 
 
 @numba.njit(cache=True)
 def check(pose, P, z, R):  # type: ignore[no-untyped-def]
-    """0, or the number of the problem in `PROBLEMS`. z (M, 2), R (1 or M, 2, 2)."""
+    """0, `ROUNDED`, or the number of the problem in `PROBLEMS`. z (M, 2), R (1 or M, 2, 2)."""
     if not (math.isfinite(pose[0]) and math.isfinite(pose[1]) and abs(pose[2]) <= math.pi + _ROOM):
         return 1
-    if not _semi_definite(P):
+    if not _semi_definite(P, _ROUNDING):
         return 2
     for i in range(z.shape[0]):
         if not (0.0 < z[i, 0] < math.inf and abs(z[i, 1]) <= math.pi + _ROOM):
@@ -58,7 +60,8 @@ def check(pose, P, z, R):  # type: ignore[no-untyped-def]
             return 4
         if R[i, 0, 1] != 0.0 or R[i, 1, 0] != 0.0:
             return 4
-    return 0
+    # Minors of a covariance without full rank are zero only up to the last digits.
+    return 0 if _semi_definite(P, 1e-15) else ROUNDED
 
 
 @numba.njit(cache=True)
@@ -138,10 +141,10 @@ def ratio_where_expected(x, y, C, pose, Pr, z, R, position):  # type: ignore[no-
 
 @numba.njit(cache=True)
 def update_kalman(means, covariances, kalman, targets, pose, Pr, z, R, k_crit, position, decorrelated, K):  # type: ignore[no-untyped-def]
-    """Kalman update of every target in Kalman mode with K below k_crit; K is filled in for all of them."""
-    problem = check(pose, Pr, z, R)
-    if problem:
-        return problem
+    """Kalman update of every target in Kalman mode with K below k_crit; K is filled in for all of them.
+
+    Arguments as `check` wants them.
+    """
     for i in range(targets.size):
         t = targets[i]
         Ri = R[i % R.shape[0]]
@@ -154,7 +157,6 @@ def update_kalman(means, covariances, kalman, targets, pose, Pr, z, R, k_crit, p
         )
         if kalman[t] and K[i] < k_crit:
             _update_one(m, P, zx, zy, rxx, rxy, ryy)
-    return 0
 
 
 @numba.njit(cache=True)

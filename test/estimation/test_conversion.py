@@ -262,6 +262,31 @@ def test_both_sides_of_the_seam_at_pi(r, sr, sb, method):
     np.testing.assert_allclose(left[1], right[1], atol=1e-12 * np.abs(left[1]).max())
 
 
+ELEVATION = st.floats(-np.pi / 2, np.pi / 2)
+
+
+@given(RANGE, BEARING, ELEVATION, SIGMA_RANGE, SIGMA_BEARING, SIGMA_BEARING, st.sampled_from(CLOSED))
+@settings(deadline=None)
+def test_frames_seam_and_symmetry_in_3d(r, b, e, sr, sb, se, method):
+    mean, cov = convert_spherical(r, b, e, sr, sb, se, method)
+    straight_mean, straight_cov = convert_spherical(r, 0.0, e, sr, sb, se, method)
+    # A bearing is a turn about the vertical; so is the robot's yaw.
+    R = np.array([[np.cos(b), -np.sin(b), 0.0], [np.sin(b), np.cos(b), 0.0], [0.0, 0.0, 1.0]])
+    turned = convert_spherical_to_map([0, 0, 0, 0, 0, b], np.zeros((6, 6)), r, 0.0, e, sr, sb, se, method)
+    scale = np.abs(cov).max()
+    for found in ((mean, cov), turned):
+        np.testing.assert_allclose(found[0], R @ straight_mean, atol=1e-9 * (1 + r))
+        np.testing.assert_allclose(found[1], R @ straight_cov @ R.T, atol=1e-9 * scale)
+    for mirror, (bearing, elevation) in (([1, -1, 1], (-b, e)), ([1, 1, -1], (b, -e))):
+        other_mean, other_cov = convert_spherical(r, bearing, elevation, sr, sb, se, method)
+        np.testing.assert_allclose(other_mean, mean * mirror, atol=1e-9 * (1 + r))
+        np.testing.assert_allclose(other_cov, cov * np.outer(mirror, mirror), atol=1e-9 * scale)
+    left, right = (convert_spherical(r, side, e, sr, sb, se, method) for side in (np.pi, -np.pi))
+    np.testing.assert_allclose(left[0], right[0], atol=1e-9 * (1 + r))
+    np.testing.assert_allclose(left[1], right[1], atol=1e-9 * scale)
+    assert np.linalg.eigvalsh(cov)[0] > -1e-9 * scale
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_arrays_are_many_single_conversions(method):
     rng = np.random.default_rng(4)

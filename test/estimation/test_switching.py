@@ -7,6 +7,7 @@ import pytest
 
 from estimation import kalman
 from estimation.errors import InputError
+from estimation.gaussians import repairs
 from estimation.map_frame import convert_to_map
 from estimation.metrics import anees_bounds, nees
 from estimation.motion import ConstantVelocity
@@ -290,6 +291,22 @@ def test_a_refused_update_changes_nothing():
     np.testing.assert_array_equal(filter_.covariance, SPREAD)
 
 
+@pytest.mark.parametrize("k_crit", [np.inf, 0.0])
+def test_a_robot_covariance_indefinite_by_rounding_is_repaired_and_counted(k_crit):
+    flat = np.outer([0.07, 0.07, 0.03], [0.07, 0.07, 0.03])
+    rounded = flat.copy()
+    rounded[0, 0] -= 1e-12
+    assert np.linalg.eigvalsh(rounded)[0] < -1e-14
+    before, found = repairs.count, []
+    for covariance in (flat + 1e-9 * np.eye(3), rounded):
+        filter_ = SwitchingFilter(MOTION, START, SPREAD, k_crit=k_crit)
+        filter_.update(np.zeros(3), covariance, [4.2, 0.2], NOISE)
+        found.append((filter_.mean, filter_.covariance))
+    assert repairs.count == before + 1
+    np.testing.assert_allclose(found[1][0], found[0][0], atol=1e-4)
+    np.testing.assert_allclose(found[1][1], found[0][1], atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("change", "name"),
     [
@@ -301,6 +318,7 @@ def test_a_refused_update_changes_nothing():
         ({"robot_covariance": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]}, "robot_covariance"),
         ({"robot_covariance": [[1, 0.9, 0.9], [0.9, 1, -0.9], [0.9, -0.9, 1]]}, "robot_covariance"),
         ({"robot_covariance": [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]}, "robot_covariance"),
+        ({"robot_covariance": [[100, 0, 0], [0, 1e-3, 3e-3], [0, 3e-3, 1e-3]]}, "robot_covariance"),
         ({"measurement": [0.0, 0.0]}, "measurement"),
         ({"measurement": [-1.0, 0.0]}, "measurement"),
         ({"measurement": [1.0, 3.3]}, "measurement"),

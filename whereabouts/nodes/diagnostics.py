@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from estimation.gaussians import repairs
 from whereabouts.nodes.inputs import Input
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class DiagnosticsPublisher:
             figures |= _input_figures(item, (item.counts.received - before) / max(interval, 1e-6))
         figures["new runs"] = self._node.epoch
         figures["internal errors"] = self._node.defects
+        if repairs.count:
+            figures["covariances repaired after rounding"] = repairs.count
         message = DiagnosticArray(status=[self._status(health, figures)])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
