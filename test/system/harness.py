@@ -20,6 +20,7 @@ from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
@@ -53,6 +54,8 @@ class Graph:
         self._publishers: dict[str, Any] = {}
         self._connections: dict[str, Connections] = {}
         self._collected: Counter[str] = Counter()
+        self._latched: set[str] = set()
+        self._reporting: set[str] = set()
         self._started: dict[str, int] = {}
         self._found = 0
 
@@ -68,8 +71,11 @@ class Graph:
         self._started[spec.full_name] = time.time_ns()
         self.supervisor.start(spec)
         self._listen_to_connections(spec.full_name)
+        self._reporting.discard(spec.full_name)
         if wait:
             self.until(lambda: self.state(spec) == State.PRIMARY_STATE_ACTIVE, f"{spec.full_name} is active")
+            if spec.parameters["report_processed"]:
+                self._reporting.add(spec.full_name)
         return spec
 
     def _listen_to_connections(self, name: str) -> None:
@@ -83,14 +89,17 @@ class Graph:
 
     def _all_found(self) -> bool:
         """Whether what the nodes say reaches each other and the test, so that none of it gets lost."""
+        running = {name for name, node in self.supervisor.nodes.items() if node.running}
+        if not self._reporting & running <= self._connections.keys():
+            return False
         listeners = Counter(self._collected)
-        reports = [
-            self._connections[name]
-            for name, node in self.supervisor.nodes.items()
-            if node.running and name in self._connections
-        ]
+        reports = [self._connections[name] for name in running & self._connections.keys()]
         for report in reports:
             listeners.update(report.inputs)
+            # What a restarted node is told anew takes its time, and without it the rest is of no use.
+            for topic, received in zip(report.inputs, report.received, strict=True):
+                if topic in self._latched and not received:
+                    return False
         return all(
             found >= listeners[topic]
             for report in reports
@@ -171,6 +180,9 @@ class Graph:
             self.until(self._all_found, "the nodes have found those who listen to them")
             self._found = entities
         self._publishers[key].publish(message)
+        if isinstance(qos, QoSProfile) and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+            self._latched.add(self._publishers[key].topic_name)
+            self._found = 0
 
     def introduce(self, scan: LaserScan, heard: Callable[[], Any], *nodes: str) -> None:
         """Let nodes find each other: one scan again and again until what follows from it arrives, then a fresh start.

@@ -307,7 +307,9 @@ class SuiteNode(LifecycleNode):
         if self.settings.report_processed and self.active:
             message = Connections(
                 inputs=[item.topic for item in self.inputs],
+                received=[item.counts.received for item in self.inputs],
                 outputs=[output.topic for output in self.outputs],
+                sent=[output.count for output in self.outputs],
                 subscribers=[output.subscribers for output in self.outputs],
             )
             self._connections.publish(message)

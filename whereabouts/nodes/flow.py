@@ -6,9 +6,7 @@ another because of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from whereabouts_msgs.msg import Processed
+from collections.abc import Callable, Mapping
 
 
 class Tally:
@@ -19,10 +17,13 @@ class Tally:
         self._current = 0
 
     def set(self, count: int) -> None:
-        """Take the node's own figure."""
-        if count < self._current:
-            self._before += self._current
-        self._current = count
+        """Take the node's own figure; reports overtake each other, so a smaller one is an older one."""
+        self._current = max(self._current, count)
+
+    def begin_anew(self) -> None:
+        """The node has ended; its successor counts from nought."""
+        self._before += self._current
+        self._current = 0
 
     @property
     def total(self) -> int:
@@ -45,11 +46,19 @@ class Flow:
         self._received: dict[tuple[str, str], Tally] = {}
         self._forgiven: dict[tuple[str, str], int] = {}
 
-    def note(self, node: str, message: Processed) -> None:
-        """Take in what a node reports."""
-        self._received.setdefault((node, message.topic), Tally()).set(int(message.received))
-        for topic, count in zip(message.output_topics, message.output_counts, strict=True):
-            self._published.setdefault(topic, {}).setdefault(node, Tally()).set(int(count))
+    def note(self, node: str, received: Mapping[str, int], published: Mapping[str, int]) -> None:
+        """Take in what a node reports: messages it has received and published, by topic."""
+        for topic, count in received.items():
+            self._received.setdefault((node, topic), Tally()).set(count)
+        for topic, count in published.items():
+            self._published.setdefault(topic, {}).setdefault(node, Tally()).set(count)
+
+    def died(self, node: str) -> None:
+        """A node has ended; what it reports from now on begins anew."""
+        ended = [tally for (name, _), tally in self._received.items() if name == node]
+        ended += [tallies[node] for tallies in self._published.values() if node in tallies]
+        for tally in ended:
+            tally.begin_anew()
 
     def published(self, topic: str) -> int:
         """Messages of a topic that watched nodes have sent."""
@@ -60,10 +69,12 @@ class Flow:
         return [node for (node, _), lag in self._lags().items() if lag > 0]
 
     def forgive(self) -> None:
-        """Take what is under way as lost: a node died or joined late."""
+        """Begin anew from where all are: a node died or joined late.
+
+        What was said to it meanwhile is lost, and what is latched has come to it once more.
+        """
         for pair, lag in self._lags().items():
-            if lag > 0:
-                self._forgiven[pair] = self._forgiven.get(pair, 0) + lag
+            self._forgiven[pair] = self._forgiven.get(pair, 0) + lag
 
     def _lags(self) -> dict[tuple[str, str], int]:
         lags: dict[tuple[str, str], int] = {}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from estimation.errors import InputError
@@ -85,6 +85,7 @@ class Input:
         self._handler = handler
         self._frames = frames
         self._sensor = sensor
+        self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
         self._sequence = 0
         self._acknowledged = 0
@@ -93,6 +94,7 @@ class Input:
         self._periods: deque[int] = deque(maxlen=50)
         self._last_stamp: int | None = None
         self.counts = InputCounts()
+        self.arrived = 0.0  # when the message being handled reached the process, s of `time.perf_counter`
         self.latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
         self.subscription = node.create_subscription(
             message_type,
@@ -113,10 +115,13 @@ class Input:
         sequence = int(info.get("publication_sequence_number") or 0)
         self._check_sequence(sequence)
         stamp = nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
-        if not self._node.active:
+        # What is latched is said once: a node that ignored it while inactive would never have it.
+        if not self._node.active and not self._latched:
             self.counts.inactive += 1
         else:
-            queued = max(0, time.time_ns() - int(info["received_timestamp"])) / NANOSECONDS
+            # Not every middleware tells when it received a message.
+            received = int(info.get("received_timestamp") or 0) or time.time_ns()
+            queued = max(0, time.time_ns() - received) / NANOSECONDS
             self._accept(message, stamp, arrived - queued)
         if self._node.settings.report_processed:
             self._acknowledge(stamp, sequence)
@@ -135,6 +140,7 @@ class Input:
         self._handle(message, stamp, arrived)
 
     def _handle(self, message: Any, stamp: int, arrived: float) -> None:
+        self.arrived = arrived
         try:
             self._handler(message, stamp)
         except (InputError, TransformError) as error:
@@ -227,7 +233,9 @@ class Input:
         self._last_stamp = stamp
 
     def _on_lost(self, event: Any) -> None:
-        self.counts.reported_lost = int(event.total_count)
+        # Of what is latched a newer message takes the place of the one before: that is not a loss.
+        if not self._latched:
+            self.counts.reported_lost = int(event.total_count)
 
     def _acknowledge(self, stamp: int, sequence: int) -> None:
         self._acknowledged = sequence

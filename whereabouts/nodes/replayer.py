@@ -79,6 +79,7 @@ class Replayer:
         self._is_running = is_running
         self._log: RawLog = open_raw(bag, topics)
         self._publishers: dict[str, Any] = {}
+        self._latched: set[str] = set()
         self._sent: Counter[str] = Counter()
         self._answers: dict[tuple[str, str], Processed] = {}
         self._consumers: dict[str, list[str]] = {}
@@ -88,6 +89,7 @@ class Replayer:
         self._clock = node.create_publisher(Clock, "/clock", 10)
         self._clock_sent = 0
         self._connections: dict[str, Connections] = {}
+        self._reported: dict[str, int] = {}
         self._dead: set[tuple[int, ...]] = set()
         self._died: dict[str, int] = {}
         self._subscriptions = [
@@ -111,17 +113,32 @@ class Replayer:
         self._node.destroy_publisher(self._clock)
 
     def _listen(self, watched: str) -> Any:
-        def keep(message: Processed) -> None:
+        def keep(message: Processed, info: dict[str, Any]) -> None:
+            if self._is_of_the_dead(watched, info):
+                return
             self._answers[watched, message.topic] = message
-            self._flow.note(watched, message)
+            published = dict(zip(message.output_topics, message.output_counts, strict=True))
+            self._flow.note(watched, {message.topic: message.received}, published)
 
-        return self._node.create_subscription(Processed, f"{watched}/processed", keep, DEPTH)
+        return self._node.create_subscription(
+            Processed,
+            f"{watched}/processed",
+            keep,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
+            DEPTH,
+        )
+
+    def _is_of_the_dead(self, watched: str, info: dict[str, Any]) -> bool:
+        """What a node said before it died may still be on its way."""
+        return int(info["source_timestamp"]) <= self._died.get(watched, 0)
 
     def _listen_to_connections(self, watched: str) -> Any:
         def keep(message: Connections, info: dict[str, Any]) -> None:
-            # What a node said before it died may still be on its way.
-            if int(info["source_timestamp"]) > self._died.get(watched, 0):
-                self._connections[watched] = message
+            if self._is_of_the_dead(watched, info):
+                return
+            self._connections[watched] = message
+            self._reported[watched] = int(info["source_timestamp"])
+            received = dict(zip(message.inputs, message.received, strict=True))
+            self._flow.note(watched, received, dict(zip(message.outputs, message.sent, strict=True)))
 
         return self._node.create_subscription(
             Connections,
@@ -147,6 +164,8 @@ class Replayer:
             self.account.skipped[topic.name] = str(error)
             return
         self._publishers[topic.name] = self._node.create_publisher(kind, self._name(topic), qos)
+        if latched:
+            self._latched.add(self._name(topic))
 
     def run(self, on_message: Callable[[RawMessage], None] | None = None) -> ReplayAccount:
         """Send everything; returns when the watched nodes are done with it."""
@@ -251,6 +270,12 @@ class Replayer:
             for topic in played.intersection(report.inputs)
             if name not in self._subscribers(topic)
         ]
+        missing += [
+            f"{name} has not got what was said on {topic}"
+            for name, report in self._connections.items()
+            for topic, received in zip(report.inputs, report.received, strict=True)
+            if topic in self._latched and self._sent[topic] and not received
+        ]
         for name, report in self._connections.items():
             for topic, found in zip(report.outputs, report.subscribers, strict=True):
                 if found < listeners[topic]:
@@ -261,13 +286,18 @@ class Replayer:
         """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
         self._connections.pop(node, None)
         self._died[node] = time.time_ns()
+        self._flow.died(node)
         for topic in map(self._name_of, self._publishers):
             for end in self._node.get_subscriptions_info_by_topic(topic):
                 if f"{end.node_namespace.rstrip('/')}/{end.node_name}" == node:
                     self._dead.add(tuple(end.endpoint_gid))
 
+    def silent_since(self, moment: int) -> list[str]:
+        """Watched nodes that have not said since a moment (ns of the system's clock) how much went through them."""
+        return [name for name in self.watched if self._reported.get(name, 0) <= moment]
+
     def nodes_changed(self) -> None:
-        """A watched node came or went: ask the graph again who listens to what."""
+        """A watched node came or went: ask the graph again who listens to what, and count from here."""
         self._consumers.clear()
         self._flow.forgive()
 

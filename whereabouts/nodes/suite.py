@@ -146,10 +146,9 @@ class _Watch:
         if restarts > self._restarts:
             self._restarts = restarts
             self.wait_until_ready()
-            self._replayer.nodes_changed()
 
     def wait_until_ready(self) -> None:
-        """Until every node is active and all have found each other.
+        """Until every node is active, all have found each other, and what went through them so far is known.
 
         Raises
         ------
@@ -169,8 +168,13 @@ class _Watch:
             self._supervisor.check()
             if time.monotonic() > deadline:
                 self._on_event(f"going on although {'; '.join(missing)}")
-                return
+                break
             self._executor.spin_once(timeout_sec=0.05)
+        connected = time.time_ns()
+        while self._replayer.silent_since(connected) and time.monotonic() < deadline:
+            self._supervisor.check()
+            self._executor.spin_once(timeout_sec=0.05)
+        self._replayer.nodes_changed()
 
     def _is_active(self, client: Any) -> bool:
         if not client.service_is_ready():
