@@ -6,6 +6,7 @@ least of several rounds on one core: the machine may be shared. Nothing here is 
 
 from __future__ import annotations
 
+import argparse
 import heapq
 import itertools
 import os
@@ -281,4 +282,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "").parse_args()
     main()

@@ -103,6 +103,7 @@ class Prober:
 
     def __init__(self) -> None:
         import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
         from nav_msgs.msg import Odometry
         from rclpy.executors import SingleThreadedExecutor
         from std_msgs.msg import UInt32
@@ -113,6 +114,8 @@ class Prober:
         self.executor.add_node(self.node)
         self.answers: dict[int, float] = {}
         self.tally = 0
+        self.labelled = self.skipped = 0
+        self.node.create_subscription(DiagnosticArray, "diagnostics", self._note, 10)
         self.node.create_subscription(Odometry, "odometry", self._answer, 100)
         self.node.create_subscription(UInt32, "count", self._count, 100)
 
@@ -127,6 +130,12 @@ class Prober:
 
     def _count(self, message: Any) -> None:
         self.tally = message.data
+
+    def _note(self, message: Any) -> None:
+        """How many scans the node labelled, and how many there was no time for, by its own account."""
+        told = {item.key: item.value for status in message.status for item in status.values}
+        if "scans labelled" in told:
+            self.labelled, self.skipped = int(told["scans labelled"]), int(told["labels skipped"])
 
     def spin_until(self, done: Callable[[], bool], timeout: float) -> None:
         deadline = time.perf_counter() + timeout
@@ -147,8 +156,8 @@ class Prober:
         return sent
 
 
-def scan_latency(command: list[str], beams: int) -> tuple[np.ndarray, int]:
-    """Latencies in ms after warm-up, and how many scans got no answer."""
+def scan_latency(command: list[str], beams: int) -> tuple[np.ndarray, int, float]:
+    """Latencies in ms after warm-up, how many scans got no answer, and the share that was labelled, NaN for none."""
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import LaserScan
 
@@ -160,9 +169,10 @@ def scan_latency(command: list[str], beams: int) -> tuple[np.ndarray, int]:
         sent = prober.publish_at(publisher, messages, SCAN_RATE)
         prober.spin_until(lambda: len(prober.answers) == len(sent), 3.0)
     prober.close()
+    known = prober.labelled + prober.skipped
     stamps = list(sent)[WARM_UP:]
     latencies = np.array([prober.answers[s] - sent[s] for s in stamps if s in prober.answers]) * 1e3
-    return latencies, len(stamps) - len(latencies)
+    return latencies, len(stamps) - len(latencies), prober.labelled / known if known else float("nan")
 
 
 def cloud_delivery() -> float:
@@ -208,21 +218,24 @@ def measure(what: str, profile: bool) -> None:
     kind, beams = what.split(":")
     node = [sys.executable, "-m", "whereabouts.nodes.scan_registration_node"]
     command = [sys.executable, __file__, "--echo"] if kind == "echo" else node
-    latencies, missing = scan_latency(command, int(beams))
+    latencies, missing, labelled = scan_latency(command, int(beams))
     p50, p99 = np.percentile(latencies, [50, 99])
-    print(f"{p50} {p99} {latencies.max()} {missing}")
+    print(f"{p50} {p99} {latencies.max()} {missing} {labelled}")
 
 
 def main() -> None:
     lines = [f"scans at {SCAN_RATE:.0f} Hz, {SCAN_COUNT - WARM_UP} after warm-up, best effort; latency in ms"]
-    lines.append(f"{'':34}{'p50':>8}{'p99':>8}{'max':>8}{'lost':>6}{'p50 / echo':>12}")
+    lines.append(f"{'':34}{'p50':>8}{'p99':>8}{'max':>8}{'lost':>6}{'p50 / echo':>12}{'labelled':>10}")
     for beams in (361, 1081):
         floor = None
         for kind in ("echo", "scan_registration"):
-            p50, p99, worst, missing = (float(x) for x in in_child(f"{kind}:{beams}", True).split())
+            p50, p99, worst, missing, share = (float(x) for x in in_child(f"{kind}:{beams}", True).split())
             floor = floor or p50
             name = f"{kind}, {beams} beams"
-            lines.append(f"{name:34}{p50:8.2f}{p99:8.2f}{worst:8.2f}{missing:6.0f}{p50 / floor:12.1f}")
+            labelled = "" if np.isnan(share) else f"{100 * share:8.0f} %"
+            lines.append(
+                f"{name:34}{p50:8.2f}{p99:8.2f}{worst:8.2f}{missing:6.0f}{p50 / floor:12.1f}{labelled}"
+            )
     lines.append("")
     lines.append(
         f"clouds of {CLOUD_BYTES / 1e6:.1f} MB at {CLOUD_RATE:.0f} Hz, best effort: share that arrives"

@@ -5,6 +5,7 @@ Run: PYTHONPATH=. python bench/bench_registration.py. The last results are in be
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable
 
@@ -88,6 +89,7 @@ def clouds(unit: float) -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "").parse_args()
     unit = reference()
     print(f"unit: eigenvalues of a 300 x 300 matrix, {1e3 * unit:.3f} ms")
     pairwise(unit)

@@ -1,7 +1,8 @@
 """What moves in each scan of a running robot: joint inference against a few earlier scans, within a deadline.
 
 Consecutive scans show almost no motion; the scans compared with are those half a second and more ago, so that a slow
-walker has gone farther than the noise. A scan for which there is no time is not labelled, and counted.
+walker has gone farther than the noise. A scan for which there is no time is not labelled, and counted; `Pace` says how
+much there is.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from estimation.poses import between, inverse, inverse_jacobian
 from registration.align import among_movers
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.model import JointModel
+from registration.crf.pace import Duration
 from registration.crf.window import FARTHEST, decide, vote
 from registration.motion import Array
 from registration.outline import outline_of
@@ -26,7 +28,6 @@ from registration.scan import Scan
 
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
 LEAST_BEAMS = 30  # of them, likewise
-FORGET = 0.7  # of the expected duration after a scan that was skipped, so that it is tried again
 SPACING = 0.04  # seconds between scans that are remembered
 
 
@@ -54,7 +55,7 @@ class SegmenterConfig:
         default=0.05,
         metadata={
             "unit": "s",
-            "description": "a scan whose labels would take longer is registered without; not in lock-step replay",
+            "description": "labels take no longer than this, nor than the scans' rate leaves; not in lock-step replay",
             "low": 0.0,
             "high": 10.0,
         },
@@ -123,7 +124,7 @@ class ScanSegmenter:
         in_time: bool = True,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """in_time : keep to the deadline; False where results have to repeat. clock : seconds, monotonic."""
+        """in_time : keep to the deadline and to limits; False where results have to repeat. clock : s, monotonic."""
         self.config = config or SegmenterConfig()
         self._model = JointModel.load()
         self._in_time, self._clock = in_time, clock
@@ -132,7 +133,7 @@ class ScanSegmenter:
     def reset(self) -> None:
         """Forget all scans."""
         self._kept: deque[_Kept] = deque()
-        self._expected = 0.0
+        self._duration = Duration()
         self.labelled = self.skipped = 0
 
     def keep(self, scan: Scan, stamp: float, pose: Array) -> None:
@@ -145,17 +146,25 @@ class ScanSegmenter:
         while len(self._kept) > 1 and stamp - self._kept[1].stamp > longest:
             self._kept.popleft()
 
-    def segment(self, scan: Scan, stamp: float, pose: Array) -> Segmented:
-        """Label a scan whose sensor is expected at `pose` (3,), in the frame of the poses that were kept."""
+    def fits(self, limit: float) -> bool:
+        """Whether a comparison with one earlier scan is expected to take at most `limit` seconds."""
+        return not self._in_time or self._duration.expected <= limit
+
+    def segment(self, scan: Scan, stamp: float, pose: Array, limit: float = np.inf) -> Segmented:
+        """Label a scan whose sensor is expected at `pose` (3,), in the frame of the poses that were kept.
+
+        limit : seconds there are; a further comparison that is not expected to fit is left out.
+        """
         begun = self._clock()
         references = self._references(stamp, pose)
         if not references:
             return _unknown(scan)
+        limit = min(limit, self.config.segment_deadline)
         found: list[tuple[JointEstimate, float]] = []
         tried = 0
         for kept in references:
             before = self._clock()
-            if self._in_time and before - begun + self._expected > self.config.segment_deadline:
+            if not self.fits(limit - (before - begun)):
                 break
             tried += 1
             registration = among_movers(
@@ -165,10 +174,10 @@ class ScanSegmenter:
                 estimate = self._model.infer(scan, kept.scan, registration)
                 if estimate.converged:
                     found.append((estimate, stamp - kept.stamp))
-            self._expected = 0.7 * self._expected + 0.3 * (self._clock() - before)
+            self._duration.took(self._clock() - before)
         if not tried:
             self.skipped += 1
-            self._expected *= FORGET
+            self._duration.not_done()
             return _unknown(scan)
         self.labelled += 1
         return _combined(scan, found)

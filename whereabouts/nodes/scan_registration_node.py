@@ -26,6 +26,7 @@ from estimation.poses import (
     transform_points,
 )
 from registration.crf.online import ScanSegmenter, Segmented
+from registration.crf.pace import EARLY, LATE, Pace
 from registration.mounting import level_pose, seen_from_robot, upright
 from registration.odometry import Odometry
 from registration.scan import Scan
@@ -65,6 +66,7 @@ class ScanRegistrationNode(SuiteNode):
         if not settings.clouds:
             warm_up(settings.odometry)
         self._segmenter: ScanSegmenter | None = None
+        self._pace = Pace()
         # Which beams are whose is known only for one scanner that looks along the ground.
         if settings.segment_scans and len(settings.scans) == 1 and not settings.clouds:
             # Lock-step replay has all the time there is, and has to repeat.
@@ -79,7 +81,9 @@ class ScanRegistrationNode(SuiteNode):
         if not settings.clouds:
             for rank, topic in enumerate(settings.scans):
                 handler = self._take_scan if rank == 0 else partial(self._keep_scan, topic)
-                self.add_input(LaserScan, topic, handler, frames=self._frames)
+                scans = self.add_input(LaserScan, topic, handler, frames=self._frames)
+                if rank == 0:
+                    self._scan_input = scans
         self._odometry_output = self.add_output(OdometryMessage, "odometry")
         self._static_output = self.add_output(PointCloud2, "static_points")
         self._tf_output = self.broadcaster()
@@ -89,6 +93,7 @@ class ScanRegistrationNode(SuiteNode):
         self._wheels.clear()
         if self._segmenter is not None:
             self._segmenter.reset()
+        self._pace.reset()
         self._velocity: Array = np.zeros(3)
         self._others: dict[str, tuple[int, Scan, Array]] = {}
         self._last_stamp: int | None = None
@@ -121,13 +126,15 @@ class ScanRegistrationNode(SuiteNode):
         scan = scan_from_message(message)
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
         level = level_pose(mounting)
-        segmented = None
+        self._pace.begin(stamp / NANOSECONDS, self._scan_input.arrived)
+        seen, segmented = None, None
         if level is None or len(self.settings.scans) > 1:
             # Scans of several sensors, and tilted ones, become one scan around the robot itself.
             scan, level = seen_from_robot((scan, mounting), *self._recent_others(stamp)), np.zeros(3)
             self._odometry.register(scan, stamp / NANOSECONDS, guess=self._guess(stamp, level))
         else:
-            segmented = self._follow(upright(scan, mounting), stamp, self._guess(stamp, level))
+            seen = upright(scan, mounting)
+            segmented = self._follow(seen, stamp, self._guess(stamp, level))
         back = inverse(level)
         pose = compound(compound(level, self._odometry.pose), back)
         covariance = _conjugate(level, self._odometry.pose, self._odometry.covariance)
@@ -143,23 +150,29 @@ class ScanRegistrationNode(SuiteNode):
             spatial_covariance(step_covariance),
         )
         self._publish_static(stamp, transform_points(level, self._odometry.static_points))
-        if segmented is not None:
+        self._finish(stamp)
+        if seen is not None and self._segmenter is not None:
+            if segmented is None:
+                segmented = self._label(seen, stamp, self._odometry.pose, LATE)
+            self._segmenter.keep(seen, stamp / NANOSECONDS, self._odometry.pose)
             self._segments_output.publish(
                 segments_message(message.header, segmented, bool(mounting[2, 2] < 0.0))
             )
-        self._finish(stamp)
 
     def _follow(self, scan: Scan, stamp: int, guess: Array | None) -> Segmented | None:
-        """Register a scan, where there is time without what moves in it; its labels."""
-        segmenter, seconds = self._segmenter, stamp / NANOSECONDS
-        if segmenter is None:
-            self._odometry.register(scan, seconds, guess=guess)
-            return None
-        motion = self._odometry.increment if guess is None else guess
-        segmented = segmenter.segment(scan, seconds, compound(self._odometry.pose, motion))
-        self._odometry.register(segmented.static(scan), seconds, guess=guess)
-        segmenter.keep(scan, seconds, self._odometry.pose)
+        """Register a scan, without what moves in it where labels take little of the time there is; these labels."""
+        segmented = None
+        if self._segmenter is not None and self._segmenter.fits(self._pace.left(EARLY)):
+            motion = self._odometry.increment if guess is None else guess
+            segmented = self._label(scan, stamp, compound(self._odometry.pose, motion), EARLY)
+        static = scan if segmented is None else segmented.static(scan)
+        self._odometry.register(static, stamp / NANOSECONDS, guess=guess)
         return segmented
+
+    def _label(self, scan: Scan, stamp: int, pose: Array, share: float) -> Segmented:
+        """Labels of a scan whose sensor is at `pose`, within a share of the time between scans."""
+        assert self._segmenter is not None
+        return self._segmenter.segment(scan, stamp / NANOSECONDS, pose, self._pace.left(share))
 
     def _keep_scan(self, topic: str, message: LaserScan, stamp: int) -> None:
         """A scan of a further sensor: registered together with the next one of the first."""
