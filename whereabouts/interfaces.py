@@ -113,6 +113,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in", "evidence", "whereabouts_msgs/WorldEvidence", "detections of one look, with the field of view; verifications by `object_id`"),
         _I("in", "detections", "vision_msgs/Detection3DArray", "detections of which the field of view is not known"),
         _I("in", "targets", "whereabouts_msgs/TargetArray", "people, who then come by this topic only"),
+        _I("in, optional", "predicted_paths", "whereabouts_msgs/PredictedPathArray", "where targets will be while they are hidden; constant velocity without"),
         _I("in, optional", "robot_pose", _POSE, "how uncertain the robot's pose in the map is"),
         _I("in", "tf", _TF, "at the stamp of the evidence; covariances are turned, the robot's is added"),
         _I("in, latched", "tf_static", _TF, "the same"),

@@ -16,7 +16,6 @@ from scipy.special import gammaln
 
 from estimation.checks import FloatArray
 from world_model.behaviors import motion_table
-from world_model.beliefs import NAMED
 from world_model.branching import begin, join, realise, settle
 from world_model.clusters import Cluster, Track, combined, lonely
 from world_model.config import WorldModelConfig
@@ -26,6 +25,7 @@ from world_model.gating import touch, weigh
 from world_model.grouping import THRESHOLD, Grouping
 from world_model.kernels import SETTLED_HITS
 from world_model.leaves import MOVING, REST, IntArray, Pool
+from world_model.predictions import Path
 from world_model.sensor_bias import SensorBias
 from world_model.state import WorldObject
 from world_model.unseen import Unseen, sensor_array
@@ -83,6 +83,7 @@ class Anchoring(Grouping):
         self.clusters: dict[int, Cluster] = {}
         self.shown: dict[int, WorldObject] = {}
         self.expected: dict[int, float] = {}
+        self.paths: dict[int, Path] = {}
         self._open: set[int] = set()
         self._next = 0
         self._names: Counter[str] = Counter()
@@ -102,6 +103,7 @@ class Anchoring(Grouping):
     def look(self, measured: Measurements, stamp: float, lag: float) -> tuple[str | None, ...]:
         """Take a look in that was made `lag` seconds before `stamp`; returns the id per detection."""
         self._stamp = stamp
+        self._lead(stamp)
         raw, measured = measured, self._unbiased(measured)
         measured, verified = self._verified(measured, stamp, lag)
         look = self._weighed(measured, stamp, lag, set(verified.values()))
@@ -109,7 +111,6 @@ class Anchoring(Grouping):
         for number in touched:
             self._show(number, stamp)
         if self._fresh:
-            # None of those that this look made known is another one that was carried.
             fresh = set(self._fresh)
             known = [t for t in self.tracks.values() if t.id is not None and t.number not in fresh]
             for number in self._fresh:
@@ -135,7 +136,7 @@ class Anchoring(Grouping):
         leaves, used, slots = self.pool.leaves, [], []
         for j, number in enumerate(owners):
             slot = self._best_leaf(self.tracks[number]) if number in self.tracks else -1
-            if slot >= 0 and leaves.hits[slot] >= SETTLED_HITS and leaves.behavior[slot, REST] > NAMED:
+            if slot >= 0 and leaves.hits[slot] >= SETTLED_HITS and self._rests(slot):
                 used.append(j)
                 slots.append(slot)
         if raw.sensor is not None and used:

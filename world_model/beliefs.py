@@ -7,8 +7,8 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.branching import presence
 from world_model.clusters import Track, best_sums
+from world_model.guidance import Guidance
 from world_model.leaves import AWAY, MOVING, NONE, REST
-from world_model.single import SingleObjects
 from world_model.state import WorldObject
 from world_model.unseen import Unseen
 
@@ -25,7 +25,7 @@ FORGOTTEN_SIGMA = 3.0
 """m: a mover known less well than this says no more than that some object is somewhere; its anchor goes."""
 
 
-class Beliefs(SingleObjects):
+class Beliefs(Guidance):
     """Part of `Anchoring`: `shown`, expected counts and worlds."""
 
     unseen: Unseen
@@ -81,7 +81,7 @@ class Beliefs(SingleObjects):
         leaves = self.pool.leaves
         pi = leaves.behavior[slot]
         here = pi[REST] + pi[MOVING]
-        if pi[MOVING] > pi[REST] and not self._followed(slot):
+        if (pi[MOVING] > pi[REST] or track.number in self.paths) and not self._followed(track, slot):
             return False
         if here > (BELIEVED if track.id is not None else NAMED):
             return True
@@ -92,9 +92,11 @@ class Beliefs(SingleObjects):
             or (leaves.missed[slot] < BELIEVED and pi[MOVING] <= pi[REST] + pi[AWAY])
         )
 
-    def _followed(self, slot: int) -> bool:
-        """Whether a mover was seen lately enough to say where it is."""
+    def _followed(self, track: Track, slot: int) -> bool:
+        """Whether a mover was seen lately enough, or its path is known well enough, to say where it is."""
         leaves = self.pool.leaves
+        if self._led(track, slot):
+            return bool(leaves.rest_cov[slot].diagonal()[:2].max() < LOST_SIGMA**2)
         looked_for = leaves.missed[slot] > BELIEVED
         if not looked_for and self._stamp - leaves.last[slot] > OUT_OF_VIEW_SECONDS:
             return False
@@ -108,6 +110,7 @@ class Beliefs(SingleObjects):
 
     def _forget_track(self, number: int) -> None:
         del self.tracks[number]
+        self.paths.pop(number, None)
         self.shown.pop(number, None)
         self.expected.pop(number, None)
         self._open.discard(number)
@@ -135,7 +138,7 @@ class Beliefs(SingleObjects):
             position, velocity = leaves.moving[slot, :3].copy(), leaves.moving[slot, 3:].copy()
             covariance = leaves.moving_cov[slot, :3, :3].copy()
         else:
-            position, velocity = leaves.rest[slot].copy(), np.zeros(3)
+            position, velocity = leaves.rest[slot].copy(), leaves.led[slot].copy()
             covariance = leaves.rest_cov[slot].copy()
         region = None
         if lost:
@@ -152,8 +155,13 @@ class Beliefs(SingleObjects):
             lost,
             float(leaves.last[slot]),
             float(leaves.first[slot]),
-            {"constant_position": rest, "constant_velocity": moving, "uniform": away},
+            {
+                "predicted" if self._moves(slot) else "constant_position": rest,
+                "constant_velocity": moving,
+                "uniform": away,
+            },
             region,
+            process_noise=self._growth(track, slot),
         )
 
     def _symbol(self, number: int) -> str | None:
@@ -199,4 +207,5 @@ class Beliefs(SingleObjects):
             "anchors": len(self.tracks),
             "hypotheses": max((len(self.clusters[n].weights) for n in self._open), default=1),
             "leaves": self.pool.used,
+            "predicted paths": len(self.paths),
         }

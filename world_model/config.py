@@ -15,6 +15,7 @@ from world_model.state import Box
 MODELS = ("static", "constant_velocity")
 DEFAULT_MOVED_PER_SECOND = 1e-4
 DEFAULT_ACCEL_SIGMA = 0.5
+DEFAULT_FOLLOWS = 0.8
 
 
 def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
@@ -26,18 +27,19 @@ def _setting(default: float, unit: str, text: str, low: float, high: float) -> f
 @dataclass(frozen=True)
 class Motion:
     """Behaviour of one class: `model`, root of its white acceleration density (m/s^1.5), rate of being carried
-    anywhere (1/s)."""
+    anywhere (1/s), and with which probability a mover keeps to the path that is predicted for it, where one is."""
 
     model: str = "static"
     accel_sigma: float = DEFAULT_ACCEL_SIGMA
     moved_per_second: float = DEFAULT_MOVED_PER_SECOND
+    follows_prediction: float = DEFAULT_FOLLOWS
 
     @classmethod
     def checked(cls, name: str, given: Mapping[str, Any]) -> Motion:
         """Raises InputError naming class and field."""
         if not isinstance(given, Mapping):
             raise InputError(f"motion[{name!r}] must be a mapping, not {given!r}")
-        unknown = set(given) - {"model", "accel_sigma", "moved_per_second"}
+        unknown = set(given) - {"model", "accel_sigma", "moved_per_second", "follows_prediction"}
         if unknown:
             raise InputError(f"motion[{name!r}] has unknown fields {sorted(unknown)}")
         model = given.get("model", "static")
@@ -45,7 +47,11 @@ class Motion:
             raise InputError(f"motion[{name!r}].model: one of {', '.join(MODELS)}, got {model!r}")
         # What moves by itself is carried by nobody, unless a deployment says so.
         moved = DEFAULT_MOVED_PER_SECOND if model == "static" else 0.0
-        defaults = {"accel_sigma": DEFAULT_ACCEL_SIGMA, "moved_per_second": moved}
+        defaults = {
+            "accel_sigma": DEFAULT_ACCEL_SIGMA,
+            "moved_per_second": moved,
+            "follows_prediction": DEFAULT_FOLLOWS,
+        }
         values = {}
         for key, default in defaults.items():
             value = given.get(key, default)
@@ -58,6 +64,8 @@ class Motion:
                     f"motion[{name!r}].{key} must be a finite number of at least 0, not {value!r}"
                 )
             values[key] = float(value)
+        if values["follows_prediction"] > 1.0:
+            raise InputError(f"motion[{name!r}].follows_prediction must be in [0, 1]")
         return cls(model, **values)
 
 
@@ -67,7 +75,8 @@ class WorldModelConfig:
 
     classes and colors : known names; () takes any name as it comes. region : ((x0, x1), (y0, y1), (z0, z1)) m.
     motion : {class or "*": {"model": "static" | "constant_velocity", "accel_sigma": m/s^1.5,
-    "moved_per_second": 1/s}}; None takes `defaults/classes.yaml`. Raises InputError naming the field.
+    "moved_per_second": 1/s, "follows_prediction": probability}}; None takes `defaults/classes.yaml`. Raises
+    InputError naming the field.
     """
 
     classes: Sequence[str] = field(

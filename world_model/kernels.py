@@ -1,7 +1,8 @@
 """Prediction, gating and correction of anchors: compiled loops over leaves (section 2.5.2).
 
-`motion` (C + 1, 4) has one row per class and the default last: 1 for constant velocity, root of the acceleration
-density q, rate of being carried (1/s), standard deviation of a first velocity (m/s).
+`motion` (C + 1, 5) has one row per class and the default last: 1 for constant velocity, root of the acceleration
+density q, rate of being carried (1/s), standard deviation of a first velocity (m/s), share that keeps to a
+predicted path.
 """
 
 from __future__ import annotations
@@ -97,6 +98,7 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
         if pi[REST] > 0.0:
             if pi[REST] >= pi[MOVING]:
                 start_moving(leaves, i, speed, 0.0)
+                leaves.moving[i, 3:] = leaves.led[i]
             pi[MOVING] += pi[REST]
             pi[REST] = 0.0
         flow(leaves.moving[i], leaves.moving_cov[i], dt, q)
@@ -115,6 +117,7 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
         pi[REST] += settled - begun
         pi[MOVING] += 0.5 * begun - settled - vanished
         pi[AWAY] += 0.5 * begun + vanished
+    leaves.led[i] = 0.0
     for m in range(3):
         pi[NONE] += gone * pi[m]
         pi[m] -= gone * pi[m]
@@ -188,9 +191,11 @@ def log_likelihoods(leaves, i, z, R, lag, out, S, inverse):  # type: ignore[no-u
     out[0] = -np.inf
     out[1] = -np.inf
     if leaves.behavior[i, REST] > 0.0:
-        x = leaves.rest[i]
+        x, v = leaves.rest[i], leaves.led[i]
         innovation(leaves.rest_cov[i], R, lag, S)
-        out[0] = log_gauss(z[0] - x[0], z[1] - x[1], z[2] - x[2], S, inverse)
+        out[0] = log_gauss(
+            z[0] - x[0] + lag * v[0], z[1] - x[1] + lag * v[1], z[2] - x[2] + lag * v[2], S, inverse
+        )
     if leaves.behavior[i, MOVING] > 0.0:
         y = leaves.moving[i]
         innovation(leaves.moving_cov[i], R, lag, S)
@@ -217,6 +222,7 @@ def attribute_factor(leaves, i, likelihood, blocks):  # type: ignore[no-untyped-
 def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
     leaves.rest[target] = leaves.rest[source]
     leaves.rest_cov[target] = leaves.rest_cov[source]
+    leaves.led[target] = leaves.led[source]
     leaves.moving[target] = leaves.moving[source]
     leaves.moving_cov[target] = leaves.moving_cov[source]
     leaves.behavior[target] = leaves.behavior[source]
@@ -259,7 +265,7 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
     if not a + b > 0.0:
         a, b = pi[REST], pi[MOVING]
     if pi[REST] > 0.0:
-        _correct_rest(leaves.rest[i], leaves.rest_cov[i], z, R, S, inverse)
+        _correct_rest(leaves.rest[i], leaves.rest_cov[i], z + lag * leaves.led[i], R, S, inverse)
     if pi[MOVING] > 0.0:
         _correct_moving(leaves.moving[i], leaves.moving_cov[i], z, R, lag, S, inverse)
     pi[REST], pi[MOVING], pi[AWAY], pi[NONE] = a / (a + b), b / (a + b), 0.0, 0.0
@@ -354,6 +360,7 @@ def create(leaves, i, track, z, R, likelihood, blocks, prior, stamp, existence, 
     leaves.track[i] = track
     leaves.rest[i] = z
     leaves.rest_cov[i] = R
+    leaves.led[i] = 0.0
     leaves.attributes[i] = prior
     learn_attributes(leaves, i, likelihood, blocks)
     row = class_of(leaves, i, motion.shape[0] - 1)

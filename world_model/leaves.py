@@ -1,8 +1,9 @@
 """Storage of anchor states: one row per leaf of the track trees (section 2.5.3), shared by all hypotheses that use it.
 
 A leaf is one anchor under one history of associations. Its behaviour models (2.2) are a constant-position filter
-("rest"), a constant-velocity filter ("moving") and "away" (carried off, hidden, anywhere); with the probability
-that there is no such object these four sum to one: the signature (2.3) with its existence.
+("rest"; of movers: along the predicted path), a constant-velocity filter ("moving") and "away" (carried off, hidden,
+anywhere); with the probability that there is no such object these four sum to one: the signature (2.3) with its
+existence.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ REST, MOVING, AWAY, NONE = 0, 1, 2, 3
 class Leaves(NamedTuple):
     """Arrays with one row per leaf.
 
-    rest (L, 3), rest_cov (L, 3, 3) : constant-position filter, m. moving (L, 6), moving_cov (L, 6, 6) :
-    constant-velocity filter. behavior (L, 4) : probabilities of rest, moving, away, no object. visible (L,) :
+    rest (L, 3), rest_cov (L, 3, 3) : constant-position filter, m; of a mover whose path is predicted, its place on the
+    path, which moves at led (L, 3), m/s. moving (L, 6), moving_cov (L, 6, 6) : constant-velocity filter.
+    behavior (L, 4) : probabilities of rest, moving, away, no object. visible (L,) :
     probability of the object's detections not being in a run of misses, after the last look. stamp (L,) : s.
     attributes (L, A) : discrete distributions side by side. last (L,), first (L,) : stamps of detections.
     hits (L,) : detections. missed (L,) : clear looks without detection since the last. track (L,) : owner.
@@ -30,6 +32,7 @@ class Leaves(NamedTuple):
 
     rest: FloatArray
     rest_cov: FloatArray
+    led: FloatArray
     moving: FloatArray
     moving_cov: FloatArray
     behavior: FloatArray
@@ -48,6 +51,7 @@ def empty(size: int, attributes: int) -> Leaves:
     return Leaves(
         np.zeros((size, 3)),
         np.zeros((size, 3, 3)),
+        np.zeros((size, 3)),
         np.zeros((size, 6)),
         np.zeros((size, 6, 6)),
         np.zeros((size, 4)),

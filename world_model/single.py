@@ -47,6 +47,9 @@ class SingleObjects(ABC):
     def _object(self, track: Track, slot: int) -> WorldObject: ...
 
     @abstractmethod
+    def _lead_copy(self, track: Track, slot: int, stamp: float) -> None: ...
+
+    @abstractmethod
     def _divide(self, tracks: list[int], rows: IntArray, weights: FloatArray) -> list[int]: ...
 
     @abstractmethod
@@ -147,12 +150,14 @@ class SingleObjects(ABC):
         leaves.rest_cov[slot] = item.covariance
         leaves.moving[slot] = [*item.position, *item.velocity]
         leaves.moving_cov[slot] = np.diag([*np.diag(item.covariance), 0.5, 0.5, 0.5])
+        share = item.behaviors or {"constant_position": item.existence}
         leaves.behavior[slot] = [
-            item.behaviors.get("constant_position", item.existence),
-            item.behaviors.get("constant_velocity", 0.0),
-            item.behaviors.get("uniform", 0.0),
+            share.get("constant_position", 0.0),
+            share.get("constant_velocity", 0.0) + share.get("predicted", 0.0),
+            share.get("uniform", 0.0),
             0.0,
         ]
+        leaves.led[slot] = 0.0
         leaves.behavior[slot, NONE] = max(1.0 - leaves.behavior[slot].sum(), 0.0)
         leaves.visible[slot] = 1.0
         leaves.attributes[slot] = self.vocabulary.prior()
@@ -186,6 +191,7 @@ class SingleObjects(ABC):
             scratch = self.pool.take()
             leaves = self.pool.leaves
             copy_leaf(leaves, slot, scratch)
+            self._lead_copy(track, scratch, stamp)
             predict(leaves, scratch, stamp, self.motion, self.config.removed_per_second)
             out.append(self._object(track, scratch))
             self.pool.give(scratch)

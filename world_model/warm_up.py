@@ -9,6 +9,7 @@ import numpy as np
 from world_model.anchoring import Anchoring
 from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence, checked
+from world_model.predictions import Path
 
 SENSOR = {"pose": (-3.0, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0}
 
@@ -36,4 +37,6 @@ def warm_up() -> None:
             measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), 0.05)
             anchors.look(measured, 0.05 * step, 0.0)
             anchors.probabilities()
+            ahead = np.array([[0.0, 0.0, 0.05 * step], [0.0, 1.0, 0.05 * step + 1.0]])
+            anchors.guide({"a-1": Path.checked("path", ahead)})
         anchors.predicted(3.0)

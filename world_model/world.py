@@ -13,6 +13,7 @@ from estimation.places import Places
 from world_model.anchoring import Anchoring
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
+from world_model.predictions import checked_predictions
 from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
 from world_model.store import Store
@@ -50,10 +51,14 @@ class WorldModel:
         """Take one look into account; returns the most probable world.
 
         A stamp up to `late_window` behind the newest is late: its detections count where objects were then, its
-        absences do not. An older one starts a new epoch with an empty model. Raises InputError, before anything
-        has changed, naming what is wrong with the evidence.
+        absences do not. An older one starts a new epoch with an empty model. predictions : where movers go, {id: path}
+        (or paths of the nearest movers), a path being (T, 3) x, y, t in m and s or anything with `path` and
+        `covariances` (T, 2, 2) m², such as a `tracking.intentions.Prediction`; None withdraws one. It is the person
+        behaviour until it ends; without it movers go straight on. Raises InputError, before anything has changed,
+        naming what is wrong with the evidence.
         """
         measured = checked(evidence, self.config.measurement_sigma)
+        paths = checked_predictions(predictions, self._anchors.shown.values(), float(stamp))
         fresh = self._anchors.vocabulary.check(measured.attributes)
         stamp = float(stamp)
         if not np.isfinite(stamp):
@@ -64,6 +69,7 @@ class WorldModel:
             self._anchors.learn_value(name, value)
         lag = max(self.stamp - stamp, 0.0)
         self.stamp = max(stamp, self.stamp)
+        self._anchors.guide(paths)
         associations = self._anchors.look(measured, self.stamp, lag)
         return self._recorded(self._state(associations))
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, TransformStamped
 from harness import START, Graph
@@ -26,6 +27,9 @@ from whereabouts_msgs.msg import (
     DiscreteDistribution,
     FieldOfView,
     ObjectEvidence,
+    PredictedPath,
+    PredictedPathArray,
+    PredictedPoint,
     Processed,
     Target,
     TargetArray,
@@ -335,6 +339,40 @@ def test_detections_and_people_come_by_their_topics(graph: Graph) -> None:
     graph.until(
         lambda: world.figures().get("people in other evidence, left out") == "16", "the account of people"
     )
+
+
+def test_hidden_people_are_where_the_predictor_says(graph: Graph) -> None:
+    world = World(graph)
+
+    def send_target(t: float, occluded: bool) -> None:
+        target = Target(label=7, position=Point(x=2.0 + t, y=2.0, z=0.0), occluded=occluded)
+        target.class_distribution = DiscreteDistribution(values=["person"], probabilities=[0.95])
+        target.state_covariance = np.diag([0.01, 0.01, 0.05, 0.05]).reshape(16)
+        targets = TargetArray(targets=[target])
+        targets.header.stamp, targets.header.frame_id = time_message(stamp(t)), "map"
+        world.send(targets, "targets")
+
+    for k in range(5):
+        send_target(0.5 * k, False)
+    # Round a corner: half a second straight on, then along y.
+    path = PredictedPath(label=7)
+    for k in range(11):
+        after = 0.5 * k
+        spot = Point(x=4.0 + min(after, 0.5), y=2.0 + max(after - 0.5, 0.0), z=0.0)
+        covariance = [0.01 + 0.01 * k, 0.0, 0.0, 0.01 + 0.01 * k]
+        took = Duration(sec=k // 2, nanosec=(k % 2) * 500_000_000)
+        path.points.append(PredictedPoint(time_from_start=took, position=spot, covariance=covariance))
+    paths = PredictedPathArray(paths=[path])
+    paths.header.stamp, paths.header.frame_id = time_message(stamp(2.0)), "map"
+    world.send(paths, "predicted_paths")
+    for k in range(5, 12):
+        send_target(0.5 * k, True)
+    [person] = world.at(5.5).objects
+    where = person.pose.pose.position
+    assert (where.x, where.y) == pytest.approx((4.5, 5.0), abs=0.2)
+    shares = dict(zip(person.behaviors.values, person.behaviors.probabilities, strict=True))
+    assert shares["predicted"] > shares["constant_velocity"]
+    graph.until(lambda: world.figures().get("predicted paths") == "1", "the prediction is accounted for")
 
 
 BAD: dict[str, tuple[str, Any]] = {

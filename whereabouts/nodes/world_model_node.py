@@ -1,8 +1,9 @@
 """Node `world_model`: which objects exist and where they are, with a memory.
 
-In: `evidence` (WorldEvidence), `detections` (vision_msgs/Detection3DArray), `targets` (TargetArray), `robot_pose`
-(PoseWithCovarianceStamped, optional), tf. Out: `world_state`, `world_hypotheses`, `objects`
-(vision_msgs/Detection3DArray), `~/markers`. Services: `~/query`, `~/forget`, `~/relabel`, `~/save`, `~/reset`.
+In: `evidence` (WorldEvidence), `detections` (vision_msgs/Detection3DArray), `targets` (TargetArray), `predicted_paths`
+(PredictedPathArray, optional), `robot_pose` (PoseWithCovarianceStamped, optional), tf. Out: `world_state`,
+`world_hypotheses`, `objects` (vision_msgs/Detection3DArray), `~/markers`. Services: `~/query`, `~/forget`, `~/relabel`,
+`~/save`, `~/reset`.
 """
 
 from __future__ import annotations
@@ -38,12 +39,14 @@ from whereabouts.nodes.world_messages import (
     region_from_message,
     state_message,
 )
+from whereabouts.nodes.world_reading import paths_from_message
 from whereabouts.parameters.world_model import WorldModelParameters
-from whereabouts_msgs.msg import TargetArray, WorldHypotheses
+from whereabouts_msgs.msg import PredictedPathArray, TargetArray, WorldHypotheses
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
+from world_model.predictions import Path
 from world_model.queries import Words
 from world_model.store import Store
 
@@ -88,6 +91,12 @@ class WorldModelNode(SuiteNode):
         self.add_input(EvidenceMessage, "evidence", self._take_evidence, frames=self._frames)
         self.add_input(Detection3DArray, "detections", self._take_detections, frames=self._frames)
         self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames)
+        # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
+        paths = Input(
+            self, PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False
+        )
+        self.inputs.append(paths)
+        self._created.append((self.destroy_subscription, paths.subscription))
         self._state_output = self.add_output(StateMessage, "world_state", STATE_QOS)
         self._hypotheses_output = self.add_output(WorldHypotheses, "world_hypotheses")
         self._objects_output = self.add_output(Detection3DArray, "objects")
@@ -108,6 +117,7 @@ class WorldModelNode(SuiteNode):
         self._hypotheses_at: int | None = None
         self._targets_at: int | None = None
         self._target_ids: dict[int, str] = {}
+        self._predictions: dict[str, Path] = {}
         self._left_out = 0
 
     @property
@@ -218,6 +228,17 @@ class WorldModelNode(SuiteNode):
         found = zip(labels, state.associations, strict=True)
         self._target_ids = kept | {label: name for label, name in found if name is not None}
 
+    def _take_paths(self, message: PredictedPathArray, stamp: int) -> None:
+        """Where people will be who are not seen; counts from the next evidence on."""
+        frame = frame_name(message.header.frame_id)
+        if not frame:
+            raise InputError("header.frame_id is empty")
+        there = np.eye(4) if frame == self._map else self.transforms.lookup(self._map, frame, stamp)
+        for label, path in paths_from_message(message, there).items():
+            name = self._target_ids.get(label)
+            if name is not None:
+                self._predictions[name] = path
+
     def _plausible(self, item: ObjectEvidence, stamp: int) -> bool:
         """Whether a target can be the object its label was before: labels are mixed up now and then."""
         known = next((other for other in self._shown if other.id == item.object_id), None)
@@ -237,7 +258,8 @@ class WorldModelNode(SuiteNode):
 
     def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:
         begun = time.perf_counter()
-        state = self.model.update(evidence, stamp / NANOSECONDS)
+        predictions, self._predictions = self._predictions, {}
+        state = self.model.update(evidence, stamp / NANOSECONDS, predictions)
         self._durations.append(time.perf_counter() - begun)
         self._updates += 1
         self._report_store()

@@ -1,4 +1,4 @@
-"""Worlds, maps and regions from messages, for the nodes that act upon a world model."""
+"""Worlds, predicted paths, maps and regions from messages, for the world model and the nodes that act upon it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from estimation.poses import pose_from_matrix
 from whereabouts.nodes.conversions import fill_pose, pose_from_message, spatial
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
 from whereabouts.nodes.transforms import TransformBuffer, TransformError
-from whereabouts_msgs.msg import DiscreteDistribution, Region
+from whereabouts_msgs.msg import DiscreteDistribution, PredictedPathArray, Region
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldObject, WorldState
+from world_model.predictions import Path
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,30 @@ def state_from_message(message: StateMessage) -> WorldState:
     objects = tuple(object_from_message(item) for item in message.objects)
     stamp = nanoseconds(message.header.stamp) / NANOSECONDS
     return WorldState(objects, message.probability, message.expected_count, stamp, int(message.epoch))
+
+
+def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[int, Path]:
+    """The most probable path of each target, by label, in the frame that `transform` (4, 4) leads to.
+
+    Raises
+    ------
+    InputError : a path that makes no sense; names its label. One of a single point is left out.
+    """
+    start, turn = nanoseconds(message.header.stamp) / NANOSECONDS, transform[:2, :2]
+    found = {}
+    for told in message.paths:
+        if len(told.points) < 2:
+            continue
+        after = [p.time_from_start.sec + p.time_from_start.nanosec / NANOSECONDS for p in told.points]
+        places = np.array([[p.position.x, p.position.y, p.position.z] for p in told.points])
+        flat = (places @ transform[:3, :3].T + transform[:3, 3])[:, :2]
+        spread = np.array([p.covariance for p in told.points]).reshape(-1, 2, 2)
+        given = {
+            "path": np.column_stack([flat, start + np.array(after)]),
+            "covariances": turn @ spread @ turn.T,
+        }
+        found[int(told.label)] = Path.checked(f"path of target {told.label}", given)
+    return found
 
 
 def object_from_message(message: ObjectMessage) -> WorldObject:
