@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.branching import presence
-from world_model.clusters import Track, best_sums
+from world_model.branching import other_names, presence
+from world_model.clusters import Cluster, Track, best_sums
 from world_model.guidance import Guidance
 from world_model.leaves import AWAY, MOVING, NONE, REST
 from world_model.state import WorldObject
 from world_model.unseen import Unseen
 
+LEAST_ALTERNATIVE = 0.01
+"""Probability from which another symbol for an object is worth mentioning."""
 LEAST_PRESENCE = 1e-6
 """An anchor less probably there, never believed in, is dropped."""
 BELIEVED = 0.5
@@ -59,6 +63,20 @@ class Beliefs(Guidance):
         self.expected[number] = float(here.sum())
         for track_number, slot in zip(list(cluster.tracks), cluster.rows[0].tolist(), strict=True):
             self._show_track(self.tracks[track_number], slot, stamp)
+        if len(cluster.weights) > 1 and len(cluster.tracks) > 1:
+            self._name_alternatives(cluster)
+
+    def _name_alternatives(self, cluster: Cluster) -> None:
+        """Say of shown objects by which symbols they go in other hypotheses."""
+        shares = other_names(self.pool.leaves, cluster.rows, cluster.weights)
+        for column in np.flatnonzero((shares > LEAST_ALTERNATIVE).any(1)).tolist():
+            item = self.shown.get(cluster.tracks[column])
+            if item is None:
+                continue
+            order = np.argsort(-shares[column], kind="stable")
+            order = order[shares[column, order] > LEAST_ALTERNATIVE]
+            names = (self.tracks[cluster.tracks[other]].id for other in order.tolist())
+            self.shown[cluster.tracks[column]] = replace(item, alternatives=tuple(n for n in names if n))
 
     def _show_track(self, track: Track, slot: int, stamp: float) -> None:
         if slot < 0 or not self._believed(track, slot):

@@ -281,6 +281,48 @@ def same_worlds(leaves, rows, log_weights, persistence, attributes):  # type: ig
 
 
 @numba.njit(cache=True)
+def _same_spot(leaves, a, b):  # type: ignore[no-untyped-def]
+    """Whether two leaves are where one object could be."""
+    away, spread = 0.0, 0.0
+    a_moves = leaves.behavior[a, MOVING] > leaves.behavior[a, REST]
+    b_moves = leaves.behavior[b, MOVING] > leaves.behavior[b, REST]
+    for k in range(3):
+        x = leaves.moving[a, k] if a_moves else leaves.rest[a, k]
+        y = leaves.moving[b, k] if b_moves else leaves.rest[b, k]
+        away += (x - y) ** 2
+        spread += leaves.moving_cov[a, k, k] if a_moves else leaves.rest_cov[a, k, k]
+        spread += leaves.moving_cov[b, k, k] if b_moves else leaves.rest_cov[b, k, k]
+    return away < 9.0 * spread / 3.0 + 1e-4
+
+
+@numba.njit(cache=True)
+def other_names(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
+    """Probability (T, T) that what the best hypothesis takes for the first track is the second one instead."""
+    H, T = rows.shape
+    out = np.zeros((T, T))
+    for c in range(T):
+        spot = rows[0, c]
+        if spot < 0 or leaves.behavior[spot, REST] + leaves.behavior[spot, MOVING] < 0.5:
+            continue
+        for h in range(1, H):
+            own = rows[h, c]
+            if own == spot or (
+                own >= 0
+                and leaves.behavior[own, REST] + leaves.behavior[own, MOVING] >= 0.5
+                and _same_spot(leaves, own, spot)
+            ):
+                continue
+            for d in range(T):
+                other = rows[h, d]
+                if d == c or other < 0 or other == rows[0, d]:
+                    continue
+                there = leaves.behavior[other, REST] + leaves.behavior[other, MOVING]
+                if there >= 0.5 and _same_spot(leaves, other, spot):
+                    out[c, d] += np.exp(log_weights[h])
+    return out
+
+
+@numba.njit(cache=True)
 def sweep(leaves, free, top, before, after):  # type: ignore[no-untyped-def]
     """Give back the rows in `before` (any shape) that `after` no longer uses."""
     keep = set()

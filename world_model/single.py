@@ -6,6 +6,7 @@ import re
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -193,6 +194,7 @@ class SingleObjects(ABC):
             copy_leaf(leaves, slot, scratch)
             self._lead_copy(track, scratch, stamp)
             predict(leaves, scratch, stamp, self.motion, self.config.removed_per_second)
-            out.append(self._object(track, scratch))
+            made = self._object(track, scratch)
+            out.append(replace(made, alternatives=self.shown[number].alternatives))
             self.pool.give(scratch)
         return out
