@@ -29,7 +29,7 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
-from whereabouts.nodes.footprint import settle
+from whereabouts.nodes.footprint import release, settle
 from whereabouts.nodes.inputs import Frames, Handler, Input
 from whereabouts.nodes.outputs import Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
@@ -342,10 +342,8 @@ def run_node(node_type: type[NodeType]) -> int:
         node = node_type()
         if node.settings.autostart and not start(node):
             return 1
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
         settle()
-        executor.spin()
+        _spin(node)
     except ParameterError as error:
         print(f"{node_type.node_name}: {error}", file=sys.stderr)
         return 2
@@ -355,7 +353,19 @@ def run_node(node_type: type[NodeType]) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()  # type: ignore[attr-defined]
+        # The middleware gives its shared memory back once nothing refers to the node any more.
+        del node
+        release()
     return 0
+
+
+def _spin(node: SuiteNode) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        executor.spin()
+    finally:
+        executor.shutdown()
 
 
 def start(node: SuiteNode) -> bool:

@@ -17,6 +17,7 @@ from typing import Any
 
 from estimation.errors import WhereaboutsError
 from whereabouts.nodes.base import SUPERVISOR_VARIABLE
+from whereabouts.nodes.shared_memory import remove_orphans
 from whereabouts.resources import config_file
 
 RESTART_LIMIT = 5
@@ -135,6 +136,7 @@ class Supervisor:
         self.on_death: Callable[[str], None] = lambda name: None
 
     def __enter__(self) -> Supervisor:
+        remove_orphans()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -167,6 +169,7 @@ class Supervisor:
             if not self._restart:
                 continue
             self.on_death(name)
+            remove_orphans()
             if node.restart():
                 self._on_event(f"{name} ended with {_reason(code)} and was started again")
             else:
@@ -186,6 +189,7 @@ class Supervisor:
                 self._on_event(f"{name} did not end in {GRACE:.0f} s and was killed")
                 node.process.kill()
                 node.process.wait()
+        remove_orphans()
 
 
 @contextmanager
