@@ -30,8 +30,13 @@ CANDIDATES = 24
 KEEP = 0.55  # share of the best candidate's correlation that another needs: seen from elsewhere, little fits
 AGAINST = 3.0  # metres of agreeing outline that one in seen space outweighs
 RIVAL = 0.93  # share of the best merit at which another place is as good
+# What was out of view speaks for no place. A room laid on itself after half a turn agrees along all of its walls, while
+# the true place, of which both scans saw little, only has nothing against it: share of the best merit, and of what can
+# be judged, from which such a place is one.
+POSSIBLE, UNDISPUTED = 0.5, 0.95
+TURNED = 0.3  # rad by which that place has to be turned; along a wall, places next to each other are alike
 # Without a guess there are as many wrong places as there are candidates.
-ASKED = Asked(fitness=0.75, merit=0.35)
+ASKED = Asked(fitness=0.75, merit=0.39)
 
 
 def align_globally(
@@ -94,11 +99,20 @@ def _outlines(moving: Outline, still: Outline) -> Registration:
         return outcome
     if refined.open_directions:
         return _refused(outcome, outcome.reason + ", and there is no guess")
-    for merit, rival, _ in ranked[1:]:
+    for merit, rival, views in ranked[1:]:
         away = between(refined.pose, rival.pose)
-        if merit > RIVAL * best and (np.hypot(*away[:2]) > 0.3 or abs(away[2]) > 0.15):
+        if np.hypot(*away[:2]) < 0.3 and abs(away[2]) < 0.15:
+            continue
+        if merit > RIVAL * best:
             return _refused(outcome, "another place fits as well")
+        if merit > POSSIBLE * best and abs(away[2]) > TURNED and _undisputed(views):
+            return _refused(outcome, "nothing that was in view speaks against another place")
     return outcome
+
+
+def _undisputed(views: tuple[Agreement, Agreement]) -> bool:
+    agreeing, standing = (sum(getattr(view, what) for view in views) for what in ("agreeing", "standing"))
+    return bool(agreeing > UNDISPUTED * (agreeing + standing))
 
 
 def _refused(outcome: Registration, reason: str) -> Registration:

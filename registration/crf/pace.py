@@ -11,7 +11,7 @@ import numpy as np
 # Shares of the time between scans. Labels that are there by the first come before odometry, which then does without
 # what moves; those that are there by the second come after it. What is left is for the labels that take longer than
 # most, so that the next scan is still answered within its own period.
-EARLY, LATE = 0.4, 0.8
+EARLY, LATE = 0.25, 0.6
 PERIODS = 25  # times between scans that are remembered; their median is the sensor's, whatever is lost
 DURATIONS = 9  # of labels, that are remembered
 HOPE = 0.995  # of the expected duration after a scan there was no time for, so that it is tried again, seldom

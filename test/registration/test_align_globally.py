@@ -13,6 +13,7 @@ from whereabouts.simulation.pairs import EASY, free_pose, random_pair
 from whereabouts.simulation.robot import relative
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
+THREE_QUARTERS = Lidar(1081, np.deg2rad(270.0))
 
 
 def test_finds_places_of_a_room_from_any_direction() -> None:
@@ -36,6 +37,20 @@ def test_a_square_room_has_four_answers_and_so_none() -> None:
     found = align_globally(scans[1], scans[0])
     assert not found.converged
     assert "place" in found.reason
+
+
+@pytest.mark.parametrize("seed", [4008, 4043])
+def test_a_room_that_fits_turned_as_far_as_it_was_seen_is_no_answer(seed: int) -> None:
+    """Walls agree after a turn by 90 or 180 degrees, and what would speak against it was out of view."""
+    rng = np.random.default_rng(seed)
+    room = random_room(rng)
+    a, b = (free_pose(room, rng, 2.5) for _ in range(2))
+    found = align_globally(THREE_QUARTERS.scan(room, b, rng).scan, THREE_QUARTERS.scan(room, a, rng).scan)
+    turned = abs(wrap_angle(found.transform[2] - relative(a, b)[2]))
+    assert not found.converged
+    assert found.reason
+    assert turned > 1.5
+    assert np.diag(found.covariance).min() > 0.2
 
 
 def test_a_corridor_without_a_guess_is_refused() -> None:
