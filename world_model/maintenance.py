@@ -5,15 +5,17 @@ The robot imagines driving to each object with each sensor, propagates and updat
 the text adds up in one sum. Whether to go at all is decided by the gain over all objects seen on the way, as in the
 text. Where to go is decided by the gain of the object one goes for, and what is seen in passing counts a tenth
 (`company`): the plain sum prefers busy corners, and the lonely object grows ever more uncertain.
+
+Once something is worth going for, whatever else would bring a good share of the threshold (`tour`) is looked at on the
+same round, along the shortest way through all of them: one at a time, the robot crosses the room for each.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,68 +24,16 @@ from estimation.checks import FloatArray, as_finite, as_vectors
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from world_model.looks import Looks, Sensor, looks_at
-from world_model.maintenance_kernels import path_gain, single_gains
+from world_model.maintenance_config import MaintenanceConfig
+from world_model.maintenance_kernels import single_gains
+from world_model.maintenance_options import TOUR, TWO_LOOKS, Options, View, looked_at_now, options, tour
 from world_model.state import WorldObject, WorldState
-from world_model.ways import Way, Ways
+from world_model.ways import Ways
+
+__all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
 
 OUTCOMES = ("found", "occluded", "not_found")
 INTERVAL = 1.96  # standard deviations to either side that hold 95 %
-# Table 3.1: before grabbing or going to an object its position is refined; going to a place or letting go needs none.
-VERIFIED_ACTIONS = ("grab", "navigate_to_object")
-NEARER = 0.6  # of the stand-off after each look that was in vain
-EXACT = 64  # actions that are looked ahead for; of more, those that promise most
-View = float | Mapping[str, Any] | Callable[[FloatArray], bool]
-
-
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
-@dataclass(frozen=True)
-class MaintenanceConfig:
-    """Settings of `Maintenance`; each field's metadata has its unit, meaning and allowed range.
-
-    class_thresholds, class_weights : {class: value} that replace the threshold and multiply the gain.
-    verified_actions : names of actions before which their object is looked at (Table 3.1).
-    """
-
-    information_gain_threshold: float = _setting(
-        8.0, "nat", "an action whose expected gain is below is not taken", 0.0, 1e6
-    )
-    weight: float = _setting(0.75, "", "of the cost against the gain (ω)", 0.0, 1e6)
-    information_gain_norm: float = _setting(5.0, "nat", "gain that is worth one (IG_norm)", 1e-6, 1e6)
-    cost_scale: float = _setting(10.0, "m", "distance that costs one (C_scale), the room's length", 1e-3, 1e6)
-    speed: float = _setting(0.5, "m/s", "of the robot", 1e-3, 100.0)
-    time_step: float = _setting(0.5, "s", "between looks on the way", 1e-3, 3600.0)
-    company: float = _setting(
-        0.1, "", "share of the gain of objects seen on the way in an action's utility", 0.0, 1.0
-    )
-    anticipation: float = _setting(
-        0.92, "", "share of entropy's growth until a look that counts as gained by it", 0.0, 1.0
-    )
-    standoff: float = _setting(0.9, "", "share of a sensor's range to stop at", 0.05, 1.0)
-    retry_after: float = _setting(5.0, "s", "rest of an object that was occluded", 0.0, 1e6)
-    process_noise: float = _setting(
-        1e-4, "m²/s", "growth of the variance of objects that state none", 0.0, 1e3
-    )
-    verified_actions: tuple[str, ...] = VERIFIED_ACTIONS
-    class_thresholds: Mapping[str, float] = field(default_factory=dict)
-    class_weights: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, described in self.__dataclass_fields__.items():
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            if low is None or high is None:
-                continue
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and low <= value <= high):
-                raise InputError(f"{name}: {low:g} to {high:g} expected, got {value!r}")
-        for name in ("class_thresholds", "class_weights"):
-            for label, value in getattr(self, name).items():
-                if not (math.isfinite(value) and value >= 0.0):
-                    raise InputError(f"{name}[{label!r}]: a number of at least 0 expected, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -117,19 +67,6 @@ class Trigger:
     requester: str = "a task"
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """One action: an object (index), a sensor (index), the way there and what it is expected to bring."""
-
-    item: int
-    sensor: int
-    way: Way
-    gain_own: float
-    gain: float
-    seen: int
-    utility: float
-
-
 class Maintenance:
     """Chooses what to verify next; at most one uncertainty-driven task is pending at a time.
 
@@ -145,12 +82,18 @@ class Maintenance:
         self._resting: dict[str, float] = {}
         self._absent: dict[str, float] = {}
         self._misses: dict[str, int] = {}
+        self._tour: set[str] = set()
         self.idle_reason = ""
 
     @property
     def pending(self) -> VerificationTask | None:
         """The task handed out last that nobody has reported on."""
         return self._pending
+
+    @property
+    def tour(self) -> frozenset[str]:
+        """Objects that are still to be looked at on the present tour."""
+        return frozenset(self._tour)
 
     @property
     def queue(self) -> tuple[Trigger, ...]:
@@ -285,13 +228,12 @@ class Maintenance:
             if index is None:
                 self._queue.remove(trigger)
                 continue
-            options = self._options(looks, ways, [index], view, base_available)
-            if not options:
+            found = options(self.config, looks, ways, [index], view, base_available, self._misses)
+            if not len(found):
                 continue
             self._queue.remove(trigger)
-            best = max(options, key=lambda option: option.utility)
             reason = f"{trigger.requester} asked for it"
-            self._pending = replace(self._task(looks, best, reason), trigger=trigger.requester)
+            self._pending = replace(self._task(looks, found, found.best(), reason), trigger=trigger.requester)
             return self._pending
         return None
 
@@ -311,8 +253,7 @@ class Maintenance:
         now = single_gains(
             np.zeros(1), looks.P[[index]], looks.Q[[index]], looks.R[sensor][[index]], 1.0, 1.0
         )[0]
-        # Two looks in a row bring at most the logarithm of two per axis.
-        return task if now > 0.5 * looks.dimensions * math.log(2.0) + 0.1 else None
+        return task if now > self._second_look(looks) else None
 
     def _most_useful(
         self, state: WorldState, looks: Looks, ways: Ways, view: View | None, base_available: bool
@@ -320,87 +261,98 @@ class Maintenance:
         able = list(range(len(looks.objects)))
         if self._absent or self._resting:
             able = [k for k in able if not self._rests(looks.objects[k], state.stamp)]
-        options = self._options(looks, ways, able, view, base_available)
-        worth = [option for option in options if option.gain > self._threshold(looks.objects[option.item])]
-        if not worth:
-            most = max((option.gain for option in options), default=0.0)
+        if not base_available:
+            self._tour = set()
+        going = self._next_on_tour(looks, ways, able, view)
+        if going is not None:
+            return going
+        found = options(self.config, looks, ways, able, view, base_available, self._misses)
+        if not len(found):
+            self.idle_reason = "no object can be reached and seen"
+            return None
+        thresholds = self._thresholds(looks)
+        worth = found.gain > thresholds[found.items]
+        if not worth.any():
             self.idle_reason = (
-                f"the largest expected gain, {most:.1f} nat, is below the threshold"
-                if options
-                else "no object can be reached and seen"
+                f"the largest expected gain, {found.gain.max():.1f} nat, is below the threshold"
             )
             return None
         self.idle_reason = ""
-        best = max(worth, key=lambda option: option.utility)
-        others = f" and {best.seen - 1} on the way" if best.seen > 1 else ""
+        best = found.best(worth)
+        if base_available and self.config.tour > 0.0:
+            now = looked_at_now(looks)
+            along = [k for k in able if now[k] > self._taken_along(looks, thresholds[k])]
+            far = np.hypot(*(looks.positions[:, :2] - ways.pose[:2]).T) / self.config.cost_scale
+            worth_along = now / self.config.information_gain_norm - self.config.weight * far
+            along = sorted(along, key=lambda k: -worth_along[k])[:TOUR]
+            if len(along) > 1:
+                self._tour = {looks.objects[k].id for k in (*along, int(found.items[best]))}
+                going = self._next_on_tour(looks, ways, able, view)
+                if going is not None:
+                    return going
+        others = f" and {found.seen[best] - 1:.0f} on the way" if found.seen[best] > 1 else ""
         reason = (
-            f"{best.gain:.1f} nat expected for {best.way.length:.1f} m: "
-            f"{best.gain_own:.1f} from {looks.objects[best.item].id}{others}"
+            f"{found.gain[best]:.1f} nat expected for {found.lengths[best]:.1f} m: "
+            f"{found.own[best]:.1f} from {looks.objects[found.items[best]].id}{others}"
         )
-        return self._task(looks, best, reason)
+        return self._task(looks, found, best, reason)
 
-    def _threshold(self, item: WorldObject) -> float:
-        return self.config.class_thresholds.get(
-            item.most_probable("class"), self.config.information_gain_threshold
-        )
-
-    def _options(
-        self, looks: Looks, ways: Ways, able: Sequence[int], view: View | None, base_available: bool
-    ) -> list[_Candidate]:
-        """Actions with what they are expected to bring; of very many only those that promise most."""
-        config, pose = self.config, ways.pose
-        pairs = [(k, s) for k in able for s in range(len(looks.sensors))]
-        if not base_available:
-            pairs = [(k, s) for k, s in pairs if looks.reaches(k, s, pose) and looks.in_view(k, pose, view)]
-        if len(pairs) > EXACT:
-            pairs = self._promising(looks, ways, pairs)
-        found = []
-        opening = looks.opening(view)
-        for k, s in pairs:
-            low, high = looks.sensors[s].range_min, looks.sensors[s].range_max
-            # From where it could not be seen, it is looked at from nearer and another side the next time.
-            misses = self._misses.get(looks.objects[k].id, 0)
-            share = NEARER**misses * config.standoff
-            spot = looks.positions[k, :2]
-            way = ways.to_see(spot, low, high, share, misses > 0) if base_available else ways.stay()
-            if way is None:
+    def _next_on_tour(
+        self, looks: Looks, ways: Ways, able: Sequence[int], view: View | None
+    ) -> VerificationTask | None:
+        """The first look on the shortest way through what is left of the tour; drops what has been seen meanwhile."""
+        if not self._tour:
+            return None
+        now, thresholds = looked_at_now(looks), self._thresholds(looks)
+        left = [
+            k
+            for k in able
+            if looks.objects[k].id in self._tour and now[k] > self._left_out(looks, thresholds[k])
+        ]
+        self._tour = {looks.objects[k].id for k in left}
+        for k in tour(looks, ways.pose, left):
+            self._tour.discard(looks.objects[k].id)
+            found = options(self.config, looks, ways, [k], view, True, self._misses)
+            if not len(found):
                 continue
-            points = way.sampled(config.speed * config.time_step)
-            own, gain, seen = path_gain(
-                k, points, looks.positions, looks.P, looks.Q, looks.R[s], low, high, opening,
-                config.time_step, config.anticipation,
-            )  # fmt: skip
-            if own <= 0.0:
-                continue
-            cost = (way.length + looks.sensors[s].cost) / config.cost_scale
-            worth = own * config.class_weights.get(looks.objects[k].most_probable("class"), 1.0)
-            utility = (
-                -config.weight * cost + (worth + config.company * (gain - own)) / config.information_gain_norm
+            best = found.best()
+            reason = (
+                f"{found.own[best]:.1f} nat expected from {looks.objects[k].id} for {found.lengths[best]:.1f} m, "
+                f"on a tour with {len(self._tour)} more"
             )
-            found.append(_Candidate(k, s, way, own, gain, seen, utility))
-        return found
+            self.idle_reason = ""
+            return self._task(looks, found, best, reason)
+        return None
 
-    def _promising(self, looks: Looks, ways: Ways, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """The `EXACT` pairs of largest utility by a single look after a straight drive."""
-        config = self.config
-        away = np.hypot(*(looks.positions[:, :2] - ways.pose[:2]).T)
-        utility = np.empty((len(looks.objects), len(looks.sensors)))
-        for s, sensor in enumerate(looks.sensors):
-            drive = np.maximum(away - config.standoff * sensor.range_max, 0.0)
-            own = single_gains(drive, looks.P, looks.Q, looks.R[s], config.speed, config.anticipation)
-            cost = (drive + sensor.cost) / config.cost_scale
-            utility[:, s] = own / config.information_gain_norm - config.weight * cost
-        index = np.array(pairs)
-        best = np.argsort(-utility[index[:, 0], index[:, 1]], kind="stable")[:EXACT]
-        return [pairs[i] for i in best]
+    def _thresholds(self, looks: Looks) -> FloatArray:
+        """(N,) nat, by class where stated."""
+        own, default = self.config.class_thresholds, self.config.information_gain_threshold
+        if not own:
+            return np.full(len(looks.objects), default)
+        return np.array([own.get(item.most_probable("class"), default) for item in looks.objects])
 
-    def _task(self, looks: Looks, option: _Candidate, reason: str) -> VerificationTask:
-        item = looks.objects[option.item]
+    def _taken_along(self, looks: Looks, threshold: float) -> float:
+        """What one look must bring for an object to be on a tour, nat; more than a second look in a row would."""
+        return max(self.config.tour * threshold, self._second_look(looks))
+
+    def _left_out(self, looks: Looks, threshold: float) -> float:
+        """What one look brings at most, nat, for an object on a tour to count as seen in passing."""
+        return max(0.5 * self.config.tour * threshold, self._second_look(looks))
+
+    @staticmethod
+    def _second_look(looks: Looks) -> float:
+        """Two looks in a row bring at most the logarithm of two per axis; half of it each."""
+        return 0.5 * looks.dimensions * math.log(2.0) + TWO_LOOKS
+
+    def _task(self, looks: Looks, found: Options, at: int, reason: str) -> VerificationTask:
+        k = int(found.items[at])
+        item = looks.objects[k]
         sigma = np.sqrt(np.maximum(np.diag(as_finite("covariance", item.covariance)), 0.0))
         size = np.zeros(3)
         size[: len(sigma)] = 2.0 * INTERVAL * sigma
         return VerificationTask(
-            item.id, option.way.goal, (looks.positions[option.item].copy(), size),
-            looks.sensors[option.sensor].name, option.gain, option.utility, reason,
-            distance=option.way.length, class_name=item.most_probable("class"), attributes=item.attributes,
+            item.id, found.goals[at].copy(), (looks.positions[k].copy(), size),
+            looks.sensors[found.sensors[at]].name, float(found.gain[at]), float(found.utility[at]), reason,
+            distance=float(found.lengths[at]), class_name=item.most_probable("class"),
+            attributes=item.attributes,
         )  # fmt: skip

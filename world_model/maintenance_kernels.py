@@ -19,16 +19,22 @@ def _log_det(P):
 
 
 @njit(cache=True)
-def _look(P, R):
-    """One measurement of covariance R: P becomes R (P + R)⁻¹ P, in place."""
+def later(P, Q, seconds, into):
+    """P + Q seconds, written `into` (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            into[i, j] = P[i, j] + Q[i, j] * seconds
+
+
+@njit(cache=True)
+def _look(P, R, S, half):
+    """One measurement of covariance R: P becomes R (P + R)⁻¹ P, in place. S, half : (3, 3) to work in."""
     a, b, c = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[0, 2] + R[0, 2]
     e, f, i = P[1, 1] + R[1, 1], P[1, 2] + R[1, 2], P[2, 2] + R[2, 2]
-    S = np.empty((3, 3))
     S[0, 0], S[0, 1], S[0, 2] = e * i - f * f, c * f - b * i, b * f - c * e
     S[1, 1], S[1, 2], S[2, 2] = a * i - c * c, b * c - a * f, a * e - b * b
     S[1, 0], S[2, 0], S[2, 1] = S[0, 1], S[0, 2], S[1, 2]
     scale = 1.0 / (a * S[0, 0] + b * S[0, 1] + c * S[0, 2])
-    half = np.empty((3, 3))
     for j in range(3):
         for k in range(3):
             half[j, k] = scale * (S[j, 0] * P[0, k] + S[j, 1] * P[1, k] + S[j, 2] * P[2, k])
@@ -54,7 +60,7 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
     for k in range(1, last + 1):
         x0, x1 = min(x0, path[k, 0]), max(x1, path[k, 0])
         y0, y1 = min(y0, path[k, 1]), max(y1, path[k, 1])
-    now = np.empty((3, 3))
+    now, S, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(positions)):
         x, y = positions[n, 0], positions[n, 1]
         if x < x0 - high or x > x1 + high or y < y0 - high or y > y1 + high:
@@ -77,7 +83,7 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
                 for i in range(3):
                     for j in range(3):
                         now[i, j] += Q[n, i, j] * step * (k - before)
-            _look(now, R[n])
+            _look(now, R[n], S, half)
             count, before = count + 1, k
         if count == 0:
             continue
@@ -85,7 +91,8 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
         for i in range(3):
             for j in range(3):
                 now[i, j] += Q[n, i, j] * step * (last - before)
-        unseen = _log_det(P[n] + Q[n] * (step * last))
+        later(P[n], Q[n], step * last, half)
+        unseen = _log_det(half)
         reference = anticipation * unseen + (1.0 - anticipation) * _log_det(P[n])
         share = 0.5 * (reference - _log_det(now))
         gain += share
@@ -98,9 +105,107 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
 def single_gains(distances, P, Q, R, speed, anticipation):
     """Gain (N,) of one look at each object after driving `distances` (N,) metres to it, nat."""
     gains = np.empty(len(P))
+    now, S, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(P)):
-        later = P[n] + Q[n] * (distances[n] / speed)
-        unseen = _log_det(later)
-        _look(later, R[n])
-        gains[n] = 0.5 * (anticipation * unseen + (1.0 - anticipation) * _log_det(P[n]) - _log_det(later))
+        later(P[n], Q[n], distances[n] / speed, now)
+        unseen = _log_det(now)
+        _look(now, R[n], S, half)
+        gains[n] = 0.5 * (anticipation * unseen + (1.0 - anticipation) * _log_det(P[n]) - _log_det(now))
     return gains
+
+
+@njit(cache=True)
+def straight_stop(pose, x, y, low, high, share, aside):
+    """Where to look at (x, y) from after a straight drive: x, y, heading, metres.
+
+    pose : (3,). low, high : m, range of the sensor. share : of `high` to stop at. aside : a quarter to the left of
+    the straight way: what hid the target from here does not hide it from there.
+    """
+    dx, dy = x - pose[0], y - pose[1]
+    away = math.hypot(dx, dy)
+    ahead_x, ahead_y = math.cos(pose[2]), math.sin(pose[2])
+    if away > 1e-9:
+        ahead_x, ahead_y = dx / away, dy / away
+    nearest = min(low + 0.05, 0.5 * (low + high))
+    reach = max(share * high, nearest)
+    if aside:
+        ahead_x, ahead_y = ahead_y, -ahead_x
+    heading = math.atan2(ahead_y, ahead_x)
+    if nearest <= away <= reach and not aside:
+        return pose[0], pose[1], heading, 0.0
+    back = reach if away > reach else nearest
+    stop_x, stop_y = x - ahead_x * back, y - ahead_y * back
+    return stop_x, stop_y, heading, math.hypot(stop_x - pose[0], stop_y - pose[1])
+
+
+@njit(cache=True)
+def straight_gains(
+    items, kinds, shares, aside, pose, positions, P, Q, R, ranges, opening, stride, step, anticipation
+):
+    """`path_gain` for straight drives of a robot at `pose` (3,) to look at objects, all at once.
+
+    items, kinds : (M,) indices of an object and of a sensor. shares (M,), aside (M,) : see `straight_stop`. R :
+    (S, N, 3, 3). ranges : (S, 2) m. stride : m in a time step. Returns (M, 3) gain of the object, of all, how many
+    would be seen; (M, 3) goal x, y, yaw; (M,) metres.
+    """
+    found, goals, lengths = np.zeros((len(items), 3)), np.empty((len(items), 3)), np.empty(len(items))
+    for m in range(len(items)):
+        low, high = ranges[kinds[m], 0], ranges[kinds[m], 1]
+        x, y = positions[items[m], 0], positions[items[m], 1]
+        stop_x, stop_y, heading, length = straight_stop(pose, x, y, low, high, shares[m], aside[m])
+        count = max(math.ceil(length / stride - 1e-9), 1)
+        path = np.empty((count + 1, 3))
+        course = heading
+        if length > 1e-9:
+            course = math.atan2(stop_y - pose[1], stop_x - pose[0])
+        for k in range(count + 1):
+            path[k, 0] = pose[0] + (stop_x - pose[0]) * (k / count)
+            path[k, 1] = pose[1] + (stop_y - pose[1]) * (k / count)
+            path[k, 2] = course
+        path[count, 2] = heading
+        own, gain, seen = path_gain(
+            items[m], path, positions, P, Q, R[kinds[m]], low, high, opening, step, anticipation
+        )
+        found[m, 0], found[m, 1], found[m, 2] = own, gain, seen
+        goals[m, 0], goals[m, 1], goals[m, 2] = stop_x, stop_y, heading
+        lengths[m] = length
+    return found, goals, lengths
+
+
+@njit(cache=True)
+def shortest_way(x, y, spots, last=-1):
+    """Order (M,) of the shortest way from (x, y) through all of `spots` (M, 2), exact; for some ten of them.
+
+    last : index of the spot to end at, -1 for any.
+    """
+    count = len(spots)
+    full = (1 << count) - 1
+    # rest[S, j] : the shortest way through all of the set S that begins at j.
+    rest = np.full((1 << count, count), np.inf)
+    after = np.full((1 << count, count), -1)
+    for j in range(count):
+        if last < 0 or j == last:
+            rest[1 << j, j] = 0.0
+    for S in range(1, full + 1):
+        for j in range(count):
+            if not (S >> j) & 1 or rest[S, j] == np.inf:
+                continue
+            for k in range(count):
+                if (S >> k) & 1:
+                    continue
+                length = rest[S, j] + math.hypot(spots[j, 0] - spots[k, 0], spots[j, 1] - spots[k, 1])
+                if length < rest[S | (1 << k), k]:
+                    rest[S | (1 << k), k], after[S | (1 << k), k] = length, j
+    order = np.empty(count, np.int64)
+    if count == 0:
+        return order
+    best = np.inf
+    for k in range(count):
+        length = rest[full, k] + math.hypot(spots[k, 0] - x, spots[k, 1] - y)
+        if length < best:
+            best, order[0] = length, k
+    S = full
+    for n in range(1, count):
+        order[n] = after[S, order[n - 1]]
+        S ^= 1 << order[n - 1]
+    return order

@@ -10,6 +10,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.grid import OccupancyGrid
 from estimation.grid_paths import GridPaths
+from world_model.maintenance_kernels import straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
 ASIDE = math.radians(60.0)  # between directions that are different sides
@@ -59,6 +60,11 @@ class Ways:
         self._grid = grid
         self._paths: GridPaths | None = None
 
+    @property
+    def straight(self) -> bool:
+        """Whether nothing is in the way of anything."""
+        return self._grid is None
+
     def stay(self) -> Way:
         """Look from here, with the heading there is."""
         here = self.pose[:2]
@@ -72,20 +78,12 @@ class Ways:
         low, high : m, range of the sensor. standoff : share of `high` to stop at. aside : look from another side than
         the one that the robot is on, if there is one.
         """
-        here = self.pose[:2]
-        offset = target - here
-        away = math.hypot(*offset)
-        toward = offset / away if away > 1e-9 else np.array([math.cos(self.pose[2]), math.sin(self.pose[2])])
-        reach = max(standoff * high, min(low + 0.05, 0.5 * (low + high)))
-        nearest = min(low + 0.05, 0.5 * (low + high))
-        if aside:
-            # A quarter to the left: what hid the target from here does not hide it from there.
-            toward = np.array([toward[1], -toward[0]])
-        inside = nearest <= away <= reach and not aside
-        stop = here if inside else target - toward * (reach if away > reach else nearest)
+        x, y, heading, length = straight_stop(self.pose, target[0], target[1], low, high, standoff, aside)
+        stop = np.array([x, y])
         if self._grid is None:
-            return Way(np.array([here, stop]), math.atan2(toward[1], toward[0]), math.hypot(*(stop - here)))
-        return self._around(target, stop, nearest, reach, aside)
+            return Way(np.array([self.pose[:2], stop]), heading, length)
+        nearest = min(low + 0.05, 0.5 * (low + high))
+        return self._around(target, stop, nearest, max(standoff * high, nearest), aside)
 
     def _around(
         self, target: FloatArray, stop: FloatArray, nearest: float, reach: float, aside: bool

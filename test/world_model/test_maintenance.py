@@ -73,19 +73,20 @@ def test_goal_is_within_range_facing_the_object_and_the_region_holds_95_percent(
     assert task is not None
     assert task.object_id == "cup-1"
     assert task.sensor == "camera"
-    np.testing.assert_allclose(task.goal, [5.0 - 0.9 * 2.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(task.goal, [5.0 - EAGER.standoff * 2.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(task.region[0], [5.0, 0.0, 0.7])
     np.testing.assert_allclose(task.region[1], 2.0 * 1.96 * 0.5)
     assert "cup-1" in task.reason
 
 
 def test_the_uncertain_object_is_preferred_and_the_near_one_among_equals() -> None:
+    singly = replace(EAGER, tour=0.0)
     vague, sure = thing("cup-1", 6.0, 0.0, 0.8), thing("cup-2", -6.0, 0.0, 0.05)
-    task = Maintenance(EAGER).next_task(world(sure, vague), np.zeros(3), [CAMERA])
+    task = Maintenance(singly).next_task(world(sure, vague), np.zeros(3), [CAMERA])
     assert task is not None
     assert task.object_id == "cup-1"
     near = thing("cup-3", 0.0, 3.0, 0.8)
-    task = Maintenance(EAGER).next_task(world(vague, near), np.zeros(3), [CAMERA])
+    task = Maintenance(singly).next_task(world(vague, near), np.zeros(3), [CAMERA])
     assert task is not None
     assert task.object_id == "cup-3"
 
@@ -159,6 +160,62 @@ def test_pending_task_is_kept_until_its_object_has_been_seen() -> None:
     after = maintenance.next_task(seen, [3.2, 0.0, 0.0], [CAMERA])
     assert after is not None
     assert after.object_id == "cup-2"
+
+
+def test_several_looks_are_one_tour_along_the_shortest_way() -> None:
+    # The best single look is at the far, vague one; the shortest way through all begins at the others.
+    spots = {"cup-1": (9.0, 0.0, 2.0), "cup-2": (-3.0, 0.0, 0.6), "cup-3": (-3.0, 3.0, 0.6)}
+    state = world(*(thing(name, *spot) for name, spot in spots.items()), thing("cup-4", 0.0, -9.0, 0.011))
+    visits = {}
+    for tour in (0.0, 0.5):
+        maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=3.0, weight=0.1, tour=tour))
+        pose, order, left = np.zeros(3), [], dict(spots)
+        while left:
+            known = [thing(name, *spot) for name, spot in spots.items() if name in left]
+            known += [thing(name, *spots[name][:2], 0.005) for name in spots if name not in left]
+            task = maintenance.next_task(world(*known, stamp=float(len(order))), pose, [CAMERA])
+            assert task is not None
+            if tour and len(left) > 1:
+                assert "tour" in task.reason
+                assert maintenance.tour == set(left) - {task.object_id}
+            order.append(task.object_id)
+            del left[task.object_id]
+            maintenance.report(task, "found")
+            pose = task.goal
+        visits[tour] = order
+    assert maintenance.tour == frozenset()
+    assert visits[0.0][0] == "cup-1"
+    assert visits[0.5] == ["cup-2", "cup-3", "cup-1"]
+    assert maintenance.next_task(state, np.zeros(3), [CAMERA]) is not None
+
+
+def test_what_was_seen_in_passing_or_is_gone_leaves_the_tour() -> None:
+    maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=3.0))
+    cups = [thing(f"cup-{k}", 3.0 * k, 0.0, 0.6) for k in (1, 2, 3)]
+    first = maintenance.next_task(world(*cups), np.zeros(3), [CAMERA])
+    assert first is not None
+    assert first.object_id == "cup-1"
+    assert maintenance.tour == {"cup-2", "cup-3"}
+    maintenance.report(first, "found")
+    seen = [replace(cups[0], covariance=0.005 * np.eye(3)), replace(cups[1], covariance=0.008 * np.eye(3))]
+    second = maintenance.next_task(world(*seen, cups[2]), first.goal, [CAMERA])
+    assert second is not None
+    assert second.object_id == "cup-3"
+    maintenance.report(second, "not_found", 1.0)
+    maintenance.next_task(world(*seen, replace(cups[2], lost=True)), second.goal, [CAMERA])
+    assert maintenance.tour == frozenset()
+    # A tour is at an end where the base may not be moved, and a trigger comes in between.
+    again = Maintenance(MaintenanceConfig(information_gain_threshold=3.0))
+    task = again.next_task(world(*cups), np.zeros(3), [CAMERA])
+    assert task is not None
+    again.report(task, "found")
+    asked = again.next_task(world(*cups), np.zeros(3), [CAMERA], triggers=["cup-3"])
+    assert asked is not None
+    assert asked.object_id == "cup-3"
+    again.report(asked, "found")
+    assert again.tour
+    assert again.next_task(world(*cups), np.zeros(3), [CAMERA], base_available=False) is None
+    assert again.tour == frozenset()
 
 
 def test_without_the_base_only_what_is_in_view_is_looked_at() -> None:

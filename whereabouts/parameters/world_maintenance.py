@@ -31,8 +31,9 @@ class WorldMaintenanceParameters(_WithMaintenance):  # type: ignore[valid-type, 
     opening: float = setting(
         6.2832, "full angle of view of the sensors", unit="rad", ge=0.05, le=6.2832, fixed=True
     )
-    class_names: list[str] = setting([""], "classes with a threshold of their own", fixed=True)
+    class_names: list[str] = setting([""], "classes with a threshold and a weight of their own", fixed=True)
     class_values: list[float] = setting([0.0], "their thresholds, nat", fixed=True)
+    class_weights: list[float] = setting([1.0], "their weights on the gain", fixed=True)
     arrival_distance: float = setting(
         0.3, "this near to a goal it counts as reached", unit="m", ge=0.05, le=5.0
     )
@@ -52,8 +53,10 @@ class WorldMaintenanceParameters(_WithMaintenance):  # type: ignore[valid-type, 
         for name in ("sensor_range_min", "sensor_range_max", "sensor_sigma", "sensor_cost"):
             if len(getattr(self, name)) != count:
                 raise ValueError(f"{name}: {count} numbers expected, one for each of sensors")
-        if len(self.class_names) != len(self.class_values):
-            raise ValueError("class_names and class_values: as many of the one as of the other expected")
+        if not len(self.class_names) == len(self.class_values) == len(self.class_weights):
+            raise ValueError(
+                "class_names, class_values, class_weights: as many of one as of the others expected"
+            )
         try:
             _ = self.maintenance, self.sensor_models
         except InputError as error:
@@ -64,10 +67,13 @@ class WorldMaintenanceParameters(_WithMaintenance):  # type: ignore[valid-type, 
     def maintenance(self) -> MaintenanceConfig:
         """The library's settings. Raises InputError."""
         own = {name: value for name, value in zip(self.class_names, self.class_values, strict=True) if name}
+        weights = {
+            name: value for name, value in zip(self.class_names, self.class_weights, strict=True) if name
+        }
         given = {
             item.name: getattr(self, item.name) for item in fields(MaintenanceConfig) if item.name in _taken
         }
-        return MaintenanceConfig(class_thresholds=own, **given)
+        return MaintenanceConfig(class_thresholds=own, class_weights=weights, **given)
 
     @property
     def sensor_models(self) -> list[Sensor]:

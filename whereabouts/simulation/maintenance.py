@@ -1,30 +1,34 @@
 """The world of section 3.7.1: a square room, objects that grow uncertain while nobody looks, one robot.
 
 The robot is perfectly localised and drives straight. Whatever is within range at a time step is measured and
-filtered, whatever strategy drives it.
+filtered, whatever strategy drives it. `maintained` and `fixed_path` are compiled, `maintained_by` asks `Maintenance`
+itself.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.errors import InputError
+from whereabouts.simulation.maintenance_kernels import HERE, drive, look_around, run
 from world_model.looks import Sensor
-from world_model.maintenance import Maintenance, MaintenanceConfig
+from world_model.maintenance import Maintenance
+from world_model.maintenance_config import MaintenanceConfig
+from world_model.maintenance_kernels import shortest_way
 from world_model.state import WorldObject, WorldState
 
 Array = np.ndarray
-Planner = Callable[["MaintenanceRoom"], Array | None]
 
 
 @dataclass(frozen=True)
 class RoomPlan:
     """size : m, of the square room. objects : how many. noise : most process noise, m²/s. duration, time_step : s.
 
-    speed : m/s. sensors : the first is what updates objects on the way unless a task names another.
+    speed : m/s. sensors : all look at each step.
     """
 
     size: float = 10.0
@@ -48,164 +52,107 @@ class Account:
     path: Array
 
 
-@dataclass
 class MaintenanceRoom:
-    """State of one run; `positions` are true, `means` and `variances` (N, 2, 2) believed."""
+    """One run at its beginning: `positions` and `growth` (m² per step) are true, `means` and `variances` believed.
 
-    plan: RoomPlan
-    rng: np.random.Generator
-    positions: Array = field(init=False)
-    growth: Array = field(init=False)
-    means: Array = field(init=False)
-    covariances: Array = field(init=False)
-    seen_at: Array = field(init=False)
-    pose: Array = field(init=False)
-    time: float = 0.0
+    Raises
+    ------
+    InputError : a sensor whose errors are not alike along all axes.
+    """
 
-    def __post_init__(self) -> None:
-        count, first = self.plan.objects, np.asarray(self.plan.sensors[0].covariance, dtype=np.float64)
-        self.positions = self.rng.uniform(0.0, self.plan.size, (count, 2))
-        self.growth = self.rng.uniform(0.0, self.plan.noise, count)
-        noise = np.linalg.cholesky(first)
-        self.means = self.positions + self.rng.standard_normal((count, 2)) @ noise.T
-        self.covariances = np.repeat(first[None], count, axis=0)
-        self.seen_at = np.zeros(count)
-        self.pose = np.array([0.5 * self.plan.size, 0.5 * self.plan.size, 0.0])
+    def __init__(self, plan: RoomPlan, seed: int) -> None:
+        self.plan = plan
+        self.sensors = np.array([_circular(sensor) for sensor in plan.sensors])
+        rng, count, steps = np.random.default_rng(seed), plan.objects, round(plan.duration / plan.time_step)
+        self.positions = rng.uniform(0.0, plan.size, (count, 2))
+        self.growth = plan.time_step * rng.uniform(0.0, plan.noise, count)
+        first = float(self.sensors[0, 2])
+        self.means = self.positions + math.sqrt(first) * rng.standard_normal((count, 2))
+        self.variances = np.full(count, first)
+        self.noise = rng.standard_normal((steps, len(self.sensors), count, 2))
 
-    def step(self, sensor: Sensor) -> Array:
-        """Time goes on by a step: beliefs blur, what is in range is measured; which objects were (N,)."""
+    def run(self, config: MaintenanceConfig, order: Sequence[int] | Array = ()) -> Account:
+        """By maintenance, or from object to object in an order."""
         plan = self.plan
-        self.time += plan.time_step
-        self.covariances += (self.growth * plan.time_step)[:, None, None] * np.eye(2)
-        away = np.hypot(*(self.positions - self.pose[:2]).T)
-        visible = (away >= sensor.range_min) & (away <= sensor.range_max)
-        R = np.asarray(sensor.covariance, dtype=np.float64)
-        noise = self.rng.standard_normal((plan.objects, 2)) @ np.linalg.cholesky(R).T
-        for k in np.flatnonzero(visible):
-            P = self.covariances[k]
-            gain = P @ np.linalg.inv(P + R)
-            self.means[k] += gain @ (self.positions[k] + noise[k] - self.means[k])
-            self.covariances[k] = P - gain @ P
-        self.seen_at[visible] = self.time
-        return visible
-
-    def entropies(self) -> Array:
-        """(N,) nat: (3.3)."""
-        return 1.0 + math.log(2.0 * math.pi) + 0.5 * np.linalg.slogdet(self.covariances)[1]
-
-    def state(self) -> WorldState:
-        """What a world model would say, planar."""
-        objects = tuple(
-            WorldObject(
-                f"thing-{k + 1}", np.array([*self.means[k], 0.0]), np.zeros(3), self._spatial(self.covariances[k]),
-                {}, 1.0, False, float(self.seen_at[k]),
-                process_noise=np.diag([self.growth[k], self.growth[k], 0.0]),
-            )
-            for k in range(self.plan.objects)
+        settings = (
+            config.information_gain_threshold, config.weight, config.information_gain_norm, config.cost_scale,
+            config.company, config.standoff, config.anticipation, config.tour,
         )  # fmt: skip
-        return WorldState(objects, 1.0, float(len(objects)), self.time)
+        costs = np.array([sensor.cost for sensor in plan.sensors])
+        worst, total, distance, updates, goals, path = run(
+            self.positions, self.growth, self.means.copy(), self.variances.copy(), plan.size, self.noise,
+            self.sensors, costs, plan.speed * plan.time_step, plan.time_step, config.retry_after,
+            np.array(settings), np.asarray(order, dtype=np.int64),
+        )  # fmt: skip
+        steps = len(self.noise)
+        return Account(worst / steps, total / steps, distance, updates, goals, path)
 
-    @staticmethod
-    def _spatial(planar: Array) -> Array:
-        covariance = np.zeros((3, 3))
-        covariance[:2, :2] = planar
-        return covariance
 
-    def drive_towards(self, goal: Array) -> float:
-        """One time step's drive; the metres it took."""
-        offset = goal[:2] - self.pose[:2]
-        away = math.hypot(*offset)
-        stride = min(away, self.plan.speed * self.plan.time_step)
-        if away > 1e-9:
-            self.pose = np.array(
-                [*(self.pose[:2] + offset * (stride / away)), math.atan2(offset[1], offset[0])]
-            )
-        return stride
+def _circular(sensor: Sensor) -> tuple[float, float, float]:
+    """range_min, range_max and the variance along each axis."""
+    covariance = np.asarray(sensor.covariance, dtype=np.float64)
+    if not np.allclose(covariance, covariance[0, 0] * np.eye(len(covariance))):
+        raise InputError(f"sensor {sensor.name!r}: the simulated rooms know circular errors only")
+    return sensor.range_min, sensor.range_max, float(covariance[0, 0])
 
 
 def fixed_path(plan: RoomPlan, seed: int, order: str = "given") -> Account:
-    """The text's benchmark: from object to object over and over; `order` "given", or "tour" for a short round trip."""
-    room = MaintenanceRoom(plan, np.random.default_rng(seed))
-    sequence = np.arange(plan.objects) if order == "given" else short_tour(room.means)
-    sensor, index = plan.sensors[0], 0
-    ledger = _Ledger(room)
-    goal = room.positions[sequence[0]]
-    while room.time < plan.duration:
-        stride = room.drive_towards(goal)
-        ledger.take(room.step(sensor), stride)
-        if np.allclose(room.pose[:2], goal):
-            ledger.goals[sequence[index]] += 1
-            index = (index + 1) % plan.objects
-            goal = room.positions[sequence[index]]
-    return ledger.account()
+    """The text's benchmark, from object to object over and over; `order` "given", or "tour": the shortest one."""
+    room = MaintenanceRoom(plan, seed)
+    return room.run(
+        MaintenanceConfig(), range(plan.objects) if order == "given" else shortest_tour(room.positions)
+    )
 
 
 def maintained(plan: RoomPlan, seed: int, config: MaintenanceConfig) -> Account:
-    """The proposed strategy, driven by `Maintenance`."""
-    room = MaintenanceRoom(plan, np.random.default_rng(seed))
-    maintenance = Maintenance(config)
-    sensors = {sensor.name: sensor for sensor in plan.sensors}
-    ledger = _Ledger(room)
-    task = None
-    while room.time < plan.duration:
+    """The proposed strategy, compiled."""
+    return MaintenanceRoom(plan, seed).run(config)
+
+
+def maintained_by(maintenance: Maintenance, plan: RoomPlan, seed: int) -> Account:
+    """The same room, where `Maintenance` itself says what to do; much slower."""
+    room, time, task = MaintenanceRoom(plan, seed), 0.0, None
+    pose = np.array([0.5 * plan.size, 0.5 * plan.size, 0.0])
+    updates, goals, path = (
+        np.zeros(plan.objects, np.int64),
+        np.zeros(plan.objects, np.int64),
+        [pose[:2].copy()],
+    )
+    worst = total = distance = 0.0
+    for noise in room.noise:
         if task is None:
-            task = maintenance.next_task(room.state(), room.pose, plan.sensors)
+            task = maintenance.next_task(_state(room, time), pose, plan.sensors)
             if task is not None:
-                ledger.goals[int(task.object_id.rpartition("-")[2]) - 1] += 1
-        stride = room.drive_towards(task.goal) if task is not None else 0.0
-        sensor = plan.sensors[0] if task is None else sensors[task.sensor]
-        visible = room.step(sensor)
-        ledger.take(visible, stride)
-        if task is not None and np.allclose(room.pose[:2], task.goal[:2]):
-            looked = visible[int(task.object_id.rpartition("-")[2]) - 1]
-            maintenance.report(task, "found" if looked else "occluded", room.time)
+                goals[int(task.object_id)] += 1
+        if task is not None:
+            distance += drive(pose, task.goal[:2], plan.speed * plan.time_step)
+        time += plan.time_step
+        before = updates.copy()
+        summed, largest = look_around(
+            (room.positions, room.growth), room.variances, room.means, pose, room.sensors, noise, updates
+        )
+        worst, total = worst + largest, total + summed
+        path.append(pose[:2].copy())
+        if task is not None and math.hypot(*(pose[:2] - task.goal[:2])) <= HERE:
+            k = int(task.object_id)
+            maintenance.report(task, "found" if updates[k] > before[k] else "occluded", time)
             task = None
-    return ledger.account()
+    steps = len(room.noise)
+    return Account(worst / steps, total / steps, distance, updates, goals, np.array(path))
 
 
-def short_tour(points: Array) -> Array:
-    """Order (N,) of a short round trip over points (N, 2): nearest neighbour, then 2-opt."""
-    count = len(points)
-    left, order = set(range(1, count)), [0]
-    while left:
-        here = points[order[-1]]
-        order.append(min(left, key=lambda k: (math.hypot(*(points[k] - here)), k)))
-        left.remove(order[-1])
-    between = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
-    improved = True
-    while improved:
-        improved = False
-        for i in range(1, count - 1):
-            for j in range(i + 1, count):
-                a, b, c, d = order[i - 1], order[i], order[j], order[(j + 1) % count]
-                if between[a, c] + between[b, d] < between[a, b] + between[c, d] - 1e-9:
-                    order[i : j + 1] = order[i : j + 1][::-1]
-                    improved = True
-    return np.array(order)
+def _state(room: MaintenanceRoom, time: float) -> WorldState:
+    """What a world model would say, planar; objects are called after their numbers."""
+    objects = tuple(
+        WorldObject(
+            str(k), np.array([*room.means[k], 0.0]), np.zeros(3), np.diag([variance, variance, 0.0]), {}, 1.0, False,
+            time, process_noise=np.diag([growth, growth, 0.0]) / room.plan.time_step,
+        )
+        for k, (variance, growth) in enumerate(zip(room.variances, room.growth, strict=True))
+    )  # fmt: skip
+    return WorldState(objects, 1.0, float(len(objects)), time)
 
 
-class _Ledger:
-    """Sums over a run."""
-
-    def __init__(self, room: MaintenanceRoom) -> None:
-        self._room = room
-        self._worst = self._total = self._distance = 0.0
-        self._steps = 0
-        self.goals = np.zeros(room.plan.objects, dtype=np.int64)
-        self._updates = np.zeros(room.plan.objects, dtype=np.int64)
-        self._path = [room.pose[:2].copy()]
-
-    def take(self, visible: Array, stride: float) -> None:
-        entropies = self._room.entropies()
-        self._worst += float(entropies.max())
-        self._total += float(entropies.sum())
-        self._distance += stride
-        self._updates += visible
-        self._steps += 1
-        self._path.append(self._room.pose[:2].copy())
-
-    def account(self) -> Account:
-        return Account(
-            self._worst / self._steps, self._total / self._steps, self._distance, self._updates, self.goals,
-            np.array(self._path),
-        )  # fmt: skip
+def shortest_tour(points: Array) -> Array:
+    """Order (N,) of the shortest round trip over points (N, 2), for some ten of them."""
+    return np.asarray(shortest_way(points[0, 0], points[0, 1], points, 0))

@@ -1,0 +1,70 @@
+"""Settings of maintenance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from estimation.errors import InputError
+
+# Table 3.1: before grabbing or going to an object its position is refined; going to a place or letting go needs none.
+VERIFIED_ACTIONS = ("grab", "navigate_to_object")
+
+
+def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    metadata = {"unit": unit, "description": text, "low": low, "high": high}
+    value: float = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True)
+class MaintenanceConfig:
+    """Settings of `Maintenance`; each field's metadata has its unit, meaning and allowed range.
+
+    class_thresholds, class_weights : {class: value} that replace the threshold and multiply the gain.
+    verified_actions : names of actions before which their object is looked at (Table 3.1).
+    """
+
+    information_gain_threshold: float = _setting(
+        8.0, "nat", "an action whose expected gain is below is not taken", 0.0, 1e6
+    )
+    weight: float = _setting(0.75, "", "of the cost against the gain (ω)", 0.0, 1e6)
+    information_gain_norm: float = _setting(5.0, "nat", "gain that is worth one (IG_norm)", 1e-6, 1e6)
+    cost_scale: float = _setting(10.0, "m", "distance that costs one (C_scale), the room's length", 1e-3, 1e6)
+    speed: float = _setting(0.5, "m/s", "of the robot", 1e-3, 100.0)
+    time_step: float = _setting(0.5, "s", "between looks on the way", 1e-3, 3600.0)
+    company: float = _setting(
+        0.1, "", "share of the gain of objects seen on the way in an action's utility", 0.0, 1.0
+    )
+    tour: float = _setting(
+        0.35,
+        "",
+        "share of the threshold from which an object is taken along on a tour; 0 is one at a time",
+        0.0,
+        1.0,
+    )
+    anticipation: float = _setting(
+        0.75, "", "share of entropy's growth until a look that counts as gained by it", 0.0, 1.0
+    )
+    standoff: float = _setting(0.82, "", "share of a sensor's range to stop at", 0.05, 1.0)
+    retry_after: float = _setting(5.0, "s", "rest of an object that was occluded", 0.0, 1e6)
+    process_noise: float = _setting(
+        1e-4, "m²/s", "growth of the variance of objects that state none", 0.0, 1e3
+    )
+    verified_actions: tuple[str, ...] = VERIFIED_ACTIONS
+    class_thresholds: Mapping[str, float] = field(default_factory=dict)
+    class_weights: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, described in self.__dataclass_fields__.items():
+            low, high = described.metadata.get("low"), described.metadata.get("high")
+            if low is None or high is None:
+                continue
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float)) and low <= value <= high):
+                raise InputError(f"{name}: {low:g} to {high:g} expected, got {value!r}")
+        for name in ("class_thresholds", "class_weights"):
+            for label, value in getattr(self, name).items():
+                if not (math.isfinite(value) and value >= 0.0):
+                    raise InputError(f"{name}[{label!r}]: a number of at least 0 expected, got {value!r}")
