@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import itertools
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from harness import Graph
 
+from whereabouts.nodes.domain import free_domain, release_domain
 from whereabouts.resources import config_file
-
-_domains = itertools.count(os.getpid())
 
 
 @pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A domain of its own for every test, on this machine only."""
-    number = 1 + next(_domains) % 100
+    number = free_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_file("fastdds.xml")))
-    return number
+    yield number
+    release_domain(number)
 
 
 @pytest.fixture

@@ -73,10 +73,13 @@ class Graph:
         self._listen_to_connections(spec.full_name)
         self._reporting.discard(spec.full_name)
         if wait:
-            self.until(lambda: self.state(spec) == State.PRIMARY_STATE_ACTIVE, f"{spec.full_name} is active")
-            if spec.parameters["report_processed"]:
-                self._reporting.add(spec.full_name)
+            self.await_active(spec)
         return spec
+
+    def await_active(self, spec: NodeSpec) -> None:
+        self.until(lambda: self.state(spec) == State.PRIMARY_STATE_ACTIVE, f"{spec.full_name} is active")
+        if spec.parameters["report_processed"]:
+            self._reporting.add(spec.full_name)
 
     def _listen_to_connections(self, name: str) -> None:
         def keep(message: Connections, info: dict[str, Any]) -> None:

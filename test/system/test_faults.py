@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import resource
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from fuzz import Fuzzer
-from harness import START, Graph, room, scan_message
+from harness import START, Graph, Robot, mounting, room, scan_message
 from lifecycle_msgs.msg import State
+from test_world_model import ON_COUNTER, ON_DESK, ON_TABLE, World, evidence, seen
 from tf2_msgs.msg import TFMessage
 
 from whereabouts.cli.run import NODES
@@ -18,11 +21,12 @@ from whereabouts.nodes.base import TF_STATIC_QOS
 from whereabouts.nodes.interfaces import message_class
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import transform_message
-from whereabouts.simulation import Lidar
+from whereabouts.simulation import Drive, Lidar
 from whereabouts_msgs.msg import Processed
 
 ROUNDS = 30
 FLOOD = 2000
+CROWD = 10_000
 HERE = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -107,3 +111,80 @@ def test_a_flood_of_scans_is_survived_and_accounted_for(graph: Graph) -> None:
 
     graph.until(accounted, "every scan is either received or counted as lost")
     assert figures("scan_registration", diagnostics)["internal errors"] == "0"
+
+
+def test_ten_thousand_detections_in_one_message_are_survived(graph: Graph) -> None:
+    answers = graph.collect(Processed, "world_model/processed")
+    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    spec = graph.start(
+        "world_model", classes=["cup", "bowl"], region=[-500.0, 500.0, -500.0, 500.0, -0.5, 2.5]
+    )
+    places = np.random.default_rng(3).uniform(-400.0, 400.0, (CROWD, 2))
+    graph.publish("evidence", evidence(0.0, *(seen((x, y, 0.5), "cup", "red") for x, y in places)))
+    graph.publish("evidence", evidence(0.1, seen(ON_TABLE, "bowl", "green")))
+    graph.until(
+        lambda: any(a.topic == "/evidence" and a.received == 2 for a in answers), "both are processed"
+    )
+    graph.until(lambda: figures("world_model", diagnostics).get("/evidence used") == "2", "both are used")
+    last = figures("world_model", diagnostics)
+    assert int(last["objects"]) > 0
+    assert last["internal errors"] == "0", graph.log(spec)[-3000:]
+    assert graph.state(spec) == State.PRIMARY_STATE_ACTIVE
+
+
+def test_a_full_disk_stops_neither_the_node_nor_what_is_stored(graph: Graph, tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    world = World(graph, store_path=str(path))
+    cup, bowl, shoe = (
+        seen(ON_TABLE, "cup", "red"),
+        seen(ON_COUNTER, "bowl", "green"),
+        seen(ON_DESK, "shoe", "blue"),
+    )
+    now = world.look(0.0, 12, cup)
+    # To the process it is as if the disk had room for nothing more.
+    process = graph.supervisor.nodes[world.spec.full_name].process.pid
+    unlimited = resource.prlimit(process, resource.RLIMIT_FSIZE, (1024, resource.RLIM_INFINITY))
+    now = world.look(now, 12, cup, bowl)
+    graph.until(
+        lambda: "not written" in str(world.diagnostics[-1].status), "diagnostics say that nothing is written"
+    )
+    assert [item.id for item in world.at(round(now - 0.1, 3)).objects] == ["bowl-1", "cup-1"]
+    resource.prlimit(process, resource.RLIMIT_FSIZE, unlimited)
+    now = world.look(now, 12, cup, bowl, shoe)
+    graph.until(
+        lambda: "not written" not in str(world.diagnostics[-1].status), "diagnostics say that all is well"
+    )
+    graph.kill(world.spec)
+    world.states.clear()
+    world.start()
+    restored = graph.until(lambda: world.states, "the remembered world, before anything is seen")[0]
+    assert [item.id for item in restored.objects] == ["bowl-1", "cup-1", "shoe-1"]
+
+
+def test_two_robots_in_one_domain_do_not_hear_each_other(graph: Graph) -> None:
+    nodes = ("scan_registration", "loop_closure", "target_tracker", "world_model")
+    robots = [Robot(graph, f"/robot{number}/") for number in (1, 2)]
+    robots[1].drive = Drive([(3.0, 1.5), (-3.0, 1.5), (-3.0, -1.5)], speed=0.4)
+    specs = [
+        graph.start(name, wait=False, namespace=f"/robot{number}") for name in nodes for number in (1, 2)
+    ]
+    for spec in specs:
+        graph.await_active(spec)
+    for robot in robots:
+        mount = TFMessage(transforms=[mounting("laser", HERE)])
+        graph.publish(f"{robot.prefix}tf_static", mount, TF_STATIC_QOS)
+    for k in range(25):
+        for robot in robots[: 1 if k % 5 == 4 else 2]:
+            robot.send(scan_message(robot.scan(0.1 * k)))
+    for robot, scans in zip(robots, (25, 20), strict=True):
+        assert len(robot.poses()) == scans
+        for moment, pose in robot.poses().items():
+            np.testing.assert_allclose(pose[:2], robot.truth(moment)[:2], atol=0.03)
+        for name in nodes[:3]:
+            figure = f"{robot.prefix}scan received"
+            graph.until(
+                lambda robot=robot, name=name, figure=figure, scans=scans: (
+                    figures(f"{robot.prefix}{name}".strip("/"), robot.diagnostics).get(figure) == str(scans)
+                ),
+                f"{robot.prefix}{name} has its own {scans} scans and no others",
+            )

@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.nodes.domain import free_domain
 from whereabouts.nodes.recorder import Recorder
 from whereabouts.nodes.replayer import PATIENCE, ReplayAccount, Replayer
 from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
@@ -63,8 +64,8 @@ def prepare_environment(private: bool = False) -> None:
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_file("fastdds.xml")))
     if private:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        # Domains 1 to 100 leave their ports free of the ones Linux gives to outgoing connections.
-        os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+        if "ROS_DOMAIN_ID" not in os.environ:
+            os.environ["ROS_DOMAIN_ID"] = str(free_domain())
 
 
 def run_suite(run: SuiteRun) -> ReplayAccount:
