@@ -53,6 +53,7 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
             "verify_timeout": 8.0,
             "class_names": ["person", "other"],
             "class_values": [1e6, 1e6],
+            "class_weights": [1.0, 1.0],
         },
         "verifier": {},
         "object_search": {"places_file": places, "together_distance": 1.5},
