@@ -147,6 +147,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("service", "~/trigger", "whereabouts_msgs/TriggerVerification", "look at an object first, such as before it is grasped"),
         _I("calls", "verify_object", "whereabouts_msgs/VerifyObject", "once the robot is at the goal"),
         _I("calls", "navigate_to_pose", "nav2_msgs/NavigateToPose", "nav2's, to drive to the goal", "navigate"),
+        _I("calls", "find_object", "whereabouts_msgs/FindObject", "for what was looked for in vain", "search_for_lost"),
     ),
     "object_search": (
         _I("in", "world_state", "whereabouts_msgs/WorldState", "what is in view, and what is known"),

@@ -27,7 +27,7 @@ from world_model.relations import IntArray, Relations
 
 METHODS = ("belief", "chain")
 # Where the middle of an unknown room may be, in distances from the door to the middle of what has been seen.
-BEYOND = (1.5,)
+BEYOND = (2.0,)
 LINKS = 40  # names that a chain may lead through
 FLOOR = 0.1  # least share of p(o | T) that counts, whatever is in view everywhere
 MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend

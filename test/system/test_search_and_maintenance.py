@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from harness import START, Graph
 from rclpy.action.client import ActionClient
 from rclpy.action.server import ActionServer
+from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
 
 from whereabouts.nodes.base import LATCHED
@@ -159,12 +160,20 @@ def the(states: list[WorldState], kind: str) -> Any:
     return None
 
 
+def trigger(graph: Graph, object_id: str) -> Any:
+    """The answer once maintenance takes the trigger: it refuses until it has heard of the object."""
+    request = TriggerVerification.Request(object_id=object_id, requester="grasping")
+    answer = graph.call(TriggerVerification, "world_maintenance/trigger", request)
+    return answer if answer.code == answer.SUCCESS else None
+
+
 def test_an_object_that_was_moved_gets_lost_is_searched_for_and_found(
     started: tuple[Graph, House, list[WorldState], list[TaskMessage]],
 ) -> None:
     graph, house, states, tasks = started
     graph.start("world_maintenance", rate=5.0, sensor_range_max=[1.5], use_sim_time=False)
     graph.start("object_search", rate=10.0)
+    bases = graph.collect(Bool, "base_available", LATCHED)
     cup = run_until(graph, house, lambda: the(states, "cup"), "the cup is known")
     first = cup.id
     # Carried to the coffee table while the robot looks elsewhere; the table is out of sight from here.
@@ -174,19 +183,13 @@ def test_an_object_that_was_moved_gets_lost_is_searched_for_and_found(
     )
     house.things["cup"] = ("cup", 4.6, 3.2)
 
-    def asked() -> bool:
-        # Until maintenance has heard of the cup it refuses.
-        answer = graph.call(
-            TriggerVerification,
-            "world_maintenance/trigger",
-            TriggerVerification.Request(object_id=first, requester="grasping"),
-        )
-        return bool(answer.code == answer.SUCCESS)
-
-    run_until(graph, house, asked, "maintenance takes the trigger")
+    taken = run_until(graph, house, lambda: trigger(graph, first), "maintenance takes the trigger")
     run_until(graph, house, lambda: first in house.verified, "the robot has gone to look")
+    # Unless it was about to look for its own reasons.
     graph.until(
-        lambda: any(task.object_id == first and "grasping" in task.reason for task in tasks),
+        lambda: any(
+            task.object_id == first and (taken.merged or "grasping" in task.reason) for task in tasks
+        ),
         "the task says for whom",
     )
 
@@ -215,7 +218,37 @@ def test_an_object_that_was_moved_gets_lost_is_searched_for_and_found(
     assert any(kind == "intermediate" and name == "coffee table" for kind, name, _ in reasons), reasons
     assert all(step.reason for step in heard)
     assert result.distance > 1.0
+    # The base was the search's own as long as it took.
+    graph.until(lambda: bases and bases[-1].data, "the base is free again")
+    assert [message.data for message in bases] == [False, True]
     client.destroy()
+
+
+def test_what_was_looked_for_in_vain_is_handed_to_the_search(
+    started: tuple[Graph, House, list[WorldState], list[TaskMessage]],
+) -> None:
+    graph, house, states, _ = started
+    graph.start(
+        "world_maintenance", rate=5.0, sensor_range_max=[1.5], use_sim_time=False, search_for_lost=True
+    )
+    graph.start("object_search", rate=10.0)
+    cup = run_until(graph, house, lambda: the(states, "cup"), "the cup is known")
+    goals = graph.collect(PoseStamped, "search_goal", LATCHED)
+    house.goal = np.array([-1.5, 0.5])
+    run_until(graph, house, lambda: "cup" not in house.visible(), "the robot has turned away")
+    house.things["cup"] = ("cup", 4.6, 3.2)
+    run_until(graph, house, lambda: trigger(graph, cup.id), "maintenance takes the trigger")
+    run_until(graph, house, lambda: goals, "a search has begun, which nobody else asked for")
+
+    def there() -> bool:
+        places = [item.pose.pose.position for item in states[-1].objects if not item.lost]
+        return any(
+            np.hypot(at.x - 4.6, at.y - 3.2) < 0.3 and np.hypot(at.x - 4.5, at.y - 3.5) > 0.15
+            for at in places
+        )
+
+    run_until(graph, house, there, "the cup is known where it is now")
+    assert house.verified.count(cup.id) >= 2
 
 
 def test_a_search_can_be_cancelled_and_senseless_goals_are_refused(
@@ -240,5 +273,11 @@ def test_a_search_can_be_cancelled_and_senseless_goals_are_refused(
     answer = sent.result().get_result_async()
     run_until(graph, house, answer.done, "the search ends")
     assert answer.result().result.code == FindObject.Result.CANCELED
+    sent = client.send_goal_async(FindObject.Goal(class_name="unicorn", max_distance=0.5))
+    run_until(graph, house, sent.done, "the goal is answered")
+    answer = sent.result().get_result_async()
+    run_until(graph, house, answer.done, "it is given up after half a metre")
+    assert answer.result().result.code == FindObject.Result.GAVE_UP
+    assert "gave up" in answer.result().result.message
     assert nanoseconds(goals[-1].header.stamp) > 0
     client.destroy()

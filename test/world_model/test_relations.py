@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
+from whereabouts.parameters.object_search import ObjectSearchParameters
 from world_model.relations import Relations
 
 FRAMES = [["cup", "table"], ["cup", "table", "chair"], ["table"], ["lamp", "table", "table"], ["lamp"]]
@@ -132,6 +133,9 @@ def test_labelme_annotations_are_counted_by_image(tmp_path: Path) -> None:
     relations = Relations.from_labelme([tmp_path], synonyms={"bedstand": "nightstand"})
     assert relations.count("nightstand", "lamp") == 5.0
     assert "cat" not in relations
+    # The node takes the folder as it is, with the synonyms that ship.
+    node = ObjectSearchParameters(relations_file=str(tmp_path)).relations
+    assert node.count("nightstand", "lamp") == 5.0
     # One image alone is an accident.
     assert relations.probability("bed", "lamp") == pytest.approx(0.5 / (6.0 + 1.5))
     (tmp_path / "broken.xml").write_text("<annotation>", encoding="utf-8")

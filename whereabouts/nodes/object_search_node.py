@@ -18,6 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.driving import Approach
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import frame_name
 from whereabouts.nodes.world_messages import object_message
@@ -28,9 +29,6 @@ from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
 
 Array = NDArray[np.float64]
-# A goal that the robot has not come NEARER to, m, for PATIENCE s is not reached; goals closer than SAME m are one.
-NEARER, PATIENCE, SAME = 0.1, 20.0, 0.5
-NOWHERE = np.full(2, np.inf)
 
 
 class ObjectSearchNode(SuiteNode):
@@ -59,7 +57,7 @@ class ObjectSearchNode(SuiteNode):
         self._seen_at: dict[str, float] = {}
         self._searching = ""
         self._reason = ""
-        self._progress = (NOWHERE, math.inf, 0.0)
+        self._approach = Approach()
         self._found = self._failed = 0
         self._steps = 0
 
@@ -105,7 +103,7 @@ class ObjectSearchNode(SuiteNode):
         self._serial += 1
         serial = self._serial
         self._search.reset()
-        self._progress = (NOWHERE, math.inf, 0.0)
+        self._approach.forget()
         self._searching, self._reason = wanted, "starting"
         self._available_output.publish(Bool(data=False))
         try:
@@ -167,22 +165,10 @@ class ObjectSearchNode(SuiteNode):
             away = float(np.hypot(*(step.goal - pose[:2])))
             if away <= self.settings.arrival_distance:
                 self._search.reached(pose[:2])
-            elif self._stuck(step.goal, away):
+            elif self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
                 self.complain(f"a goal is not reached, another is tried: {step.reason}", key="goal")
                 self._search.reached(step.goal)
         return self._search.next_goal(self._observed(), wanted, pose)
-
-    def _stuck(self, goal: Array, away: float) -> bool:
-        """Whether the robot has not come nearer to a goal for long, by the stamps of the world."""
-        assert self._state is not None
-        where, nearest, since = self._progress
-        if not np.hypot(*(where - goal)) < SAME or away < nearest - NEARER:
-            self._progress = (np.array(goal), away, self._state.stamp)
-            return False
-        if self._state.stamp - since < PATIENCE:
-            return False
-        self._progress = (NOWHERE, math.inf, 0.0)
-        return True
 
     def _observed(self) -> dict[str, Array]:
         """Positions by name of what is believed in; of several of a class the nearest one counts."""

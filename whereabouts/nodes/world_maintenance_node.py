@@ -2,12 +2,12 @@
 
 In: `world_state` (WorldState), `base_available` (Bool), `map` (OccupancyGrid, optional), tf map -> base_link.
 Out: `verification_tasks` (VerificationTask), `maintenance_goal` (PoseStamped), `evidence` (WorldEvidence: what the
-verifier measured). Service: `~/trigger`. Calls: action `verify_object`, and nav2's `navigate_to_pose` if told to.
+verifier measured). Service: `~/trigger`. Calls: action `verify_object`; if told to, nav2's `navigate_to_pose`, and
+`find_object` for what was looked for in vain.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from estimation.grid import OccupancyGrid
 from whereabouts.evidence import NOT_FOUND
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.driving import Navigator, navigate_type
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name
 from whereabouts.nodes.world_reading import (
@@ -35,7 +36,7 @@ from whereabouts.nodes.world_reading import (
     state_from_message,
 )
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
-from whereabouts_msgs.action import VerifyObject
+from whereabouts_msgs.action import FindObject, VerifyObject
 from whereabouts_msgs.msg import Attribute, ObjectEvidence, WorldEvidence
 from whereabouts_msgs.msg import VerificationTask as TaskMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
@@ -71,6 +72,11 @@ class WorldMaintenanceNode(SuiteNode):
         self.add_service(TriggerVerification, "~/trigger", self._trigger)
         self._verifier = ActionClient(self, VerifyObject, "verify_object")
         self._created.append((lambda client: client.destroy(), self._verifier))
+        self._finder = (
+            ActionClient(self, FindObject, "find_object") if self.settings.search_for_lost else None
+        )
+        if self._finder is not None:
+            self._created.append((lambda client: client.destroy(), self._finder))
         self._navigator = self._nav2()
         self.add_timer(1.0 / settings.rate, self._tick)
 
@@ -83,11 +89,12 @@ class WorldMaintenanceNode(SuiteNode):
         self._verifying = False
         self._outcomes = dict.fromkeys(("found", "occluded", "not_found"), 0)
         self._vain: dict[str, int] = {}
-        self._tasks = 0
+        self._tasks = self._searches = 0
 
     def health(self) -> Health:
         figures: dict[str, object] = {"tasks": self._tasks, **self._outcomes}
         figures["triggers waiting"] = len(self._maintenance.queue)
+        figures["searches asked for"] = self._searches
         if self._task is not None:
             return Health(f"{self._task.object_id}: {self._task.reason}", figures=figures)
         return Health(self._maintenance.idle_reason or "waiting for a world state", figures=figures)
@@ -172,8 +179,14 @@ class WorldMaintenanceNode(SuiteNode):
         self._task_output.publish(message)
         if task.distance > 0.0:
             self._goal_output.publish(goal)
-            if self._navigator is not None and self._navigator.server_is_ready():
-                self._navigator.send_goal_async(_navigate_type().Goal(pose=goal))
+            if self._navigator is not None:
+                self._navigator.go(goal, lambda: self._unreachable(task))
+
+    def _unreachable(self, task: VerificationTask) -> None:
+        """nav2 cannot get there: another task, this one from another side later."""
+        if self._task is task and not self._verifying:
+            self.complain(f"{task.object_id}: nav2 cannot reach its goal", key="goal")
+            self._finish(task, "occluded")
 
     def _attributes(self, task: VerificationTask) -> list[Attribute]:
         return [
@@ -234,11 +247,31 @@ class WorldMaintenanceNode(SuiteNode):
             WorldEvidence(header=self._header(), sensor=task.sensor, objects=[missing])
         )
         self._finish(task, "not_found")
+        self._hand_over(task)
+
+    def _hand_over(self, task: VerificationTask) -> None:
+        """Have what was looked for in vain searched for; by its class alone where it is the only one of it."""
+        if self._finder is None:
+            return
+        if not self._finder.server_is_ready():
+            self.complain(f"{task.object_id} is lost, and nobody serves find_object", key="search")
+            return
+        assert self._state is not None
+        others = any(
+            item.id != task.object_id and not item.lost and item.most_probable("class") == task.class_name
+            for item in self._state.objects
+        )
+        self._searches += 1
+        self._finder.send_goal_async(
+            FindObject.Goal(class_name=task.class_name, object_id=task.object_id if others else "")
+        )
 
     def _finish(self, task: VerificationTask, outcome: str) -> None:
         self._outcomes[outcome] += 1
         self._maintenance.report(task, outcome, self.get_clock().now().nanoseconds / NANOSECONDS)
         self._task = None
+        if self._navigator is not None:
+            self._navigator.stop()
 
     # Helpers.
 
@@ -252,21 +285,14 @@ class WorldMaintenanceNode(SuiteNode):
         stamp = min(now, newest) if newest else now
         return Header(stamp=time_message(stamp), frame_id=self._map_frame)
 
-    def _nav2(self) -> ActionClient | None:
-        """A client of nav2, where it is wanted and installed."""
+    def _nav2(self) -> Navigator | None:
+        """Goals for nav2, where it is wanted and installed."""
         if not self.settings.navigate:
             return None
-        client = ActionClient(self, _navigate_type(), "navigate_to_pose")
+        kind = navigate_type()
+        client = ActionClient(self, kind, "navigate_to_pose")
         self._created.append((lambda item: item.destroy(), client))
-        return client
-
-
-def _navigate_type() -> Any:
-    """nav2's action. Raises InputError where it is not installed: nothing else of the suite needs it."""
-    try:
-        return import_module("nav2_msgs.action").NavigateToPose
-    except ImportError as error:
-        raise InputError(f"navigate: nav2_msgs is not installed ({error})") from error
+        return Navigator(client, lambda pose: kind.Goal(pose=pose))
 
 
 def main() -> None:

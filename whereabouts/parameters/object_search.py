@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 
 from pydantic import create_model
 
@@ -21,7 +22,9 @@ class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     map_frame: str = setting("map", "frame of the world state, the map and the goals", fixed=True)
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
     relations_file: str = setting(
-        "", "YAML of what is found with what; empty: world_model/defaults/relations.yaml", fixed=True
+        "",
+        "YAML of what is found with what, or folder of LabelMe annotations; empty: what ships",
+        fixed=True,
     )
     places_file: str = setting("", "YAML with rooms and furniture; empty: none", fixed=True)
     arrival_distance: float = setting(
@@ -42,7 +45,11 @@ class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     @property
     def relations(self) -> Relations:
         """Raises InputError naming the file and what is wrong."""
-        return Relations.load(self.relations_file) if self.relations_file else Relations.common_sense()
+        if not self.relations_file:
+            return Relations.common_sense()
+        if Path(self.relations_file).is_dir():
+            return Relations.from_labelme([self.relations_file], synonyms=Relations.common_sense().synonyms)
+        return Relations.load(self.relations_file)
 
     @property
     def places(self) -> Places | None:

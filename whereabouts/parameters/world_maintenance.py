@@ -44,6 +44,9 @@ class WorldMaintenanceParameters(_WithMaintenance):  # type: ignore[valid-type, 
     looks_before_lost: int = setting(
         2, "looks in vain, each from nearer, before an object is lost", ge=1, le=10
     )
+    search_for_lost: bool = setting(
+        False, "have what was looked for in vain searched for by find_object", fixed=True
+    )
     navigate: bool = setting(False, "send goals to nav2's navigate_to_pose as well", fixed=True)
 
     @model_validator(mode="after")

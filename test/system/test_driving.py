@@ -1,0 +1,106 @@
+"""Goals that somebody else drives to: what is made of nav2's answers, and when a goal counts as out of reach."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+
+from whereabouts.nodes.driving import Approach, Navigator
+
+
+class Later:
+    """A future that is answered when the test says so."""
+
+    def __init__(self) -> None:
+        self._done: list[Any] = []
+
+    def add_done_callback(self, callback: Any) -> None:
+        self._done.append(callback)
+
+    def answer(self, value: Any) -> None:
+        for callback in self._done:
+            callback(SimpleNamespace(result=lambda: value))
+
+
+class Nav2:
+    """Takes goals, and ends them as it is told."""
+
+    def __init__(self, ready: bool = True) -> None:
+        self.ready = ready
+        self.goals: list[Any] = []
+        self.sent: list[Later] = []
+        self.results: list[Later] = []
+        self.cancelled: list[int] = []
+
+    def server_is_ready(self) -> bool:
+        return self.ready
+
+    def send_goal_async(self, goal: Any) -> Later:
+        self.goals.append(goal)
+        self.sent.append(Later())
+        return self.sent[-1]
+
+    def take(self, index: int, accepted: bool = True) -> None:
+        self.results.append(Later())
+        result = self.results[-1]
+        self.sent[index].answer(
+            SimpleNamespace(
+                accepted=accepted,
+                get_result_async=lambda: result,
+                cancel_goal_async=lambda: self.cancelled.append(index),
+            )
+        )
+
+    def end(self, index: int, status: int) -> None:
+        self.results[index].answer(SimpleNamespace(status=status))
+
+
+def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not() -> None:
+    nav2, failures = Nav2(), []
+    navigator = Navigator(nav2, lambda pose: ("goal", pose))
+    statuses = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
+    for index, status in enumerate(statuses):
+        assert navigator.go(index, lambda index=index: failures.append(index))
+        nav2.take(index)
+        nav2.end(index, status)
+    assert nav2.goals == [("goal", 0), ("goal", 1), ("goal", 2)]
+    assert failures == [1]
+    navigator.go(3, lambda: failures.append(3))
+    nav2.take(3, accepted=False)
+    assert failures == [1, 3]
+    assert not Navigator(Nav2(ready=False), lambda pose: pose).go(0, lambda: failures.append(0))
+    assert nav2.cancelled == []
+
+
+def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers() -> None:
+    nav2, failures = Nav2(), []
+    navigator = Navigator(nav2, lambda pose: pose)
+    navigator.go(0, lambda: failures.append(0))
+    navigator.stop()
+    nav2.take(0)
+    assert nav2.cancelled == [0]
+    navigator.go(1, lambda: failures.append(1))
+    nav2.take(1)
+    navigator.go(2, lambda: failures.append(2))
+    assert nav2.cancelled == [0, 1]
+    nav2.end(1, GoalStatus.STATUS_ABORTED)
+    assert failures == []
+
+
+def test_a_goal_is_out_of_reach_once_the_robot_has_not_come_nearer_for_long() -> None:
+    approach, goal = Approach(), np.array([5.0, 0.0])
+    # It comes nearer, slowly: never stuck.
+    assert not any(approach.stuck(goal, 5.0 - 0.02 * k, float(k)) for k in range(200))
+    # It stands still.
+    approach.forget()
+    answers = [approach.stuck(goal, 1.0, 300.0 + k) for k in range(40)]
+    assert answers.index(True) == 20
+    # Another goal has a patience of its own; the same one, a little aside, has not.
+    assert not approach.stuck(np.array([9.0, 0.0]), 4.0, 400.0)
+    assert not approach.stuck(np.array([9.2, 0.0]), 4.0, 410.0)
+    assert approach.stuck(np.array([9.0, 0.1]), 4.0, 421.0)
+    approach.forget()
+    assert not approach.stuck(np.array([9.0, 0.1]), 4.0, 500.0)
