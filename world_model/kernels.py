@@ -16,6 +16,8 @@ VANISH_SECONDS = 5.0  # and is taken out of sight after this long
 UNMODELLED = (
     0.02  # that a settled object is where it was, although it was not seen there: for unknown reasons
 )
+HAND = 0.1  # m: put down this near, what was taken may as well have stayed
+NEARBY = 0.5  # m: and what was followed is known this well where it was put down
 SETTLED_HITS = 3
 MEMORY = 100.0  # detections after which a resting object's position forgets: their errors are not independent
 ATTRIBUTE_FLOOR = 1e-4
@@ -109,14 +111,18 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
         begun = (1.0 - np.exp(-carried * dt)) * pi[REST]
         settled = (1.0 - np.exp(-dt / CARRY_SECONDS)) * pi[MOVING]
         vanished = (1.0 - np.exp(-dt / VANISH_SECONDS)) * (pi[MOVING] - settled)
+        # Of what was taken since the last look only the latest may still be in somebody's hand.
+        held = 0.5 * begun * CARRY_SECONDS / dt * (1.0 - np.exp(-dt / CARRY_SECONDS))
+        here = settled
         if pi[MOVING] > 1e-3 * pi[REST]:
             flow(leaves.moving[i], leaves.moving_cov[i], dt, q)
-            put_down(leaves, i, pi[REST] - begun, settled)
+            if not put_down(leaves, i, pi[REST] - begun, settled):
+                here = 0.0
         else:
-            start_moving(leaves, i, speed, dt)
-        pi[REST] += settled - begun
-        pi[MOVING] += 0.5 * begun - settled - vanished
-        pi[AWAY] += 0.5 * begun + vanished
+            start_moving(leaves, i, speed, min(dt, CARRY_SECONDS))
+        pi[REST] += here - begun
+        pi[MOVING] += held - settled - vanished
+        pi[AWAY] += begun - held + vanished + settled - here
     leaves.led[i] = 0.0
     for m in range(3):
         pi[NONE] += gone * pi[m]
@@ -125,19 +131,31 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def put_down(leaves, i, stayed, settled):  # type: ignore[no-untyped-def]
-    """Mix what was put down into the resting filter, matching moments."""
+    """Mix what was put down into the resting filter, matching moments; whether that was possible.
+
+    What may have been put down far from where it rested, or nobody knows where, is not: the mixture would blur a place
+    that is known well.
+    """
     total = stayed + settled
     if total <= 0.0 or settled <= 1e-9 * total:
-        return
+        return True
     share = settled / total
     rest, P = leaves.rest[i], leaves.rest_cov[i]
     moving, Q = leaves.moving[i], leaves.moving_cov[i]
+    around = 0.0
+    for a in range(3):
+        around += Q[a, a] / 3.0
+        if leaves.behavior[i, MOVING] < stayed:
+            around += (moving[a] - rest[a]) ** 2
+    if around > (HAND if leaves.behavior[i, MOVING] < stayed else NEARBY) ** 2:
+        return False
     for a in range(3):
         for b in range(3):
             gap = (moving[a] - rest[a]) * (moving[b] - rest[b])
             P[a, b] = (1.0 - share) * P[a, b] + share * Q[a, b] + share * (1.0 - share) * gap
     for a in range(3):
         rest[a] += share * (moving[a] - rest[a])
+    return True
 
 
 @numba.njit(cache=True)

@@ -60,21 +60,27 @@ class Vocabulary:
         """New values of open attributes; InputError for unknown attributes and for values of closed ones."""
         fresh: dict[tuple[str, str], None] = {}
         for index, item in enumerate(attributes):
-            for name, distribution in item.items():
-                if name not in self.values:
-                    raise InputError(
-                        f"objects[{index}].attributes: unknown attribute {name!r}; known are {', '.join(self.names)}"
-                    )
-                for value in distribution:
-                    if (name, value) in self._index:
-                        continue
-                    if name in self.closed or not isinstance(value, str) or not value:
-                        raise InputError(
-                            f"objects[{index}].attributes[{name!r}]: unknown value {value!r}; "
-                            f"known are {', '.join(self.values[name])}"
-                        )
-                    fresh[name, value] = None
+            fresh |= dict.fromkeys(self.check_one(f"objects[{index}]", item))
         return list(fresh)
+
+    def check_one(self, where: str, attributes: Mapping[str, Distribution]) -> list[tuple[str, str]]:
+        """The same of one detection."""
+        fresh = []
+        for name, distribution in attributes.items():
+            if name not in self.values:
+                raise InputError(
+                    f"{where}.attributes: unknown attribute {name!r}; known are {', '.join(self.names)}"
+                )
+            for value in distribution:
+                if (name, value) in self._index:
+                    continue
+                if name in self.closed or not isinstance(value, str) or not value:
+                    raise InputError(
+                        f"{where}.attributes[{name!r}]: unknown value {value!r}; "
+                        f"known are {', '.join(self.values[name])}"
+                    )
+                fresh.append((name, value))
+        return fresh
 
     def add(self, name: str, value: str) -> int:
         """A new value; returns the column it was inserted at."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,23 @@ class WorldModel:
         self._anchors.guide(paths)
         associations = self._anchors.look(measured, self.stamp, lag)
         return self._recorded(self._state(associations))
+
+    def usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
+        """Evidence without the detections that speak of classes or attributes nobody knows, and why, by index.
+
+        `update` refuses such evidence as a whole: a program that made it is told. For a detector that knows more words
+        than the deployment it would be a pity about the rest.
+        """
+        refused: dict[int, str] = {}
+        for index, item in enumerate(evidence.objects):
+            try:
+                self._anchors.vocabulary.check_one(f"objects[{index}]", item.attributes)
+            except InputError as error:
+                refused[index] = str(error)
+        if not refused:
+            return evidence, refused
+        kept = [item for index, item in enumerate(evidence.objects) if index not in refused]
+        return replace(evidence, objects=kept), refused
 
     def _recorded(self, state: WorldState) -> WorldState:
         if self.store is not None:

@@ -107,6 +107,23 @@ def test_static_objects_do_not_drift() -> None:
     np.testing.assert_array_equal(later.objects[0].position, state.objects[0].position)
 
 
+def test_known_place_is_not_blurred_by_what_may_have_happened_meanwhile() -> None:
+    motion = {"*": {"model": "static", "moved_per_second": 1e-3}}
+    model, _ = watched(20, rate_hz=2.0, motion=motion)
+    # Out of sight for minutes, it may have been carried; seen again, it was not.
+    for k in range(60):
+        t = 300.0 + 0.5 * k
+        offset = 0.03 * (-1) ** k
+        state = model.update(evidence((offset, 0.05, 1.0), sigma=0.05), t)
+        [item] = state.objects
+        assert item.id == "cup-1"
+        assert np.sqrt(item.covariance.diagonal().max()) < 0.05
+    # Hidden in view for a while, with many looks that say nothing, neither.
+    for k in range(200):
+        state = model.update(WorldEvidence([], SENSOR, blocked=True), 330.0 + 0.5 * k)
+    assert np.sqrt(state.objects[0].covariance.diagonal().max()) < 0.1
+
+
 def test_verification_names_its_object() -> None:
     model, state = watched(20, (0.0, 0.0, 1.0), (0.2, 0.0, 1.0))
     first, second = state.objects
@@ -194,6 +211,22 @@ def test_bad_evidence_is_refused_and_changes_nothing(kind: str) -> None:
     assert [item.id for item in after.objects] == ["cup-1"]
     np.testing.assert_array_equal(after.objects[0].position, state.objects[0].position)
     assert model.stamp == state.stamp
+
+
+def test_detections_in_unknown_words_can_be_left_out() -> None:
+    model, _ = watched()
+    given = WorldEvidence(
+        [BAD["class"], *evidence((0.0, 0.0, 1.0)).objects, BAD["attribute"]], SENSOR, blocked=False
+    )
+    kept, refused = model.usable(given)
+    assert sorted(refused) == [0, 2]
+    assert "objects[0].attributes['class']: unknown value 'spoon'" in refused[0]
+    assert "unknown attribute 'taste'" in refused[2]
+    state = model.update(kept, 1.0)
+    assert state.associations == ("cup-1",)
+    assert kept.sensor == SENSOR
+    good = evidence((0.0, 0.0, 1.0))
+    assert model.usable(good) == (good, {})
 
 
 @pytest.mark.parametrize(

@@ -163,6 +163,7 @@ def _take_in(
     from whereabouts.world_output import state_record
 
     refused: dict[str, int] = {}
+    left_out: dict[str, int] = {}
     count, spent = 0, 0.0
     with ExitStack() as stack:
         file = None
@@ -170,8 +171,12 @@ def _take_in(
             file = stack.enter_context(stack.enter_context(atomic_path(out)).open("w", encoding="utf-8"))
         for look in _looks(source, settings):
             begun = time.perf_counter()
+            evidence, unknown = model.usable(look.evidence)
+            for reason in unknown.values():
+                reason = reason.partition(".")[2]
+                left_out[reason] = left_out.get(reason, 0) + 1
             try:
-                state = model.update(look.evidence, look.stamp)
+                state = model.update(evidence, look.stamp)
                 for name in look.missing:
                     state = model.report(name, "not_found", look.stamp)
             except InputError as error:
@@ -183,10 +188,13 @@ def _take_in(
                 file.write(json.dumps(state_record(model, state)) + "\n")
     for reason, number in refused.items():
         typer.echo(f"{number} messages refused: {reason}", err=True)
+    for reason, number in left_out.items():
+        typer.echo(f"{number} detections left out: {reason}", err=True)
     health = model.health
     figures |= {
         "messages": count,
         "refused": sum(refused.values()),
+        "left_out": sum(left_out.values()),
         "objects": int(health["objects"]),
         "runs": model.epoch + 1,
         "mean_update_ms": 1e3 * spent / max(count, 1),
@@ -233,12 +241,15 @@ def _usable(looks: Iterable[Look], settings: WorldModelParameters) -> Iterator[t
 
     model = WorldModel(settings.world)
     for look in looks:
+        evidence, unknown = model.usable(look.evidence)
+        for reason in unknown.values():
+            typer.echo(f"message at {look.stamp:.3f}, left out: {reason}", err=True)
         try:
-            model.update(look.evidence, look.stamp)
+            model.update(evidence, look.stamp)
         except InputError as error:
             typer.echo(f"message at {look.stamp:.3f} refused: {error}", err=True)
             continue
-        yield look.stamp, look.evidence
+        yield look.stamp, evidence
 
 
 def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dict[str, Any]) -> None:

@@ -119,6 +119,7 @@ class WorldModelNode(SuiteNode):
         self._target_ids: dict[int, str] = {}
         self._predictions: dict[str, Path] = {}
         self._left_out = 0
+        self._refused = 0
 
     @property
     def model(self) -> WorldModel:
@@ -141,6 +142,11 @@ class WorldModelNode(SuiteNode):
         self._close()
         return super().on_shutdown(state)
 
+    def destroy_node(self) -> None:
+        """Also where the process is told to end without a transition: the store's log goes into its file."""
+        self._close()
+        super().destroy_node()
+
     def _close(self) -> None:
         if self._model is not None and self._model.store is not None:
             self._model.store.close()
@@ -153,6 +159,7 @@ class WorldModelNode(SuiteNode):
         figures["run"] = self._model.epoch
         figures["updates"] = self._updates
         figures["people in other evidence, left out"] = self._left_out
+        figures["detections in unknown words, left out"] = self._refused
         if self._durations:
             p50, p99 = np.percentile(self._durations, [50, 99]) * 1e3
             figures |= {"update p50 [ms]": float(p50), "update p99 [ms]": float(p99)}
@@ -203,6 +210,7 @@ class WorldModelNode(SuiteNode):
     def _take_evidence(self, message: EvidenceMessage, stamp: int) -> None:
         evidence, missing = self._reader.evidence(message, self._frame(message, stamp))
         evidence.objects = self._without_people(evidence)
+        evidence, _ = self._usable(evidence)
         if evidence.objects or evidence.sensor is not None or not missing:
             self._update(evidence, stamp)
         for object_id in missing:
@@ -211,13 +219,15 @@ class WorldModelNode(SuiteNode):
     def _take_detections(self, message: Detection3DArray, stamp: int) -> None:
         evidence = self._reader.detections(message, self._frame(message, stamp))
         evidence.objects = self._without_people(evidence)
-        self._update(evidence, stamp)
+        self._update(self._usable(evidence)[0], stamp)
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         since = None if self._targets_at is None else (stamp - self._targets_at) / NANOSECONDS
         if since is not None and 0.0 <= since < self.settings.target_period:
             return
         evidence, labels = self._reader.targets(message, self._frame(message, stamp), self._target_ids)
+        evidence, refused = self._usable(evidence)
+        labels = [label for index, label in enumerate(labels) if index not in refused]
         for item in evidence.objects:
             if item.object_id is not None and not self._plausible(item, stamp):
                 item.object_id = None
@@ -255,6 +265,14 @@ class WorldModelNode(SuiteNode):
         kept = [item for item in evidence.objects if not most_probably(item, PERSON)]
         self._left_out += len(evidence.objects) - len(kept)
         return kept
+
+    def _usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
+        """Without detections of classes or attributes that nobody knows: these are said and counted."""
+        kept, refused = self.model.usable(evidence)
+        self._refused += len(refused)
+        for reason in refused.values():
+            self.complain(f"a detection is left out: {reason}", key="words")
+        return kept, refused
 
     def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:
         begun = time.perf_counter()
