@@ -21,7 +21,7 @@ import rclpy
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
@@ -29,9 +29,10 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
+from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.footprint import release, settle
 from whereabouts.nodes.inputs import Frames, Handler, Input
-from whereabouts.nodes.outputs import Output
+from whereabouts.nodes.outputs import QUIET, Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
 from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts.nodes.transforms import TransformBuffer
@@ -40,7 +41,7 @@ from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
 WARNING_PERIOD = 5.0
-CONNECTIONS_PERIOD = 0.2
+HOUSEKEEPING_PERIOD = 0.2
 # Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself.
 SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -76,14 +77,13 @@ class SuiteNode(LifecycleNode):
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
         self.transforms = TransformBuffer()
-        self.processed = self.create_publisher(Processed, "~/processed", 100)
-        self._connections = self.create_publisher(Connections, "~/connections", 1)
+        self.processed = self.create_publisher(Processed, "~/processed", 100, event_callbacks=QUIET)
+        self._connections = self.create_publisher(Connections, "~/connections", 1, event_callbacks=QUIET)
         self._diagnostics = DiagnosticsPublisher(self)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish, clock=self._steady)
-        self.create_timer(CONNECTIONS_PERIOD, self._report_connections, clock=self._steady)
         self._supervisor = int(os.environ.get(SUPERVISOR_VARIABLE, 0))
-        self.create_timer(1.0, self._check_supervisor, clock=self._steady)
+        self.create_timer(HOUSEKEEPING_PERIOD, self._keep_house, clock=self._steady)
 
     @property
     def settings(self) -> Any:
@@ -153,7 +153,7 @@ class SuiteNode(LifecycleNode):
 
     def add_output(self, message_type: type, topic: str, qos: QoSProfile | int = 10) -> Output:
         """A counted publisher that is silent while the node is inactive."""
-        publisher = self.create_lifecycle_publisher(message_type, topic, qos)
+        publisher = self.create_lifecycle_publisher(message_type, topic, qos, event_callbacks=QUIET)
         self._created.append((self.destroy_lifecycle_publisher, publisher))
         output = Output(publisher)
         self.outputs.append(output)
@@ -255,8 +255,6 @@ class SuiteNode(LifecycleNode):
         try:
             self.setup()
             self.add_service(Reset, "~/reset", self._reset)
-            waiting = self.create_timer(0.1, self._serve_waiting, clock=self._steady)
-            self._created.append((self.destroy_timer, waiting))
             self.start_run()
         except WhereaboutsError as error:
             self.get_logger().error(f"cannot configure: {error}")
@@ -297,6 +295,12 @@ class SuiteNode(LifecycleNode):
         self.get_logger().info(f"reset{because}")
         response.code, response.message = Reset.Response.SUCCESS, "started afresh"
         return response
+
+    def _keep_house(self) -> None:
+        """All that is due now and then, in one timer: each wakes the node up."""
+        self._check_supervisor()
+        self._serve_waiting()
+        self._report_connections()
 
     def _check_supervisor(self) -> None:
         if self._supervisor and os.getppid() != self._supervisor:
@@ -360,7 +364,7 @@ def run_node(node_type: type[NodeType]) -> int:
 
 
 def _spin(node: SuiteNode) -> None:
-    executor = SingleThreadedExecutor()
+    executor = NodeExecutor()
     executor.add_node(node)
     try:
         executor.spin()

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from estimation.gaussians import repairs
 from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.outputs import QUIET
 
 if TYPE_CHECKING:
     from whereabouts.nodes.base import SuiteNode
@@ -30,7 +31,7 @@ class DiagnosticsPublisher:
 
     def __init__(self, node: SuiteNode) -> None:
         self._node = node
-        self._publisher = node.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._publisher = node.create_publisher(DiagnosticArray, "diagnostics", 10, event_callbacks=QUIET)
         self._then = time.perf_counter()
         self._received: dict[str, int] = {}
         self._troubles = 0

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from rclpy.event_handler import PublisherEventCallbacks
+
+# Every event that is waited for is looked at whenever the node wakes up. That the quality of service does not match,
+# the subscription says as well.
+QUIET = PublisherEventCallbacks(use_default_callbacks=False)
+
 
 class Output:
     """A lifecycle publisher that counts: lock-step replay waits until what was sent has been taken in downstream."""
