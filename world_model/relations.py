@@ -29,7 +29,7 @@ class Relations:
 
     Raises
     ------
-    InputError : a negative λ, a fading outside (0, 1].
+    InputError : a negative λ, a fading outside (0, 1], synonyms that are no words or lead back to themselves.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Relations:
         if not 0.0 < fading <= 1.0:
             raise InputError(f"fading: above 0 up to 1 expected, got {fading!r}")
         self.smoothing, self.fading, self.minimum = float(smoothing), float(fading), float(minimum)
-        self.synonyms = dict(synonyms or {})
+        self.synonyms = _resolved(synonyms or {})
         self._index: dict[str, int] = {}
         self._single = np.zeros(0)
         self._pairs = np.zeros((0, 0))
@@ -259,6 +259,26 @@ class Relations:
             for key in counter:
                 counter[key] /= self._scale
         self._scale = 1.0
+
+
+def _resolved(synonyms: Mapping[str, str]) -> dict[str, str]:
+    """Synonyms in lower case, chains of them followed to their ends."""
+    words = isinstance(synonyms, Mapping) and all(
+        isinstance(word, str) for pair in synonyms.items() for word in pair
+    )
+    if not words:
+        raise InputError(f"synonyms: words by word expected, got {synonyms!r}")
+    plain = {name.strip().lower(): other.strip().lower() for name, other in synonyms.items()}
+    ends = {}
+    for name in plain:
+        end, passed = name, set()
+        while end in plain and plain[end] != end:
+            if end in passed:
+                raise InputError(f"synonyms: {name!r} leads back to itself")
+            passed.add(end)
+            end = plain[end]
+        ends[name] = end
+    return ends
 
 
 def _labelme_names(path: Path) -> list[str]:

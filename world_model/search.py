@@ -30,6 +30,7 @@ METHODS = ("belief", "chain")
 BEYOND = (2.0,)
 LINKS = 40  # names that a chain may lead through
 FLOOR = 0.1  # least share of p(o | T) that counts, whatever is in view everywhere
+SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
 
 
@@ -112,7 +113,8 @@ class ObjectSearch:
 
     def reset(self) -> None:
         """Forget dead ends, intermediate targets and what has been covered: a new search begins."""
-        self._dead: dict[str, FloatArray] = {}
+        # By name, where objects were and where the robot looked from.
+        self._dead: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
         self._targets: list[str] = []
         self._target = ""
         self._worth: dict[str, float] = {}
@@ -129,6 +131,11 @@ class ObjectSearch:
         """Objects that were reached in vain (F)."""
         return tuple(self._dead)
 
+    def tried(self, name: str, spot: npt.ArrayLike) -> bool:
+        """Whether the object of this name at a place (2,) or (3,) is a dead end; one elsewhere is another."""
+        place = as_vectors("spot", spot, 2, 3)[:2]
+        return any(length_between(place, spot) <= SAME_OBJECT for spot, _ in self._dead.get(name, ()))
+
     def reached(self, goal: npt.ArrayLike | None = None) -> None:
         """The robot is at the goal of the last step and the target was not seen: the object is a dead end.
 
@@ -141,7 +148,7 @@ class ObjectSearch:
         if step.kind == "room":
             self._middles.append(step.goal)
         elif step.object:
-            self._dead[step.object] = np.array(where, dtype=np.float64)
+            self._dead.setdefault(step.object, []).append((step.goal, np.array(where, dtype=np.float64)))
         if self._coverage is not None:
             self._coverage.look(np.asarray(where, dtype=np.float64))
         self._step = None
@@ -223,7 +230,7 @@ class ObjectSearch:
         able = {
             name: spot
             for name, spot in known.items()
-            if name not in self._dead and (room is None or bool(room.contains(spot)))
+            if not self.tried(name, spot) and (room is None or bool(room.contains(spot)))
         }
         unknown = self._target not in self.relations
         rule = self._by_chain if self.config.method == "chain" else self._by_belief
@@ -337,7 +344,7 @@ class ObjectSearch:
     def _freshness(self, spot: FloatArray) -> float:
         """Falls to zero where dead ends are: the target would have been seen from there."""
         radius, value = self.config.dead_end_radius, 1.0
-        for dead in self._dead.values():
+        for dead in (stop for looks in self._dead.values() for _, stop in looks):
             if radius > 0.0:
                 value *= 1.0 - math.exp(-((length_between(spot, dead) / radius) ** 2))
         return value

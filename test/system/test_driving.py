@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -59,11 +60,12 @@ class Nav2:
 
 
 def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not() -> None:
-    nav2, failures = Nav2(), []
+    nav2 = Nav2()
+    failures: list[int] = []
     navigator = Navigator(nav2, lambda pose: ("goal", pose))
     statuses = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
     for index, status in enumerate(statuses):
-        assert navigator.go(index, lambda index=index: failures.append(index))
+        assert navigator.go(index, partial(failures.append, index))
         nav2.take(index)
         nav2.end(index, status)
     assert nav2.goals == [("goal", 0), ("goal", 1), ("goal", 2)]
@@ -76,7 +78,8 @@ def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not() 
 
 
 def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers() -> None:
-    nav2, failures = Nav2(), []
+    nav2 = Nav2()
+    failures: list[int] = []
     navigator = Navigator(nav2, lambda pose: pose)
     navigator.go(0, lambda: failures.append(0))
     navigator.stop()

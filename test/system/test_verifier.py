@@ -47,6 +47,13 @@ def test_what_is_there_is_found_and_measured_and_what_is_not_is_missed(graph: Gr
 
     client = ActionClient(graph.node, VerifyObject, "verify_object")
     graph.until(client.server_is_ready, "verify_object is served")
+    impatient = goal(*THING)
+    impatient.timeout.nanosec = 1_000_000
+    sent = client.send_goal_async(impatient)
+    graph.until(sent.done, "the impatient goal is answered")
+    ended = sent.result().get_result_async()
+    graph.until(ended.done, "the verifier has waited for a scan in vain")
+    assert ended.result().result.code == VerifyObject.Result.TIMED_OUT, ended.result().result.message
 
     def ask(request: VerifyObject.Goal, *things: Any) -> VerifyObject.Result:
         sent = client.send_goal_async(request)

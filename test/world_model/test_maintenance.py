@@ -97,6 +97,22 @@ def test_nothing_is_done_below_the_threshold_and_it_says_so() -> None:
     assert "below the threshold" in maintenance.idle_reason
 
 
+def test_thresholds_and_weights_hold_by_class() -> None:
+    cup, key = thing("cup-1", 4.0, 0.0), thing("key-1", -4.0, 0.0, attributes={"class": {"key": 1.0}})
+    state = world(cup, key)
+    strict = MaintenanceConfig(information_gain_threshold=0.5, tour=0.0, class_thresholds={"cup": 50.0})
+    task = Maintenance(strict).next_task(state, np.zeros(3), [CAMERA])
+    assert task is not None
+    assert task.object_id == "key-1"
+    for weights, first in (({}, "cup-1"), ({"key": 2.0}, "key-1"), ({"cup": 0.1}, "key-1")):
+        config = MaintenanceConfig(information_gain_threshold=0.5, tour=0.0, class_weights=weights)
+        task = Maintenance(config).next_task(state, np.zeros(3), [CAMERA])
+        assert task is not None
+        assert task.object_id == first
+    both = MaintenanceConfig(information_gain_threshold=0.5, class_thresholds={"cup": 50.0, "key": 50.0})
+    assert Maintenance(both).next_task(state, np.zeros(3), [CAMERA]) is None
+
+
 def test_of_two_sensors_the_one_that_pays_is_chosen() -> None:
     precise = replace(CAMERA, covariance=1e-4 * np.eye(3))
     state = world(thing("cup-1", 3.0, 0.0, 0.5))

@@ -10,6 +10,7 @@ import pytest
 from estimation.errors import InputError
 from whereabouts.parameters.object_search import ObjectSearchParameters
 from world_model.relations import Relations
+from world_model.search import ObjectSearch
 
 FRAMES = [["cup", "table"], ["cup", "table", "chair"], ["table"], ["lamp", "table", "table"], ["lamp"]]
 
@@ -102,6 +103,8 @@ def test_shipped_common_sense_reads_and_makes_sense() -> None:
         ("frames: [[1, 2]]", "frame 1"),
         ("frames: [{names: [a], count: -1}]", "frame 1"),
         ("frames: [a: {", "cannot be read"),
+        ("{frames: [[a]], synonyms: {a: b, b: a}}", "leads back"),
+        ("{frames: [[a]], synonyms: 3}", "synonyms"),
     ],
 )
 def test_malformed_files_are_named(tmp_path: Path, text: str, named: str) -> None:
@@ -109,6 +112,38 @@ def test_malformed_files_are_named(tmp_path: Path, text: str, named: str) -> Non
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=named):
         Relations.load(path)
+
+
+def test_synonyms_of_synonyms_are_followed_and_circles_are_refused() -> None:
+    relations = Relations(synonyms={"Settee": "sofa", "sofa": "Couch", "couch": "couch"})
+    relations.observe(["settee", "lamp"])
+    relations.observe(["sofa", "lamp"])
+    assert relations.names == ["couch", "lamp"]
+    assert relations.count("couch", "lamp") == 2.0
+    with pytest.raises(InputError, match="'mug' leads back"):
+        Relations(synonyms={"mug": "cup", "cup": "beaker", "beaker": "cup"})
+    with pytest.raises(InputError, match="words"):
+        Relations(synonyms={"mug": 3})  # type: ignore[dict-item]
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.5])
+def test_counts_of_zero_and_at_odds_with_each_other_are_no_failure(smoothing: float) -> None:
+    relations = Relations(smoothing)
+    relations.observe(["cup", "table"], room="kitchen", count=0.0)
+    relations.observe(["lamp"], count=0.0)
+    for _ in range(2):
+        matrix = relations.matrix()
+        assert np.isfinite(matrix).all()
+        assert (matrix >= 0.0).all()
+        assert np.isfinite(list(relations.posterior("cup", ["table", "lamp"]).values())).all()
+        assert np.isfinite(list(relations.rooms("cup", ["kitchen", "cellar"]).values())).all()
+        step = ObjectSearch(relations).next_goal(
+            {"table": [1.0, 0.0], "lamp": [0.0, 2.0]}, "cup", [0.0, 0.0, 0.0]
+        )
+        assert step.goal is not None
+        assert np.isfinite(step.goal).all()
+        # Never together before, and always together now.
+        relations.observe(["cup", "lamp"], room="cellar")
 
 
 def test_wrong_numbers_are_refused() -> None:

@@ -58,6 +58,24 @@ def test_dead_ends_are_not_tried_again_and_a_new_target_starts_afresh() -> None:
     assert search.dead_ends == ()
 
 
+def test_another_object_of_the_same_name_elsewhere_is_no_dead_end() -> None:
+    search = ObjectSearch(example())
+    first = search.next_goal({"a": [2.0, 0.0]}, "t", HERE)
+    assert first.object == "a"
+    # It stopped half a metre short of it.
+    search.reached([1.5, 0.0])
+    assert search.tried("a", [2.0, 0.0])
+    assert not search.tried("a", [2.0, 5.0])
+    second = search.next_goal({"a": [2.0, 5.0], "c": [-1.0, 0.0]}, "t", [1.5, 0.0, 0.0])
+    assert second.object == "a"
+    search.reached(second.goal)
+    assert search.tried("a", [2.0, 5.0])
+    assert search.tried("a", [2.0, 0.0])
+    assert search.dead_ends == ("a",)
+    third = search.next_goal({"a": [2.0, 5.0], "c": [-1.0, 0.0]}, "t", [2.0, 5.0, 0.0])
+    assert third.object != "a"
+
+
 def test_without_any_lead_the_floor_is_covered_and_then_it_says_so() -> None:
     values = np.zeros((60, 80), dtype=int)
     values[0], values[-1], values[:, 0], values[:, -1] = 100, 100, 100, 100

@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.driving import Approach
+from whereabouts.nodes.driving import PATIENCE, Approach
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import frame_name
 from whereabouts.nodes.world_messages import object_message
@@ -29,6 +29,7 @@ from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
 
 Array = NDArray[np.float64]
+LOOK = 0.5  # s, by the stamps of the world, that a robot looks around at a goal before it is a dead end
 
 
 class ObjectSearchNode(SuiteNode):
@@ -58,6 +59,7 @@ class ObjectSearchNode(SuiteNode):
         self._searching = ""
         self._reason = ""
         self._approach = Approach()
+        self._arrived: tuple[float, float] | None = None
         self._found = self._failed = 0
         self._steps = 0
 
@@ -104,6 +106,7 @@ class ObjectSearchNode(SuiteNode):
         serial = self._serial
         self._search.reset()
         self._approach.forget()
+        self._arrived = None
         self._searching, self._reason = wanted, "starting"
         self._available_output.publish(Bool(data=False))
         try:
@@ -164,20 +167,41 @@ class ObjectSearchNode(SuiteNode):
         if step is not None and step.goal is not None and step.kind != "target":
             away = float(np.hypot(*(step.goal - pose[:2])))
             if away <= self.settings.arrival_distance:
-                self._search.reached(pose[:2])
-            elif self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
+                if self._looked_around():
+                    self._search.reached(pose[:2])
+                    self._arrived = None
+                return self._search.next_goal(self._observed(pose), wanted, pose)
+            self._arrived = None
+            if self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
                 self.complain(f"a goal is not reached, another is tried: {step.reason}", key="goal")
                 self._search.reached(step.goal)
-        return self._search.next_goal(self._observed(), wanted, pose)
+        return self._search.next_goal(self._observed(pose), wanted, pose)
 
-    def _observed(self) -> dict[str, Array]:
-        """Positions by name of what is believed in; of several of a class the nearest one counts."""
+    def _looked_around(self) -> bool:
+        """Whether the world model knows what there is to be seen from the goal; it may be behind the robot.
+
+        Where no world state comes any more, PATIENCE has to do.
+        """
+        assert self._state is not None
+        now = self.get_clock().now().nanoseconds / NANOSECONDS
+        if self._arrived is None:
+            newest = self.transforms.newest(self._map_frame, self._base) or 0
+            self._arrived = (max(newest / NANOSECONDS, self._state.stamp), now)
+        stamp, since = self._arrived
+        return self._state.stamp >= stamp + LOOK or now - since > PATIENCE
+
+    def _observed(self, pose: Array) -> dict[str, Array]:
+        """Positions by name of what is believed in; of several of a class the nearest one that has not been tried."""
         assert self._state is not None
         observed: dict[str, Array] = {}
+        ranks: dict[str, tuple[bool, float]] = {}
         for item in self._state.objects:
             name = item.most_probable("class")
             if name and not item.lost and item.existence >= self.settings.belief:
-                observed.setdefault(name, item.position)
+                away = float(np.hypot(*(item.position[:2] - pose[:2])))
+                rank = (self._search.tried(name, item.position), away)
+                if name not in ranks or rank < ranks[name]:
+                    ranks[name], observed[name] = rank, item.position
         return {
             name: spot
             for name, spot in observed.items()

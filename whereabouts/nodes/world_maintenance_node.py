@@ -89,6 +89,7 @@ class WorldMaintenanceNode(SuiteNode):
         self._verifying = False
         self._outcomes = dict.fromkeys(("found", "occluded", "not_found"), 0)
         self._vain: dict[str, int] = {}
+        self._wanted: dict[str, str] = {}
         self._tasks = self._searches = 0
 
     def health(self) -> Health:
@@ -104,6 +105,7 @@ class WorldMaintenanceNode(SuiteNode):
     def _take_state(self, message: StateMessage, stamp: int) -> None:
         self._state = state_from_message(message)
         self._growth.observe(self._state)
+        self._notice_losses(self._state)
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._grid = grid_from_message(message)
@@ -132,6 +134,7 @@ class WorldMaintenanceNode(SuiteNode):
             name = max(able, key=lambda item: item.existence).id
         elif all(item.id != name for item in known):
             raise InputError(f"object '{name}' is unknown")
+        self._want(name)
         response.merged = not self._maintenance.trigger(name, request.requester or "a task")
         response.object_id = name
         response.code, response.message = response.SUCCESS, f"{name} will be looked at"
@@ -155,6 +158,7 @@ class WorldMaintenanceNode(SuiteNode):
             return
         self._task, self._since = task, now
         self._tasks += 1
+        self._want(task.object_id)
         self._publish(task)
         self._look_after(task, pose, now)
 
@@ -225,6 +229,7 @@ class WorldMaintenanceNode(SuiteNode):
         result = answer.result
         if result.code == result.FOUND:
             self._vain.pop(task.object_id, None)
+            self._wanted.pop(task.object_id, None)
             if result.evidence.objects:
                 self._evidence_output.publish(result.evidence)
             self._finish(task, "found")
@@ -247,23 +252,35 @@ class WorldMaintenanceNode(SuiteNode):
             WorldEvidence(header=self._header(), sensor=task.sensor, objects=[missing])
         )
         self._finish(task, "not_found")
-        self._hand_over(task)
 
-    def _hand_over(self, task: VerificationTask) -> None:
-        """Have what was looked for in vain searched for; by its class alone where it is the only one of it."""
+    # Losses.
+
+    def _want(self, object_id: str) -> None:
+        """Somebody wants to know where an object is: itself, or by its class once it is lost."""
+        for item in () if self._state is None else self._state.objects:
+            if item.id == object_id and not item.lost:
+                self._wanted[object_id] = item.most_probable("class")
+
+    def _notice_losses(self, state: WorldState) -> None:
+        """Hand what is wanted, and no longer believed to be anywhere, to the search."""
+        here = {item.id for item in state.objects if not item.lost}
+        for name in [name for name in self._wanted if name not in here]:
+            self._hand_over(name, self._wanted.pop(name), state)
+
+    def _hand_over(self, object_id: str, class_name: str, state: WorldState) -> None:
+        """Have an object searched for; by its class alone where it is the only one of it."""
         if self._finder is None:
             return
         if not self._finder.server_is_ready():
-            self.complain(f"{task.object_id} is lost, and nobody serves find_object", key="search")
+            self.complain(f"{object_id} is lost, and nobody serves find_object", key="search")
             return
-        assert self._state is not None
         others = any(
-            item.id != task.object_id and not item.lost and item.most_probable("class") == task.class_name
-            for item in self._state.objects
+            item.id != object_id and not item.lost and item.most_probable("class") == class_name
+            for item in state.objects
         )
         self._searches += 1
         self._finder.send_goal_async(
-            FindObject.Goal(class_name=task.class_name, object_id=task.object_id if others else "")
+            FindObject.Goal(class_name=class_name, object_id=object_id if others else "")
         )
 
     def _finish(self, task: VerificationTask, outcome: str) -> None:
