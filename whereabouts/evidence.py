@@ -55,13 +55,15 @@ class Reader:
     """What a deployment knows of its detectors' words.
 
     known : values of the attributes that are limited, {"class": [...]}. attributes : names of all that are taken in.
-    sigma : m, of detections that come without covariance.
+    sigma : m, of detections that come without covariance. quantities : names of those that stay numbers; others become
+    symbols of the attributes.
     """
 
     known: Mapping[str, Sequence[str]]
     attributes: Sequence[str]
     sigma: float
     symbols: Symbols = field(default_factory=default_symbols)
+    quantities: Sequence[str] = ()
 
     def evidence(self, message: Any, frame: Frame) -> tuple[WorldEvidence, list[str]]:
         """A whereabouts_msgs/WorldEvidence, and the ids of objects that were looked for and not found.
@@ -131,9 +133,8 @@ class Reader:
                 )
             else:
                 raise InputError(f"attributes[{name!r}]: neither discrete nor continuous is filled")
-        return ObjectEvidence(
-            position, turned, self._with_symbols(attributes, quantities), item.object_id or None
-        )
+        words, numbers = self._with_symbols(attributes, quantities)
+        return ObjectEvidence(position, turned, words, item.object_id or None, numbers)
 
     def _detection(self, item: Any, frame: Frame) -> ObjectEvidence:
         best = max(item.results, key=lambda result: result.hypothesis.score, default=None)
@@ -158,7 +159,8 @@ class Reader:
         if covariance is None:
             covariance = self.sigma**2 * np.eye(3)
         position, turned = frame.position(position, covariance)
-        return ObjectEvidence(position, turned, self._with_symbols(attributes, _extent(item.bbox.size)))
+        words, numbers = self._with_symbols(attributes, _extent(item.bbox.size))
+        return ObjectEvidence(position, turned, words, quantities=numbers)
 
     def _complete(self, attribute: str, given: Mapping[str, float]) -> dict[str, float]:
         """A distribution that sums to one: what is missing belongs to known values that were not named."""
@@ -173,14 +175,15 @@ class Reader:
 
     def _with_symbols(
         self, attributes: dict[str, dict[str, float]], quantities: Mapping[str, Gaussian]
-    ) -> dict[str, dict[str, float]]:
-        """Measured numbers become symbols of the attributes that were not given in words."""
-        if not quantities:
-            return attributes
-        for name, values in self.symbols.perceived(quantities, self.known).items():
-            if name in self.attributes:
-                attributes.setdefault(name, values)
-        return attributes
+    ) -> tuple[dict[str, dict[str, float]], dict[str, Gaussian]]:
+        """Measured numbers become symbols of the attributes that were not given in words, or stay numbers."""
+        numbers = {name: value for name, value in quantities.items() if name in self.quantities}
+        others = {name: value for name, value in quantities.items() if name not in self.quantities}
+        if others:
+            for name, values in self.symbols.perceived(others, self.known).items():
+                if name in self.attributes:
+                    attributes.setdefault(name, values)
+        return attributes, numbers
 
 
 class _named:  # noqa: N801 - reads like a function where it is used

@@ -103,6 +103,19 @@ class SuiteMessages:
             )
             for name, values in item.attributes.items()
         ]
+        attributes += [
+            self.make(
+                "whereabouts_msgs/msg/Attribute",
+                name=name,
+                discrete=self.distribution({}),
+                continuous=self.make(
+                    "whereabouts_msgs/msg/GaussianDistribution",
+                    mean=np.array([mean]),
+                    covariance=np.array([variance]),
+                ),
+            )
+            for name, (mean, variance) in item.quantities.items()
+        ]
         return self.make(
             "whereabouts_msgs/msg/ObjectEvidence",
             detection_id="",

@@ -32,6 +32,7 @@ def state_record(model: WorldModel, state: WorldState) -> dict[str, Any]:
                 "position": item.position.tolist(),
                 "covariance": item.covariance.tolist(),
                 "attributes": {name: dict(values) for name, values in item.attributes.items()},
+                "quantities": {name: list(pair) for name, pair in item.quantities.items()},
                 "existence": item.existence,
                 "lost": item.lost,
                 "last_seen": item.last_seen,

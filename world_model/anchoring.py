@@ -8,7 +8,7 @@ is a hypothesis of its own.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,10 @@ from world_model.gating import touch, weigh
 from world_model.grouping import THRESHOLD, Grouping
 from world_model.kernels import SETTLED_HITS
 from world_model.leaves import MOVING, REST, IntArray, Pool
+from world_model.look import Look
+from world_model.occlusion import hide
 from world_model.predictions import Path
+from world_model.quantities import Quantities
 from world_model.sensor_bias import SensorBias
 from world_model.state import WorldObject
 from world_model.unseen import Unseen, sensor_array
@@ -39,26 +42,6 @@ COMPANY = 10.0
 """How many they are then, mean."""
 
 
-@dataclass
-class Look:
-    """One look in arrays: M detections, n touched leaves."""
-
-    stamp: float
-    lag: float
-    positions: FloatArray
-    covariances: FloatArray
-    likelihood: FloatArray
-    log_new: FloatArray
-    existence: FloatArray
-    born: FloatArray
-    gap: FloatArray
-    reach: FloatArray
-    chosen: IntArray
-    clear: FloatArray
-    matrix: FloatArray
-    missing: FloatArray
-
-
 class Anchoring(Grouping):
     """All anchors and hypotheses. `shown` : believed objects of the most probable world, by track number."""
 
@@ -67,6 +50,7 @@ class Anchoring(Grouping):
         known = {"class": config.classes, "color": config.colors}
         known |= {name: () for name in config.attributes if name not in known}
         self.vocabulary = Vocabulary(known, config.class_accuracy)
+        self.quantities = Quantities(config.quantities)
         self.motion = motion_table(self.vocabulary.values["class"], config.motion)
         detection = config.detection_probability
         run = max(config.missed_run_frames, 1.0 / detection)
@@ -78,7 +62,7 @@ class Anchoring(Grouping):
 
     def reset(self) -> None:
         """Forget all anchors; the vocabulary stays."""
-        self.pool = Pool(self.vocabulary.width)
+        self.pool = Pool(self.vocabulary.width, len(self.quantities.names))
         self.tracks: dict[int, Track] = {}
         self.clusters: dict[int, Cluster] = {}
         self.shown: dict[int, WorldObject] = {}
@@ -107,7 +91,16 @@ class Anchoring(Grouping):
         raw, measured = measured, self._unbiased(measured)
         measured, verified = self._verified(measured, stamp, lag)
         look = self._weighed(measured, stamp, lag, set(verified.values()))
+        self.pool.leaves.said[:] = -1
+        told, spreads = self.quantities.arrays(measured.quantities)
+        measures = bool((spreads >= 0.0).any())
+        if measures:
+            look.matrix += self.quantities.log_factors(self.pool.leaves, look.chosen, told, spreads)
         touched, owners = self._associate(look)
+        if measures:
+            slots = np.flatnonzero(self.pool.leaves.said >= 0)
+            said = self.pool.leaves.said[slots]
+            self.quantities.learn(self.pool.leaves, slots, told[said], spreads[said])
         for number in touched:
             self._show(number, stamp)
         if self._fresh:
@@ -167,6 +160,9 @@ class Anchoring(Grouping):
                 continue
             likelihood = self.vocabulary.likelihoods(measured.attributes[index : index + 1])[0]
             self.verify(track, measured.positions[index], measured.covariances[index], likelihood, stamp, lag)
+            slots = self._leaves_of(track)
+            told, spreads = self.quantities.arrays([measured.quantities[index]] * len(slots))
+            self.quantities.learn(self.pool.leaves, slots, told, spreads)
             verified[index] = track.number
         others = [index for index in range(len(measured.positions)) if index not in verified]
         return measured.only(others), verified
@@ -200,6 +196,8 @@ class Anchoring(Grouping):
             chosen,
             clear,
         )
+        if known and not silent:
+            hide(leaves, chosen, count, clear, sensor, self.quantities)
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
         likelihood = self.vocabulary.likelihoods(measured.attributes)
         weigh(
@@ -415,6 +413,7 @@ class Anchoring(Grouping):
             look.stamp - look.lag,
             look.existence[js],
             fresh,
+            js,
             self.vocabulary.prior(),
             self.motion,
         )

@@ -139,14 +139,18 @@ class Beliefs(Guidance):
 
     def _name(self, slot: int) -> str:
         classes = self.vocabulary.classes
-        name = "object"
-        if classes:
-            name = self.vocabulary.values["class"][int(self.pool.leaves.attributes[slot, :classes].argmax())]
+        name = self._class_name(slot) if classes else "object"
         taken = {track.id for track in self.tracks.values()} if self._names[name] == 0 else ()
         while True:
             self._names[name] += 1
             if f"{name}-{self._names[name]}" not in taken:
                 return f"{name}-{self._names[name]}"
+
+    def _class_name(self, slot: int) -> str:
+        classes = self.vocabulary.classes
+        if not classes:
+            return ""
+        return self.vocabulary.values["class"][int(self.pool.leaves.attributes[slot, :classes].argmax())]
 
     def _object(self, track: Track, slot: int) -> WorldObject:
         leaves = self.pool.leaves
@@ -180,6 +184,7 @@ class Beliefs(Guidance):
             },
             region,
             process_noise=self._growth(track, slot),
+            quantities=self.quantities.described(leaves, slot),
         )
 
     def _symbol(self, number: int) -> str | None:

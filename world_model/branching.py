@@ -19,6 +19,7 @@ def settle(  # type: ignore[no-untyped-def]
         i, j = chosen[k], detection[k]
         if j >= 0:
             correct(leaves, i, positions[j], covariances[j], lag, likelihood[j], blocks, stamp)
+            leaves.said[i] = j
         else:
             miss(leaves, i, missing[k], clear[k])
 
@@ -58,6 +59,7 @@ def begin(  # type: ignore[no-untyped-def]
             existence[j],
             motion,
         )
+        leaves.said[slots[k]] = j
     return slots
 
 
@@ -80,12 +82,14 @@ def realise(  # type: ignore[no-untyped-def]
     stamp,
     existence,
     tracks,
+    names,
     prior,
     motion,
 ):
     """Leaves (C, T + M) of the children that `expand` chose, and those of the M tracks they begin.
 
-    slots (n,) : rows of the parents' leaves, used again for those that were missed, else given back.
+    names (M,) : indices of the detections in the look. slots (n,) : rows of the parents' leaves, used again for those
+    that were missed, else given back.
     """
     C, T = choice.shape
     M = positions.shape[0]
@@ -116,6 +120,7 @@ def realise(  # type: ignore[no-untyped-def]
                 d = j % M
                 if j < M:
                     correct(leaves, slot, positions[d], covariances[d], lag, likelihood[d], blocks, stamp)
+                    leaves.said[slot] = names[d]
                 else:
                     correct_shared(leaves, slot, slots[j // M - 1], positions[d], covariances[d], stamp)
                 found[key] = slot
@@ -139,6 +144,7 @@ def realise(  # type: ignore[no-untyped-def]
                     existence[j],
                     motion,
                 )
+                leaves.said[slot] = names[j]
                 begun[j] = slot
             out[c, T + j] = begun[j]
     for k in range(n):

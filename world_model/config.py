@@ -16,6 +16,7 @@ MODELS = ("static", "constant_velocity")
 DEFAULT_MOVED_PER_SECOND = 1e-4
 DEFAULT_ACCEL_SIGMA = 0.5
 DEFAULT_FOLLOWS = 0.8
+DEFAULT_USUAL = 0.5
 
 
 def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
@@ -27,19 +28,27 @@ def _setting(default: float, unit: str, text: str, low: float, high: float) -> f
 @dataclass(frozen=True)
 class Motion:
     """Behaviour of one class: `model`, root of its white acceleration density (m/s^1.5), rate of being carried
-    anywhere (1/s), and with which probability a mover keeps to the path that is predicted for it, where one is."""
+    anywhere (1/s). follows_prediction : probability that a mover keeps to the path that is predicted for it, where one
+    is. usual_place : probability that what was taken away is where it usually is at that time of day."""
 
     model: str = "static"
     accel_sigma: float = DEFAULT_ACCEL_SIGMA
     moved_per_second: float = DEFAULT_MOVED_PER_SECOND
     follows_prediction: float = DEFAULT_FOLLOWS
+    usual_place: float = DEFAULT_USUAL
 
     @classmethod
     def checked(cls, name: str, given: Mapping[str, Any]) -> Motion:
         """Raises InputError naming class and field."""
         if not isinstance(given, Mapping):
             raise InputError(f"motion[{name!r}] must be a mapping, not {given!r}")
-        unknown = set(given) - {"model", "accel_sigma", "moved_per_second", "follows_prediction"}
+        unknown = set(given) - {
+            "model",
+            "accel_sigma",
+            "moved_per_second",
+            "follows_prediction",
+            "usual_place",
+        }
         if unknown:
             raise InputError(f"motion[{name!r}] has unknown fields {sorted(unknown)}")
         model = given.get("model", "static")
@@ -51,6 +60,7 @@ class Motion:
             "accel_sigma": DEFAULT_ACCEL_SIGMA,
             "moved_per_second": moved,
             "follows_prediction": DEFAULT_FOLLOWS,
+            "usual_place": DEFAULT_USUAL,
         }
         values = {}
         for key, default in defaults.items():
@@ -64,8 +74,9 @@ class Motion:
                     f"motion[{name!r}].{key} must be a finite number of at least 0, not {value!r}"
                 )
             values[key] = float(value)
-        if values["follows_prediction"] > 1.0:
-            raise InputError(f"motion[{name!r}].follows_prediction must be in [0, 1]")
+        for key in ("follows_prediction", "usual_place"):
+            if values[key] > 1.0:
+                raise InputError(f"motion[{name!r}].{key} must be in [0, 1]")
         return cls(model, **values)
 
 
@@ -119,6 +130,10 @@ class WorldModelConfig:
         default=("shape", "size", "material"),
         metadata={"description": "discrete attributes besides class and color"},
     )
+    quantities: Mapping[str, tuple[float, float]] = field(
+        default_factory=lambda: {"size": (0.3, 0.3), "ratio": (1.0, 0.7)}
+    )
+    """Continuous attributes: {name: (mean, standard deviation) over all objects}, SI units."""
     merged_detections: bool = field(
         default=False, metadata={"description": "whether one detection may stem from two touching movers"}
     )
@@ -162,6 +177,12 @@ class WorldModelConfig:
             or (region[:2, 0] == region[:2, 1]).any()
         ):
             raise InputError(f"region must be ((x0, x1), (y0, y1), (z0, z1)), ascending, not {self.region!r}")
+        for name, usual in self.quantities.items():
+            pair = as_finite(f"quantities[{name!r}]", usual)
+            if pair.shape != (2,) or pair[1] <= 0.0:
+                raise InputError(
+                    f"quantities[{name!r}] must be (mean, standard deviation above 0), not {usual!r}"
+                )
         if self.motion is not None:
             if not isinstance(self.motion, Mapping):
                 raise InputError(f"motion must be {{class or '*': {{...}}}}, not {self.motion!r}")

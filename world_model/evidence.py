@@ -26,13 +26,15 @@ class ObjectEvidence:
     position : (3,) m, world frame. covariance : (3, 3) m², or None where the detector does not say
     (`WorldModelConfig.measurement_sigma` then). attributes : {"class": {"cup": 0.8, ...}, "color": {...}}:
     distributions over named values that sum to one; other names for other attributes. object_id : id of a known
-    object that this measurement verifies; it is associated with that object directly.
+    object that this measurement verifies; it is associated with that object directly. quantities : {"size":
+    (mean, variance), ...}: continuous attributes, SI units; names are those of `WorldModelConfig.quantities`.
     """
 
     position: npt.ArrayLike
     covariance: npt.ArrayLike | None = None
     attributes: Mapping[str, Distribution] = field(default_factory=dict)
     object_id: str | None = None
+    quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass
@@ -93,6 +95,7 @@ class Measurements:
     sensor: Sensor | None
     silent: bool
     """Whether not being seen means nothing in this look."""
+    quantities: tuple[Mapping[str, tuple[float, float]], ...]
 
     def only(self, which: list[int]) -> Measurements:
         """Some of the detections."""
@@ -102,6 +105,7 @@ class Measurements:
             covariances=self.covariances[which],
             attributes=tuple(self.attributes[i] for i in which),
             object_ids=tuple(self.object_ids[i] for i in which),
+            quantities=tuple(self.quantities[i] for i in which),
         )
 
 
@@ -132,6 +136,7 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
         tuple(item.object_id for item in objects),
         sensor,
         evidence.blocked or (sensor is None and not objects),
+        tuple(item.quantities for item in objects),
     )
 
 

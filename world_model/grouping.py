@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.checks import FloatArray
+from world_model.behaviors import motion_of
 from world_model.beliefs import LEAST_PRESENCE, Beliefs
 from world_model.branching import presence, same_worlds, sweep
 from world_model.clusters import Cluster, Track, combined
 from world_model.expansion import components, unify
+from world_model.habits import Habits
 from world_model.kernels import copy_leaf, learn_attributes
 from world_model.leaves import MOVING, REST, IntArray
 from world_model.recognition import alternatives, candidates, odds
@@ -26,6 +28,8 @@ class Grouping(Beliefs):
     """Part of `Anchoring`: files tracks under clusters and drops what is not worth keeping."""
 
     persistence: float
+    habits: Habits | None = None
+    """Where things usually are, if that is learned."""
 
     def _keep_rows(self, number: int, keep: npt.NDArray[np.bool_]) -> None:
         """Hypotheses of a cluster that turned out to be impossible go."""
@@ -116,7 +120,25 @@ class Grouping(Beliefs):
         leaves, classes = self.pool.leaves, self.vocabulary.classes
         rows = leaves.attributes[slots, :classes].argmax(1) if classes else np.full(len(slots), -1)
         volume = self.unseen.volume
-        return odds(leaves, slots, new, track, self.motion[rows, 2], self.vocabulary.blocks, volume)
+        values = odds(leaves, slots, new, track, self.motion[rows, 2], self.vocabulary.blocks, volume)
+        own = leaves.values[new][None], leaves.variances[new][None]
+        values *= np.exp(self.quantities.log_factors(leaves, slots, *own)[:, 0])
+        if self.habits is not None:
+            values *= self._by_habit(slots, new)
+        return values
+
+    def _by_habit(self, slots: IntArray, new: int) -> FloatArray:
+        """How much likelier (n,) known objects are to be put down where the new one is than anywhere."""
+        assert self.habits is not None
+        (x0, x1), (y0, y1), _ = self.config.region
+        leaves, factors = self.pool.leaves, np.ones(len(slots))
+        spot, stamp = leaves.rest[new], float(leaves.first[new])
+        for index, slot in enumerate(slots.tolist()):
+            name = self._class_name(slot)
+            trust = motion_of(name, self.config.motion).usual_place
+            known = self.tracks[int(leaves.track[slot])].id or ""
+            factors[index] = self.habits.odds(known, name, spot, stamp, trust, (x1 - x0) * (y1 - y0))
+        return factors
 
     def _add_alternatives(self, new: Track, known: Track) -> None:
         members = sorted({new.cluster, known.cluster})

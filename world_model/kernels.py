@@ -252,6 +252,9 @@ def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
     leaves.hits[target] = leaves.hits[source]
     leaves.missed[target] = leaves.missed[source]
     leaves.track[target] = leaves.track[source]
+    leaves.values[target] = leaves.values[source]
+    leaves.variances[target] = leaves.variances[source]
+    leaves.said[target] = -1
 
 
 @numba.njit(cache=True)
@@ -386,6 +389,8 @@ def create(leaves, i, track, z, R, likelihood, blocks, prior, stamp, existence, 
     leaves.behavior[i] = 0.0
     leaves.behavior[i, MOVING if motion[row, 0] > 0.5 else REST] = existence
     leaves.behavior[i, NONE] = 1.0 - existence
+    leaves.variances[i] = -1.0
+    leaves.said[i] = -1
     leaves.visible[i] = 1.0
     leaves.stamp[i] = stamp
     leaves.last[i] = stamp

@@ -28,6 +28,8 @@ class Leaves(NamedTuple):
     probability of the object's detections not being in a run of misses, after the last look. stamp (L,) : s.
     attributes (L, A) : discrete distributions side by side. last (L,), first (L,) : stamps of detections.
     hits (L,) : detections. missed (L,) : clear looks without detection since the last. track (L,) : owner.
+    values, variances (L, Q) : Gaussians over quantities, a variance below zero where nothing was measured.
+    said (L,) : index of the look's detection that it took in, -1 for none.
     """
 
     rest: FloatArray
@@ -44,9 +46,12 @@ class Leaves(NamedTuple):
     hits: IntArray
     missed: FloatArray
     track: IntArray
+    values: FloatArray
+    variances: FloatArray
+    said: IntArray
 
 
-def empty(size: int, attributes: int) -> Leaves:
+def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
     """Storage for `size` leaves."""
     return Leaves(
         np.zeros((size, 3)),
@@ -63,14 +68,17 @@ def empty(size: int, attributes: int) -> Leaves:
         np.zeros(size, np.int64),
         np.zeros(size),
         np.full(size, -1),
+        np.zeros((size, quantities)),
+        np.full((size, quantities), -1.0),
+        np.full(size, -1),
     )
 
 
 class Pool:
     """Leaves with a stack of free rows; grows by doubling."""
 
-    def __init__(self, attributes: int, size: int = 256) -> None:
-        self.leaves = empty(size, attributes)
+    def __init__(self, attributes: int, quantities: int = 0, size: int = 256) -> None:
+        self.leaves = empty(size, attributes, quantities)
         self.free = np.arange(size - 1, -1, -1)
         self.top = np.array([size])
         """How many entries of `free` are free."""
@@ -88,7 +96,7 @@ class Pool:
         """Make sure that `count` rows are free."""
         while self.top[0] < count:
             old = self.size
-            grown = empty(2 * old, self.leaves.attributes.shape[1])
+            grown = empty(2 * old, self.leaves.attributes.shape[1], self.leaves.values.shape[1])
             for mine, other in zip(grown, self.leaves, strict=True):
                 mine[:old] = other
             self.leaves = grown

@@ -113,7 +113,7 @@ class Words:
             item,
             place=place,
             place_probability=probability,
-            predicates=tuple(self.symbols.holding(item.attributes)),
+            predicates=tuple(self.symbols.holding(item.attributes, item.quantities)),
         )
         self._known[item.id] = (item, made)
         return made
@@ -125,6 +125,8 @@ class Words:
 
     def where(self, item: WorldObject) -> dict[str, float]:
         """Probability by name of place, given that it exists."""
+        if item.lost and item.usual:
+            return dict(item.usual)
         if item.lost and item.region is not None:
             return self.places.shares(item.region)
         return self.places.probabilities(item.position, item.covariance)
@@ -235,11 +237,13 @@ def _probability(item: WorldObject, request: Request, region: Place | None, word
     if request.class_name:
         probability *= float(item.attributes.get("class", {}).get(request.class_name, 0.0))
     for symbol in request.predicates:
-        probability *= words.symbols.probability(symbol, item.attributes)
+        probability *= words.symbols.probability(symbol, item.attributes, item.quantities)
     if region is not None:
         if item.id == region.name:
             return 0.0
-        if item.lost and item.region is not None:
+        if item.lost and region.name in item.usual:
+            probability *= item.usual[region.name]
+        elif item.lost and item.region is not None:
             probability *= region.share(item.region)
         else:
             probability *= region.probability(item.position, item.covariance)

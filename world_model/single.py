@@ -17,6 +17,7 @@ from world_model.clusters import Cluster, Track, lonely
 from world_model.config import WorldModelConfig
 from world_model.kernels import copy_leaf, correct, predict, start_moving
 from world_model.leaves import AWAY, MOVING, NONE, REST, IntArray, Pool
+from world_model.quantities import Quantities
 from world_model.state import Box, WorldObject
 from world_model.vocabulary import Vocabulary
 
@@ -29,6 +30,7 @@ class SingleObjects(ABC):
 
     config: WorldModelConfig
     vocabulary: Vocabulary
+    quantities: Quantities
     motion: FloatArray
     pool: Pool
     tracks: dict[int, Track]
@@ -159,6 +161,9 @@ class SingleObjects(ABC):
             0.0,
         ]
         leaves.led[slot] = 0.0
+        leaves.variances[slot] = -1.0
+        taken = {name: value for name, value in item.quantities.items() if name in self.quantities.names}
+        self.quantities.learn(leaves, np.array([slot]), *self.quantities.arrays([taken]))
         leaves.behavior[slot, NONE] = max(1.0 - leaves.behavior[slot].sum(), 0.0)
         leaves.visible[slot] = 1.0
         leaves.attributes[slot] = self.vocabulary.prior()

@@ -22,7 +22,8 @@ class WorldObject:
     lost : not where it was, anywhere in `region`. last_seen, first_seen : stamps of measurements, s.
     behaviors : probability of each behaviour model (2.2): constant_position, constant_velocity, uniform.
     alternatives : ids that other hypotheses give to the same object. process_noise : (3, 3) m²/s by which the
-    covariance grows while nobody looks.
+    covariance grows while nobody looks. quantities : {"size": (mean, variance)}, continuous attributes, SI units.
+    usual : probability by place of a lost object, where it is known where it usually is at this time of day.
     """
 
     id: str
@@ -41,6 +42,8 @@ class WorldObject:
     predicates: tuple[str, ...] = ()
     alternatives: tuple[str, ...] = ()
     process_noise: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    usual: Mapping[str, float] = field(default_factory=dict)
 
     def most_probable(self, attribute: str) -> str:
         """The most probable value of an attribute, "" where nothing is known about it."""

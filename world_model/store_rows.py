@@ -29,6 +29,8 @@ OFTENEST = 0.5
 DRIFT = 0.01
 """Existence that wanes by less, with nothing else new, is not written again."""
 CERTAIN = 1e-6
+QUANTITIES = "quantities"
+"""Beside the behaviours, which it is none of: stores of before have none."""
 
 
 @dataclass
@@ -58,7 +60,7 @@ def encode(item: WorldObject, text: str) -> tuple[Any, ...]:
         float(item.last_seen),
         float(item.first_seen),
         text,
-        distribution_text(item.behaviors),
+        behaviors_text(item),
         None if item.region is None else json.dumps(item.region),
     )
 
@@ -70,6 +72,8 @@ def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
     if values.shape != (NUMBERS,):
         raise ValueError(f"{NUMBERS} numbers expected, got {values.shape}")
     box = None if region is None else json.loads(region)
+    shares = json.loads(behaviors)
+    quantities = {name: (float(m), float(v)) for name, (m, v) in shares.pop(QUANTITIES, {}).items()}
     return WorldObject(
         object_id,
         values[:3],
@@ -80,9 +84,10 @@ def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
         bool(lost),
         float(last_seen),
         float(first_seen),
-        json.loads(behaviors),
+        shares,
         None if box is None else tuple((float(low), float(high)) for low, high in box),  # type: ignore[arg-type]
         process_noise=values[15:].reshape(3, 3),
+        quantities=quantities,
     )
 
 
@@ -97,9 +102,12 @@ def attributes_text(attributes: Mapping[str, Mapping[str, float]], digits: int =
     )
 
 
-def distribution_text(values: Mapping[str, float]) -> str:
-    """JSON of one distribution."""
-    return json.dumps({value: round(p, 7) for value, p in values.items()}, separators=(",", ":"))
+def behaviors_text(item: WorldObject) -> str:
+    """JSON of the behaviours' probabilities, and of the quantities where some were measured."""
+    given: dict[str, Any] = {value: round(p, 7) for value, p in item.behaviors.items()}
+    if item.quantities:
+        given[QUANTITIES] = {name: [mean, variance] for name, (mean, variance) in item.quantities.items()}
+    return json.dumps(given, separators=(",", ":"))
 
 
 def is_drift(before: WorldObject, item: WorldObject) -> bool:

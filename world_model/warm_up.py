@@ -33,7 +33,12 @@ def warm_up() -> None:
             spots = [(0.0, 0.0, 1.0), (0.12, 0.0, 1.0), (1.0, 1.0, 1.0)] if step < 25 else [(0.0, 1.0, 1.0)]
             seen = [np.array(p) + rng.normal(0.0, 0.05, 3) for p in spots if rng.random() < 0.6]
             seen += list(rng.uniform([-2, -2, 0], [2, 2, 2], (rng.poisson(2.0), 3)))
-            given = [ObjectEvidence(p, 0.0025 * np.eye(3), {"class": {"a": 0.8, "b": 0.2}}) for p in seen]
+            given = [
+                ObjectEvidence(
+                    p, 0.0025 * np.eye(3), {"class": {"a": 0.8, "b": 0.2}}, quantities={"size": (0.1, 1e-4)}
+                )
+                for p in seen
+            ]
             measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), 0.05)
             anchors.look(measured, 0.05 * step, 0.0)
             anchors.probabilities()

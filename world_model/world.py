@@ -12,8 +12,10 @@ import numpy as np
 from estimation.errors import InputError
 from estimation.places import Places
 from world_model.anchoring import Anchoring
+from world_model.behaviors import motion_of
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
+from world_model.habits import Habits
 from world_model.predictions import checked_predictions
 from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
@@ -43,8 +45,13 @@ class WorldModel:
         self.epoch = 0
         self.stamp = -np.inf
         self._anchors = Anchoring(self.config)
+        self.habits = Habits(places or Places())
+        if places:
+            self._anchors.habits = self.habits
         warm_up()
         memory = None if self.store is None else self.store.restore()
+        if self.store is not None:
+            self.habits.learn(self.store)
         if memory is not None:
             self.restore(memory.objects, memory.stamp, memory.epoch, memory.names)
 
@@ -61,6 +68,8 @@ class WorldModel:
         measured = checked(evidence, self.config.measurement_sigma)
         paths = checked_predictions(predictions, self._anchors.shown.values(), float(stamp))
         fresh = self._anchors.vocabulary.check(measured.attributes)
+        for index, given in enumerate(measured.quantities):
+            self._anchors.quantities.check(f"objects[{index}]", given)
         stamp = float(stamp)
         if not np.isfinite(stamp):
             raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
@@ -84,6 +93,7 @@ class WorldModel:
         for index, item in enumerate(evidence.objects):
             try:
                 self._anchors.vocabulary.check_one(f"objects[{index}]", item.attributes)
+                self._anchors.quantities.check(f"objects[{index}]", item.quantities)
             except InputError as error:
                 refused[index] = str(error)
         if not refused:
@@ -94,12 +104,22 @@ class WorldModel:
     def _recorded(self, state: WorldState) -> WorldState:
         if self.store is not None:
             self.store.record(state)
+        self.habits.watch(state.objects, state.stamp)
         return state
+
+    def _with_habits(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
+        """Lost objects are probably where they usually are at that time of day."""
+        return tuple(self._usual(item, stamp) if item.lost and self.places else item for item in objects)
+
+    def _usual(self, item: WorldObject, stamp: float) -> WorldObject:
+        trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
+        usual = self.habits.where(item, stamp, trust, item.region or self.config.region)
+        return replace(item, usual=usual) if usual else item
 
     def _state(self, associations: tuple[str | None, ...] = ()) -> WorldState:
         anchors = self._anchors
         return WorldState(
-            tuple(anchors.shown.values()),
+            self._with_habits(anchors.shown.values(), self.stamp),
             float(anchors.probabilities()[0]),
             anchors.expected_count,
             self.stamp,
@@ -112,7 +132,9 @@ class WorldModel:
         """All hypotheses that are kept, the most probable first; their probabilities sum to one."""
         count = self._anchors.expected_count
         return [
-            WorldState(tuple(objects), probability, count, self.stamp, self.epoch, index)
+            WorldState(
+                self._with_habits(objects, self.stamp), probability, count, self.stamp, self.epoch, index
+            )
             for index, (objects, probability) in enumerate(self._anchors.worlds())
         ]
 
@@ -121,7 +143,7 @@ class WorldModel:
         stamp = float(stamp)
         if not np.isfinite(stamp):
             raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
-        objects = tuple(self._anchors.predicted(stamp))
+        objects = self._with_habits(self._anchors.predicted(stamp), stamp)
         expected = float(sum(item.existence for item in objects))
         return WorldState(objects, float(self._anchors.probabilities()[0]), expected, stamp, self.epoch)
 

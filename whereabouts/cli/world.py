@@ -140,7 +140,7 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[Look]:
     config = settings.world
     known = {"class": config.classes, "color": config.colors}
     names = ("class", "color", *config.attributes)
-    reader = Reader(known, names, config.measurement_sigma, settings.symbols)
+    reader = Reader(known, names, config.measurement_sigma, settings.symbols, tuple(config.quantities))
     frame = settings.places.frame if settings.places_file else ""
     with EvidenceLog(source, reader, frame) as log, progress_bar() as bar:
         task = bar.add_task(f"reading {source.name}", total=100)

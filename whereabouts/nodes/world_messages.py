@@ -18,10 +18,17 @@ from estimation.places import Place
 from estimation.rotations import rotation_from_quaternion
 from whereabouts.nodes.conversions import FREE
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts_msgs.msg import Attribute, DiscreteDistribution, Region, WorldHypotheses
+from whereabouts_msgs.msg import (
+    Attribute,
+    DiscreteDistribution,
+    GaussianDistribution,
+    Region,
+    WorldHypotheses,
+)
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldObject, WorldState
+from world_model.quantities import extent
 from world_model.queries import Words
 
 Array = NDArray[np.float64]
@@ -68,6 +75,10 @@ def object_message(item: WorldObject, transform: Array) -> ObjectMessage:
             Attribute(name=name, discrete=distribution_message(values))
             for name, values in item.attributes.items()
             if name != "class"
+        ]
+        + [
+            Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
+            for name, (mean, variance) in item.quantities.items()
         ],
         predicates=list(item.predicates),
         pose=pose_message(item, transform),
@@ -80,6 +91,10 @@ def object_message(item: WorldObject, transform: Array) -> ObjectMessage:
         first_seen=stamp_message(item.first_seen),
         alternatives=list(item.alternatives),
     )
+    known = extent(item.quantities)
+    if known is not None:
+        width, height = known
+        message.size = Vector3(x=width, y=width, z=height)
     linear = message.velocity.twist.linear
     linear.x, linear.y, linear.z = (float(v) for v in transform[:3, :3] @ item.velocity)
     if item.lost and item.region is not None:

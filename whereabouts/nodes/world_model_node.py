@@ -81,7 +81,8 @@ class WorldModelNode(SuiteNode):
         self._shown: list[WorldObject] = []
         self._report_store()
         known = {"class": config.classes, "color": config.colors}
-        self._reader = Reader(known, (*known, *config.attributes), config.measurement_sigma, symbols)
+        names, numbers = (*known, *config.attributes), tuple(config.quantities)
+        self._reader = Reader(known, names, config.measurement_sigma, symbols, numbers)
         self._messages = ObjectMessages(self._model.words)
         self.listen_to_transforms()
         # An old pose is no jump of time: localisation says it again when somebody asks.
