@@ -22,7 +22,9 @@ NEIGHBOR = 0.5
 OF_CLASS = 0.2
 """Weight of what others of its class do, beside what it does itself."""
 DOUBT = 1800.0
-"""s: what was watched for less than this at a time of day is not a habit yet."""
+"""s: what was watched for this long at a time of day is believed by half to be a habit."""
+LEAST = 900.0
+"""s: and less than this says nothing."""
 WATCHED = 60.0
 """s: for how long after its last measurement something counts as watched."""
 
@@ -102,7 +104,7 @@ class Habits:
                 at = (hour + offset) % BINS
                 seconds += weight * near * self._seconds[key][at]
                 total += weight * near * float(self._total[key][at])
-        if total <= 0.0:
+        if total < LEAST:
             return {}, 0.0
         return dict(zip(self._names, (seconds / total).tolist(), strict=True)), total / (total + DOUBT)
 
