@@ -12,7 +12,8 @@ from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from world_model.looks import Sensor
 from world_model.maintenance import Maintenance, MaintenanceConfig, Trigger
-from world_model.maintenance_kernels import path_gain
+from world_model.maintenance_kernels import path_gain, shortest_way, single_gains, straight_gains
+from world_model.maintenance_warm_up import warm_up
 from world_model.state import WorldObject, WorldState
 
 CAMERA = Sensor("camera", 0.4, 2.0, 0.01 * np.eye(3))
@@ -95,6 +96,23 @@ def test_nothing_is_done_below_the_threshold_and_it_says_so() -> None:
     maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=50.0))
     assert maintenance.next_task(world(thing("cup-1", 5.0, 0.0)), np.zeros(3), [CAMERA]) is None
     assert "below the threshold" in maintenance.idle_reason
+
+
+def test_after_warming_up_nothing_is_compiled() -> None:
+    def compiled() -> list[int]:
+        return [len(kernel.signatures) for kernel in (path_gain, straight_gains, single_gains, shortest_way)]
+
+    warm_up()
+    before = compiled()
+    assert min(before) >= 1
+    grid = OccupancyGrid.from_values(np.zeros((120, 120), dtype=np.int64), 0.1)
+    state = world(thing("cup-1", 3.0, 2.0), thing("cup-2", 9.0, 2.0), thing("cup-3", 9.0, 9.0))
+    for floor in (None, grid):
+        maintenance = Maintenance(EAGER)
+        task = maintenance.next_task(state, [1.0, 1.0, 0.0], [CAMERA, LASER], field_of_view=2.0, grid=floor)
+        assert task is not None
+        assert maintenance.tour
+    assert compiled() == before
 
 
 def test_thresholds_and_weights_hold_by_class() -> None:
@@ -185,7 +203,8 @@ def test_several_looks_are_one_tour_along_the_shortest_way() -> None:
     visits = {}
     for tour in (0.0, 0.5):
         maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=3.0, weight=0.1, tour=tour))
-        pose, order, left = np.zeros(3), [], dict(spots)
+        pose, left = np.zeros(3), dict(spots)
+        order: list[str] = []
         while left:
             known = [thing(name, *spot) for name, spot in spots.items() if name in left]
             known += [thing(name, *spots[name][:2], 0.005) for name in spots if name not in left]

@@ -43,6 +43,7 @@ from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import TriggerVerification
 from world_model import Maintenance, VerificationTask, WorldState
 from world_model.growth import Growth
+from world_model.maintenance_warm_up import warm_up
 
 Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.
@@ -58,6 +59,7 @@ class WorldMaintenanceNode(SuiteNode):
 
     def setup(self) -> None:
         settings = self.settings
+        warm_up()
         self._map_frame, self._base = frame_name(settings.map_frame), frame_name(settings.base_frame)
         self._sensors = settings.sensor_models
         self._grid: OccupancyGrid | None = None
