@@ -14,8 +14,8 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
-from lifecycle_msgs.msg import State
-from lifecycle_msgs.srv import GetState
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -153,6 +153,19 @@ class Graph:
         self.until(future.done, f"service {name} answers")
         self.node.destroy_client(client)
         return future.result()
+
+    def change(self, spec: NodeSpec, *transitions: int) -> None:
+        """Take a node through lifecycle transitions; what it makes anew is to be found anew."""
+        name = spec.full_name
+        for transition in transitions:
+            self._reporting.discard(name)
+            self._connections.pop(name, None)
+            self._started[name] = time.time_ns()
+            request = ChangeState.Request(transition=Transition(id=transition))
+            assert self.call(ChangeState, f"{name}/change_state", request).success
+            if transition == Transition.TRANSITION_ACTIVATE:
+                self._reporting.add(name)
+        self._found = 0
 
     def state(self, spec: NodeSpec) -> int:
         client = self.node.create_client(GetState, f"{spec.full_name}/get_state")

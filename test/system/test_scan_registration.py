@@ -7,7 +7,6 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from harness import START, Graph, Robot, planar, scan_message, wheel_message
 from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from sensor_msgs.msg import LaserScan, PointCloud2
@@ -293,23 +292,19 @@ def test_lifecycle_manager_may_drive_it(graph: Graph) -> None:
     robot = Robot(graph)
     spec = graph.start(NODE, wait=False, autostart=False)
     graph.until(lambda: graph.state(spec) == State.PRIMARY_STATE_UNCONFIGURED, "unconfigured")
-    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert graph.call(ChangeState, f"{NODE}/change_state", request).success
+    graph.change(spec, Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
     graph.mount()
     robot.go(0.0, 0.3)
     settled(robot, 3)
-    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
-    assert graph.call(ChangeState, f"{NODE}/change_state", request).success
+    graph.change(spec, Transition.TRANSITION_DEACTIVATE)
     robot.send(scan_message(robot.scan(0.4)))
     graph.until(lambda: robot.figures().get("/scan while inactive") == "1", "the scan counted as inactive")
-    for transition in (
+    graph.change(
+        spec,
         Transition.TRANSITION_CLEANUP,
         Transition.TRANSITION_CONFIGURE,
         Transition.TRANSITION_ACTIVATE,
-    ):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert graph.call(ChangeState, f"{NODE}/change_state", request).success
+    )
     graph.mount()
     robot.send(scan_message(robot.scan(0.5)))
     settled(robot, 4)
