@@ -261,11 +261,6 @@ def test_services_change_the_world_and_refuse_nonsense(graph: Graph, tmp_path: P
     answer = graph.call(ForgetObject, "world_model/forget", ForgetObject.Request(class_name="bowl"))
     assert (answer.code, list(answer.object_ids)) == (answer.SUCCESS, ["bowl-1"])
     graph.until(lambda: [item.id for item in world.states[-1].objects] == ["annas"], "the world without bowl")
-    # As at the end of a replay: what was remembered is in the file itself, and nothing is beside it.
-    process = graph.supervisor.nodes[world.spec.full_name].process
-    process.send_signal(signal.SIGINT)
-    process.wait(60)
-    assert not (tmp_path / "world.sqlite-wal").exists()
     answer = graph.call(ForgetObject, "world_model/forget", ForgetObject.Request())
     assert answer.code == answer.REFUSED
     copy = tmp_path / "copy.sqlite"
@@ -279,6 +274,11 @@ def test_services_change_the_world_and_refuse_nonsense(graph: Graph, tmp_path: P
     missing.detection_id = "not_found"
     world.send(evidence(3.0, missing, view=False))
     graph.until(lambda: world.states[-1].objects and world.states[-1].objects[0].lost, "annas is lost")
+    # As at the end of a replay: what was remembered is in the file itself, and nothing is beside it.
+    process = graph.supervisor.nodes[world.spec.full_name].process
+    process.send_signal(signal.SIGINT)
+    process.wait(60)
+    assert not (tmp_path / "world.sqlite-wal").exists()
 
 
 def test_frames_are_taken_at_the_stamp_and_covariances_turned(graph: Graph) -> None:
