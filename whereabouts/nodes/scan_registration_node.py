@@ -142,6 +142,10 @@ class ScanRegistrationNode(SuiteNode):
         step_covariance = _conjugate(level, self._odometry.increment, self._odometry.increment_covariance)
         if self._last_stamp is not None and stamp > self._last_stamp:
             self._velocity = step / ((stamp - self._last_stamp) / NANOSECONDS)
+        inverted = bool(mounting[2, 2] < 0.0)
+        if segmented is not None:
+            # Before the transform that others wait for with the same scan in their hands.
+            self._segments_output.publish(segments_message(message.header, segmented, inverted))
         self._publish(
             stamp,
             spatial(pose),
@@ -153,11 +157,9 @@ class ScanRegistrationNode(SuiteNode):
         self._finish(stamp)
         if seen is not None and self._segmenter is not None:
             if segmented is None:
-                segmented = self._label(seen, stamp, self._odometry.pose, LATE)
+                late = self._label(seen, stamp, self._odometry.pose, LATE)
+                self._segments_output.publish(segments_message(message.header, late, inverted))
             self._segmenter.keep(seen, stamp / NANOSECONDS, self._odometry.pose)
-            self._segments_output.publish(
-                segments_message(message.header, segmented, bool(mounting[2, 2] < 0.0))
-            )
 
     def _follow(self, scan: Scan, stamp: int, guess: Array | None) -> Segmented | None:
         """Register a scan, without what moves in it where labels take little of the time there is; these labels."""

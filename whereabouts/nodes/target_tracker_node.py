@@ -46,9 +46,8 @@ class TargetTrackerNode(SuiteNode):
 
     def setup(self) -> None:
         warm_up(self.settings.people)
-        self.listen_to_transforms()
-        self.add_input(LaserScan, "scan", self._take_scan, frames=self._frames)
-        # They come late, after the scan was thought about; that is no new run.
+        # Of what is ready at once, what was subscribed first is taken first: all that is known of a scan before the
+        # transform that it waits for. Labels come late, after the scan was thought about; that is no new run.
         segments = Input(self, ScanSegments, "segments", self._take_segments, sensor=False)
         self.inputs.append(segments)
         self._created.append((self.destroy_subscription, segments.subscription))
@@ -57,6 +56,8 @@ class TargetTrackerNode(SuiteNode):
             uncertain = Input(self, kind, topic, self._take_uncertainty, sensor=False)
             self.inputs.append(uncertain)
             self._created.append((self.destroy_subscription, uncertain.subscription))
+        self.listen_to_transforms()
+        self.add_input(LaserScan, "scan", self._take_scan, frames=self._frames)
         self._targets_output = self.add_output(TargetArray, "targets")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
 

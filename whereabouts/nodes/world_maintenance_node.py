@@ -8,6 +8,7 @@ verifier measured). Service: `~/trigger`. Calls: action `verify_object`; if told
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,7 @@ from world_model.maintenance_warm_up import warm_up
 Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.
 BODY = np.array([0.3, 0.3, 0.3])
+ANSWER_MARGIN = 5.0  # s that the verifier's answer may take beyond the time it has to decide
 
 
 class WorldMaintenanceNode(SuiteNode):
@@ -88,7 +90,7 @@ class WorldMaintenanceNode(SuiteNode):
         self._growth = Growth(self.settings.process_noise)
         self._task: VerificationTask | None = None
         self._since = 0.0
-        self._verifying = False
+        self._verifying, self._asked = False, (0.0, 0.0)
         self._outcomes = dict.fromkeys(("found", "occluded", "not_found"), 0)
         self._vain: dict[str, int] = {}
         self._wanted: dict[str, str] = {}
@@ -145,7 +147,10 @@ class WorldMaintenanceNode(SuiteNode):
     # Decisions.
 
     def _tick(self) -> None:
-        pose, now = self._pose(), self.get_clock().now().nanoseconds / NANOSECONDS
+        pose, now = self._pose(), self._now()
+        if self._verifying and self._task is not None and self._unanswered():
+            self.complain(f"{self._task.object_id}: the verifier does not answer", key="verifier")
+            self._verified(self._task, None)
         if pose is None or self._state is None or self._verifying:
             return
         if self._task is not None:
@@ -213,7 +218,7 @@ class WorldMaintenanceNode(SuiteNode):
             region=box_region(task.region[0], task.region[1] + BODY), attributes=self._attributes(task),
             timeout=Duration(seconds=self.settings.verify_timeout).to_msg(),
         )  # fmt: skip
-        self._verifying = True
+        self._verifying, self._asked = True, (self._now(), time.monotonic())
         self._verifier.send_goal_async(goal).add_done_callback(lambda done: self._accepted(task, done))
 
     def _accepted(self, task: VerificationTask, done: Any) -> None:
@@ -223,7 +228,15 @@ class WorldMaintenanceNode(SuiteNode):
             return
         handle.get_result_async().add_done_callback(lambda result: self._verified(task, result.result()))
 
+    def _unanswered(self) -> bool:
+        """Whether the verifier has let its time pass: it died, or what it said got lost."""
+        ros, steady = self._asked
+        limit = self.settings.verify_timeout + ANSWER_MARGIN
+        return self._now() - ros > limit and time.monotonic() - steady > limit
+
     def _verified(self, task: VerificationTask, answer: Any) -> None:
+        if task is not self._task or not self._verifying:
+            return
         self._verifying = False
         if answer is None or answer.status not in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED):
             self._finish(task, "occluded")
@@ -287,12 +300,16 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _finish(self, task: VerificationTask, outcome: str) -> None:
         self._outcomes[outcome] += 1
-        self._maintenance.report(task, outcome, self.get_clock().now().nanoseconds / NANOSECONDS)
+        self._maintenance.report(task, outcome, self._now())
         self._task = None
         if self._navigator is not None:
             self._navigator.stop()
 
     # Helpers.
+
+    def _now(self) -> float:
+        """s of the node's clock."""
+        return self.get_clock().now().nanoseconds / NANOSECONDS
 
     def _pose(self) -> Array | None:
         return planar_pose(self.transforms, self._map_frame, self._base)
