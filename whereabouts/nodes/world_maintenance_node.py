@@ -210,8 +210,10 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _verify(self, task: VerificationTask) -> None:
         if not self._verifier.server_is_ready():
+            # It may not have been found yet, or be on its way back.
             self.complain("nobody serves verify_object", key="verifier")
-            self._finish(task, "occluded")
+            if self._now() - self._since > self.settings.task_timeout:
+                self._finish(task, "occluded")
             return
         goal = VerifyObject.Goal(
             header=self._header(), object_id=task.object_id, class_name=task.class_name, sensor=task.sensor,
