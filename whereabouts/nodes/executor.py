@@ -21,8 +21,8 @@ class NodeExecutor(SingleThreadedExecutor):
     """Single-threaded executor that waits once per callback.
 
     rclpy wakes its executor before and after every callback, for the sake of other threads that may be waiting. Here
-    there are none, and each needless wait costs a third of a millisecond: more than most callbacks. Tasks, futures and
-    other threads go on waking it as ever. With an rclpy that is built otherwise it is the plain executor.
+    there are none, and each wait looks at every service, event and timer of the node anew. Tasks, futures and other
+    threads go on waking it as ever. With an rclpy that is built otherwise it is the plain executor.
     """
 
     def _make_handler(self, *arguments: Any, **named: Any) -> Any:

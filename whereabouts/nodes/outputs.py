@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.event_handler import PublisherEventCallbacks
 
 # Every event that is waited for is looked at whenever the node wakes up. That the quality of service does not match,
-# the subscription says as well.
+# the other end says as well.
 QUIET = PublisherEventCallbacks(use_default_callbacks=False)
 
 
