@@ -7,6 +7,7 @@ import numpy as np
 from whereabouts.datasets import recording
 from whereabouts.experiments import intentions_protocol as protocol
 from whereabouts.experiments.intentions import simulated_walks
+from whereabouts.experiments.intentions_days import simulated_day
 from whereabouts.logs.trajectories import read_trajectories
 
 
@@ -55,3 +56,16 @@ def test_hotel_errors_are_no_worse_than_constant_velocity_at_any_horizon() -> No
         protocol.displacement(people, method, stride=3)[0].mean(axis=0) for method in ("learned", "mean of 8")
     )
     assert (learned <= constant).all()
+
+
+def test_a_simulated_day_is_in_order_within_the_hall_and_differs_by_seed() -> None:
+    day, again, other = (simulated_day(seed, 40) for seed in (0, 0, 1))
+    assert all((a == b).all() for a, b in zip(day, again, strict=True))
+    assert not np.array_equal(day[0], other[0])
+    begun = [walk[0, 2] for walk in day]
+    assert begun == sorted(begun)
+    for walk in day:
+        assert (np.diff(walk[:, 2]) > 0.0).all()
+        assert np.hypot(*np.diff(walk[:, :2], axis=0).T).max() < 1.0
+        assert (walk[:, :2] >= [0.0, 0.0]).all()
+        assert (walk[:, :2] <= [16.0, 11.5]).all()

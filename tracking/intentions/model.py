@@ -115,7 +115,7 @@ class IntentionModel:
         if self.config.method == "ghmm":
             self.hmm.learn(self._thinned(points))
         else:
-            self.routes.learn(points, float(cleaned.rows[0, 2]))
+            self.routes.learn(cleaned.rows)
         self.learned += 1
         return Learned(True, "", dropped)
 
@@ -213,9 +213,7 @@ class IntentionModel:
         points = np.ascontiguousarray(rows[:, :2])
         if self.config.method == "routes" or not len(self.hmm):
             reach = max(motion.speed * horizon, 0.1)
-            return self.routes.believe(
-                points, float(rows[0, 2]), reach, self.config.goal_radius, self.config.max_goals
-            )
+            return self.routes.believe(rows, reach, self.config.goal_radius, self.config.max_goals)
         nodes, probabilities = self.hmm.intentions(self.hmm.belief(self._thinned(points)))
         few = slice(self.config.max_goals)
         total = probabilities[few].sum()

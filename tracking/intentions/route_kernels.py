@@ -13,6 +13,9 @@ from estimation.checks import FloatArray
 IntArray = NDArray[np.int64]
 # Twice the negative log-likelihood beyond which a walk explains nothing, and its past need not be looked at.
 FAR = 80.0
+# The edge of a goal is worn by this share of its radius, as people leave by one door some centimetres apart; ends up to
+# NEAR_BY radii away count by NEARNESS.
+EDGE, NEAR_BY, NEARNESS = 0.1, 3.0, 0.003
 
 
 @njit(cache=True)
@@ -74,47 +77,112 @@ def match(
 
 
 @njit(cache=True)
-def gather(
-    ends: FloatArray, weights: FloatArray, width: float, radius: float, most: int
-) -> tuple[FloatArray, FloatArray]:
-    """Places (G, 2) where weighted ends (W, 2) gather, and their share (G,), heaviest first.
+def _worth(square: float, radius: float) -> float:
+    """What an end at a squared distance adds to a goal: one within `radius`, nothing beyond, with a worn edge.
 
-    The heaviest mode of a Gaussian kernel of standard deviation `width` takes all ends within `radius`, then the next.
+    A little is left for what is near by, so that among places that take in the same ends the one amid them is best.
+    """
+    wide = (NEAR_BY * radius) ** 2
+    if square >= wide:
+        return 0.0
+    inside = 0.0
+    if square <= ((1.0 - EDGE) * radius) ** 2:
+        inside = 1.0
+    elif square < ((1.0 + EDGE) * radius) ** 2:
+        inside = 0.5 + (radius - math.sqrt(square)) / (2.0 * EDGE * radius)
+    return inside + NEARNESS * (1.0 - square / wide)
+
+
+@njit(cache=True)
+def gather(ends: FloatArray, weights: FloatArray, radius: float, most: int) -> tuple[FloatArray, FloatArray]:
+    """Places (G, 2) within `radius` m of which most of the weighted ends (W, 2) lie, and their share (G,).
+
+    The first is the place that is most probably within `radius` of where the person goes, which is what it is judged
+    by: the least expected loss, where the heaviest end or mode only is the most probable point. It takes all ends
+    around it, then comes the next.
     """
     count = len(ends)
-    kernel = np.empty((count, count))
+    worth, around = np.empty((count, count)), np.empty((count, count))
     for i in range(count):
-        kernel[i, i] = 1.0
-        for j in range(i):
+        for j in range(i + 1):
             x, y = ends[j, 0] - ends[i, 0], ends[j, 1] - ends[i, 1]
-            kernel[i, j] = kernel[j, i] = math.exp(-0.5 * (x * x + y * y) / width**2)
+            square = x * x + y * y
+            worth[i, j] = worth[j, i] = _worth(square, radius)
+            around[i, j] = around[j, i] = max(0.0, 1.0 - square / (2.0 * radius) ** 2)
     left = weights.copy()
     goals = np.empty((most, 2))
     shares = np.empty(most)
     found = 0
     while found < most:
         best, at = 0.0, -1
+        widest, amid = 0.0, -1
         for i in range(count):
             if left[i] <= 0.0:
                 continue
-            density = 0.0
+            mass, wide = 0.0, 0.0
             for j in range(count):
-                density += left[j] * kernel[i, j]
-            if density > best:
-                best, at = density, i
+                mass += left[j] * worth[i, j]
+                wide += left[j] * around[i, j]
+            if mass > best:
+                best, at = mass, i
+            if wide > widest:
+                widest, amid = wide, i
         if at < 0 or (found and best < 1e-4):
             break
-        mass, cx, cy = 0.0, 0.0, 0.0
-        for j in range(count):
-            near = left[j] * kernel[at, j]
-            mass, cx, cy = mass + near, cx + near * ends[j, 0], cy + near * ends[j, 1]
-        goals[found, 0], goals[found, 1] = cx / mass, cy / mass
+        # The best place may lie between ends none of which is the best by itself.
+        goals[found], value = _refined(ends, left, ends[at], radius)
+        if amid != at:
+            place, other = _refined(ends, left, ends[amid], radius)
+            if other > value:
+                goals[found] = place
         share = 0.0
         for j in range(count):
             x, y = ends[j, 0] - goals[found, 0], ends[j, 1] - goals[found, 1]
-            if j == at or x * x + y * y <= radius * radius:
+            if x * x + y * y <= ((1.0 + EDGE) * radius) ** 2:
                 share += left[j]
                 left[j] = 0.0
+        if share <= 0.0:
+            break
         shares[found] = share
         found += 1
     return goals[:found], shares[:found]
+
+
+@njit(cache=True)
+def _refined(
+    ends: FloatArray, weights: FloatArray, first: FloatArray, radius: float
+) -> tuple[FloatArray, float]:
+    """The best place (2,) around an end `first`, and what it is worth: grids of 5 x 5, each half as wide."""
+    near = np.empty(len(ends), dtype=np.int64)
+    count = 0
+    ux, uy = 0.0, 0.0
+    for j in range(len(ends)):
+        x, y = ends[j, 0] - first[0], ends[j, 1] - first[1]
+        if weights[j] > 0.0 and x * x + y * y < ((NEAR_BY + 2.0) * radius) ** 2:
+            near[count] = j
+            count += 1
+            ux, uy = ux + weights[j] * x, uy + weights[j] * y
+    # The grids lie along the way to the middle of what is near, so that they turn with the frame.
+    length = math.sqrt(ux * ux + uy * uy)
+    ux, uy = (ux / length, uy / length) if length > 1e-12 else (1.0, 0.0)
+    mine, left = ends[near[:count]], weights[near[:count]]
+    place, best, step = first.copy(), _mass(mine, left, first[0], first[1], radius), 0.5 * radius
+    while step > 0.05 * radius:
+        cx, cy = place
+        for i in range(-2, 3):
+            for k in range(-2, 3):
+                px, py = cx + step * (i * ux - k * uy), cy + step * (i * uy + k * ux)
+                mass = _mass(mine, left, px, py, radius)
+                if mass > best + 1e-9:
+                    place[0], place[1], best = px, py, mass
+        step *= 0.5
+    return place, best
+
+
+@njit(cache=True)
+def _mass(ends: FloatArray, weights: FloatArray, x: float, y: float, radius: float) -> float:
+    """What the weighted ends (W, 2) are worth to a goal at x, y."""
+    mass = 0.0
+    for j in range(len(ends)):
+        mass += weights[j] * _worth((ends[j, 0] - x) ** 2 + (ends[j, 1] - y) ** 2, radius)
+    return mass

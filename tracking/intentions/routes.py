@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
+from tracking.intentions.company import Company
 from tracking.intentions.observations import directions, filled, heading, spaced
 from tracking.intentions.route_kernels import gather, match
 
@@ -38,7 +39,8 @@ class RouteScales:
     kernel in two dimensions: the more walks there are, the closer is the one that goes the same way.
     company, company_span : people who set out within about `company_span` s of each other are often together: such a
     walk weighs 1 + `company` times as much.
-    pooling : m, standard deviation of the kernel under which ends gather.
+    beside, beside_span : those within about `beside_span` m of each other at the same times nearly always are: by
+    `beside` more.
     """
 
     off: float = 0.5
@@ -50,7 +52,8 @@ class RouteScales:
     straight: float = -6.5
     company: float = 10.0
     company_span: float = 10.0
-    pooling: float = 0.72
+    beside: float = 10.0
+    beside_span: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,7 @@ class Routes:
     def __init__(self, capacity: int = 1000, scales: RouteScales | None = None) -> None:
         self.capacity = capacity
         self.scales = scales or RouteScales()
+        self._company = Company()
         self._set(np.zeros((0, 2)), np.zeros(1, dtype=np.int64), np.zeros(0))
 
     def __len__(self) -> int:
@@ -87,24 +91,27 @@ class Routes:
         """Points (n, 2) of one remembered walk."""
         return self._points[self._bounds[index] : self._bounds[index + 1]]
 
-    def learn(self, points: FloatArray, start: float) -> None:
-        """Remember one finished walk (N, 2) that began at `start` s."""
-        walk = filled(spaced(points, SPACING), 4.0 * SPACING)
+    def learn(self, rows: FloatArray) -> None:
+        """Remember one finished walk (N, 3) x, y, t."""
+        walk = filled(spaced(np.ascontiguousarray(rows[:, :2]), SPACING), 4.0 * SPACING)
+        self._company.learn(rows)
         gone = max(0, len(self) + 1 - self.capacity)
         first = int(self._bounds[gone])
         self._points = np.concatenate((self._points[first:], walk))
         self._directions = np.concatenate((self._directions[first:], directions(walk, SPAN)))
         self._bounds = np.append(self._bounds[gone:] - first, len(self._points))
-        self._began = np.append(self._began[gone:], start)
+        self._began = np.append(self._began[gone:], rows[0, 2])
         self._measure()
 
     def move(self, moved: Callable[[FloatArray], FloatArray]) -> None:
         """Take all walks to another frame."""
         self._set(moved(self._points), self._bounds, self._began)
+        self._company.move(moved)
 
     def as_arrays(self) -> dict[str, NDArray[Any]]:
         """What is remembered, for storage."""
-        return {"points": self._points, "bounds": self._bounds, "starts": self._began}
+        walks = {"points": self._points, "bounds": self._bounds, "starts": self._began}
+        return walks | self._company.as_arrays()
 
     def from_arrays(self, arrays: dict[str, NDArray[Any]]) -> None:
         """Take over what `as_arrays` gave. Raises ValueError where the arrays do not fit together."""
@@ -115,6 +122,7 @@ class Routes:
             raise ValueError("routes do not fit together")
         if (np.diff(bounds) < 1).any() or not np.isfinite(points).all():
             raise ValueError("a route is empty or not finite")
+        self._company.from_arrays(arrays)
         self._set(points, bounds, starts)
 
     def _set(self, points: FloatArray, bounds: IntArray, began: FloatArray) -> None:
@@ -130,16 +138,14 @@ class Routes:
         self._low = self._points.min(axis=0) if known else np.zeros(2)
         self._high = self._points.max(axis=0) if known else np.zeros(2)
 
-    def believe(
-        self, points: FloatArray, start: float, reach: float, radius: float, most: int
-    ) -> RouteBelief:
-        """Where the partial walk (N, 2) leads that began at `start` s.
+    def believe(self, rows: FloatArray, reach: float, radius: float, most: int) -> RouteBelief:
+        """Where the partial walk (N, 3) x, y, t leads.
 
         reach : m, how far straight on goes where nothing is known. radius : m, ends this close to a goal are its.
         most : goals at most.
         """
         s = self.scales
-        path = spaced(points, SPACING)
+        path = spaced(np.ascontiguousarray(rows[:, :2]), SPACING)
         here = path[-1]
         ahead, length = heading(path, AIM_SPAN)
         firmness = min(1.0, length / 0.5)
@@ -153,9 +159,7 @@ class Routes:
         backs = path[np.searchsorted(along, behind)].reshape(-1, 2)
         narrowed = (max(len(self), FEWEST) / TYPICAL) ** (-1.0 / 6.0)
         scales = np.array([narrowed * s.off, s.turn, narrowed * s.start, s.past, s.aim])
-        together = 1.0 + s.company * np.exp(-np.abs(self._began - start) / s.company_span)
-        # Where all set out at the same time, as when times count from each start, it says nothing.
-        company = np.log(together / together.mean())
+        company = self._together(rows)
         logs, reached = [], []
         for reverse in (False, True):
             log, at = match(
@@ -180,11 +184,22 @@ class Routes:
         # What weighs next to nothing only costs time.
         few = np.argsort(-weights, kind="stable")[:150]
         few = few[weights[few] > 1e-4 * weights[few[0]]]
-        goals, shares = gather(ends[few], weights[few] / weights[few].sum(), s.pooling, radius, most)
+        goals, shares = gather(ends[few], weights[few] / weights[few].sum(), radius, most)
         order = np.argsort(-shares, kind="stable")
         goals, shares = goals[order], shares[order] / shares.sum()
         leads = [self._lead(goal, few, ends, weights, reached, radius) for goal in goals]
         return RouteBelief(goals, shares, float(weights[-1]), leads)
+
+    def _together(self, rows: FloatArray) -> FloatArray:
+        """Log odds (W,) that a partial walk ends where each learned one did because the two people were together."""
+        s = self.scales
+        together = 1.0 + s.company * np.exp(-np.abs(self._began - rows[0, 2]) / s.company_span)
+        typical = together.mean()
+        # Where most set out at the same time, as when times count from each start, times say nothing.
+        if typical < 1.0 + 0.5 * s.company:
+            apart = self._company.apart(rows, len(self))
+            together += s.beside * np.exp(-0.5 * (apart / s.beside_span) ** 2)
+        return np.asarray(np.log(together / typical))
 
     def _lead(
         self,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.social_forces import Forces
 from tracking.social_forces_fit import fit_forces
+from whereabouts.experiments import intentions_days as elsewhere
 from whereabouts.experiments import intentions_pictures as pictures
 from whereabouts.experiments import intentions_protocol as protocol
 from whereabouts.experiments.report import Options, Report, Table
@@ -27,23 +28,27 @@ NAMES = {"routes": "routes (default)", "ghmm": "plain GHMM", "linear": "linear +
 
 
 def run(options: Options) -> Report:
-    """All tables and pictures; about two minutes, quick a third of it."""
+    """All tables and pictures; about four minutes, quick a fifth of it."""
     report = Report("intentions")
+    complete: list[Array] = []
+    walks: dict[int, Array] = {}
     folder = None if options.data is None else options.data / "trajectories"
     if folder is None or not (folder / HALL).exists():
         report.notes.append(f"{HALL} is absent: the hall is left out")
     else:
-        hall(options, report, list(read_trajectories(folder / HALL).trajectories.values()))
+        complete = hall(options, report, list(read_trajectories(folder / HALL).trajectories.values()))
     if folder is None or not (folder / HOTEL).exists():
         report.notes.append(f"{HOTEL} is absent: the hotel is left out")
     else:
-        hotel(options, report, read_trajectories(folder / HOTEL).trajectories)
+        walks = read_trajectories(folder / HOTEL).trajectories
+        hotel(options, report, walks)
+    elsewhere.other_days(options, report, complete, list(walks.values()), NAMES)
     timing(options, report)
     return report
 
 
-def hall(options: Options, report: Report, walks: list[Array]) -> None:
-    """Figures 4.6, 4.8, 4.9, the pictures, and how much paths swing."""
+def hall(options: Options, report: Report, walks: list[Array]) -> list[Array]:
+    """Figures 4.6, 4.8, 4.9, the pictures, and how much paths swing; the complete walks."""
     both = np.concatenate(walks)
     low, high = both[:, :2].min(axis=0), both[:, :2].max(axis=0)
     complete = [walk for walk in walks if protocol.is_complete(walk, low, high)]
@@ -86,7 +91,7 @@ def hall(options: Options, report: Report, walks: list[Array]) -> None:
     report.pictures.append(
         pictures.over_learned(options.out, {NAMES[m]: o.correct for m, o in kept["all, by time"].items()})
     )
-    more_walks(options, report, complete)
+    elsewhere.more_walks(options, report, complete, NAMES)
     growth(options, report, kept["all, by time"])
     swings(options, report, complete)
     model = kept["all, by time"]["ghmm"].model
@@ -97,26 +102,7 @@ def hall(options: Options, report: Report, walks: list[Array]) -> None:
         routes.learn(walk)
     report.pictures.append(pictures.consistency(options.out, by_time, complete))
     report.pictures.append(pictures.scenes(options.out, routes, by_time, "hall-scenes"))
-
-
-def more_walks(options: Options, report: Report, walks: list[Array]) -> None:
-    """What the number of learned walks is worth, as the recorded day has a sixth of the text's."""
-    rows: list[list[object]] = []
-    for method in ("routes", "ghmm"):
-        for count in track((10, 20, 45, len(walks) - 1), f"{NAMES[method]}, walks learned"):
-            repeats = 1 if options.quick or count == len(walks) - 1 else 5
-            rates = np.mean(
-                [protocol.held_out(walks, method, count, options.seed + k) for k in range(repeats)], axis=0
-            )
-            rows.append([NAMES[method], count, repeats * len(walks), *(round(float(r), 3) for r in rates)])
-            for fraction, rate in zip(protocol.FRACTIONS, rates, strict=True):
-                report.figures[f"held_out.{method}.{count}.{fraction:g}"] = float(rate)
-    columns = ["method", "learned", "predictions", *(f"{100 * f:g} %" for f in protocol.FRACTIONS)]
-    note = (
-        "Each complete walk after others drawn at random, times unknown: online, half of this day's 81 predictions "
-        "are made with fewer than 50 walks, a tenth of the text's 500."
-    )
-    report.tables.append(Table("Correct exits over walks learned, 1 August", columns, rows, note))
+    return complete
 
 
 def growth(options: Options, report: Report, outcomes: dict[str, protocol.Online]) -> None:
