@@ -21,25 +21,28 @@ from estimation.poses import between, compound, inverse
 from estimation.uncertain_frame import state_through_uncertain_pose
 from registration.scan import Scan
 from tracking.background import Background
-from tracking.legs import Clusters, clusters_of
+from tracking.legs import FEATURES, Clusters, clusters_of
 from tracking.occlusion import seen_shares
 from tracking.people_association import WIDE, Seen, associate
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
+from tracking.people_middle import depths
 from tracking.people_returns import come_back
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
 from tracking.people_tracks import BoolArray, IntArray, Tracks
 from tracking.people_update import Moment, learn, update
+from tracking.people_walking import Walking
 from tracking.target import Target
 
-LEG_RADIUS = 0.05  # metres from the middle of a leg's returns to its axis
 LARGEST = 0.9  # metres, a cluster wider than that is no person
 LEAST_JUMP = 0.05  # metres, or twice the radians, that a pose must change by to have jumped
 DOUBLE, DOUBLED = 0.55, 0.5  # metres and seconds for which two with a leg each are taken for two
+STRIDE, ABREAST = 0.9, 0.3  # metres between the legs of a long stride, and off the way they walk
 SAME = 0.4  # metres, two potential people closer than that are one
 GONE = 0.25  # probability of being there below which somebody reported no longer is
 MOST_CLUSTERS = 400
+LEAST_JUMP_COLUMN = FEATURES.index("jump_least")
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ class PeopleTracker:
         self.tracks = Tracks.none()
         self.background = Background()
         self._own = OwnBody()
+        self._walking = Walking()
         self.stamp: float | None = None
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
@@ -98,6 +102,7 @@ class PeopleTracker:
         stamp: float,
         labels: npt.ArrayLike | None = None,
         pose_covariance: npt.ArrayLike | None = None,
+        pose_known: bool = True,
     ) -> list[Target]:
         """People after a scan.
 
@@ -105,6 +110,7 @@ class PeopleTracker:
         labels : (N,) per beam, > 0 moving, 0 static, < 0 unknown, by scan registration; None without.
         pose_covariance : (3, 3) of `pose`, m and rad; None takes the pose for exact. People are followed relative to
         the robot, as its error is the same for all of them and from scan to scan; it is in what is reported.
+        pose_known : False where `pose` is a guess: what moves in its frame then need not walk.
 
         Raises InputError for other shapes, for a pose or stamp that is not finite and an indefinite covariance.
         """
@@ -115,6 +121,7 @@ class PeopleTracker:
             return self._reported()
         self.tracks.predict(dt, self.config.acceleration, self.config.memory)
         before, self._pose = self._pose, place
+        self._walking.drive(place, before, dt, pose_known)
         sweep = Sweep.of(scan, place, before, dt)
         own = self._own.mask(scan, place)
         clusters, seen = self._look(scan, sweep, own, beams)
@@ -123,6 +130,9 @@ class PeopleTracker:
         names = self.tracks.names
         moment = Moment(float(stamp), dt)
         update(self.tracks, seen, owners, scores, shares, places, moment, self.config)
+        self._walking.learn(
+            self.tracks, *_of_owners(seen, owners, len(self.tracks)), len(seen), float(stamp), dt
+        )
         self._find_doubles(seen, owners, dt)
         self._start(seen, owners, moment)
         self._tidy()
@@ -192,7 +202,7 @@ class PeopleTracker:
             chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
         evidence = self._shape.evidence(clusters)[chosen]
         ranges, widths = clusters.ranges[chosen], clusters.widths[chosen]
-        behind = LEG_RADIUS + 0.25 * np.maximum(widths - WIDE, 0.0)
+        behind = depths(clusters, clusters.features[:, LEAST_JUMP_COLUMN] > 0.0, spacing)[chosen]
         places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 0.1))[:, None]
         return clusters, Seen(
             sweep.placed(places, (clusters.first[chosen] + clusters.last[chosen]) // 2),
@@ -202,6 +212,7 @@ class PeopleTracker:
             cluster_fresh[chosen],
             cluster_old[chosen],
             clusters.counts[chosen],
+            clusters.features[chosen, LEAST_JUMP_COLUMN],
             chosen,
         )
 
@@ -242,21 +253,12 @@ class PeopleTracker:
         """Two that walk together with one leg each are one person; of two people one now and then shows both legs."""
         tracks = self.tracks
         legs = np.bincount(owners[owners >= 0], np.where(seen.widths > WIDE, 2, 1)[owners >= 0], len(tracks))
-        lone = np.flatnonzero(legs == 1)
+        lone = np.flatnonzero(legs == 1).tolist()
         alone = np.ones(len(tracks), dtype=bool)
         for k, a in enumerate(lone):
             for b in lone[k + 1 :]:
-                apart = tracks.means[a] - tracks.means[b]
-                if np.hypot(*apart[:2]) < DOUBLE and np.hypot(*apart[2:]) < 1.2:
-                    younger = (
-                        b
-                        if (tracks.public[a] >= 0, -tracks.names[a])
-                        > (
-                            tracks.public[b] >= 0,
-                            -tracks.names[b],
-                        )
-                        else a
-                    )
+                if _one_leg_each(tracks, a, b):
+                    younger = b if _older(tracks, a) > _older(tracks, b) else a
                     tracks.doubled[younger] += dt
                     alone[younger] = False
         tracks.doubled[alone & (legs > 0)] = np.maximum(tracks.doubled[alone & (legs > 0)] - dt, 0.0)
@@ -321,7 +323,7 @@ class PeopleTracker:
         tracks.shown = np.where(
             tracks.shown,
             (exists > GONE) & (person > self.config.keep),
-            (exists > self.config.report) & (person > self.config.report),
+            (exists > self.config.report) & (person > self.config.report) & (tracks.doubled == 0.0),
         )
         for t in np.flatnonzero(tracks.shown & (tracks.public < 0)):
             tracks.public[t] = self._given
@@ -371,6 +373,37 @@ class PeopleTracker:
         if self._uncertain is None or self._pose is None:
             return mean.copy(), covariance.copy()
         return state_through_uncertain_pose(mean, covariance, self._pose[:2], self._uncertain)
+
+
+def _older(tracks: Tracks, t: int) -> tuple[bool, int]:
+    """For comparing: who was reported, or was first."""
+    return bool(tracks.public[t] >= 0), -int(tracks.names[t])
+
+
+def _one_leg_each(tracks: Tracks, a: int, b: int) -> bool:
+    """Whether two that show one leg each may be one person: near each other, or a long stride apart as they walk."""
+    apart = tracks.means[a] - tracks.means[b]
+    gap, relative = math.hypot(apart[0], apart[1]), math.hypot(apart[2], apart[3])
+    if gap < DOUBLE and relative < 1.2:
+        return True
+    if gap > STRIDE or (tracks.public[a] >= 0 and tracks.public[b] >= 0):
+        return False
+    way = 0.5 * (tracks.means[a, 2:] + tracks.means[b, 2:])
+    speed = math.hypot(way[0], way[1])
+    # Legs take turns: while one stands the other swings, at up to twice the speed of the person.
+    if speed < 0.2 or relative > 3.0 * speed:
+        return False
+    return abs(apart[0] * way[1] - apart[1] * way[0]) < ABREAST * speed
+
+
+def _of_owners(seen: Seen, owners: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """How free what is seen of each track stands, nan where nothing is, and how old it is; (T,) each."""
+    free, old = np.full(count, np.nan), np.zeros(count)
+    for k in np.flatnonzero(owners >= 0).tolist():
+        t = owners[k]
+        free[t] = np.fmin(free[t], seen.free[k])
+        old[t] = max(old[t], seen.old[k])
+    return free, old
 
 
 def _checked(

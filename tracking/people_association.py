@@ -23,6 +23,7 @@ class Seen:
 
     places (K, 2) : middle of the leg or trunk, m. widths, ranges (K,) m. shape (K,) : log-likelihood ratio person :
     other. fresh, old (K,) : share that lies where it was empty, where something stood. counts (K,) : returns.
+    free (K,) : metres by which each stands in front of the surroundings, the lesser of both ends.
     index (K,) : number of each among the scan's clusters.
     """
 
@@ -33,6 +34,7 @@ class Seen:
     fresh: FloatArray
     old: FloatArray
     counts: IntArray
+    free: FloatArray
     index: IntArray
 
     def __len__(self) -> int:

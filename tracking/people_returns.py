@@ -54,7 +54,17 @@ def _scores(tracks: Tracks, hidden: IntArray, young: IntArray) -> FloatArray:
 
 def _take(tracks: Tracks, person: int, thing: int) -> None:
     """The person is where the thing was."""
-    for name in ("means", "covariances", "origins", "last_seen", "extents", "rates", "oldness"):
+    for name in (
+        "means",
+        "covariances",
+        "origins",
+        "last_seen",
+        "extents",
+        "rates",
+        "oldness",
+        "trails",
+        "walking",
+    ):
         getattr(tracks, name)[person] = getattr(tracks, name)[thing]
     tracks.existence[person] = min(max(tracks.existence[person], 0.0) + tracks.existence[thing], SURE)
     tracks.motion[person] = min(tracks.motion[person] + tracks.motion[thing], SURE)

@@ -14,6 +14,7 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 SURE = 8.0  # log-odds, the most that is believed of anything
+TRAIL = 8  # places remembered of everybody
 
 
 @dataclass
@@ -26,6 +27,8 @@ class Tracks:
     age : seconds. last_seen : stamp. oldness : how much it stood where something stood before. extents (T, 2, 2);
     rates : returns per scan.
     hidden : seconds since it was seen. doubled : seconds for which it and a neighbour had one leg each.
+    walking : the same from having walked just now, which fades.
+    trails (T, TRAIL, 2) : where it was in the last half second, the newest last, nan before it was there.
     public : label once reported, -1 before. shown : whether it is reported now.
     """
 
@@ -47,6 +50,8 @@ class Tracks:
     shown: BoolArray
     hidden: FloatArray
     doubled: FloatArray
+    trails: FloatArray
+    walking: FloatArray
 
     def __len__(self) -> int:
         return len(self.names)
@@ -73,6 +78,8 @@ class Tracks:
             np.full(n, -1, dtype=np.int64),
             np.zeros(n, dtype=bool),
             np.zeros(n),
+            np.zeros(n),
+            np.full((n, TRAIL, 2), np.nan),
             np.zeros(n),
         )
 
@@ -121,6 +128,7 @@ class Tracks:
         self.means[:, :2] = self.means[:, :2] @ turn + motion[:2]
         self.means[:, 2:] = self.means[:, 2:] @ turn
         self.origins[:] = self.origins @ turn + motion[:2]
+        self.trails[:] = self.trails @ turn + motion[:2]
         both = np.kron(np.eye(2), turn.T)
         self.covariances[:] = both @ self.covariances @ both.T
 
@@ -128,7 +136,7 @@ class Tracks:
         """Log-likelihood ratio person : other of what was seen of each, (T,)."""
         # Looking longer at the same thing from the same side says less and less.
         weight = 0.35 + 0.65 * (1.0 - np.exp(-self.looks / 1.0))
-        return np.asarray(1.75 * weight * self.shape + self.motion)
+        return np.asarray(1.75 * weight * self.shape + np.maximum(self.motion, self.walking))
 
     def person(self, prior: float) -> FloatArray:
         """Probability that each, if it exists, is a person, (T,)."""

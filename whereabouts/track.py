@@ -64,4 +64,5 @@ def track_people(
             pose = compound(pose, between(last, followed.pose))
         last, sure = followed.pose, followed.converged
         sensor = pose if record.sensor_pose is None else compound(pose, record.sensor_pose)
-        yield TrackedScan(record.stamp, sensor, tracker.step(record.scan, sensor, record.stamp), record.scan)
+        targets = tracker.step(record.scan, sensor, record.stamp, pose_known=known)
+        yield TrackedScan(record.stamp, sensor, targets, record.scan)

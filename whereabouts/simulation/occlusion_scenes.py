@@ -1,0 +1,147 @@
+"""Plain scenes in which people get wholly hidden: behind pillars, screens and each other, in rooms and in the open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.people import Build, Walker, random_build, wander
+from whereabouts.simulation.people_scenes import Scene
+from whereabouts.simulation.robot import Drive
+from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon
+
+LAYOUTS = ("pillars", "screens", "open", "pillars in the open")
+MOTIONS = ("straight", "rounds", "waypoints")
+BODIES = ("round", "legs", "trunk")
+APART = 0.75  # metres between the middles of people, and between them and the robot
+CLEAR = 0.35  # metres from the middle of a person to an outline
+
+
+@dataclass(frozen=True)
+class OcclusionKind:
+    """layout : what hides people. motion : how they walk. body : how they are seen. drives : whether the robot does."""
+
+    layout: str = "pillars"
+    motion: str = "straight"
+    body: str = "round"
+    drives: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.layout}, {self.motion}, {self.body}, robot {'drives' if self.drives else 'stands'}"
+
+
+def occlusions(rng: np.random.Generator, kind: OcclusionKind, duration: float = 20.0) -> Scene:
+    """Two to four people who walk about for `duration` seconds and are hidden now and then.
+
+    The scanner has 180 to 1081 beams, 10 to 40 Hz and 1 to 3 cm of noise; it stands, or drives at 0.3 to 0.6 m/s.
+    """
+    lidar, rate = _scanner(rng, kind.drives)
+    all_round = lidar.opening > 1.1 * np.pi
+    room = _room(rng, kind.layout, all_round)
+    pose: Array | Callable[[float], Array] = np.zeros(3)
+    if kind.drives:
+        pose = _drive(rng, room)
+    times = np.arange(0.0, duration, 0.1)
+    taken = [np.array([(pose(time) if callable(pose) else pose)[:2] for time in times])]
+    people: list[Walker] = []
+    count = int(rng.integers(2, 5))
+    for _ in range(400):
+        walker = _walker(rng, kind, room, all_round, duration)
+        path = np.array([walker.position(time) for time in times])
+        if min(np.linalg.norm(path - other, axis=1).min() for other in taken) < APART:
+            continue
+        if min(room.distance(spot) for spot in path[::3]) < CLEAR:
+            continue
+        people.append(walker)
+        taken.append(path)
+        if len(people) == count:
+            break
+    return Scene(room, people, duration, lidar, pose, rate)
+
+
+def _scanner(rng: np.random.Generator, drives: bool) -> tuple[Lidar, float]:
+    """Scanners one meets: (the scanner, Hz). One that looks ahead only would lose people by driving."""
+    choices = [
+        (181, 1.0, 10.0),
+        (361, 1.0, 25.0),
+        (541, 1.5, 40.0),
+        (1081, 1.5, 40.0),
+        (360, 2.0, 10.0),
+        (720, 2.0, 15.0),
+    ]
+    beams, half_turns, rate = choices[int(rng.integers(2 if drives else 0, len(choices)))]
+    opening = half_turns * np.pi * (1.0 if half_turns < 2.0 else (beams - 1) / beams)
+    sigma = float(rng.choice([0.01, 0.02, 0.03]))
+    return Lidar(int(beams), opening, 0.05, float(rng.choice([12.0, 30.0])), sigma), float(rate)
+
+
+def _room(rng: np.random.Generator, layout: str, all_round: bool) -> Shapes:
+    parts: list[Shapes] = []
+    if layout in ("pillars", "screens"):
+        shift = 0.0 if all_round else 4.0
+        parts.append(box(rng.uniform(12.0, 15.0), rng.uniform(10.0, 13.0), (shift, 0.0, 0.0)))
+    spread = np.pi if all_round else 0.35 * np.pi
+    if layout.startswith("pillars"):
+        for bearing in rng.uniform(-spread, spread, int(rng.integers(3, 6))):
+            spot = rng.uniform(1.7, 3.0) * _unit(bearing)
+            parts.append(circle(spot[0], spot[1], rng.uniform(0.15, 0.4)))
+    if layout == "screens":
+        bearing, away = rng.uniform(-0.4 * spread, 0.4 * spread), rng.uniform(2.0, 3.0)
+        middle, along = away * _unit(bearing), _unit(bearing + 0.5 * np.pi)
+        gap = 0.5 * rng.uniform(0.9, 1.4)
+        for side in (1.0, -1.0):
+            ends = middle + side * np.array([gap, gap + rng.uniform(0.6, 1.2)])[:, None] * along
+            parts.append(polygon(ends, closed=False))
+    return joined(parts) if parts else Shapes()
+
+
+def _drive(rng: np.random.Generator, room: Shapes) -> Drive:
+    """To and fro near the middle."""
+    for _ in range(200):
+        ends = rng.uniform(-2.2, 2.2, (2, 2))
+        line = ends[0] + np.linspace(0.0, 1.0, 20)[:, None] * (ends[1] - ends[0])
+        if np.linalg.norm(ends[1] - ends[0]) > 1.5 and (
+            not len(room.segments) + len(room.circles) or min(room.distance(spot) for spot in line) > 0.5
+        ):
+            break
+    return Drive(np.array([*ends, *ends, *ends]), rng.uniform(0.3, 0.6))
+
+
+def _build(rng: np.random.Generator, body: str) -> Build:
+    if body != "round":
+        return random_build(rng, body)
+    return Build("skirt", shoulders=2.0 * rng.uniform(0.2, 0.3))
+
+
+def _walker(
+    rng: np.random.Generator, kind: OcclusionKind, room: Shapes, all_round: bool, duration: float
+) -> Walker:
+    """Somebody; whether the way is free is not looked at."""
+    build, speed, phase = _build(rng, kind.body), rng.uniform(0.5, 1.3), rng.uniform(0.0, 6.0)
+    if kind.motion == "waypoints":
+        walker = wander(rng, room, (4.8, 4.2), duration, build, (speed, speed), (0.0, 1.5))
+        if all_round:
+            return walker
+        return Walker(walker.waypoints + np.array([4.0, 0.0]), speed, build, 0.0, walker.rests, phase)
+    if kind.motion == "rounds":
+        axes, turn = rng.uniform(1.4, 4.5, 2), rng.choice([-1.0, 1.0])
+        centre = np.zeros(2) if all_round else np.array([axes[0] + 1.0, 0.0])
+        angles = rng.uniform(-np.pi, np.pi) + turn * np.linspace(0.0, 8.0 * np.pi, 192)
+        return Walker(
+            centre + axes * np.column_stack((np.cos(angles), np.sin(angles))), speed, build, phase=phase
+        )
+    bearing = rng.uniform(-np.pi, np.pi) if all_round else rng.uniform(-0.9, 0.9)
+    middle, way = rng.uniform(1.2, 4.8) * _unit(bearing), _unit(bearing + rng.uniform(0.25, 0.75) * np.pi)
+    reach = rng.uniform(2.0, 5.0)
+    ends = [middle - reach * way, middle + reach * way]
+    points = np.array([ends[k % 2] for k in range(2 + int(speed * duration / (2.0 * reach)))])
+    if not all_round:
+        points[:, 0] = np.maximum(points[:, 0], 0.6 + 0.25 * np.abs(points[:, 1]))
+    return Walker(points, speed, build, phase=phase)
+
+
+def _unit(angle: float) -> Array:
+    return np.array([np.cos(angle), np.sin(angle)])
