@@ -7,15 +7,16 @@ comparable group that says otherwise, are believed together. The less is known, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from estimation.checks import FloatArray
 from loop_closure.graph import Edge
-from loop_closure.motions import compose, invert, length, motion, turn
+from loop_closure.motions import compose, invert, motion, positions, turns
 
 LEAST = 4  # keyframes that have to agree
 PATH = (5.0, 15.0)  # metres of path along which they have to, at least and at most
@@ -29,7 +30,7 @@ LEAST_FITNESS = 0.93  # mean of a group: different places agree by halves, one p
 
 MOST_SPREAD = 0.6  # metres, standard deviation between keyframes up to which they can agree on anything
 
-Spread = Callable[[int, int], tuple[float, float]]
+Spread = Callable[[int, npt.NDArray[np.int64]], tuple[npt.ArrayLike, npt.ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +64,23 @@ class Hypotheses:
     def forget(self, paths: FloatArray, here: int) -> None:
         """Drop what has waited for too long."""
         keep = np.array([paths[here] - paths[guess.edge.b] <= MEMORY for guess in self.waiting], dtype=bool)
-        keep[: max(len(keep) - MOST, 0)] = False
         self._keep(keep)
+        if len(self.waiting) > MOST:
+            # Where scans are kept on the spot many say the same; the path they cover must not shrink.
+            self._keep(~self._said_better())
+        self._keep(np.arange(len(self.waiting)) >= len(self.waiting) - MOST)
+
+    @property
+    def needed(self) -> set[int]:
+        """Keyframes that something waits for."""
+        return {node for guess in self.waiting for node in (guess.edge.a, guess.edge.b)}
+
+    def renumber(self, number: FloatArray) -> None:
+        """Keyframes have new numbers (N,); none of the `needed` went."""
+        self.waiting = [
+            replace(guess, edge=replace(guess.edge, a=int(number[guess.edge.a]), b=int(number[guess.edge.b])))
+            for guess in self.waiting
+        ]
 
     def _keep(self, keep: npt.NDArray[np.bool_]) -> None:
         if not keep.all():
@@ -74,9 +90,9 @@ class Hypotheses:
     def add(self, guess: Guess, poses: FloatArray, spread: Spread) -> None:
         """One more that waits.
 
-        spread : standard deviations of position (m) and heading (rad) between two nodes near along the path.
+        spread : standard deviations of position (m) and heading (rad) between a node and others near along the path.
         """
-        row = [consistent(guess.edge, other.edge, poses, spread) for other in self.waiting]
+        row = consistent(guess.edge, [other.edge for other in self.waiting], poses, spread)
         count = len(row)
         grown = np.ones((count + 1, count + 1), dtype=bool)
         grown[:count, :count] = self._agree
@@ -127,30 +143,51 @@ class Hypotheses:
         return sum(best.values())
 
     def _groups(self) -> list[set[int]]:
-        """For each closure a group around it that agrees pairwise, the weightiest taken in first."""
+        """For each closure a group around it that agrees pairwise, the weightiest taken in first; each group once."""
         order = np.argsort([-guess.merit for guess in self.waiting], kind="stable")
-        groups: list[set[int]] = []
-        for seed in range(len(self.waiting)):
-            allowed = self._agree[seed].copy()
-            group = [seed]
-            allowed[seed] = False
-            for k in order:
-                if allowed[k]:
-                    group.append(int(k))
-                    allowed &= self._agree[k]
-                    allowed[k] = False
-            groups.append(set(group))
-        return groups
+        groups = {tuple(np.flatnonzero(row).tolist()): None for row in _cliques(self._agree, order)}
+        return [set(group) for group in groups]
+
+    def _said_better(self) -> npt.NDArray[np.bool_]:
+        """Which closures say what a weightier one of the same keyframe says too, (N,)."""
+        keys = np.array([guess.edge.b for guess in self.waiting])
+        merits = np.array([guess.merit for guess in self.waiting])
+        rank = np.empty(len(merits), dtype=np.int64)
+        rank[np.argsort(-merits, kind="stable")] = np.arange(len(merits))
+        return np.asarray((self._agree & (keys[:, None] == keys) & (rank < rank[:, None])).any(axis=1))
 
 
-def consistent(first: Edge, second: Edge, poses: FloatArray, spread: Spread) -> bool:
-    """Whether going round by both closures ends where it began, given how well the two paths are known."""
-    along = motion(poses[first.b], poses[second.b])
-    back = compose(compose(first.motion, along), invert(second.motion))
-    off = motion(motion(poses[first.a], poses[second.a]), back)
-    away_b, turn_b = spread(first.b, second.b)
-    away_a, turn_a = spread(first.a, second.a)
-    if max(away_a, away_b) > MOST_SPREAD:
-        return False
-    loose = 0.2 + 2.5 * np.hypot(away_a, away_b) + 0.02 * length(along)
-    return bool(length(off) < loose and turn(off) < 0.06 + 2.5 * np.hypot(turn_a, turn_b))
+@njit(cache=True)
+def _cliques(agree, order):  # type: ignore[no-untyped-def]
+    """Row k: members (N,) of the group around k, filled up greedily in `order`."""
+    count = len(order)
+    members = np.zeros((count, count), dtype=np.bool_)
+    for seed in range(count):
+        allowed = agree[seed].copy()
+        members[seed, seed] = True
+        allowed[seed] = False
+        for k in order:
+            if allowed[k]:
+                members[seed, k] = True
+                allowed &= agree[k]
+                allowed[k] = False
+    return members
+
+
+def consistent(
+    first: Edge, others: Sequence[Edge], poses: FloatArray, spread: Spread
+) -> npt.NDArray[np.bool_]:
+    """Whether going round by `first` and each of M others ends where it began, (M,), as far as the paths are known."""
+    if not others:
+        return np.zeros(0, dtype=bool)
+    a, b = (np.array([getattr(edge, end) for edge in others]) for end in ("a", "b"))
+    motions = np.array([edge.motion for edge in others])
+    along = motion(poses[first.b], poses[b])
+    back = compose(compose(first.motion, along), invert(motions))
+    off = motion(motion(poses[first.a], poses[a]), back)
+    away_b, turn_b = spread(first.b, b)
+    away_a, turn_a = spread(first.a, a)
+    loose = 0.2 + 2.5 * np.hypot(away_a, away_b) + 0.02 * np.linalg.norm(positions(along), axis=-1)
+    near = np.linalg.norm(positions(off), axis=-1) < loose
+    alike = turns(off) < 0.06 + 2.5 * np.hypot(turn_a, turn_b)
+    return np.asarray(near & alike & (np.maximum(away_a, away_b) <= MOST_SPREAD))

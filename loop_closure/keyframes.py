@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from loop_closure.motions import length, motion, turn
@@ -22,7 +23,8 @@ class Keyframe:
     """One kept scan or cloud.
 
     stamp : seconds. odometry : pose (3,) or (4, 4) in the odometry frame. path : metres travelled until here.
-    scan, glance : None of a cloud. points : of a cloud (N, 3) metres, None of a scan.
+    scan, glance : None of a cloud. points : of a cloud (N, 3) metres, None of a scan. number : counted since the
+    map was begun or read, whatever was taken out since.
     """
 
     stamp: float
@@ -31,6 +33,7 @@ class Keyframe:
     glance: Glance | None
     points: FloatArray | None = None
     scan: Scan | None = None
+    number: int = 0
 
 
 class Keyframes:
@@ -40,10 +43,11 @@ class Keyframes:
         self._frames: list[Keyframe] = []
         self._paths: list[float] = []
         self._gap = 0.0
+        self._count = 0
         # Keyframes the step to which was guessed, and its standard deviation in metres.
         self.breaks: dict[int, float] = {}
         self._workspace = LocalMap(RADIUS, np.inf)
-        self._cache: OrderedDict[tuple[int, int, int], Submap] = OrderedDict()
+        self._cache: OrderedDict[tuple[int, ...], Submap] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -89,11 +93,13 @@ class Keyframes:
         """Whether the step to keyframe `k` was guessed."""
         return k in self.breaks
 
-    def slack(self, i: int, j: int) -> float:
-        """Standard deviation in metres that guessed steps between two keyframes add to their distance."""
-        low, high = min(i, j), max(i, j)
-        between = [sigma for k, sigma in self.breaks.items() if low < k <= high]
-        return float(np.sqrt(np.sum(np.square(between))))
+    def slack(self, i: int, others: npt.ArrayLike) -> FloatArray:
+        """Standard deviation in metres that guessed steps between keyframe `i` and others add to their distances."""
+        steps = np.zeros(len(self) + 1)
+        for k, sigma in self.breaks.items():
+            steps[k] = sigma**2
+        summed = np.cumsum(steps)
+        return np.asarray(np.sqrt(np.abs(summed[i] - summed[np.asarray(others)])))
 
     def _path(self, odometry: FloatArray) -> float:
         if not self._frames:
@@ -102,9 +108,25 @@ class Keyframes:
         return self._frames[-1].path + gap + length(motion(self._frames[-1].odometry, odometry))
 
     def _add(self, frame: Keyframe) -> Keyframe:
+        frame = replace(frame, number=self._count)
+        self._count += 1
         self._frames.append(frame)
         self._paths.append(frame.path)
         return frame
+
+    def take_out(self, number: FloatArray) -> None:
+        """Keep those with a new number, in order; `number` (N,) is -1 of the others."""
+        stay = np.flatnonzero(number >= 0)
+        breaks: dict[int, float] = {}
+        for k, sigma in self.breaks.items():
+            # A guessed step to what goes is part of the way to what stays after it.
+            later = stay[stay >= k]
+            if len(later):
+                at = int(number[later[0]])
+                breaks[at] = float(np.hypot(breaks.get(at, 0.0), sigma))
+        self.breaks = breaks
+        self._frames = [self._frames[k] for k in stay]
+        self._paths = [frame.path for frame in self._frames]
 
     def window(self, k: int, back: float, fore: float) -> tuple[int, int]:
         """First and last keyframe within `back` metres of path before `k` and `fore` after it."""
@@ -123,12 +145,12 @@ class Keyframes:
     def local_map(self, k: int, back: float, fore: float) -> Submap:
         """Fused outline of the scans around keyframe `k`, in its frame."""
         first, last = self.window(k, back, fore)
-        key = (k, first, last)
+        frames = self._frames[first : last + 1]
+        key = (self._frames[k].number, *(frame.number for frame in frames))
         if key in self._cache:
             self._cache.move_to_end(key)
             return self._cache[key]
         anchor = self._frames[k].odometry
-        frames = self._frames[first : last + 1]
         glances = [frame.glance for frame in frames if frame.glance is not None]
         poses = np.array([motion(anchor, frame.odometry) for frame in frames])
         made = fuse(glances, poses, self._workspace)

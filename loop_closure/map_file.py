@@ -51,7 +51,7 @@ def write_map(slam: Slam, file: BinaryIO) -> None:
     np.savez_compressed(file, about=np.array(about), **arrays)
 
 
-def read_map(path: Path | str, config: SlamConfig | None = None) -> Slam:
+def read_map(path: Path | str, config: SlamConfig | None = None, thin: bool = False) -> Slam:
     """A `Slam` as it was saved; its next scan needs `Slam.resume` first, or a `Localizer` is given its keyframes.
 
     Raises
@@ -64,13 +64,12 @@ def read_map(path: Path | str, config: SlamConfig | None = None) -> Slam:
             if about["format"] > FORMAT:
                 raise InputError(f"{path}: written by a newer version (format {about['format']})")
             data = {name: archive[name] for name in archive.files}
-        return _restored(data, config)
+        return _restored(data, Slam(config, thin=thin))
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not a map that can be read: {error}") from error
 
 
-def _restored(data: dict[str, FloatArray], config: SlamConfig | None) -> Slam:
-    slam = Slam(config)
+def _restored(data: dict[str, FloatArray], slam: Slam) -> Slam:
     frames = Keyframes()
     offsets = np.concatenate(
         ([0], np.cumsum(data["scans"][:, 0] if "scans" in data else data["counts"]))

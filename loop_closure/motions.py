@@ -82,6 +82,15 @@ def turn(pose: FloatArray) -> float:
     return float(np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0))
 
 
+def turns(poses: FloatArray) -> FloatArray:
+    """`turn` of each of (N, 3) or (N, 4, 4), (N,) radians."""
+    if planar(poses):
+        return np.asarray(np.abs(np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))))
+    R = poses[:, :3, :3]
+    axis = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1)
+    return np.asarray(np.arctan2(np.linalg.norm(axis, axis=-1), np.trace(R, axis1=1, axis2=2) - 1.0))
+
+
 def rotation(pose: FloatArray) -> FloatArray:
     """B, (3, 3) or (6, 6): turns a covariance in the frame a motion ends in to the frame it starts from."""
     if planar(pose):

@@ -19,9 +19,9 @@ from loop_closure.graph import Edge, PoseGraph, SmoothedGraph, residuals
 from loop_closure.hypotheses import Guess, Hypotheses
 from loop_closure.keyframes import Keyframes
 from loop_closure.likeness import Likeness
+from loop_closure.marginal import renumbered, without
 from loop_closure.motions import (
     as_pose,
-    blend,
     compose,
     grown,
     identity,
@@ -31,18 +31,20 @@ from loop_closure.motions import (
     orthonormal,
     planar,
     positions,
-    row,
     turn,
 )
 from loop_closure.slam_config import SlamConfig
 from loop_closure.spatial import LEAF, polished_step, thinned
+from loop_closure.thinning import Thinning
 from loop_closure.uncertainty import Uncertainty
+from loop_closure.visits import Visits
 from registration.scan import Scan
 
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
 OWN_DOUBT = 30.0  # variances odometry reports of itself are those of white noise; its errors last
 LEAP = (3.0, 1.2)  # metres and radians from one scan to the next that no registration can be sure of
+WRONG = 0.3  # metres by which a closure misses the whole that cannot be true
 DOUBTED = 0.5  # share of such a leap that may be wrong
 
 
@@ -80,16 +82,6 @@ class SlamUpdate:
     waiting: int = 0
 
 
-@dataclass
-class _Visit:
-    """One processed scan: hangs on a keyframe."""
-
-    stamp: float
-    keyframe: int
-    step: FloatArray
-    odometry: FloatArray
-
-
 class Slam:
     """Consistent map of a moving range sensor from its scans or clouds and its odometry."""
 
@@ -98,10 +90,19 @@ class Slam:
         config: SlamConfig | None = None,
         graph: PoseGraph | None = None,
         recognise: bool = False,
+        thin: bool = False,
+        every_scan: bool | None = None,
     ) -> None:
-        """`recognise` : ask the classifier for candidates where the estimate is too wide to say where to look."""
+        """`recognise` : ask the classifier for candidates where the estimate is too wide to say where to look.
+
+        thin : for runs without an end; takes out keyframes of places that others show as well. Memory then grows
+        with the place and not with the time. every_scan : remember where each scan was taken; not by default if `thin`.
+        """
         self.config = config or SlamConfig()
-        self._recognise = recognise
+        if thin and not isinstance(graph, SmoothedGraph | None):
+            raise InputError("thin: nodes can be taken out of a SmoothedGraph only")
+        self._recognise, self._thins = recognise, thin
+        self._every_scan = not thin if every_scan is None else every_scan
         self._new_graph = graph
         self.reset()
 
@@ -113,7 +114,8 @@ class Slam:
         self._hypotheses = Hypotheses()
         self._uncertainty = Uncertainty()
         self._likeness = Likeness()
-        self._visits: list[_Visit] = []
+        self._visits = Visits(self._every_scan)
+        self._thinning = Thinning(self.config.key_distance, self.config.key_turn)
         self._covariance: FloatArray | None = None
         self._queue: list[int] = []  # of those, what is to be looked at next
         self._again: set[int] = set()  # keyframes worth another look, their place being better known now
@@ -148,7 +150,7 @@ class Slam:
         here = as_pose("odometry", odometry)
         if isinstance(scan, Scan) != planar(here):
             raise InputError("odometry: (3,) goes with a Scan, (4, 4) with a cloud")
-        if self._visits and planar(here) != planar(self._visits[-1].odometry):
+        if self._visits and planar(here) != planar(self._visits.last.odometry):
             raise InputError("scan: scans and clouds cannot be mixed; call reset() first")
         when = (
             stamp if stamp is not None else scan.stamp if isinstance(scan, Scan) else float(len(self._visits))
@@ -161,7 +163,7 @@ class Slam:
             here, self.config.key_distance, self.config.key_turn
         ):
             step = motion(self.keyframes[-1].odometry, here)
-            self._visits.append(_Visit(when, len(self.keyframes) - 1, step, here))
+            self._visits.add(when, len(self.keyframes) - 1, step, here, False)
             return SlamUpdate(self.pose, [], None, len(self._hypotheses.waiting))
         return self._keep(scan, here, known, when)
 
@@ -170,38 +172,28 @@ class Slam:
         """Pose of the sensor in the map at the last scan."""
         if not self._visits:
             raise InputError("pose: no scan was processed yet")
-        last = self._visits[-1]
+        last = self._visits.last
         return compose(self.graph.poses[last.keyframe], last.step)
 
     @property
     def correction(self) -> FloatArray:
         """The odometry frame in the map frame, now."""
-        odometry = self._visits[-1].odometry
+        odometry = self._visits.last.odometry
         if self._frame is not None:
             odometry = compose(invert(self._frame), odometry)
         return compose(self.pose, invert(odometry))
 
     def trajectory(self) -> FloatArray:
-        """All processed scans: (N, 4) stamp, x, y, yaw, or of clouds (N, 7) stamp, x, y, z, roll, pitch, yaw."""
+        """All processed scans: (N, 4) stamp, x, y, yaw, or of clouds (N, 7) stamp, x, y, z, roll, pitch, yaw.
+
+        Where not every scan is remembered, the keyframes and the last.
+        """
         self.finish()
-        poses = self.visited()
-        return np.array([[visit.stamp, *row(pose)] for visit, pose in zip(self._visits, poses, strict=True)])
+        return self._visits.rows(self.graph.poses, self.keyframes)
 
     def visited(self) -> list[FloatArray]:
         """Pose of every processed scan by the current estimate; between keyframes corrections are blended."""
-        nodes = self.graph.poses
-        placed = []
-        for visit in self._visits:
-            k = visit.keyframe
-            pose = compose(nodes[k], visit.step)
-            if k + 1 < len(nodes):
-                following = compose(nodes[k + 1], motion(self.keyframes[k + 1].odometry, visit.odometry))
-                whole = self.keyframes[k + 1].odometry
-                before, after = length(visit.step), length(motion(visit.odometry, whole))
-                before, after = before + turn(visit.step), after + turn(motion(visit.odometry, whole))
-                pose = blend(pose, following, before / max(before + after, 1e-9))
-            placed.append(pose)
-        return placed
+        return self._visits.poses(self.graph.poses, self.keyframes)
 
     def visited_positions(self) -> FloatArray:
         """(N, 2 | 3) metres, of every processed scan by the current estimate."""
@@ -209,10 +201,7 @@ class Slam:
 
     def first_visits(self) -> dict[int, int]:
         """Number of the scan that each keyframe is."""
-        first: dict[int, int] = {}
-        for number, visit in enumerate(self._visits):
-            first.setdefault(visit.keyframe, number)
-        return first
+        return self._visits.first()
 
     def finish(self) -> None:
         """Look again at what was passed before its place was known, and settle the estimate."""
@@ -232,8 +221,8 @@ class Slam:
         self.keyframes = keyframes
         if len(poses):
             self.graph.restore(poses, edges)
-        frames = [keyframes[k] for k in range(len(keyframes))]
-        self._visits = [_Visit(f.stamp, k, identity(f.odometry), f.odometry) for k, f in enumerate(frames)]
+        self._visits.restore(keyframes)
+        self._thinning = Thinning(self.config.key_distance, self.config.key_turn, len(keyframes))
 
     def resume(self, correction: FloatArray) -> None:
         """Go on with the map in a new run, whose odometry frame lies at `correction` in the map."""
@@ -248,7 +237,7 @@ class Slam:
         """Remember leaps of planar odometry since the last keyframe: views of little in common were laid together."""
         if not self._visits or self._new_run or not planar(here):
             return
-        step = motion(self._visits[-1].odometry, here)
+        step = motion(self._visits.last.odometry, here)
         away, angle = length(step), turn(step)
         if away > LEAP[0] or angle > LEAP[1]:
             self._leap = (float(np.hypot(self._leap[0], away)), float(np.hypot(self._leap[1], angle)))
@@ -256,6 +245,8 @@ class Slam:
     def _keep(
         self, scan: Scan | npt.ArrayLike, here: FloatArray, covariance: FloatArray | None, when: float
     ) -> SlamUpdate:
+        if self._thins:
+            self._thin()
         before = self.keyframes[-1].odometry if len(self.keyframes) else None
         if isinstance(scan, Scan):
             self.keyframes.add_scan(scan, here, self.config.max_range)
@@ -282,7 +273,7 @@ class Slam:
                 doubt = self._doubt(step, before, covariance)
             self._new_run = False
             self.graph.extend(step, doubt)
-        self._visits.append(_Visit(when, k, identity(here), here))
+        self._visits.add(when, k, identity(here), here, True)
         self._covariance, self._leap = covariance, (0.0, 0.0)
         accepted = self._close(k)
         return SlamUpdate(self.pose, accepted, k, len(self._hypotheses.waiting))
@@ -403,10 +394,51 @@ class Slam:
         self.closures += made
         return made
 
-    def _spread(self, i: int, j: int) -> tuple[float, float]:
+    def _spread(self, i: int, j: npt.NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         paths = self.keyframes.paths
-        away = min(abs(paths[i] - paths[j]), 30.0)
-        return float(np.hypot(0.03 + 0.01 * away, self.keyframes.slack(i, j))), 0.01 + 0.001 * away
+        away = np.minimum(np.abs(paths[i] - paths[j]), 30.0)
+        return np.hypot(0.03 + 0.01 * away, self.keyframes.slack(i, j)), 0.01 + 0.001 * away
+
+    # What is known twice.
+
+    def _thin(self) -> None:
+        """Look at one keyframe that the path has left behind; take out what is not needed once there is enough."""
+        k = self._thinning.next(self.keyframes.paths)
+        if k is None:
+            return
+        needed = self._hypotheses.needed | set(self._queue)
+        self._uncertainty.learn(self.graph.edges)
+        gate = Gate(*self._uncertainty.around(self.graph.poses, k))
+        self._thinning.examine(k, self.keyframes, self.graph.poses, gate, needed)
+        if self._thinning.due:
+            self._take_out()
+
+    def _take_out(self) -> None:
+        """Marginalise the keyframes that are not needed; everything else gets new numbers."""
+        poses, gone = self.graph.poses, self._thinning.gone
+        stay = np.ones(len(poses), dtype=bool)
+        stay[list(gone)] = False
+        number = np.where(stay, np.cumsum(stay) - 1, -1)
+        # What contradicts the whole must not become part of what is taken for granted.
+        edges = [
+            edge
+            for edge in self.graph.edges
+            if not edge.closure or (stay[edge.a] and stay[edge.b]) or off(edge, poses)[0] <= WRONG
+        ]
+        self._visits.take_out(poses, self.keyframes, number, self._thinning.stands_for)
+        self.keyframes.take_out(number)
+        self.graph.restore(poses[stay], renumbered(without(edges, gone, len(poses)), number))
+        self.closures = [
+            replace(c, earlier=int(number[c.earlier]), later=int(number[c.later]))
+            for c in self.closures
+            if stay[c.earlier] and stay[c.later]
+        ]
+        self._hypotheses.renumber(number)
+        self._again = {int(number[k]) for k in self._again if stay[k]}
+        self._queue = [int(number[k]) for k in self._queue if stay[k]]
+        self._uncertainty.reset()
+        self._likeness = Likeness()
+        self._thinning.taken_out(number)
 
     def _drop_outliers(self) -> None:
         """Take out closures that the whole contradicts."""
@@ -414,7 +446,7 @@ class Slam:
         wrong = {
             number
             for number, edge in enumerate(self.graph.edges)
-            if edge.closure and squares[number] > 60.0 and off(edge, self.graph.poses)[0] > 0.3
+            if edge.closure and squares[number] > 60.0 and off(edge, self.graph.poses)[0] > WRONG
         }
         if not wrong:
             return

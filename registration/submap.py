@@ -112,7 +112,12 @@ def _seen_space(glances: Sequence[Glance], poses: Array) -> tuple[NDArray[np.boo
     seen = np.zeros((height, width), dtype=np.bool_)
     for item, pose in zip(glances, poses, strict=True):
         _see(seen, low, CELL, pose, item.view.ranges, item.view.angle_min, item.view.step, FAR, MARGIN)
-    return seen, low
+    # Rooms are smaller than what could have been seen, and many local maps are kept.
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if not len(rows):
+        return seen[:1, :1].copy(), low
+    cut = seen[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].copy()
+    return cut, low + CELL * np.array([columns[0], rows[0]])
 
 
 @njit(cache=True)

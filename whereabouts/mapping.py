@@ -94,21 +94,25 @@ class MapGrid:
 
     def __init__(self, resolution: float = 0.05) -> None:
         self.grid = OccupancyGrid(resolution)
-        self._drawn = np.zeros((0, 3))
+        self._drawn: dict[int, Array] = {}
 
     def update(self, slam: Slam) -> None:
-        """Draw what is new, or all of it."""
+        """Draw what is new, or all of it. What was taken out of the map stays drawn until then."""
         poses = slam.graph.poses
-        known = len(self._drawn)
-        moved = np.abs(poses[:known] - self._drawn)
-        if known and moved.max() > 0.5 * self.grid.resolution:
+        frames = [slam.keyframes[k] for k in range(len(poses))]
+        drawn = self._drawn
+        known = [(drawn[f.number], pose) for f, pose in zip(frames, poses, strict=True) if f.number in drawn]
+        if known and max(float(np.abs(pose - at).max()) for at, pose in known) > 0.5 * self.grid.resolution:
             self.grid = OccupancyGrid(self.grid.resolution)
-            known = 0
-        for k in range(known, len(poses)):
-            glance = slam.keyframes[k].glance
-            if glance is not None:
-                self.grid.integrate(poses[k], glance.surface.points)
-        self._drawn = poses.copy()
+            drawn = {}
+        for frame, pose in zip(frames, poses, strict=True):
+            if frame.glance is not None and frame.number not in drawn:
+                self.grid.integrate(pose, frame.glance.surface.points)
+        # Where each was drawn, not where it is now: small steps add up.
+        self._drawn = {
+            frame.number: drawn.get(frame.number, pose).copy()
+            for frame, pose in zip(frames, poses, strict=True)
+        }
 
 
 def map_grid(slam: Slam, resolution: float = 0.05) -> OccupancyGrid:

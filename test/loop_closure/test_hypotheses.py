@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.poses import between, compound, inverse, pose_to_matrix
 from loop_closure.graph import Edge
-from loop_closure.hypotheses import Guess, Hypotheses
+from loop_closure.hypotheses import MOST, Guess, Hypotheses, consistent
 from loop_closure.keyframes import Keyframes
 from registration import Scan
 
@@ -17,7 +18,7 @@ PATHS = np.arange(2.0 * FAR)
 POSES = np.array([[float(k % FAR), 0.1 * (k // FAR), 0.0] for k in range(2 * FAR)])
 
 
-def near(i: int, j: int) -> tuple[float, float]:
+def near(i: int, j: np.ndarray) -> tuple[float, float]:
     """Along the path all is known to centimetres."""
     return 0.03, 0.01
 
@@ -70,8 +71,8 @@ def test_what_the_estimate_forbids_cannot_win_but_speaks_against_others() -> Non
 
 
 def test_nothing_agrees_across_a_step_that_nobody_knows() -> None:
-    def torn(i: int, j: int) -> tuple[float, float]:
-        return (2.0 if (i % FAR < 4) != (j % FAR < 4) else 0.03), 0.01
+    def torn(i: int, j: np.ndarray) -> tuple[np.ndarray, float]:
+        return np.where((i % FAR < 4) != (j % FAR < 4), 2.0, 0.03), 0.01
 
     assert waiting([guess(k, 0.0) for k in range(8)], torn).decide(PATHS) == []
 
@@ -85,6 +86,49 @@ def test_guessed_steps_add_up_between_keyframes() -> None:
     assert keyframes.slack(0, 1) == 0.0
     assert keyframes.slack(1, 2) == pytest.approx(0.3)
     assert keyframes.slack(5, 0) == pytest.approx(0.5)
+    np.testing.assert_allclose(keyframes.slack(1, [0, 2, 5]), [0.0, 0.3, 0.5])
     assert keyframes.broken(2)
     assert not keyframes.broken(3)
     assert keyframes.window(3, 10.0, 10.0) == (2, 3)
+
+
+def test_many_keyframes_on_the_spot_do_not_push_out_the_path_before_them() -> None:
+    """Ten closures of each keyframe that say the same: of too many the weightiest of each stay."""
+    hypotheses = Hypotheses()
+    for k in range(FAR):
+        for step in range(10):
+            a = max(k - step, 0)
+            edge = Edge(a, k + FAR, np.array([float(k - a), 0.0, 0.0]), 1e-3 * np.eye(3), True)
+            hypotheses.add(Guess(edge, 20.0 - step, 0.97, 0.0, 15.0), POSES, near)
+        hypotheses.forget(PATHS, k + FAR)
+    assert len(hypotheses.waiting) <= MOST
+    assert {guess.edge.b for guess in hypotheses.waiting} == set(range(FAR, 2 * FAR))
+    assert len({guess.edge.b for guess in hypotheses.decide(PATHS)}) == FAR
+
+
+def test_agreement_of_many_is_that_of_each_composed_by_hand() -> None:
+    rng = np.random.default_rng(0)
+    poses = np.cumsum(rng.normal(0.0, [0.5, 0.5, 0.2], (40, 3)), axis=0)
+    edges = []
+    for _ in range(60):
+        a, b = (int(k) for k in np.sort(rng.choice(40, 2, replace=False)))
+        edges.append(Edge(a, b, between(poses[a], poses[b]) + rng.normal(0.0, [0.2, 0.2, 0.05]), np.eye(3)))
+    first = edges[0]
+    expected = []
+    for other in edges:
+        # By `first`, along the later path and back over `other`, against along the earlier path.
+        way = compound(compound(first.motion, between(poses[first.b], poses[other.b])), inverse(other.motion))
+        miss = between(between(poses[first.a], poses[other.a]), way)
+        far = 0.02 * np.linalg.norm(poses[other.b, :2] - poses[first.b, :2])
+        expected.append(
+            np.hypot(*miss[:2]) < 0.2 + 2.5 * np.hypot(0.03, 0.03) + far
+            and abs(miss[2]) < 0.06 + 2.5 * np.hypot(0.01, 0.01)
+        )
+    assert 3 < sum(expected) < 57
+    assert consistent(first, edges, poses, near).tolist() == expected
+    matrices = pose_to_matrix(np.column_stack([poses[:, :2], np.zeros((40, 3)), poses[:, 2]]))
+    spatial = [
+        replace(e, motion=pose_to_matrix(np.array([*e.motion[:2], 0.0, 0.0, 0.0, e.motion[2]])))
+        for e in edges
+    ]
+    assert consistent(spatial[0], spatial, matrices, near).tolist() == expected

@@ -87,7 +87,7 @@ class LoopClosureNode(SuiteNode):
             self.add_timer(settings.save_period, self._save_regularly)
 
     def start_run(self) -> None:
-        self._slam = Slam(self.settings.slam)
+        self._slam = Slam(self.settings.slam, thin=self.settings.thin)
         self._localizer: Localizer | None = None
         self._extend = True
         self._grid = MapGrid(self.settings.resolution)
@@ -178,8 +178,12 @@ class LoopClosureNode(SuiteNode):
         self._changed = self._changed or kept
         if closures:
             self._moved = True
+        frames = self._slam.keyframes
         for closure in closures:
-            self._closures_output.publish(closure_message(closure, self._mounting, self.settings.base_frame))
+            numbers = frames[closure.earlier].number, frames[closure.later].number
+            self._closures_output.publish(
+                closure_message(closure, numbers, self._mounting, self.settings.base_frame)
+            )
 
     def _locate(self, scan, odometry: Array) -> None:  # type: ignore[no-untyped-def]
         assert self._localizer is not None
@@ -289,7 +293,7 @@ class LoopClosureNode(SuiteNode):
 
     def _begin_with(self, path: Path, localization_only: bool, initial: Array | None) -> int:
         """Take a saved map; the robot is looked for in it, around `initial` (3,) of the robot where given."""
-        slam = read_map(path, self.settings.slam)
+        slam = read_map(path, self.settings.slam, self.settings.thin)
         if not len(slam.keyframes) or slam.keyframes[0].scan is None:
             raise InputError(f"{path}: a map of planar scans is needed to find the robot in it")
         self._slam = slam

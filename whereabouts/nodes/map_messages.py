@@ -22,13 +22,19 @@ from whereabouts_msgs.msg import LoopClosure
 Array = NDArray[np.float64]
 
 
-def closure_message(closure: Closure, mounting: Array, base_frame: str) -> LoopClosure:
-    """A closure between robot poses; `mounting` (3,) is that of the planar sensor in the robot frame."""
+def closure_message(
+    closure: Closure, numbers: tuple[int, int], mounting: Array, base_frame: str
+) -> LoopClosure:
+    """A closure between robot poses.
+
+    numbers : of the earlier and later keyframe, whatever was taken out since. mounting : (3,) pose of the planar
+    sensor in the robot frame.
+    """
     message = LoopClosure()
     later = round(closure.later_stamp * NANOSECONDS)
     message.header = Header(stamp=time_message(later), frame_id=frame_name(base_frame))
     message.earlier_stamp = time_message(round(closure.earlier_stamp * NANOSECONDS))
-    message.earlier_id, message.later_id = closure.earlier, closure.later
+    message.earlier_id, message.later_id = numbers
     if closure.relative.shape == (3,):
         nothing, back = np.zeros((3, 3)), inverse(mounting)
         inner = compound(closure.relative, back)

@@ -37,6 +37,12 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
     )
     resolution: float = setting(0.05, "edge of a map cell", unit="m", ge=0.01, le=1.0, fixed=True)
 
+    thin: bool = setting(
+        True,
+        "take out keyframes of places that others show as well: memory grows with the place, not with the time",
+        fixed=True,
+    )
+
     @property
     def slam(self) -> SlamConfig:
         """The library's settings."""

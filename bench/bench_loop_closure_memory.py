@@ -1,0 +1,128 @@
+"""A long day in a place that is known: memory, keyframes, edges and milliseconds of `Slam`, thinned and not.
+
+    python bench/bench_loop_closure_memory.py [--hours 1] [--keep-all] [--blame]   # appends to the .txt beside it
+
+The apartment's scans and wheels, again and again with their stamps moved on, followed as `scan_registration` does, and
+the occupancy grid kept up to date as the node does; no DDS, no nodes. From one repetition to the next the robot is
+turned round. Growth is the slope of the process's private memory over the second half of the run. --blame says which
+lines hold what came in the second half.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import re
+import time
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.metrics import absolute_trajectory_error
+from estimation.poses import between, compound, inverse
+from loop_closure.slam import Slam
+from loop_closure.warm_up import warm_up
+from registration import Scan
+from whereabouts.follow import Follower
+from whereabouts.logs import OdometryRecord, ScanRecord, open_log
+from whereabouts.mapping import MapGrid
+
+RESULT = Path(__file__).with_suffix(".txt")
+BAG = Path(__file__).parents[1] / "bags" / "apartment.mcap"
+EVERY = 16  # scans between maps: two seconds
+ROWS = 8  # printed lines per hour
+Array = NDArray[np.float64]
+
+
+def private() -> float:
+    """MiB of the process that are its own."""
+    text = Path("/proc/self/smaps_rollup").read_text()
+    return sum(map(int, re.findall(r"^Private_(?:Clean|Dirty):\s+(\d+) kB", text, re.MULTILINE))) / 1024.0
+
+
+def day(hours: float) -> Iterator[tuple[Scan, Array, Array, Array]]:
+    """Scans with the sensor's pose by odometry, its covariance, and the true pose."""
+    with open_log(BAG) as log:
+        records = [r for r in log if isinstance(r, ScanRecord | OdometryRecord)]
+    wheels = [r for r in records if isinstance(r, ScanRecord) or "wheel" in r.topic]
+    truths = {round(r.stamp, 3): r.pose for r in records if "truth" in r.topic}
+    length = records[-1].stamp - records[0].stamp + 0.1
+    follower = Follower()
+    for turn in range(max(1, round(hours * 3600.0 / length))):
+        for record in wheels:
+            stamp = record.stamp + turn * length
+            if isinstance(record, OdometryRecord):
+                follower.add_wheels(replace(record, stamp=stamp))
+                continue
+            scan = replace(record.scan, stamp=stamp)
+            mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
+            found = follower.add_scan(replace(record, stamp=stamp, scan=scan))
+            true = compound(np.asarray(truths[round(record.stamp, 3)]), mount)
+            yield scan, compound(compound(inverse(mount), found.pose), mount), found.covariance, true
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hours", type=float, default=1.0)
+    parser.add_argument("--keep-all", action="store_true", help="as it is without thinning")
+    parser.add_argument("--blame", action="store_true")
+    options = parser.parse_args()
+    warm_up()
+    slam, grid = Slam(thin=not options.keep_all), MapGrid()
+    hours: list[float] = []
+    memory: list[float] = []
+    spent: list[float] = []
+    truth: dict[float, Array] = {}
+    start: float | None = None
+    before = None
+    rows = [
+        f"{'thinned' if not options.keep_all else 'all kept'}: hour, keyframes, edges, private MiB, "
+        "p99 and slowest ms per scan since the row before"
+    ]
+    for count, (scan, pose, covariance, true) in enumerate(day(options.hours)):
+        start = scan.stamp if start is None else start
+        begun = time.perf_counter()
+        slam.process(scan, pose, covariance)
+        if count % EVERY == 0:
+            grid.update(slam)
+        spent.append(1e3 * (time.perf_counter() - begun))
+        truth[scan.stamp] = true
+        hour = (scan.stamp - start) / 3600.0
+        if count % 160 == 159:
+            hours.append(hour)
+            memory.append(private())
+        if options.blame and before is None and hour > 0.5 * options.hours:
+            gc.collect()
+            tracemalloc.start()
+            before = tracemalloc.take_snapshot()
+        if hour * ROWS >= len(rows):
+            tail = f"{np.quantile(spent, 0.99):6.0f} {max(spent):6.0f}"
+            rows.append(
+                f"{hour:5.2f} {len(slam.keyframes):6d} {len(slam.graph.edges):6d} {private():7.0f} {tail}"
+            )
+            spent.clear()
+            print(rows[-1], flush=True)
+    half = len(hours) // 2
+    slope = float(np.polyfit(hours[half:], memory[half:], 1)[0])
+    placed = slam.trajectory()
+    expected = np.array([between(next(iter(truth.values())), truth[stamp]) for stamp in placed[:, 0]])
+    error = absolute_trajectory_error(placed[:, 1:3], expected[:, :2]).rmse
+    made = slam.keyframes[len(slam.keyframes) - 1].number + 1
+    rows.append(
+        f"{hours[-1]:.2f} h: {slope:.1f} MiB per hour over the second half; {len(slam.keyframes)} keyframes left of "
+        f"{made}; trajectory error {error:.3f} m"
+    )
+    print(rows[-1])
+    if before is not None:
+        for item in tracemalloc.take_snapshot().compare_to(before, "lineno")[:15]:
+            print(item)
+    with RESULT.open("a") as file:
+        file.write("\n".join(rows) + "\n")
+
+
+if __name__ == "__main__":
+    main()
