@@ -18,7 +18,6 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan
@@ -27,6 +26,8 @@ from tf2_msgs.msg import TFMessage
 from registration import Scan
 from whereabouts.nodes.base import TF_STATIC_QOS
 from whereabouts.nodes.conversions import array_of, fill_pose, spatial
+from whereabouts.nodes.dead_ends import DeadEnds
+from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.supervisor import NodeSpec, Supervisor
 from whereabouts.nodes.transforms import transform_message
@@ -47,7 +48,7 @@ class Graph:
         self.context = Context()
         rclpy.init(context=self.context)
         self.node = Node("tester", context=self.context, namespace=namespace or None)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = NodeExecutor(self.context)
         self.executor.add_node(self.node)
         self.events: list[str] = []
         self.supervisor = Supervisor(logs, restart=False, on_event=self.events.append)
@@ -57,6 +58,7 @@ class Graph:
         self._latched: set[str] = set()
         self._reporting: set[str] = set()
         self._started: dict[str, int] = {}
+        self._dead = DeadEnds(self.node, clock=time.time)
         self._found = 0
 
     def close(self) -> None:
@@ -64,9 +66,17 @@ class Graph:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def start(self, executable: str, wait: bool = True, namespace: str = "", **parameters: Any) -> NodeSpec:
+    def start(
+        self,
+        executable: str,
+        wait: bool = True,
+        namespace: str = "",
+        kind: type[NodeSpec] = NodeSpec,
+        **parameters: Any,
+    ) -> NodeSpec:
+        """Start a node, as its `kind` says, and wait until it is active."""
         defaults = {"input_reliability": "reliable", "report_processed": True, "diagnostics_period": 0.2}
-        spec = NodeSpec(executable, namespace or self.namespace, {**defaults, **parameters})
+        spec = kind(executable, namespace or self.namespace, {**defaults, **parameters})
         self._connections.pop(spec.full_name, None)
         self._started[spec.full_name] = time.time_ns()
         self.supervisor.start(spec)
@@ -104,9 +114,11 @@ class Graph:
                 if topic in self._latched and not received:
                     return False
         return all(
-            found >= listeners[topic]
-            for report in reports
-            for topic, found in zip(report.outputs, report.subscribers, strict=True)
+            found - self._dead.known(topic, self._started[name] / NANOSECONDS) >= listeners[topic]
+            for name in running & self._connections.keys()
+            for topic, found in zip(
+                self._connections[name].outputs, self._connections[name].subscribers, strict=True
+            )
         )
 
     def inputs(self, spec: NodeSpec) -> list[str]:
@@ -133,6 +145,7 @@ class Graph:
         process = self.supervisor.nodes[spec.full_name].process
         process.send_signal(signal.SIGKILL)
         process.wait()
+        self._dead.bury(spec.full_name)
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
         """Spin until a condition holds and return its value; fail with the nodes' logs if it never does."""

@@ -48,6 +48,11 @@ class Identities:
         """Changes of a thing's id."""
         return sum(max(len(known) - 1, 0) for known in self.ids.values())
 
+    @property
+    def kept(self) -> int:
+        """Things that are known at the end by the id they were first known by."""
+        return sum(bool(known) and known[0][1] == known[-1][1] for known in self.ids.values())
+
 
 def judge_trajectories(truth: Truth, said: Said) -> Trajectories:
     """Wheels, odometry, the map as it was said at the time, and with all loops closed."""

@@ -103,6 +103,7 @@ def figures(judged: Judged) -> dict[str, Any]:
         "things_missing": things.missing,
         "things_extra": things.extra,
         "things_lost": things.lost,
+        "things_kept_name": things.kept,
         "identity_switches": things.switches,
         "thing_error_m": _mean(things.errors),
         "processor_s_per_bag_s": sum(u.seconds for u in run.usage.values()) / max(account.bag_seconds, 1e-9),
@@ -171,10 +172,10 @@ def summary(found: Mapping[str, Any], judged: Judged) -> list[Row]:
             right,
         ),
         Row(
-            "changes of a thing's name",
-            str(found["identity_switches"]),
-            "none",
-            found["identity_switches"] == 0,
+            "things that end under their first name",
+            f"{found['things_kept_name']} of {found['things']}, {found['identity_switches']} changes on the way",
+            "all",
+            found["things_kept_name"] == found["things"],
         ),
     ]
     if judged.run.told is not None:

@@ -13,12 +13,13 @@ from typing import Any
 import rclpy
 from rclpy.action.client import ActionClient
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.base import LATCHED
+from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import QueryWorld, TriggerVerification
@@ -77,7 +78,7 @@ class Director:
         self._context = Context()
         rclpy.init(context=self._context)
         self._node = Node("whereabouts_demo", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = NodeExecutor(self._context)
         self._executor.add_node(self._node)
         self._base = self._node.create_publisher(Bool, "base_available", LATCHED)
         self._trigger = self._node.create_client(TriggerVerification, "world_maintenance/trigger")

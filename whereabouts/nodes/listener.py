@@ -8,10 +8,10 @@ from typing import Any
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.interfaces import UnknownTypeError, message_class
 
 DEPTH = 20
@@ -80,7 +80,7 @@ def listen(
     context = Context()
     rclpy.init(context=context)
     node = Node("whereabouts_view", context=context)
-    executor = SingleThreadedExecutor(context=context)
+    executor = NodeExecutor(context)
     executor.add_node(node)
     listener = Listener(node, types, take, namespace)
     start, looked = time.monotonic(), -LOOK_PERIOD

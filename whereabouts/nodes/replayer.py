@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from whereabouts.logs import RawLog, RawMessage, Topic, open_raw
+from whereabouts.nodes.dead_ends import DeadEnds
 from whereabouts.nodes.flow import Flow
 from whereabouts.nodes.interfaces import UnknownTypeError, message_class
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
@@ -90,8 +91,9 @@ class Replayer:
         self._clock_sent = 0
         self._connections: dict[str, Connections] = {}
         self._reported: dict[str, int] = {}
-        self._dead: set[tuple[int, ...]] = set()
+        self._dead = DeadEnds(node)
         self._died: dict[str, int] = {}
+        self._born: dict[str, float] = {}
         self._subscriptions = [
             listen(name) for name in self.watched for listen in (self._listen, self._listen_to_connections)
         ]
@@ -278,8 +280,9 @@ class Replayer:
         ]
         for name, report in self._connections.items():
             for topic, found in zip(report.outputs, report.subscribers, strict=True):
-                if found < listeners[topic]:
-                    missing.append(f"{name} has found {found} of {listeners[topic]} listeners to {topic}")
+                alive = found - self._dead.known(topic, self._born.get(name, 0.0))
+                if alive < listeners[topic]:
+                    missing.append(f"{name} has found {alive} of {listeners[topic]} listeners to {topic}")
         return missing
 
     def bury(self, node: str) -> None:
@@ -287,10 +290,8 @@ class Replayer:
         self._connections.pop(node, None)
         self._died[node] = time.time_ns()
         self._flow.died(node)
-        for topic in map(self._name_of, self._publishers):
-            for end in self._node.get_subscriptions_info_by_topic(topic):
-                if f"{end.node_namespace.rstrip('/')}/{end.node_name}" == node:
-                    self._dead.add(tuple(end.endpoint_gid))
+        self._dead.bury(node)
+        self._born[node] = time.monotonic()
 
     def silent_since(self, moment: int) -> list[str]:
         """Watched nodes that have not said since a moment (ns of the system's clock) how much went through them."""

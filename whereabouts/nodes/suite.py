@@ -14,11 +14,11 @@ import rclpy
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
 from whereabouts.nodes.domain import free_domain
+from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.recorder import Recorder
 from whereabouts.nodes.replayer import PATIENCE, ReplayAccount, Replayer
 from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
@@ -81,7 +81,7 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
         rclpy.init(context=context)
         stack.callback(context.try_shutdown)
         node = Node("whereabouts_replay", context=context, namespace=run.namespace or None)
-        executor = SingleThreadedExecutor(context=context)
+        executor = NodeExecutor(context)
         executor.add_node(node)
         stack.callback(node.destroy_node)
         supervisor = stack.enter_context(Supervisor(run.log_directory, on_event=run.on_event))
