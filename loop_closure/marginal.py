@@ -91,10 +91,13 @@ def without(edges: Iterable[Edge], gone: Iterable[int], count: int) -> list[Edge
         derived[pair] = around[pair[0]][pair[1]] = around[pair[1]][pair[0]] = one
 
     for edge in edges:
-        if edge.closure and not {edge.a, edge.b} & leaving:
+        touched = edge.a in leaving or edge.b in leaving
+        if edge.closure and not touched:
             closures.append(edge)
-        else:
+        elif touched or edge.a > edge.b or (edge.a, edge.b) in derived:
             add(edge)
+        else:
+            derived[edge.a, edge.b] = around[edge.a][edge.b] = around[edge.b][edge.a] = edge
     for node in sorted(leaving):
         star = [
             (other, edge if edge.a == node else turned_round(edge)) for other, edge in around[node].items()

@@ -34,8 +34,9 @@ class Uncertainty:
 
     def learn(self, edges: list[Edge]) -> None:
         """Take in the edges that are new since the last call."""
-        for edge in edges[self._read :]:
-            pair, spread = (edge.a, edge.b), _variances(edge)
+        new = edges[self._read :]
+        for edge, spread in zip(new, _variances(new), strict=True):
+            pair = edge.a, edge.b
             known = self._best.get(pair)
             if known is None:
                 self._best[pair] = len(self._ends)
@@ -93,8 +94,12 @@ def _walk(order, previous, places, firsts, starts, spread):  # type: ignore[no-u
     return sigma, turn
 
 
-def _variances(edge: Edge) -> tuple[float, float]:
-    """Largest variance of position and of heading."""
-    size = 2 if planar(edge.motion) else 3
-    blocks = edge.covariance[:size, :size], edge.covariance[size:, size:]
-    return float(np.linalg.eigvalsh(blocks[0])[-1]), float(np.linalg.eigvalsh(blocks[1])[-1])
+def _variances(edges: list[Edge]) -> list[tuple[float, float]]:
+    """Largest variance of position and of heading of each."""
+    if not edges:
+        return []
+    size = 2 if planar(edges[0].motion) else 3
+    whole = np.array([edge.covariance for edge in edges])
+    blocks = whole[:, :size, :size], whole[:, size:, size:]
+    position, heading = (np.linalg.eigvalsh(block)[:, -1].tolist() for block in blocks)
+    return list(zip(position, heading, strict=True))

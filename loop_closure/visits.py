@@ -14,12 +14,16 @@ from loop_closure.motions import blend, compose, identity, length, motion, row, 
 
 @dataclass(frozen=True, eq=False)
 class Visit:
-    """One processed scan, `step` from its keyframe. hung : its own keyframe, or the next, was taken out."""
+    """One processed scan, `step` from its keyframe.
+
+    own : it is the keyframe. hung : the keyframe it was taken after, or the next, was taken out.
+    """
 
     stamp: float
     keyframe: int
     step: FloatArray
     odometry: FloatArray
+    own: bool = False
     hung: bool = False
 
 
@@ -43,20 +47,20 @@ class Visits:
         """A scan that became a keyframe (`kept`), or lies `step` from one."""
         if self._passing and not self._every:
             self._all.pop()
-        self._all.append(Visit(stamp, keyframe, step, odometry))
+        self._all.append(Visit(stamp, keyframe, step, odometry, kept))
         self._passing = not kept
 
     def restore(self, keyframes: Keyframes) -> None:
         """Those of a saved map: its keyframes."""
         frames = [keyframes[k] for k in range(len(keyframes))]
-        self._all = [Visit(f.stamp, k, identity(f.odometry), f.odometry) for k, f in enumerate(frames)]
+        self._all = [Visit(f.stamp, k, identity(f.odometry), f.odometry, True) for k, f in enumerate(frames)]
         self._passing = False
 
     def first(self) -> dict[int, int]:
         """Number of the scan that each keyframe is."""
         first: dict[int, int] = {}
         for number, visit in enumerate(self._all):
-            if not visit.hung:
+            if visit.own:
                 first.setdefault(visit.keyframe, number)
         return first
 
@@ -65,8 +69,8 @@ class Visits:
         placed = []
         for visit in self._all:
             k = visit.keyframe
-            pose = compose(nodes[k], visit.step)
-            if k + 1 < len(nodes) and not visit.hung:
+            pose = nodes[k].copy() if visit.own else compose(nodes[k], visit.step)
+            if k + 1 < len(nodes) and not visit.own and not visit.hung:
                 whole = motion(visit.odometry, keyframes[k + 1].odometry)
                 following = compose(nodes[k + 1], motion(keyframes[k + 1].odometry, visit.odometry))
                 before, after = length(visit.step) + turn(visit.step), length(whole) + turn(whole)
@@ -93,12 +97,11 @@ class Visits:
             leaves = number[k] < 0
             if leaves and not self._every and n < len(self._all) - 1:
                 continue
-            broken = leaves or visit.hung or (k + 1 < len(number) and number[k + 1] < 0)
-            anchor = stands_for(k) if leaves else k
-            own = not leaves and not visit.hung and not length(visit.step) and not turn(visit.step)
-            if own or not broken:
+            followed = visit.own or visit.hung or k + 1 == len(number) or number[k + 1] >= 0
+            if not leaves and followed:
                 made.append(replace(visit, keyframe=int(number[k])))
                 continue
+            anchor = stands_for(k) if leaves else k
             step = motion(nodes[anchor], pose)
-            made.append(replace(visit, keyframe=int(number[anchor]), step=step, hung=True))
+            made.append(replace(visit, keyframe=int(number[anchor]), step=step, own=False, hung=True))
         self._all = made
