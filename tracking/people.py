@@ -26,7 +26,7 @@ from tracking.occlusion import seen_shares
 from tracking.people_association import WIDE, Seen, associate
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
-from tracking.people_middle import depths
+from tracking.people_middle import CUT, depths
 from tracking.people_returns import come_back
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
@@ -43,6 +43,7 @@ SAME = 0.4  # metres, two potential people closer than that are one
 GONE = 0.25  # probability of being there below which somebody reported no longer is
 MOST_CLUSTERS = 400
 LEAST_JUMP_COLUMN = FEATURES.index("jump_least")
+JUMP_COLUMNS = [FEATURES.index("jump_left"), FEATURES.index("jump_right")]
 
 
 @dataclass(frozen=True)
@@ -204,8 +205,11 @@ class PeopleTracker:
         ranges, widths = clusters.ranges[chosen], clusters.widths[chosen]
         behind = depths(clusters, clusters.features[:, LEAST_JUMP_COLUMN] > 0.0, spacing)[chosen]
         places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 0.1))[:, None]
+        middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
+        placed = sweep.placed(places, middles)
+        sights = placed - sweep.origins[middles]
         return clusters, Seen(
-            sweep.placed(places, (clusters.first[chosen] + clusters.last[chosen]) // 2),
+            placed,
             widths,
             ranges,
             evidence,
@@ -213,6 +217,10 @@ class PeopleTracker:
             cluster_old[chosen],
             clusters.counts[chosen],
             clusters.features[chosen, LEAST_JUMP_COLUMN],
+            behind,
+            sights / np.maximum(np.linalg.norm(sights, axis=1), 0.05)[:, None],
+            clusters.features[chosen][:, JUMP_COLUMNS] < CUT,
+            1.0 if scan.angle_increment > 0.0 else -1.0,
             chosen,
         )
 

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from estimation.checks import FloatArray
 from tracking.people_config import PeopleConfig
-from tracking.people_tracks import IntArray, Tracks
+from tracking.people_tracks import BoolArray, IntArray, Tracks
 
 WIDE = 0.25  # metres, a cluster wider than that is both legs or a trunk
 FARTHEST_LEGS = 0.9  # metres between the legs of a stride
@@ -24,6 +24,9 @@ class Seen:
     places (K, 2) : middle of the leg or trunk, m. widths, ranges (K,) m. shape (K,) : log-likelihood ratio person :
     other. fresh, old (K,) : share that lies where it was empty, where something stood. counts (K,) : returns.
     free (K,) : metres by which each stands in front of the surroundings, the lesser of both ends.
+    depths (K,) : metres of the middle behind the returns. sights (K, 2) : from the scanner to each, of length 1.
+    cut (K, 2) : whether something nearer hides what is next to the first, the last return. turning : 1 where beams turn
+    to the left, -1 to the right.
     index (K,) : number of each among the scan's clusters.
     """
 
@@ -35,6 +38,10 @@ class Seen:
     old: FloatArray
     counts: IntArray
     free: FloatArray
+    depths: FloatArray
+    sights: FloatArray
+    cut: BoolArray
+    turning: float
     index: IntArray
 
     def __len__(self) -> int:

@@ -28,7 +28,7 @@ class PeopleConfig:
     )
     memory: float = _setting(6.0, "s", "mean time for which a hidden person is kept", 0.5, 120.0)
     clutter: float = _setting(0.3, "1/m²", "density of clusters that are nobody's", 0.001, 10.0)
-    prior: float = _setting(-4.5, "", "log-odds that a new cluster is of a person", -10.0, 3.0)
+    prior: float = _setting(-4.8, "", "log-odds that a new cluster is of a person", -10.0, 3.0)
     report: float = _setting(
         0.5, "", "probability of being there, and a person, from which one is reported", 0.05, 0.99
     )

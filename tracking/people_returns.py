@@ -64,6 +64,8 @@ def _take(tracks: Tracks, person: int, thing: int) -> None:
         "oldness",
         "trails",
         "walking",
+        "cruises",
+        "bodies",
     ):
         getattr(tracks, name)[person] = getattr(tracks, name)[thing]
     tracks.existence[person] = min(max(tracks.existence[person], 0.0) + tracks.existence[thing], SURE)

@@ -14,6 +14,7 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 SURE = 8.0  # log-odds, the most that is believed of anything
+GOES_ON = 2.5  # seconds out of sight after which somebody slows down
 TRAIL = 8  # places remembered of everybody
 
 
@@ -28,6 +29,8 @@ class Tracks:
     rates : returns per scan.
     hidden : seconds since it was seen. doubled : seconds for which it and a neighbour had one leg each.
     walking : the same from having walked just now, which fades.
+    bodies (T, 3) : half the width and the depth of one round body, m, and how much of the time it is one.
+    cruises (T, 2) : velocity over the last steps, m/s.
     trails (T, TRAIL, 2) : where it was in the last half second, the newest last, nan before it was there.
     public : label once reported, -1 before. shown : whether it is reported now.
     """
@@ -52,6 +55,8 @@ class Tracks:
     doubled: FloatArray
     trails: FloatArray
     walking: FloatArray
+    bodies: FloatArray
+    cruises: FloatArray
 
     def __len__(self) -> int:
         return len(self.names)
@@ -81,6 +86,8 @@ class Tracks:
             np.zeros(n),
             np.full((n, TRAIL, 2), np.nan),
             np.zeros(n),
+            np.zeros((n, 3)),
+            np.zeros((n, 2)),
         )
 
     @classmethod
@@ -113,7 +120,7 @@ class Tracks:
         self.means = self.means @ F.T
         self.covariances = F @ self.covariances @ F.T + q[:, None, None] * Q
         # Who is out of sight goes on for a while, but not for ever.
-        slower = np.where(self.hidden > 1.5, math.exp(-dt / 1.5), 1.0)
+        slower = np.where(self.hidden > GOES_ON, math.exp(-dt / 1.5), 1.0)
         self.means[:, 2:] *= slower[:, None]
         self.age += dt
         survival = math.exp(-dt / memory)
@@ -127,6 +134,7 @@ class Tracks:
         turn = np.array([[c, s], [-s, c]])
         self.means[:, :2] = self.means[:, :2] @ turn + motion[:2]
         self.means[:, 2:] = self.means[:, 2:] @ turn
+        self.cruises[:] = self.cruises @ turn
         self.origins[:] = self.origins @ turn + motion[:2]
         self.trails[:] = self.trails @ turn + motion[:2]
         both = np.kron(np.eye(2), turn.T)

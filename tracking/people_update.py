@@ -11,11 +11,13 @@ from estimation.checks import FloatArray
 from tracking.occlusion import WEIGHTS
 from tracking.people_association import WIDE, Seen
 from tracking.people_config import PeopleConfig
+from tracking.people_middle import learn_body, middle
 from tracking.people_tracks import SURE, IntArray, Tracks
 
 FULL = 8  # returns with which a cluster shows its shape
 LAG = 1.5  # seconds over which walking shows
 COASTING = 0.35  # seconds after which somebody not seen is taken to be hidden
+STEPS, SWING = 0.8, 0.6  # seconds over which a walk is known, and m/s by which a leg swings off it
 SLIDING = 0.25  # m/s, slower than that is not walking
 
 
@@ -48,6 +50,8 @@ def update(
         if not len(mine):
             # The next thing to show of somebody who was hidden is a part of a leg: easily missed.
             rate = keeps if tracks.hidden[t] < COASTING else 0.3 * keeps
+            if tracks.hidden[t] == 0.0 and float(WEIGHTS @ shares[t]) < 0.5:
+                _go_on(tracks, t)
             _miss(tracks, t, shares[t], places[t], 1.0 - math.exp(-rate))
             tracks.hidden[t] += dt
             continue
@@ -57,6 +61,13 @@ def update(
         gain = min(max(float(scores[mine].sum()), 0.2), 2.0)
         tracks.existence[t] = min(tracks.existence[t] + gain, SURE)
         learn(tracks, t, seen, mine, moment)
+
+
+def _go_on(tracks: Tracks, t: int) -> None:
+    """Out of sight people go on as they did over the last steps; the last scan saw a leg swing, or half a body."""
+    change = tracks.cruises[t] - tracks.means[t, 2:]
+    if tracks.looks[t] > STEPS and math.hypot(change[0], change[1]) < SWING:
+        tracks.means[t, 2:] = tracks.cruises[t]
 
 
 def _miss(tracks: Tracks, t: int, shares: FloatArray, places: FloatArray, detection: float) -> None:
@@ -80,8 +91,9 @@ def _miss(tracks: Tracks, t: int, shares: FloatArray, places: FloatArray, detect
 
 def _correct(tracks: Tracks, t: int, seen: Seen, mine: IntArray, config: PeopleConfig) -> None:
     """Kalman update with the middle of both legs, a trunk, or one leg that is off the middle."""
-    place = seen.places[mine].mean(0)
-    whole = len(mine) == 2 or seen.widths[mine[0]] > WIDE
+    known = middle(tracks, t, seen, mine)
+    place = seen.places[mine].mean(0) if known is None else known
+    whole = len(mine) == 2 or seen.widths[mine[0]] > WIDE or known is not None
     sigma = config.body_noise if whole else config.leg_noise
     noise = sigma**2 + (0.01 * seen.ranges[mine[0]]) ** 2
     P = tracks.covariances[t]
@@ -102,8 +114,11 @@ def learn(tracks: Tracks, t: int, seen: Seen, mine: IntArray, moment: Moment) ->
         evidence += 0.5
     share = max(dt / (min(tracks.looks[t], 3.0) + dt), 0.02) * min(1.0, float(weights.sum()))
     tracks.shape[t] += share * (evidence - tracks.shape[t])
+    share_of_steps = dt / (min(tracks.looks[t], STEPS) + dt)
+    tracks.cruises[t] += share_of_steps * (tracks.means[t, 2:] - tracks.cruises[t])
     tracks.looks[t] += dt
     tracks.oldness[t] += min(1.0, dt / 1.0) * (float(seen.old[mine].mean()) - tracks.oldness[t])
+    learn_body(tracks, t, seen, mine, dt)
     _learn_motion(tracks, t, float(seen.fresh[mine].mean()), float(seen.old[mine].mean()), moment)
     count = float(seen.counts[mine].sum())
     tracks.rates[t] += 0.2 * (count - tracks.rates[t]) if tracks.rates[t] else count

@@ -33,6 +33,10 @@ LEAST_WAY, WHOLE_WAY = (
     0.25,
 )  # metres: up to the first an estimate moves by itself, the second is a way walked
 PROVEN, FORGETTING = 1.0, 2.0  # seconds of walking that prove it for good, and for which less is believed
+LONGER, LITTLE = (
+    0.6,
+    2.0,
+)  # what going on walking adds to half a second of it, where that tells more than a little
 MANY = 20  # things in view: as many as where it was measured; jerks need neighbours to jerk to
 
 
@@ -80,7 +84,7 @@ class Walking:
             tracks.walking[t] = max(tracks.walking[t], ratio)
             # What walked but for a moment is forgotten, who walked for longer never.
             earned = tracks.motion[t] + ratio * min(since, 1.0) / PROVEN
-            tracks.motion[t] = max(tracks.motion[t], min(earned, ratio))
+            tracks.motion[t] = max(tracks.motion[t], min(earned, ratio + LONGER * max(ratio - LITTLE, 0.0)))
 
     def _count(self, moving: int, things: int, since: float) -> None:
         """How many of the things that stand there seem to move."""

@@ -12,17 +12,22 @@ from tracking import PeopleConfig, PeopleTracker
 from tracking.background import Background
 from tracking.legs import clusters_of
 from tracking.occlusion import PLACES, WEIGHTS, seen_shares
+from tracking.people_middle import depths
 from tracking.people_returns import come_back
 from tracking.people_sweep import Sweep
 from tracking.people_tracks import Tracks
+from tracking.people_walking import steady_speeds
 from whereabouts.datasets import recording
 from whereabouts.experiments.people_judging import (
     Constant,
     crossing_kept,
     follow_person,
     hidden_kept,
+    judge_everybody,
     judge_scene,
 )
+from whereabouts.simulation import Lidar, circle
+from whereabouts.simulation.occlusion_scenes import OcclusionKind, occlusions
 from whereabouts.simulation.people_scenes import crossing, hidden
 
 STEP = np.pi / 360
@@ -293,6 +298,42 @@ def test_what_was_there_before_or_is_too_far_off_is_not_who_was_hidden() -> None
     tracks.age[1] = 5.0
     assert not come_back(tracks).any()
     assert tracks.hidden[0] == 1.0
+
+
+def test_only_who_gets_ahead_all_the_time_walks() -> None:
+    times = 0.1 * np.arange(8.0)
+    steady = np.column_stack((0.8 * times, -0.6 * times))
+    jerk = np.where(times[:, None] < 0.35, [0.0, 0.0], [0.5, 0.0])
+    new = np.where(times[:, None] > 0.55, steady, np.nan)
+    still = 0.01 * np.random.default_rng(0).standard_normal((8, 2))
+    speeds = steady_speeds(np.array([steady, jerk, new, still]), times)
+    assert speeds[0] == pytest.approx(1.0)
+    assert np.allclose(speeds[1:], 0.0, atol=0.02)
+
+
+def test_the_middle_of_round_bodies_is_found_from_their_fronts() -> None:
+    rng = np.random.default_rng(2)
+    errors = []
+    for beams in (361, 1081):
+        lidar = Lidar(beams, np.pi, sigma=0.01, range_max=12.0)
+        for radius in (0.2, 0.3):
+            for _ in range(40):
+                spot = np.array([rng.uniform(1.5, 3.5), rng.uniform(-1.0, 1.0)])
+                scan = lidar.scan(circle(spot[0], spot[1], radius), np.zeros(3), rng).scan
+                clusters = clusters_of(scan)
+                spacing = clusters.ranges * scan.angle_increment
+                behind = depths(clusters, np.ones(1, dtype=bool), spacing)
+                errors.append(clusters.ranges[0] + behind[0] - np.hypot(*spot))
+    assert abs(np.mean(errors)) < 0.03
+    assert np.std(errors) < 0.05
+
+
+def test_round_people_are_found_at_once_and_kept_behind_pillars() -> None:
+    rng = np.random.default_rng([13, 0])
+    judged = judge_everybody(occlusions(rng, OcclusionKind("pillars", "rounds", "round"), 8.0), rng)
+    assert np.mean(judged.ospa) < 0.25
+    assert np.mean(judged.missed) < 0.5
+    assert np.mean(judged.errors) < 0.12
 
 
 def test_the_recorded_person_is_followed() -> None:

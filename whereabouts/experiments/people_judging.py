@@ -140,6 +140,18 @@ def judge_scene(
     return judged
 
 
+def judge_everybody(
+    scene: Scene, rng: np.random.Generator, tracker: PeopleTracker | None = None
+) -> SceneJudgement:
+    """Track a scene. Expected is everybody in the scanner's range and opening, hidden or not, from the first on."""
+    tracker = tracker or PeopleTracker()
+    judged = SceneJudgement()
+    for scan in scene.scans(rng):
+        targets = cast(list[Person], tracker.step(scan.scan, scan.pose, scan.scan.stamp))
+        _judge(judged, scan, targets, scan.in_view)
+    return judged
+
+
 def _judge(
     judged: SceneJudgement, scan: PeopleScan, targets: list[Person], expected: NDArray[np.bool_]
 ) -> None:

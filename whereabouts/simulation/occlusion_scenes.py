@@ -39,7 +39,7 @@ def occlusions(rng: np.random.Generator, kind: OcclusionKind, duration: float = 
     The scanner has 180 to 1081 beams, 10 to 40 Hz and 1 to 3 cm of noise; it stands, or drives at 0.3 to 0.6 m/s.
     """
     lidar, rate = _scanner(rng, kind.drives)
-    all_round = lidar.opening > 1.1 * np.pi
+    all_round = lidar.opening > 1.6 * np.pi
     room = _room(rng, kind.layout, all_round)
     pose: Array | Callable[[float], Array] = np.zeros(3)
     if kind.drives:
@@ -72,7 +72,7 @@ def _scanner(rng: np.random.Generator, drives: bool) -> tuple[Lidar, float]:
         (360, 2.0, 10.0),
         (720, 2.0, 15.0),
     ]
-    beams, half_turns, rate = choices[int(rng.integers(2 if drives else 0, len(choices)))]
+    beams, half_turns, rate = choices[int(rng.integers(4 if drives else 0, len(choices)))]
     opening = half_turns * np.pi * (1.0 if half_turns < 2.0 else (beams - 1) / beams)
     sigma = float(rng.choice([0.01, 0.02, 0.03]))
     return Lidar(int(beams), opening, 0.05, float(rng.choice([12.0, 30.0])), sigma), float(rate)
