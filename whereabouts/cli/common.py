@@ -9,6 +9,18 @@ from typing import Annotated, Any
 
 import typer
 
+TopicToUse = Annotated[
+    str | None, typer.Option("--topic", help="Scans or clouds to use; by default the first topic seen.")
+]
+WithWheels = Annotated[
+    bool,
+    typer.Option(
+        "--wheels/--no-wheels", help="Use the log's wheel odometry, where it has one, as the first guess."
+    ),
+]
+TumFile = Annotated[
+    Path | None, typer.Option("--out", metavar="T.tum", help="Write the trajectory, one line per scan.")
+]
 JsonFile = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the figures to FILE as JSON.")
 ]

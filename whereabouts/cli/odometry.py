@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, write_figures
 
 
 def odometry(
@@ -16,16 +16,9 @@ def odometry(
         Path,
         typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
     ],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="T.tum", help="Write the trajectory, one line per scan.")
-    ] = None,
-    topic: Annotated[
-        str | None,
-        typer.Option("--topic", help="Scans or clouds to follow; by default the first topic seen."),
-    ] = None,
-    wheels: Annotated[
-        bool, typer.Option(help="Use the log's wheel odometry, where it has one, as the first guess.")
-    ] = True,
+    out: TumFile = None,
+    topic: TopicToUse = None,
+    wheels: WithWheels = True,
     json_file: JsonFile = None,
 ) -> None:
     """Follow the robot through a recorded log.

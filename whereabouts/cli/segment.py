@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, write_figures
 
 if TYPE_CHECKING:
     from registration.scan import Scan
@@ -22,9 +22,7 @@ def segment(
     out: Annotated[
         Path | None, typer.Option("--out", help="labels.npz, or with --train the model's JSON file.")
     ] = None,
-    topic: Annotated[
-        str | None, typer.Option("--topic", help="Scans to label; by default the first topic seen.")
-    ] = None,
+    topic: TopicToUse = None,
     model_file: Annotated[
         Path | None, typer.Option("--model", help="A trained model instead of the one that is shipped.")
     ] = None,

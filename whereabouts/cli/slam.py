@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, write_figures
 
 
 def slam(
@@ -16,9 +16,7 @@ def slam(
         Path,
         typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
     ],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="T.tum", help="Write the trajectory, one line per scan.")
-    ] = None,
+    out: TumFile = None,
     closures: Annotated[
         Path | None,
         typer.Option("--closures", metavar="C.csv", help="Write the accepted closures."),
@@ -27,13 +25,8 @@ def slam(
         Path | None,
         typer.Option("--map", metavar="M.png", help="Write a picture; M.pgm and M.yaml with it (map_saver)."),
     ] = None,
-    topic: Annotated[
-        str | None,
-        typer.Option("--topic", help="Scans or clouds to use; by default the first topic seen."),
-    ] = None,
-    wheels: Annotated[
-        bool, typer.Option(help="Use the log's wheel odometry, where it has one, as the first guess.")
-    ] = True,
+    topic: TopicToUse = None,
+    wheels: WithWheels = True,
     json_file: JsonFile = None,
 ) -> None:
     """Follow the robot through a recorded log and close its loops.

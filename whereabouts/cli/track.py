@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, WithWheels, write_figures
 
 COLUMNS = ("time", "label", "x", "y", "vx", "vy", "weight")
 
@@ -34,12 +34,8 @@ def track(
     frame: Annotated[
         Frame, typer.Option(help="Of the tracks: the scanner, or where the robot was at the first scan.")
     ] = Frame.odom,
-    topic: Annotated[
-        str | None, typer.Option("--topic", help="Scans to use; by default the first topic seen.")
-    ] = None,
-    wheels: Annotated[
-        bool, typer.Option(help="Use the log's wheel odometry, where it has one, as the first guess.")
-    ] = True,
+    topic: TopicToUse = None,
+    wheels: WithWheels = True,
     json_file: JsonFile = None,
 ) -> None:
     """Track people through a recorded log.
