@@ -21,9 +21,18 @@ from whereabouts_msgs.srv import Reset
 PATIENCE = 60.0
 
 
-@pytest.fixture(
-    params=[NodeExecutor, lambda context: SingleThreadedExecutor(context=context)], ids=["ours", "rclpy"]
-)
+def unfamiliar(context: Context) -> NodeExecutor:
+    """Ours, where rclpy is not built as it expects."""
+    executor = NodeExecutor(context)
+    executor._fits = False
+    return executor
+
+
+def plain(context: Context) -> SingleThreadedExecutor:
+    return SingleThreadedExecutor(context=context)
+
+
+@pytest.fixture(params=[NodeExecutor, unfamiliar, plain])
 def spinning(request: Any, domain: int) -> Iterator[tuple[Node, Any]]:
     """A node and its executor: ours, and rclpy's to hold it against."""
     context = Context()
