@@ -24,7 +24,7 @@ from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import QueryWorld, TriggerVerification
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 
 
 @dataclass(frozen=True)

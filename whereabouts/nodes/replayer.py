@@ -23,7 +23,7 @@ from whereabouts_msgs.msg import Connections, Processed
 
 DEPTH = 200
 CLOCK_PERIOD = 5_000_000
-PATIENCE = 10.0
+PATIENCE = 30.0
 
 
 @dataclass
