@@ -22,7 +22,7 @@ LEAST = 0.25  # seconds that somebody must have been seen for
 SLOWEST, SURELY = 0.15, 0.35  # m/s in the slowest third: below it is no walking, above it surely is
 FREE = 0.15  # metres in front of the surroundings at both ends: what is seen is not cut off by anything
 # Share of tracks of things that seem to walk: those in the open, added by being cut off, and by the robot's own motion.
-FALSE_FREE, FALSE_CUT, FALSE_CROWD, FALSE_DRIVING = 0.001, 0.005, 0.03, 0.9
+FALSE_FREE, FALSE_CUT, FALSE_CROWD, FALSE_DRIVING = 0.0005, 0.0025, 0.03, 0.9
 WALKERS = 0.9  # share of people who walk that show it
 FAST = 0.8  # m/s and rad/s together: as fast as the robots at which FALSE_DRIVING was measured
 STOOD, MOVING = 0.5, 0.25  # oldness of what surely is a thing, and m/s at which it seems to walk
