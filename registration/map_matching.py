@@ -21,6 +21,8 @@ SURER = 0.9  # the same elsewhere: somebody walking along with the sensor pulls 
 FAR = 0.4  # share asked of a match far from the prediction where nothing but the last motion predicts
 NEVER = 2.0
 LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
+AGREES, MUCH = 0.65, 6.0  # share and metres of outline that make what contradicts unimportant nearby
+NEW, SOME = 0.3, 2.5  # the same where nothing contradicts
 NOTHING_SEEN = View(np.zeros(0), 0.0, 1.0)
 NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
 WIDE_SEARCH = (2.8, math.pi, 4)
@@ -43,6 +45,17 @@ class Match:
         """Agreeing share of the scan's outline; what the map does not know counts as not agreeing."""
         every = self.agreement.agreeing + self.agreement.standing + self.agreement.unknown
         return self.agreement.agreeing / max(every, 1e-9)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether so much of the outline agrees that the rest may contradict: doors open, glass is seen through."""
+        return self.share >= AGREES and self.agreement.agreeing >= MUCH and self.refined.open_directions < 2
+
+    @property
+    def uncontradicted(self) -> bool:
+        """Whether what the map knows agrees, though most of the view is new, as after a corner."""
+        clear = self.against < 0.1 * self.agreement.agreeing and self.refined.open_directions < 2
+        return clear and self.share >= NEW and self.agreement.agreeing >= SOME
 
     def expected(self, start: Array) -> bool:
         """Whether it is about what was predicted."""
@@ -86,12 +99,20 @@ class MapMatcher:
         self._view, self._view_pose = view, pose
 
     def find(
-        self, surface: Surface, view: View, start: Array, last: Array, far: float = FAR, wide: bool = False
+        self,
+        surface: Surface,
+        view: View,
+        start: Array,
+        last: Array,
+        far: float = FAR,
+        wide: bool = False,
+        little: bool = False,
     ) -> tuple[Match, bool]:
         """Best match around `start` (3,), and whether it is to be believed.
 
         far : share asked of a match far from the prediction, above 1 for never.
         wide : search around `last` too, where the sensor was last sure to be.
+        little : near `start`, little or contradicted agreement is enough: neighbouring scans share little.
         """
         best = self._refined(surface, start.copy(), self._doubt)
         if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
@@ -101,6 +122,11 @@ class MapMatcher:
         tight = self._refined(surface, start.copy(), 0.1)
         found = [best, tight, *self._search(surface, start, start, NEAR_SEARCH)]
         best = self._best(found, surface, view, start, far)
+        if little and not best.believable(start, far):
+            found = [Match(m.refined, m.agreement, self._against(m, surface, view)) for m in found]
+            close = [match for match in found if match.agrees or match.uncontradicted]
+            if close:
+                return max(close, key=lambda match: match.agreement.agreeing), True
         if wide and not best.believable(start, far):
             found = [best, *self._search(surface, last, start, WIDE_SEARCH)]
             best = self._best(found, surface, view, start, far)

@@ -13,8 +13,9 @@ import numpy as np
 
 from estimation.poses import between, compound, wrap_angle
 from registration.consistency import View, view_of
+from registration.habit import Habit
 from registration.local_map import LocalMap
-from registration.map_matching import FAR, NEVER, MapMatcher, Match
+from registration.map_matching import FAR, NEVER, SURE, MapMatcher, Match
 from registration.motion import Array, Step
 from registration.range_offset import RangeOffset
 from registration.refine import EFFICIENCY, Refined
@@ -25,6 +26,7 @@ NOISE = 0.01  # metres, of a range, until the data show their own
 MAP_NOISE = (
     1.2  # variance of a scan's pose, map and scan noise together, over that from the scan's noise alone
 )
+OUT_OF_VIEW = 2.0  # metres without a sure pose after which a sensor that never stops begins a new map
 LEAST_LINED = 15  # points on lines below which a scan is not registered
 
 
@@ -53,6 +55,7 @@ class ScanTracker:
         self.offset = RangeOffset()
         self.pose = np.zeros(3)
         self._matcher = MapMatcher(self.map, self.tuning.doubt, self.tuning.tolerance)
+        self._habit = Habit()
         self._key, self._sure = np.zeros(3), np.zeros(3)
         self._last = np.zeros(3)  # motion of the last step
         self._stamp: float | None = None
@@ -63,7 +66,7 @@ class ScanTracker:
     def step(self, scan: Scan, stamp: float, guess: Array | None) -> Step:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
         elapsed = self._elapsed(stamp)
-        motion = guess if guess is not None else self._last
+        motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
         surface = self._surface(scan, motion, elapsed)
         view = view_of(scan)
         lined = int(surface.lined.sum())
@@ -76,7 +79,14 @@ class ScanTracker:
         # Wheels may jump after a gap, but not often: a place far from where they put the sensor needs a second look.
         astray = self._lost >= 2
         far = (0.6 if astray else NEVER) if guess is not None else FAR
-        match, believable = self._matcher.find(surface, view, start, self._sure, far, astray or guess is None)
+        steady = guess is None and self._habit.steady
+        match, believable = self._matcher.find(
+            surface, view, start, self._sure, far, astray or guess is None, steady
+        )
+        if steady and believable and self._lost < 2:
+            # Not longer, lest a sensor that is lost be never found.
+            moved = between(self._sure, match.refined.pose)
+            believable = self._habit.plausible(moved, self._lost + 1)
         if not believable:
             reason = f"only {match.share:.0%} of the outline agrees with the map: the pose is predicted"
             return self._predict(motion, guess is not None, reason, match.share)
@@ -104,6 +114,7 @@ class ScanTracker:
         first = self._travelled == 0.0 and not self._lost
         self.pose = self.pose if first else compound(self.pose, motion)
         self._noise = np.zeros((3, 3))
+        self._sure = self.pose
         if not poor:
             self._lost = 0
             self._insert(surface, view)
@@ -117,17 +128,21 @@ class ScanTracker:
         self._lost += 1
         self.pose = compound(self.pose, motion)
         # Without wheels, a sensor that is lost is taken to come to rest.
-        self._last = motion if wheels else 0.5 * motion
+        self._last = motion if wheels or self._habit.steady else 0.5 * motion
         doubt = prediction_covariance(motion)
-        if self._lost >= self.tuning.patience:
+        gone = float(np.hypot(*(self.pose[:2] - self._sure[:2])))
+        if self._lost >= self.tuning.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
             self.map.clear()
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
     def _accept(self, surface: Surface, view: View, motion: Array, wheels: bool, match: Match) -> Step:
         before, refined = self.pose, match.refined
+        found_before = not self._lost
         self._lost = 0
         self.pose = refined.pose
         increment = between(before, self.pose)
+        if not wheels and found_before and match.share >= SURE and not refined.open_directions:
+            self._habit.learn(increment, self._last)
         # Motion along an open direction is only a belief, and fades unless something renews it.
         self._last = increment if wheels or not refined.open_directions else 0.8 * increment
         self._travelled += float(np.hypot(*increment[:2]))
