@@ -402,14 +402,12 @@ class Slam:
     # What is known twice.
 
     def _thin(self) -> None:
-        """Look at one keyframe that the path has left behind; take out what is not needed once there is enough."""
-        k = self._thinning.next(self.keyframes.paths)
-        if k is None:
-            return
+        """Look at keyframes that the path has left behind; take out what is not needed once there is enough."""
         needed = self._hypotheses.needed | set(self._queue)
         self._uncertainty.learn(self.graph.edges)
-        gate = Gate(*self._uncertainty.around(self.graph.poses, k))
-        self._thinning.examine(k, self.keyframes, self.graph.poses, gate, needed)
+        for k in self._thinning.next(self.keyframes.paths):
+            gate = Gate(*self._uncertainty.around(self.graph.poses, k))
+            self._thinning.examine(k, self.keyframes, self.graph.poses, gate, needed)
         if self._thinning.due:
             self._take_out()
 

@@ -1,10 +1,10 @@
 """Which keyframes a map can do without: those of places that a keyframe near by shows as well.
 
-A keyframe is looked at once, when the path has gone on far enough that nothing waits for it. If an older one lies so
-close that the newer would not have been kept right after it, their relative pose is known, and the older one's
-surroundings explain what the newer one saw, then the newer one goes: the map stays where it is. If the place has
-changed, the older one goes: the map shows what is there now. Either way there is one less, and the map grows with the
-place and not with the time spent in it.
+A keyframe is looked at when the path has gone on far enough, and again if something waited for it or its place was not
+known. If an older one lies so close that the newer would not have been kept right after it, their relative pose is known,
+and the older one's surroundings explain what the newer one saw, then the newer one goes: the map stays where it is. If
+the place has changed, the older one goes: the map shows what is there now. Either way there is one less, and the map
+grows with the place and not with the time spent in it.
 """
 
 from __future__ import annotations
@@ -49,14 +49,18 @@ class Thinning:
         """`distance`, `angle` : within which a scan is not worth keeping. `first` : keyframe to begin with."""
         self._distance, self._angle = distance, angle
         self._next = first
+        self._later: list[int] = []  # to be looked at again: waited for, or not known where
         self.gone: dict[int, int] = {}
 
-    def next(self, paths: FloatArray) -> int | None:
-        """The keyframe whose turn it is, None while the path has not gone on far enough."""
-        if self._next >= len(paths) or paths[self._next] > paths[-1] - BEHIND:
-            return None
-        self._next += 1
-        return self._next - 1
+    def next(self, paths: FloatArray) -> list[int]:
+        """Keyframes whose turn it is: one the path has left behind by now, and one that could not be told before."""
+        turn = []
+        if self._later:
+            turn.append(self._later.pop(0))
+        if self._next < len(paths) and paths[self._next] <= paths[-1] - BEHIND:
+            turn.append(self._next)
+            self._next += 1
+        return [k for k in turn if k not in self.gone]
 
     @property
     def due(self) -> bool:
@@ -66,9 +70,12 @@ class Thinning:
     def examine(self, k: int, keyframes: Keyframes, poses: FloatArray, gate: Gate, needed: set[int]) -> None:
         """Compare keyframe `k` with older ones. needed : keyframes that must stay, in any case."""
         near = self._near(k, poses)
+        if k in needed or (near and gate.sigma[near[:TRIED]].min() > KNOWN):
+            self._later.append(k)
+            return
         sights = {j: sight(j, k, keyframes, poses) for j in near[:TRIED] if gate.sigma[j] <= KNOWN}
         stands = next((j for j, seen in sights.items() if seen.same and not seen.changed), None)
-        if stands is not None and k not in needed:
+        if stands is not None:
             self.gone[k] = stands
             return
         outdated = [j for j, seen in sights.items() if seen.same and seen.changed]
@@ -94,6 +101,7 @@ class Thinning:
     def taken_out(self, number: FloatArray) -> None:
         """The keyframes in `gone` are no more; `number` (N,) are the new numbers of the others."""
         self.gone.clear()
+        self._later = [int(number[k]) for k in self._later if number[k] >= 0]
         self._next = int((number[: self._next] >= 0).sum())
 
 

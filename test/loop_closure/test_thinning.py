@@ -10,6 +10,7 @@ import pytest
 from estimation.errors import InputError
 from estimation.metrics import absolute_trajectory_error
 from estimation.poses import between, compound
+from loop_closure.closing import Gate
 from loop_closure.esdf import EsdfGraph
 from loop_closure.keyframes import Keyframes
 from loop_closure.map_file import read_map, write_map
@@ -160,3 +161,21 @@ def test_a_guessed_step_to_what_goes_is_part_of_the_way_to_what_follows() -> Non
     assert [keyframes[k].number for k in range(4)] == [0, 1, 3, 5]
     assert keyframes.breaks == {2: pytest.approx(0.5)}
     np.testing.assert_allclose(keyframes.paths, [0.0, 0.5, 1.5, 2.5])
+
+
+def test_what_could_not_be_told_is_looked_at_again() -> None:
+    keyframes, thinning = Keyframes(), Thinning(0.5, 0.5)
+    lidar, rng, world = Lidar(181), np.random.default_rng(1), room(False)
+    for k, pose in enumerate((at(0), at(5), at(0))):
+        keyframes.add_scan(lidar.scan(world, pose, rng, float(k)).scan, pose, 25.0, 80.0 * k)
+    poses = np.array([at(0), at(5), at(0)])
+    paths = np.array([0.0, 80.0, 160.0, 300.0])
+    vague, known = Gate(np.full(3, 3.0), np.full(3, 0.1)), Gate(np.full(3, 0.02), np.full(3, 0.01))
+    looked = [thinning.next(paths) for _ in range(3)]
+    assert looked == [[0], [1], [2]]
+    thinning.examine(2, keyframes, poses, vague, set())
+    assert thinning.next(paths) == [2]
+    thinning.examine(2, keyframes, poses, known, {2})
+    assert (thinning.next(paths), thinning.gone) == ([2], {})
+    thinning.examine(2, keyframes, poses, known, set())
+    assert (thinning.next(paths), thinning.gone) == ([], {2: 0})
