@@ -100,7 +100,7 @@ def sample_pairs(
     seed: int = 0,
     path: npt.ArrayLike | None = None,
 ) -> Pairs:
-    """All positive pairs of a log and a random subset of its negative ones, positives first.
+    """All positive pairs of a log and a random subset of its negative ones, positives first, either in random order.
 
     Parameters
     ----------
@@ -152,9 +152,9 @@ def _candidates(
 
 
 def _draw(found: IntArray, most: int | None, rng: np.random.Generator) -> IntArray:
-    if most is None or len(found) <= most:
-        return found
-    return np.sort(rng.choice(found, most, replace=False))
+    """At most so many, in random order: who takes the first of them must not get the beginning of the path."""
+    order = rng.permutation(len(found))
+    return found[order if most is None else order[:most]]
 
 
 def compare_pairs(places: Sequence[PlaceFeatures], pairs: Pairs) -> FloatArray:

@@ -26,6 +26,7 @@ from loop_closure.training import Recording
 TILE = 25.0
 INNER = 3
 NEGATIVES = 15_000
+TEXT = 41  # features of the text, the first of the wide ones
 
 Folds = npt.NDArray[np.int64]
 
@@ -118,22 +119,51 @@ def judge_by_place(
 ) -> dict[str, list[Roc]]:
     """Curves on tiles that were not trained on, one per fold: of AdaBoost, the first stage, and with context."""
     fold = tiles(recording.poses, folds, seed)
-    found: dict[str, list[Roc]] = {
-        "AdaBoost, T = 50": [],
-        "AdaBoost, T = 200": [],
-        "wide boosting": [],
-        "best": [],
-    }
+    found: dict[str, list[Roc]] = {}
     for k in range(folds):
         inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         pairs = pairs_among(recording, inside, rule, seed + 2)
-        train = pairs_among(recording, outside, rule, seed)
-        balanced = train.take(np.arange(min(2 * train.positives, len(train))))
+        _judge_stumps(found, recording, rule, pairs, outside, seed)
         model = train_clouds(recording, rule, outside, seed)
-        wide, width = wide_pairs(recording, pairs), 41
-        for rounds in (50, 200):
-            plain = AdaBoost(rounds).fit(wide_pairs(recording, balanced)[:, :width], balanced.same)
-            found[f"AdaBoost, T = {rounds}"].append(roc(plain.score(wide[:, :width]), pairs.same))
-        found["wide boosting"].append(roc(model.first.score(wide), pairs.same))
-        found["best"].append(roc(model.score_pairs(recording.places, pairs), pairs.same))
+        found.setdefault("wide boosting", []).append(
+            roc(model.first.score(wide_pairs(recording, pairs)), pairs.same)
+        )
+        found.setdefault("best", []).append(roc(model.score_pairs(recording.places, pairs), pairs.same))
     return found
+
+
+def judge_by_node(
+    recording: Recording, rule: PairRule, folds: int = 2, seed: int = 0
+) -> dict[str, list[Roc]]:
+    """Curves on nodes that were not trained on, dealt at random: their neighbours along the path may have been.
+
+    Without context, which looks at these neighbours.
+    """
+    fold = np.random.default_rng(seed).integers(0, folds, len(recording.places))
+    found: dict[str, list[Roc]] = {}
+    for k in range(folds):
+        inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
+        pairs = pairs_among(recording, inside, rule, seed + 2)
+        _judge_stumps(found, recording, rule, pairs, outside, seed)
+        first = fit_first(recording, outside, rule, seed)
+        found.setdefault("wide boosting", []).append(
+            roc(first.score(wide_pairs(recording, pairs)), pairs.same)
+        )
+    return found
+
+
+def _judge_stumps(
+    found: dict[str, list[Roc]],
+    recording: Recording,
+    rule: PairRule,
+    pairs: Pairs,
+    outside: IntArray,
+    seed: int,
+) -> None:
+    """Append the curves of the text's method, trained on the nodes `outside`, to `found`."""
+    train = pairs_among(recording, outside, rule, seed)
+    balanced = train.take(np.arange(min(2 * train.positives, len(train))))
+    for rounds in (50, 200):
+        stumps = AdaBoost(rounds).fit(wide_pairs(recording, balanced)[:, :TEXT], balanced.same)
+        score = stumps.score(wide_pairs(recording, pairs)[:, :TEXT])
+        found.setdefault(f"AdaBoost, T = {rounds}", []).append(roc(score, pairs.same))

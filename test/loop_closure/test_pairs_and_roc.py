@@ -108,3 +108,12 @@ def test_equal_scores_cannot_be_told_apart() -> None:
         roc(np.ones(3), np.ones(3))
     with pytest.raises(InputError, match="finite"):
         roc(np.array([np.nan, 1.0]), np.array([0, 1]))
+
+
+def test_the_first_of_the_drawn_pairs_are_from_the_whole_path() -> None:
+    poses = np.column_stack([np.linspace(0.0, 400.0, 401), np.zeros((401, 2))])
+    pairs = sample_pairs(poses, PairRule(distance=30.0), 4000)
+    negative = pairs.first[pairs.same == 0][:400]
+    # Uniform over all pairs: the lesser of two numbers below 400, a third of the way on average.
+    assert 90 < negative.mean() < 160
+    assert pairs.first[: pairs.positives][:400].std() > 80

@@ -21,7 +21,7 @@ from loop_closure.training import (
     fit_cascade,
     train_plain,
 )
-from loop_closure.training_clouds import judge_by_place, train_clouds
+from loop_closure.training_clouds import judge_by_node, judge_by_place, train_clouds
 from whereabouts.experiments.loops_data import Reading, read_recording, simulated
 from whereabouts.parallel import each
 
@@ -200,16 +200,20 @@ def _train_clouds(
     if len(recordings) > 1:
         raise InputError("logs: the model for clouds is trained on one log, cut into places")
     if judged:
-        found = judge_by_place(recordings[0], rule, seed=seed)
-        card["by_place"] = {
-            name: {
-                "mean": [round(float(value), 1) for value in np.mean([rates(c) for c in curves], axis=0)],
-                "folds": [rates(curve) for curve in curves],
-                "average_precision": round(float(np.mean([c.average_precision for c in curves])), 3),
-            }
-            for name, curves in found.items()
-        }
+        card["by_node"] = _summary(judge_by_node(recordings[0], rule, seed=seed))
+        card["by_place"] = _summary(judge_by_place(recordings[0], rule, seed=seed))
     return replace(train_clouds(recordings[0], rule, seed=seed), card=card)
+
+
+def _summary(found: dict[str, list[Roc]]) -> dict[str, Any]:
+    return {
+        name: {
+            "mean": [round(float(value), 1) for value in np.mean([rates(c) for c in curves], axis=0)],
+            "folds": [rates(curve) for curve in curves],
+            "average_precision": round(float(np.mean([c.average_precision for c in curves])), 3),
+        }
+        for name, curves in found.items()
+    }
 
 
 def _card(recordings: Sequence[Recording], method: str, rule: PairRule, local_map: float) -> dict[str, Any]:
