@@ -1,10 +1,10 @@
 """Which keyframes a map can do without: those of places that a keyframe near by shows as well.
 
 A keyframe is looked at when the path has gone on far enough, and again if something waited for it or its place was not
-known. If an older one lies so close that the newer would not have been kept right after it, their relative pose is known,
-and the older one's surroundings explain what the newer one saw, then the newer one goes: the map stays where it is. If
-the place has changed, the older one goes: the map shows what is there now. Either way there is one less, and the map
-grows with the place and not with the time spent in it.
+known. If an older one lies so close that the newer would not have been kept right after it, their relative pose is
+known, and the older one's surroundings explain what the newer one saw, then the newer one goes: the map stays where it
+is. If the place has changed, the older one goes: the map shows what is there now. Either way there is one less, and the
+map grows with the place and not with the time spent in it.
 """
 
 from __future__ import annotations
