@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
-from estimation.checks import FloatArray
 from world_model.behaviors import motion_table
 from world_model.branching import begin, join, realise, settle
 from world_model.clusters import Cluster, Track, combined, lonely
@@ -24,18 +23,17 @@ from world_model.expansion import expand, unify
 from world_model.gating import touch, weigh
 from world_model.grouping import THRESHOLD, Grouping
 from world_model.kernels import SETTLED_HITS
-from world_model.leaves import MOVING, REST, IntArray, Pool
+from world_model.leaves import IntArray, Pool
 from world_model.look import Look
 from world_model.occlusion import hide
 from world_model.predictions import Path
 from world_model.quantities import Quantities
 from world_model.sensor_bias import SensorBias
 from world_model.state import WorldObject
+from world_model.touching import Touching, sharing, touched_by
 from world_model.unseen import Unseen, sensor_array
 from world_model.vocabulary import Vocabulary
 
-TOUCHING = 3.0
-"""Two movers nearer than this, in standard deviations of a detection, may be detected as one."""
 BURST = 1e-3
 """Probability that a look finds new objects in company: a cupboard was opened, a room entered."""
 COMPANY = 10.0
@@ -57,6 +55,7 @@ class Anchoring(Grouping):
         self.persistence = 1.0 - 1.0 / run - (1.0 - detection) / (detection * run)
         self._detector = np.array([detection, self.persistence, config.rate_hz, config.removed_per_second])
         self.unseen = Unseen(config)
+        self.touching = Touching(detection)
         self.bias = SensorBias(np.array(config.sensor_bias, dtype=float), config.learn_sensor_bias)
         self.reset()
 
@@ -75,6 +74,7 @@ class Anchoring(Grouping):
         self._fresh: list[int] = []
         self._stamp = 0.0
         self.unseen.reset()
+        self.touching.reset()
         self.bias.reset()
 
     def learn_value(self, name: str, value: str) -> None:
@@ -101,6 +101,9 @@ class Anchoring(Grouping):
             slots = np.flatnonzero(self.pool.leaves.said >= 0)
             said = self.pool.leaves.said[slots]
             self.quantities.learn(self.pool.leaves, slots, told[said], spreads[said])
+        if self.config.merged_detections:
+            best = {number: self._best_leaf(track) for number, track in self.tracks.items()}
+            self.touching.look(self.pool.leaves, best, look)
         for number in touched:
             self._show(number, stamp)
         if self._fresh:
@@ -226,7 +229,9 @@ class Anchoring(Grouping):
             found / both,
             born,
             gap,
-            TOUCHING * spread,
+            self.touching.metres(spread, self.config.measurement_sigma)
+            if self.config.merged_detections
+            else 0.0,
             chosen[:count],
             clear[:count],
             matrix,
@@ -239,10 +244,11 @@ class Anchoring(Grouping):
         ratio = look.matrix - look.missing[:, :1] - look.log_new
         gated = ratio > -THRESHOLD
         look.matrix[~gated] = -np.inf
-        per_leaf, per_detection = gated.sum(1).tolist(), gated.sum(0)
+        linked = gated | touched_by(self.pool.leaves, look, gated) if self.config.merged_detections else gated
+        per_leaf, per_detection = linked.sum(1).tolist(), linked.sum(0)
         tracks = self.pool.leaves.track[look.chosen].tolist()
         owners = [self.tracks[t].cluster for t in tracks]
-        first = gated.argmax(1).tolist() if M else [0] * len(tracks)
+        first = linked.argmax(1).tolist() if M else [0] * len(tracks)
         alone = per_detection == 1
         plain: list[int] = []
         detection: list[int] = []
@@ -254,7 +260,9 @@ class Anchoring(Grouping):
             elif per_leaf[k] == 0:
                 plain.append(k)
                 detection.append(-1)
-            elif per_leaf[k] == 1 and alone[first[k]] and ratio[k, first[k]] > THRESHOLD:
+            elif (
+                per_leaf[k] == 1 and alone[first[k]] and gated[k, first[k]] and ratio[k, first[k]] > THRESHOLD
+            ):
                 plain.append(k)
                 detection.append(first[k])
                 of[first[k]] = tracks[k]
@@ -264,7 +272,7 @@ class Anchoring(Grouping):
         touched = [owners[k] for k in plain]
         lone = np.flatnonzero(per_detection == 0)
         touched += self._begin(look, lone, of)
-        for members, detections in self._linked(hard, owners, gated):
+        for members, detections in self._linked(hard, owners, linked):
             touched += self._branch(look, members, detections, of)
         return touched, of
 
@@ -377,7 +385,9 @@ class Anchoring(Grouping):
         local = np.searchsorted(slots, whole.rows)
         local[whole.rows < 0] = -1
         leaves = self.pool.leaves
-        parents, choice, weights = expand(
+        common = leaves.common[slots, :3, :3]
+        common[leaves.together[slots] == 0] = 0.0
+        parents, choice, weights, groups = expand(
             local,
             whole.weights,
             matrix,
@@ -385,14 +395,17 @@ class Anchoring(Grouping):
             look.log_new[js],
             keep,
             THRESHOLD,
-            self._sharing(slots, here),
+            sharing(leaves, slots, here) if self.config.merged_detections else np.zeros(len(slots)),
             leaves.moving[slots, :3],
             leaves.moving_cov[slots, :3, :3],
+            leaves.together[slots],
+            common,
             look.positions[js],
             look.covariances[js],
-            look.reach[js],
+            look.reach,
         )
-        self.pool.reserve((len(slots) + 1) * len(js) + 1)
+        # A leaf has a variant per detection, and one per group that it may be in.
+        self.pool.reserve((len(slots) * (1 + len(groups)) + 1) * len(js) + 1)
         fresh = np.arange(self._next, self._next + len(js))
         self._next += len(js)
         rows = realise(
@@ -403,6 +416,7 @@ class Anchoring(Grouping):
             local,
             parents,
             choice,
+            groups,
             missing[:, 1].copy(),
             clear,
             look.positions[js],
@@ -439,11 +453,3 @@ class Anchoring(Grouping):
         if len(weights) > 1:
             rows, weights = self._same_worlds(rows, weights)
         return self._divide([*whole.tracks, *fresh.tolist()], rows, weights)
-
-    def _sharing(self, slots: IntArray, touched: npt.NDArray[np.bool_]) -> FloatArray:
-        """Probability of being there of leaves that may share a detection with another: movers, where allowed."""
-        pi = self.pool.leaves.behavior[slots]
-        if not self.config.merged_detections:
-            return np.zeros(len(slots))
-        result: FloatArray = np.where(touched & (pi[:, MOVING] > pi[:, REST]), pi[:, MOVING], 0.0)
-        return result

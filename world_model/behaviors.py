@@ -35,13 +35,20 @@ def motion_of(name: str, motion: Mapping[str, Mapping[str, Any]] | None) -> Moti
 
 
 def motion_table(classes: Sequence[str], motion: Mapping[str, Mapping[str, Any]] | None) -> FloatArray:
-    """(C + 1, 5) as `world_model.kernels` takes it: the default last."""
+    """(C + 1, 6) as `world_model.kernels` takes it: the default last."""
     rows = []
     for name in [*classes, "*"]:
         given = motion_of(name, motion)
         moves = given.model == "constant_velocity"
         speed = given.accel_sigma * np.sqrt(FREE_RUN) if moves else CARRY_SPEED
         rows.append(
-            [float(moves), given.accel_sigma, given.moved_per_second, speed, given.follows_prediction]
+            [
+                float(moves),
+                given.accel_sigma,
+                given.moved_per_second,
+                speed,
+                given.follows_prediction,
+                given.turn_sigma,
+            ]
         )
     return np.array(rows)

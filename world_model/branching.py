@@ -5,7 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from world_model.kernels import MOVING, REST, copy_leaf, correct, correct_shared, create, miss
+from world_model.contacts import correct_shared
+from world_model.kernels import MOVING, REST, copy_leaf, correct, create, miss
 
 GONE = 0.05  # an anchor less probably there than this makes no difference between two worlds
 
@@ -72,6 +73,7 @@ def realise(  # type: ignore[no-untyped-def]
     rows,
     parents,
     choice,
+    groups,
     missing,
     clear,
     positions,
@@ -95,7 +97,7 @@ def realise(  # type: ignore[no-untyped-def]
     M = positions.shape[0]
     n = slots.size
     found = {np.int64(-1): np.int64(-1)}  # row of each variant of a leaf
-    variants = max(M, 1) * (n + 1)
+    variants = max(M, 1) * (groups.shape[0] + 1)
     missed = np.zeros(n, np.bool_)
     begun = np.full(M, -1)
     out = np.full((C, T + M), -1)
@@ -122,7 +124,9 @@ def realise(  # type: ignore[no-untyped-def]
                     correct(leaves, slot, positions[d], covariances[d], lag, likelihood[d], blocks, stamp)
                     leaves.said[slot] = names[d]
                 else:
-                    correct_shared(leaves, slot, slots[j // M - 1], positions[d], covariances[d], stamp)
+                    correct_shared(
+                        leaves, slot, slots, groups[j // M - 1], positions[d], covariances[d], stamp
+                    )
                 found[key] = slot
             out[c, t] = found[key]
         for j in range(M):
@@ -166,6 +170,8 @@ def release(leaves, free, top, slot):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def]
     """Whether two leaves of a track say the same: no later detection could tell them apart."""
+    if (leaves.together[a] > 0) != (leaves.together[b] > 0):
+        return False
     if abs(leaves.visible[a] - leaves.visible[b]) * max(persistence, 0.0) > 0.1:
         return False
     apart = 0.0

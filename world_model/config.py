@@ -29,13 +29,15 @@ def _setting(default: float, unit: str, text: str, low: float, high: float) -> f
 class Motion:
     """Behaviour of one class: `model`, root of its white acceleration density (m/s^1.5), rate of being carried
     anywhere (1/s). follows_prediction : probability that a mover keeps to the path that is predicted for it, where one
-    is. usual_place : probability that what was taken away is where it usually is at that time of day."""
+    is. turn_sigma : diffusion of a mover's heading at its speed, rad/s^0.5. usual_place : probability that what was
+    taken away is where it usually is at that time of day."""
 
     model: str = "static"
     accel_sigma: float = DEFAULT_ACCEL_SIGMA
     moved_per_second: float = DEFAULT_MOVED_PER_SECOND
     follows_prediction: float = DEFAULT_FOLLOWS
     usual_place: float = DEFAULT_USUAL
+    turn_sigma: float = 0.0
 
     @classmethod
     def checked(cls, name: str, given: Mapping[str, Any]) -> Motion:
@@ -48,6 +50,7 @@ class Motion:
             "moved_per_second",
             "follows_prediction",
             "usual_place",
+            "turn_sigma",
         }
         if unknown:
             raise InputError(f"motion[{name!r}] has unknown fields {sorted(unknown)}")
@@ -61,6 +64,7 @@ class Motion:
             "moved_per_second": moved,
             "follows_prediction": DEFAULT_FOLLOWS,
             "usual_place": DEFAULT_USUAL,
+            "turn_sigma": 0.0,
         }
         values = {}
         for key, default in defaults.items():
@@ -86,8 +90,8 @@ class WorldModelConfig:
 
     classes and colors : known names; () takes any name as it comes. region : ((x0, x1), (y0, y1), (z0, z1)) m.
     motion : {class or "*": {"model": "static" | "constant_velocity", "accel_sigma": m/s^1.5,
-    "moved_per_second": 1/s, "follows_prediction": probability}}; None takes `defaults/classes.yaml`. Raises
-    InputError naming the field.
+    "moved_per_second": 1/s, "follows_prediction": probability, "turn_sigma": rad/s^0.5}}; None takes
+    `defaults/classes.yaml`. Raises InputError naming the field.
     """
 
     classes: Sequence[str] = field(

@@ -10,69 +10,16 @@ import numba
 import numpy as np
 
 from estimation.murty import k_best_full
-from world_model.kernels import log_gauss
+from world_model.contacts import (
+    MOST_COMBINATIONS,
+    MOST_MEMBERS,
+    combinations,
+    contacts,
+    merge_events,
+    resolved_weight,
+)
 
-MERGED = 0.3  # that two movers at the same place are detected as one, per look
-MOST_EVENTS = 8  # combinations of merged detections that are tried per parent
-
-
-@numba.njit(cache=True)
-def merged_weight(a, b, j, centres, spreads, positions, covariances, reach):  # type: ignore[no-untyped-def]
-    """Log weight of detection j stemming from two touching movers a and b at once: it lies between them.
-
-    centres (n, 3), spreads (n, 3, 3) : predicted positions of leaves. reach (M,) : distance, m, at which a detector
-    ceases to tell two objects apart.
-    """
-    S, inverse = np.empty((3, 3)), np.empty((3, 3))
-    apart, variance = 0.0, 0.0
-    for k in range(3):
-        apart += (centres[a, k] - centres[b, k]) ** 2
-        variance += (spreads[a, k, k] + spreads[b, k, k]) / 3.0
-    touching = apart / (reach[j] ** 2 + variance)
-    if touching > 16.0:
-        return -np.inf
-    for p in range(3):
-        for q in range(3):
-            S[p, q] = 0.25 * (spreads[a, p, q] + spreads[b, p, q]) + covariances[j, p, q]
-    z = positions[j]
-    return (
-        np.log(MERGED * reach[j] ** 2 / (reach[j] ** 2 + variance))
-        - 0.5 * touching
-        + log_gauss(
-            z[0] - 0.5 * (centres[a, 0] + centres[b, 0]),
-            z[1] - 0.5 * (centres[a, 1] + centres[b, 1]),
-            z[2] - 0.5 * (centres[a, 2] + centres[b, 2]),
-            S,
-            inverse,
-        )
-    )
-
-
-@numba.njit(cache=True)
-def merge_events(  # type: ignore[no-untyped-def]
-    local, used, missing, log_new, present, centres, spreads, positions, covariances, reach, threshold
-):
-    """Pairs of leaves and a detection that may be both: columns and row (E, 3), log ratio to both missed (E,)."""
-    events = np.empty((MOST_EVENTS, 3), np.int64)
-    gains = np.full(MOST_EVENTS, -np.inf)
-    for x in range(local.size):
-        if present[local[x]] <= 0.0:
-            continue
-        for y in range(x + 1, local.size):
-            if present[local[y]] <= 0.0:
-                continue
-            for r in range(used.size):
-                gain = merged_weight(
-                    local[x], local[y], used[r], centres, spreads, positions, covariances, reach
-                )
-                gain += np.log(present[local[x]] * present[local[y]])
-                gain -= missing[local[x]] + missing[local[y]] + log_new[used[r]]
-                worst = np.argmin(gains)
-                if gain > -threshold and gain > gains[worst]:
-                    gains[worst] = gain
-                    events[worst, 0], events[worst, 1], events[worst, 2] = x, y, r
-    kept = np.flatnonzero(gains > -np.inf)
-    return events[kept], gains[kept]
+MOST_GROUPS = 256  # different groups of touching movers in the children of one look
 
 
 @numba.njit(cache=True)
@@ -87,6 +34,8 @@ def expand(  # type: ignore[no-untyped-def]
     present,
     centres,
     spreads,
+    together,
+    common,
     positions,
     covariances,
     reach,
@@ -95,9 +44,9 @@ def expand(  # type: ignore[no-untyped-def]
 
     rows (H, T) : indices into matrix (n, M), log weights of being a detection, and missing (n,), of being missed.
     log_new (M,) : log density of a detection being clutter or an object not known yet. present (n,) : probability
-    of a leaf being there that may share a detection with another (Assumption II dropped), else 0.
+    of a leaf being there that may share a detection with others (Assumption II dropped), else 0.
     Returns parents (C,), choice (C, T) : detection of each track, -1 missed, -2 no such track, at least M for one
-    shared with leaf (choice // M - 1); and weights (C,).
+    shared by group (choice // M - 1); weights (C,); and groups (G, MOST_MEMBERS) of leaves, filled up with -1.
     """
     H, T = rows.shape
     M = log_new.size
@@ -105,16 +54,22 @@ def expand(  # type: ignore[no-untyped-def]
     order = np.argsort(-log_weights)
     share = np.exp(log_weights - log_weights.max())
     share /= share.sum()
-    room = 4 * keep + (MOST_EVENTS + 1) * H
+    sharing = present.size > 0 and present.max() > 0.0
+    room = 4 * keep + (MOST_COMBINATIONS if sharing else 1) * H
     parents = np.empty(room, np.int64)
     choice = np.full((room, T), -2)
     weights = np.full(room, -np.inf)
+    groups = np.full((MOST_GROUPS if sharing else 0, MOST_MEMBERS), -1)
+    known = 0
     count = 0
     best = -np.inf
     columns_of = np.empty(T, np.int64)
     local = np.empty(T, np.int64)
+    chosen = np.empty(T, np.int64)
+    member = np.empty(MOST_MEMBERS, np.int64)
     costs = np.full((M, T + M), np.inf)
     used = np.empty(M, np.int64)
+    no_events = np.full((1, 3), -1)
     for at in range(H):
         h = order[at]
         base = log_weights[h] + everything_new
@@ -127,6 +82,11 @@ def expand(  # type: ignore[no-untyped-def]
                 columns_of[n] = t
                 local[n] = rows[h, t]
                 n += 1
+        touching = np.zeros((0, 0))
+        touch = False
+        if sharing and n > 1:
+            touching = contacts(local[:n], present, centres, spreads, together, reach)
+            touch = touching.max() > 0.0
         # Only detections that some leaf of this parent can explain take part.
         m = 0
         for j in range(M):
@@ -139,47 +99,56 @@ def expand(  # type: ignore[no-untyped-def]
                     if ratio > -threshold:
                         costs[m, c] = -ratio
                         gated = True
-            if gated:
+            if gated or touch:
                 used[m] = j
                 m += 1
         k = min(max(1, int(np.ceil(keep * share[h]))), keep)
-        events = np.empty((0, 3), np.int64)
+        sets = no_events
+        events = np.empty((0, MOST_MEMBERS), np.int64)
+        event_row = np.empty(0, np.int64)
         gains = np.empty(0)
-        if m > 0 and n > 1:
-            events, gains = merge_events(
+        if m > 0 and touch:
+            events, event_row, gains = merge_events(
                 local[:n],
+                touching,
                 used[:m],
                 missing,
                 log_new,
                 present,
                 centres,
                 spreads,
+                common,
                 positions,
                 covariances,
-                reach,
                 threshold,
             )
-        for event in range(-1, gains.size):
-            x, y, row, start = -1, -1, -1, base
-            if event >= 0:
-                x, y, row = events[event, 0], events[event, 1], events[event, 2]
-                start = base + gains[event]
-            rest_rows = np.empty(m, np.int64)
-            rest_columns = np.empty(n, np.int64)
-            mm, nn = 0, 0
-            for r in range(m):
-                if r != row:
-                    rest_rows[mm] = r
-                    mm += 1
-            for c in range(n):
-                if c != x and c != y:
-                    rest_columns[nn] = c
-                    nn += 1
+            sets = combinations(events, event_row, gains)
+        for number in range(sets.shape[0]):
+            start = base
+            row_free = np.ones(m, np.bool_)
+            column_free = np.ones(n, np.bool_)
+            for p in range(3):
+                event = sets[number, p]
+                if event >= 0:
+                    start += gains[event]
+                    row_free[event_row[event]] = False
+                    for q in range(MOST_MEMBERS):
+                        if events[event, q] >= 0:
+                            column_free[events[event, q]] = False
+            rest_rows = np.flatnonzero(row_free)
+            rest_columns = np.flatnonzero(column_free)
+            mm, nn = rest_rows.size, rest_columns.size
             small = np.full((mm, nn + mm), np.inf)
+            bound = start
             for r in range(mm):
+                least = 0.0
                 for c in range(nn):
                     small[r, c] = costs[rest_rows[r], rest_columns[c]]
+                    least = min(least, small[r, c])
                 small[r, nn + r] = 0.0
+                bound -= least
+            if number > 0 and bound < best - threshold:
+                continue
             solutions = np.empty((1, 0), np.int64)
             if mm > 0:
                 solutions = k_best_full(small, min(k, room - count))
@@ -187,26 +156,60 @@ def expand(  # type: ignore[no-untyped-def]
                 weight = start
                 for r in range(mm):
                     weight -= small[r, solutions[s, r]]
-                if weight < best - threshold or count >= room:
+                if count >= room or (weight < best - threshold and not touch):
                     break
+                for c in range(n):
+                    chosen[c] = -1
+                for r in range(mm):
+                    if solutions[s, r] < nn:
+                        chosen[rest_columns[solutions[s, r]]] = used[rest_rows[r]]
+                for p in range(3):
+                    event = sets[number, p]
+                    if event < 0:
+                        continue
+                    for q in range(MOST_MEMBERS):
+                        member[q] = -1
+                        if events[event, q] >= 0:
+                            member[q] = local[events[event, q]]
+                    code = -1
+                    for g in range(known):
+                        if (groups[g] == member).all():
+                            code = g
+                            break
+                    if code < 0:
+                        code = min(known, groups.shape[0] - 1)
+                        groups[code] = member
+                        known = code + 1
+                    for q in range(MOST_MEMBERS):
+                        if events[event, q] >= 0:
+                            chosen[events[event, q]] = M * (1 + code) + used[event_row[event]]
+                if touch:
+                    weight += resolved_weight(
+                        touching,
+                        chosen[:n],
+                        local[:n],
+                        missing,
+                        centres,
+                        spreads,
+                        together,
+                        common,
+                        positions,
+                        covariances,
+                    )
+                    if weight < best - threshold:
+                        continue
                 best = max(best, weight)
                 parents[count] = h
                 weights[count] = weight
                 for c in range(n):
-                    choice[count, columns_of[c]] = -1
-                for r in range(mm):
-                    if solutions[s, r] < nn:
-                        choice[count, columns_of[rest_columns[solutions[s, r]]]] = used[rest_rows[r]]
-                if event >= 0:
-                    choice[count, columns_of[x]] = M * (1 + local[y]) + used[row]
-                    choice[count, columns_of[y]] = M * (1 + local[x]) + used[row]
+                    choice[count, columns_of[c]] = chosen[c]
                 count += 1
     ranked = np.argsort(-weights[:count])
     kept = 0
     while kept < min(keep, count) and weights[ranked[kept]] >= best - threshold:
         kept += 1
     ranked = ranked[:kept]
-    return parents[ranked], choice[ranked], weights[ranked]
+    return parents[ranked], choice[ranked], weights[ranked], groups[:known]
 
 
 @numba.njit(cache=True)

@@ -44,7 +44,9 @@ def touch(  # type: ignore[no-untyped-def]
             if moving:
                 P = leaves.moving_cov[i]
                 v = P[a, a] + 2.0 * dt * abs(P[a, a + 3]) + dt * dt * P[a + 3, a + 3]
-                v += motion[row, 1] ** 2 * dt**3 / 3.0
+                w = leaves.moving[i]
+                square = w[3] ** 2 + w[4] ** 2 + P[3, 3] + P[4, 4]
+                v += (motion[row, 1] ** 2 + motion[row, 5] ** 2 * square) * dt**3 / 3.0
             else:
                 v = leaves.rest_cov[i, a, a]
             variance = max(variance, v)

@@ -14,10 +14,11 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.clusters import Track
-from world_model.kernels import class_of, flow, start_moving
+from world_model.kernels import class_of, start_moving
 from world_model.leaves import MOVING, NONE, REST
 from world_model.predictions import Path
 from world_model.single import SingleObjects
+from world_model.walking import walk
 
 SURE = 0.95
 DOUBT_SECONDS = 5.0
@@ -45,7 +46,7 @@ def lead(leaves, i, stamp, motion, removed, step, growth, velocity):  # type: ig
     fade = 1.0 - np.exp(-dt / DOUBT_SECONDS)
     pi[REST] += fade * (share * here - pi[REST])
     pi[MOVING] = here - pi[REST]
-    flow(leaves.moving[i], leaves.moving_cov[i], dt, motion[row, 1] ** 2)
+    walk(leaves, i, dt, motion[row, 1] ** 2, motion[row, 5])
     leaves.rest[i] += step
     leaves.rest_cov[i] += growth
     leaves.led[i] = velocity

@@ -1,14 +1,16 @@
 """Prediction, gating and correction of anchors: compiled loops over leaves (section 2.5.2).
 
-`motion` (C + 1, 5) has one row per class and the default last: 1 for constant velocity, root of the acceleration
+`motion` (C + 1, 6) has one row per class and the default last: 1 for constant velocity, root of the acceleration
 density q, rate of being carried (1/s), standard deviation of a first velocity (m/s), share that keeps to a
-predicted path.
+predicted path, diffusion of the heading (rad/s^0.5).
 """
 
 from __future__ import annotations
 
 import numba
 import numpy as np
+
+from world_model.walking import flow, walk
 
 REST, MOVING, AWAY, NONE = 0, 1, 2, 3
 CARRY_SECONDS = 2.0  # an object in somebody's hand is put down after this long, on average
@@ -49,27 +51,6 @@ def class_of(leaves, i, classes):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def flow(x, P, dt, q):  # type: ignore[no-untyped-def]
-    """Constant velocity over dt with white acceleration of density q, in place."""
-    for a in range(3):
-        x[a] += dt * x[a + 3]
-    for a in range(3):
-        for b in range(3):
-            P[a, b] += dt * (P[a + 3, b] + P[a, b + 3]) + dt * dt * P[a + 3, b + 3]
-    for a in range(3):
-        for b in range(3):
-            P[a, b + 3] += dt * P[a + 3, b + 3]
-    for a in range(3):
-        for b in range(3):
-            P[b + 3, a] = P[a, b + 3]
-    for a in range(3):
-        P[a, a] += q * dt**3 / 3.0
-        P[a, a + 3] += 0.5 * q * dt**2
-        P[a + 3, a] = P[a, a + 3]
-        P[a + 3, a + 3] += q * dt
-
-
-@numba.njit(cache=True)
 def start_moving(leaves, i, speed, dt):  # type: ignore[no-untyped-def]
     """The moving filter of a leaf from where it rests: it began to move within dt at about `speed`."""
     P = leaves.moving_cov[i]
@@ -103,7 +84,7 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
                 leaves.moving[i, 3:] = leaves.led[i]
             pi[MOVING] += pi[REST]
             pi[REST] = 0.0
-        flow(leaves.moving[i], leaves.moving_cov[i], dt, q)
+        walk(leaves, i, dt, q, motion[row, 5])
         off = (1.0 - np.exp(-carried * dt)) * pi[MOVING]
         pi[MOVING] -= off
         pi[AWAY] += off
@@ -255,6 +236,9 @@ def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
     leaves.values[target] = leaves.values[source]
     leaves.variances[target] = leaves.variances[source]
     leaves.said[target] = -1
+    leaves.together[target] = leaves.together[source]
+    if leaves.together[source] > 0:
+        leaves.common[target] = leaves.common[source]
 
 
 @numba.njit(cache=True)
@@ -294,6 +278,7 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
     leaves.last[i] = max(stamp, leaves.last[i])
     leaves.hits[i] += 1
     leaves.missed[i] = 0.0
+    leaves.together[i] = 0
     learn_attributes(leaves, i, likelihood, blocks)
 
 
@@ -305,7 +290,7 @@ def _correct_rest(x, P, z, R, S, inverse):  # type: ignore[no-untyped-def]
     gain = P @ inverse
     x += gain @ (z - x)
     P -= gain @ P.copy()
-    _symmetric(P)
+    symmetric(P)
 
 
 @numba.njit(cache=True)
@@ -317,37 +302,11 @@ def _correct_moving(x, P, z, R, lag, S, inverse):  # type: ignore[no-untyped-def
     gain = PH @ inverse
     x += gain @ (z - x[:3] + lag * x[3:])
     P -= gain @ PH.T
-    _symmetric(P)
+    symmetric(P)
 
 
 @numba.njit(cache=True)
-def correct_shared(leaves, i, partner, z, R, stamp):  # type: ignore[no-untyped-def]
-    """Correct a mover with a detection half way to its `partner` (not changed yet), in place; H = I/2 for each."""
-    S, inverse = np.empty((3, 3)), np.empty((3, 3))
-    x, P = leaves.moving[i], leaves.moving_cov[i]
-    y, Q = leaves.moving[partner], leaves.moving_cov[partner]
-    for a in range(3):
-        for b in range(3):
-            S[a, b] = 0.25 * (P[a, b] + Q[a, b]) + R[a, b]
-    inverse_3x3(S, inverse)
-    PH = 0.5 * np.ascontiguousarray(P[:, :3])
-    gain = PH @ inverse
-    x += gain @ (z - 0.5 * (x[:3] + y[:3]))
-    P -= gain @ PH.T
-    _symmetric(P)
-    here = leaves.behavior[i, REST] + leaves.behavior[i, MOVING]
-    if here > 0.0:
-        leaves.behavior[i, REST] /= here
-        leaves.behavior[i, MOVING] /= here
-    leaves.behavior[i, AWAY] = 0.0
-    leaves.behavior[i, NONE] = 0.0
-    leaves.visible[i] = 1.0
-    leaves.last[i] = max(stamp, leaves.last[i])
-    leaves.missed[i] = 0.0
-
-
-@numba.njit(cache=True)
-def _symmetric(P):  # type: ignore[no-untyped-def]
+def symmetric(P):  # type: ignore[no-untyped-def]
     for a in range(P.shape[0]):
         for b in range(a):
             P[a, b] = 0.5 * (P[a, b] + P[b, a])
@@ -396,6 +355,7 @@ def create(leaves, i, track, z, R, likelihood, blocks, prior, stamp, existence, 
     leaves.last[i] = stamp
     leaves.first[i] = stamp
     leaves.hits[i] = 1
+    leaves.together[i] = 0
     leaves.missed[i] = 0.0
 
 

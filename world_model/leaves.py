@@ -29,7 +29,8 @@ class Leaves(NamedTuple):
     attributes (L, A) : discrete distributions side by side. last (L,), first (L,) : stamps of detections.
     hits (L,) : detections. missed (L,) : clear looks without detection since the last. track (L,) : owner.
     values, variances (L, Q) : Gaussians over quantities, a variance below zero where nothing was measured.
-    said (L,) : index of the look's detection that it took in, -1 for none.
+    said (L,) : index of the look's detection that it took in, -1 for none. together (L,) : looks in which it shared its
+    detection with another leaf, since it last had one alone; common (L, 6, 6) : covariance of their centre meanwhile.
     """
 
     rest: FloatArray
@@ -49,6 +50,8 @@ class Leaves(NamedTuple):
     values: FloatArray
     variances: FloatArray
     said: IntArray
+    common: FloatArray
+    together: IntArray
 
 
 def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
@@ -71,6 +74,8 @@ def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
         np.zeros((size, quantities)),
         np.full((size, quantities), -1.0),
         np.full(size, -1),
+        np.zeros((size, 6, 6)),
+        np.zeros(size, np.int64),
     )
 
 

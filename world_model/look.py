@@ -21,7 +21,7 @@ class Look:
     existence: FloatArray
     born: FloatArray
     gap: FloatArray
-    reach: FloatArray
+    reach: float
     chosen: IntArray
     clear: FloatArray
     matrix: FloatArray

@@ -127,7 +127,13 @@ def ants(scene: AntScene, looks: int) -> AntRun:
         missed_run_frames=2.0,
         new_objects_per_second=0.05,
         initial_objects=float(scene.count),
-        motion={"*": {"model": "constant_velocity", "accel_sigma": scene.turning * scene.speed}},
+        motion={
+            "*": {
+                "model": "constant_velocity",
+                "accel_sigma": 0.5 * scene.speed,
+                "turn_sigma": scene.turning,
+            }
+        },
         merged_detections=True,
     )
     model = WorldModel(config)
