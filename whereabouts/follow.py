@@ -100,17 +100,25 @@ def follow(
 ) -> Iterator[FollowedPose]:
     """Odometry over a log.
 
-    topic : of the scans or clouds to follow; the first one seen where None.
+    topic : of the scans or clouds to follow; the first one seen where None. Of several odometry topics the wheels' is
+    taken, otherwise the first: a bag may carry the truth as well.
     """
     follower = Follower(config, use_wheels)
+    wheels: str | None = None
     for record in log:
         if isinstance(record, OdometryRecord):
-            follower.add_wheels(record)
+            wheels = record.topic if wheels is None or _of_wheels(record.topic) else wheels
+            if record.topic == wheels:
+                follower.add_wheels(record)
         elif isinstance(record, ScanRecord | CloudRecord):
             topic = record.topic if topic is None else topic
             if record.topic.lstrip("/") != topic.lstrip("/"):
                 continue
             yield follower.add_scan(record) if isinstance(record, ScanRecord) else follower.add_cloud(record)
+
+
+def _of_wheels(topic: str) -> bool:
+    return topic.strip("/").rsplit("/", 1)[-1] == "wheel_odom"
 
 
 def static_points(followed: FollowedPose, every: int = 1) -> Array:
