@@ -82,11 +82,14 @@ def _miss(tracks: Tracks, t: int, shares: FloatArray, places: FloatArray, detect
     P = tracks.covariances[t]
     gain = np.linalg.solve(P[:2, :2], P[:2, :]).T
     # Where he is changes what is believed of his speed but little: he may as well have turned.
-    gain[2:] *= 0.3
-    tracks.means[t] += gain @ shift
-    # A tenth is kept, so that it stays positive definite.
-    P = P + gain @ (0.9 * (spread - before)) @ gain.T
-    tracks.covariances[t] = 0.5 * (P + P.T)
+    slow = gain * np.array([1.0, 1.0, 0.3, 0.3])[:, None]
+    tracks.means[t] += slow @ shift
+    # A tenth is kept; believing less of the speed can still make it indefinite, the whole gain cannot.
+    change = 0.9 * (spread - before)
+    after = P + slow @ change @ slow.T
+    if np.linalg.eigvalsh(after)[0] <= 1e-9:
+        after = P + gain @ change @ gain.T
+    tracks.covariances[t] = 0.5 * (after + after.T)
 
 
 def _correct(tracks: Tracks, t: int, seen: Seen, mine: IntArray, config: PeopleConfig) -> None:

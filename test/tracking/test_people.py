@@ -16,6 +16,7 @@ from tracking.people_middle import depths
 from tracking.people_returns import come_back
 from tracking.people_sweep import Sweep
 from tracking.people_tracks import Tracks
+from tracking.people_update import _miss
 from tracking.people_walking import steady_speeds
 from whereabouts.datasets import recording
 from whereabouts.experiments.people_judging import (
@@ -290,6 +291,22 @@ def test_who_was_hidden_is_found_where_he_comes_out() -> None:
     assert tracks.hidden.tolist() == [0.0, 1.0, 0.0, 0.0]
     assert np.allclose(tracks.means[0, :2], [0.6, 0.3])
     assert np.allclose(tracks.means[1, :2], [5.0, 5.0])
+
+
+def test_covariances_stay_definite_while_nobody_is_seen() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        tracks = standing([(0.0, 0.0)], [0.0], [3])
+        root = rng.standard_normal((4, 4))
+        tracks.covariances[0] = 0.05 * root @ root.T + 1e-3 * np.eye(4)
+        for _ in range(30):
+            tracks.predict(0.1, 0.7, 6.0)
+            values, vectors = np.linalg.eigh(tracks.covariances[0, :2, :2])
+            places = tracks.means[0, :2] + (PLACES * np.sqrt(values)) @ vectors.T
+            # He may be in one corner only.
+            shares = (places @ rng.standard_normal(2) > 0.0).astype(float)
+            _miss(tracks, 0, shares, places - tracks.means[0, :2], 0.8)
+            assert np.linalg.eigvalsh(tracks.covariances[0]).min() > 0.0
 
 
 def test_what_was_there_before_or_is_too_far_off_is_not_who_was_hidden() -> None:
