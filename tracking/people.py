@@ -40,6 +40,7 @@ LEAST_JUMP = 0.05  # metres, or twice the radians, that a pose must change by to
 DOUBLE, DOUBLED = 0.55, 0.5  # metres and seconds for which two with a leg each are taken for two
 STRIDE, ABREAST = 0.9, 0.3  # metres between the legs of a long stride, and off the way they walk
 SAME = 0.4  # metres, two potential people closer than that are one
+WELL_LOCATED = 1.0  # m; an estimate farther off says no more than that there is somebody
 GONE = 0.25  # probability of being there below which somebody reported no longer is
 MOST_CLUSTERS = 400
 LEAST_JUMP_COLUMN = FEATURES.index("jump_least")
@@ -361,6 +362,7 @@ class PeopleTracker:
         tracks = self.tracks
         weights = tracks.exists
         person = tracks.person(self.config.prior)
+        near = tracks.within(WELL_LOCATED)
         found: list[Target] = [
             Person(
                 int(tracks.public[t]),
@@ -372,7 +374,7 @@ class PeopleTracker:
                 bool(tracks.hidden[t] > 0.0),
                 float(tracks.last_seen[t]),
             )
-            for t in np.flatnonzero(tracks.shown)
+            for t in np.flatnonzero(tracks.shown & ((tracks.hidden == 0.0) | (near > self.config.located)))
         ]
         return sorted(found, key=lambda target: target.label)
 

@@ -35,6 +35,13 @@ class PeopleConfig:
     keep: float = _setting(
         0.1, "", "probability of being a person down to which one reported stays so", 0.01, 0.99
     )
+    located: float = _setting(
+        0.1,
+        "",
+        "probability of being within a metre of the estimate from which a hidden one is reported",
+        0.0,
+        0.99,
+    )
     late_window: float = _setting(1.0, "s", "a stamp this far behind the last is skipped", 0.0, 60.0)
     max_gap: float = _setting(5.0, "s", "a longer time between scans is a new run", 0.2, 600.0)
 

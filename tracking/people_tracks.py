@@ -151,6 +151,11 @@ class Tracks:
         odds = prior + self.evidence()
         return np.asarray(1.0 / (1.0 + np.exp(-np.clip(odds, -SURE, SURE))))
 
+    def within(self, distance: float) -> FloatArray:
+        """Probability that each is within `distance` m of its estimate, (T,)."""
+        variance = np.maximum(0.5 * (self.covariances[:, 0, 0] + self.covariances[:, 1, 1]), 1e-12)
+        return np.asarray(1.0 - np.exp(-0.5 * distance**2 / variance))
+
     @property
     def exists(self) -> FloatArray:
         """Probability that each exists, (T,)."""

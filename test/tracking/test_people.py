@@ -293,6 +293,23 @@ def test_who_was_hidden_is_found_where_he_comes_out() -> None:
     assert np.allclose(tracks.means[1, :2], [5.0, 5.0])
 
 
+def test_a_hidden_person_is_reported_while_the_estimate_says_where() -> None:
+    def reported(located: float) -> list[int]:
+        tracker = PeopleTracker(PeopleConfig(located=located))
+        # In view; hidden; hidden and lost track of; in view and barely known.
+        tracker.tracks = standing([(0, 0), (2, 2), (4, 4), (6, 6)], [0.0, 1.0, 4.0, 0.0], [0, 1, 2, 3])
+        tracker.tracks.covariances[2:, :2, :2] = 9.0 * np.eye(2)
+        tracker.tracks.shown[:] = True
+        return [target.label for target in tracker._reported()]
+
+    assert reported(0.1) == [0, 1, 3]
+    assert reported(0.0) == [0, 1, 2, 3]
+    tracks = standing([(0, 0)], [0.0], [0])
+    tracks.covariances[0, :2, :2] = 0.8 * np.eye(2)
+    drawn = np.random.default_rng(1).normal(0.0, np.sqrt(0.8), (20_000, 2))
+    assert tracks.within(1.0)[0] == pytest.approx(np.mean(np.hypot(*drawn.T) < 1.0), abs=0.02)
+
+
 def test_covariances_stay_definite_while_nobody_is_seen() -> None:
     rng = np.random.default_rng(4)
     for _ in range(20):
