@@ -2,21 +2,20 @@
 
     python bench/bench_loop_closure_memory.py [--hours 1] [--keep-all] [--blame]   # appends to the .txt beside it
 
-The apartment's scans and wheels, again and again with their stamps moved on, followed as `scan_registration` does, and
-the occupancy grid kept up to date as the node does; no DDS, no nodes. From one repetition to the next the robot is
-turned round. Growth is the slope of the process's private memory over the second half of the run. --blame says which
-lines hold what came in the second half.
+The robot of the demo goes on driving through its apartment, followed as `scan_registration` does, and the occupancy
+grid kept up to date as the node does; no DDS, no nodes. Growth is the slope of the process's private memory over the
+second half of the run. --blame says which lines hold what came in the second half.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import math
 import re
 import time
 import tracemalloc
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +27,12 @@ from loop_closure.slam import Slam
 from loop_closure.warm_up import warm_up
 from registration import Scan
 from whereabouts.follow import Follower
-from whereabouts.logs import OdometryRecord, ScanRecord, open_log
+from whereabouts.logs import OdometryRecord, ScanRecord
 from whereabouts.mapping import MapGrid
+from whereabouts.simulation.apartment_day import LASER_MOUNT, Day
 
 RESULT = Path(__file__).with_suffix(".txt")
-BAG = Path(__file__).parents[1] / "bags" / "apartment.mcap"
+ROUND = 150.0  # s that a round through the apartment takes at least
 EVERY = 16  # scans between maps: two seconds
 ROWS = 8  # printed lines per hour
 Array = NDArray[np.float64]
@@ -46,23 +46,16 @@ def private() -> float:
 
 def day(hours: float) -> Iterator[tuple[Scan, Array, Array, Array]]:
     """Scans with the sensor's pose by odometry, its covariance, and the true pose."""
-    with open_log(BAG) as log:
-        records = [r for r in log if isinstance(r, ScanRecord | OdometryRecord)]
-    wheels = [r for r in records if isinstance(r, ScanRecord) or "wheel" in r.topic]
-    truths = {round(r.stamp, 3): r.pose for r in records if "truth" in r.topic}
-    length = records[-1].stamp - records[0].stamp + 0.1
+    seconds = 3600.0 * hours
     follower = Follower()
-    for turn in range(max(1, round(hours * 3600.0 / length))):
-        for record in wheels:
-            stamp = record.stamp + turn * length
-            if isinstance(record, OdometryRecord):
-                follower.add_wheels(replace(record, stamp=stamp))
-                continue
-            scan = replace(record.scan, stamp=stamp)
-            mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
-            found = follower.add_scan(replace(record, stamp=stamp, scan=scan))
-            true = compound(np.asarray(truths[round(record.stamp, 3)]), mount)
-            yield scan, compound(compound(inverse(mount), found.pose), mount), found.covariance, true
+    for moment in Day(rounds=max(3, math.ceil(seconds / ROUND))).moments(seconds):
+        follower.add_wheels(OdometryRecord(moment.wheels, moment.time))
+        if moment.scan is None:
+            continue
+        record = ScanRecord(moment.scan, moment.time, sensor_pose=LASER_MOUNT)
+        found = follower.add_scan(record)
+        pose = compound(compound(inverse(LASER_MOUNT), found.pose), LASER_MOUNT)
+        yield moment.scan, pose, found.covariance, compound(moment.pose, LASER_MOUNT)
 
 
 def main() -> None:

@@ -2,13 +2,15 @@
 
     python bench/soak.py [--hours 1] [--bag BAG]      writes bench/soak.txt and docs/images/soak.png
 
-The bag is repeated with its stamps moved on, so that time never jumps, and replayed in lock-step. Growth is the
-slope of a node's private memory over the second half of the run.
+The robot of the demo goes on driving through its apartment, round after round, and is replayed in lock-step. A bag is
+repeated with its stamps moved on, so that time never jumps; the robot then does, from where it ended to where it
+began. Growth is the slope of a node's private memory over the second half of the run.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
 import tempfile
@@ -25,10 +27,13 @@ from whereabouts.nodes.interfaces import UnknownTypeError, message_class
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.suite import SuiteRun, prepare_environment, replay_spec, run_suite
 from whereabouts.progress import progress_bar
+from whereabouts.simulation.apartment_bag import record
+from whereabouts.simulation.apartment_day import Day
 
 RESULT = Path(__file__).with_suffix(".txt")
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "soak.png"
-BAG = Path(__file__).parents[1] / "bags" / "apartment.mcap"
+ROUND = 150.0
+"""s that a round through the apartment takes at least."""
 EVERY = 20.0
 MIB = 1024.0
 
@@ -142,11 +147,15 @@ def main() -> None:
     parser.add_argument("--bag", type=Path, default=None)
     options = parser.parse_args()
     prepare_environment(private=True)
-    bag = options.bag or BAG
     with tempfile.TemporaryDirectory() as folder:
         long, out = Path(folder) / "long.mcap", Path(folder) / "out.mcap"
-        once = repeat(bag, long, 1)
-        seconds = repeat(bag, long, max(1, round(options.hours * 3600.0 / once)))
+        seconds = 3600.0 * options.hours
+        if options.bag is None:
+            print("simulating a long day")
+            record(long, seconds, Day(rounds=max(3, math.ceil(seconds / ROUND))))
+        else:
+            once = repeat(options.bag, long, 1)
+            seconds = repeat(options.bag, long, max(1, round(seconds / once)))
         os.chdir(folder)
         run = SuiteRun(
             long,

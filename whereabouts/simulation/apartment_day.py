@@ -113,14 +113,18 @@ class Moment:
 
 @dataclass
 class Day:
-    """One run. `people` and `drive` tell what happens, `moments` measures it."""
+    """One run. `people` and `drive` tell what happens, `moments` measures it.
+
+    rounds : through all rooms; people have done in the first three what they do, and stay where they are then.
+    """
 
     seed: int = SEED
+    rounds: int = ROUNDS
     camera: Camera = field(default_factory=Camera)
     home: Apartment = field(default_factory=apartment)
 
     def __post_init__(self) -> None:
-        self.drive = _drive()
+        self.drive = _drive(self.rounds)
         self.people: list[Person] = []
         rng = np.random.default_rng([self.seed, 0])
         for day, speed in zip(DAYS, SPEEDS, strict=True):
@@ -186,8 +190,8 @@ class Day:
         return Moment(time, pose, wheels, pan, scan, evidence, cloud, people, velocities, returns, things)
 
 
-def _drive() -> Drive:
-    stops = [list(stop) for _ in range(ROUNDS) for stop in ROUND]
+def _drive(rounds: int = ROUNDS) -> Drive:
+    stops = [list(stop) for _ in range(rounds) for stop in ROUND]
     number, place, seconds = STOP
     stops[number * len(ROUND) + place][2] = seconds
     stops.append([0.0, -0.1, 3.0])
