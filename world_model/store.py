@@ -120,7 +120,8 @@ class Store(Records):
                 after.append((object_id, None))
             self._execute("UPDATE clock SET stamp = ? WHERE one = 1", state.stamp)
             self._execute(
-                "UPDATE epochs SET first_stamp = ifnull(first_stamp, ?1), last_stamp = ?1 WHERE epoch = ?2",
+                "UPDATE epochs SET first_stamp = ifnull(first_stamp, ?), last_stamp = ? WHERE epoch = ?",
+                state.stamp,
                 state.stamp,
                 state.epoch,
             )

@@ -109,10 +109,11 @@ class Records:
         """Events of one object, oldest first, in the newest run that knew it or in `epoch`."""
         rows = self._execute(
             f"SELECT o.epoch, h.stamp, h.event, {COLUMNS} FROM history h JOIN objects o ON o.key = h.key "
-            "WHERE o.id = ?1 AND o.epoch = ifnull(?2, (SELECT max(epoch) FROM objects WHERE id = ?1)) "
-            "AND h.stamp BETWEEN ?3 AND ?4 ORDER BY h.stamp, h.row",
+            "WHERE o.id = ? AND o.epoch = ifnull(?, (SELECT max(epoch) FROM objects WHERE id = ?)) "
+            "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row",
             object_id,
             epoch,
+            object_id,
             start,
             end,
         )
