@@ -15,6 +15,12 @@ def test_subscriptions_of_a_killed_node_are_counted_for_those_who_knew_it(graph:
     publisher = graph.node.create_publisher(LaserScan, "scan", 10)
     spec = graph.start("verifier")
     graph.until(lambda: publisher.get_subscription_count() == 1, "the node is found")
+
+    def listeners() -> list[str]:
+        return [end.node_name for end in graph.node.get_subscriptions_info_by_topic("/scan")]
+
+    # A subscription may be known before the name of who has it.
+    graph.until(lambda: listeners() == [spec.executable], "the graph knows who listens")
     graph.kill(spec)
     ends.bury(spec.full_name)
     assert ends.known("/scan", since=0.0) == 1
