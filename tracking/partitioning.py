@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -90,7 +91,9 @@ class KMeans:
             choices: list[Choice] = []
             for k in numbers:
                 cluster, _ = k_means(points, int(k), 20)
-                cells = [np.flatnonzero(cluster == c) for c in np.unique(cluster)]
+                order = np.argsort(cluster, kind="stable")
+                ends = [0, *(np.flatnonzero(np.diff(cluster[order])) + 1).tolist(), len(order)]
+                cells = [order[a:b] for a, b in pairwise(ends)]
                 choices.append((tuple(builder.cell(cell) for cell in cells), 0.0))
             builder.group(choices)
         return builder.build()

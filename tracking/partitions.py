@@ -69,7 +69,8 @@ class PartitionBuilder:
 
     def cell(self, members: IntArray) -> int:
         """Index of the cell with these returns."""
-        members = np.sort(members)
+        members = members.copy()
+        members.sort()
         key = members.tobytes()
         found = self._cells.get(key)
         if found is None:
