@@ -29,7 +29,7 @@ from registration.crf.model import JointModel
 from registration.crf.potentials import Problem
 from registration.crf.rigid import rigid_motion
 from registration.crf.setup import Start, boosting_features, problem_of, start
-from registration.crf.training import FEW, ITERATIONS, Example
+from registration.crf.training import Example
 from registration.motion import Array
 from registration.scan import Scan
 
@@ -67,8 +67,8 @@ class Matching:
     model: JointModel
 
     @classmethod
-    def train(cls, examples: list[Example], begin: Array | None = None) -> Matching:
-        """From labelled pairs made ready; `begin` are weights near the answer."""
+    def train(cls, examples: list[Example]) -> Matching:
+        """From labelled pairs made ready."""
         rows = []
         for example in examples:
             motions, starts = _alone(example.begun)
@@ -82,12 +82,8 @@ class Matching:
             problem.linked = False
             truth = example.labels(problem.states).associations
             cases.append((problem, Labels(truth, np.zeros(len(truth), dtype=np.int64))))
-        weights = learn_weights([node_features(*case)[0] for case in cases]) if begin is None else begin
-        return cls(
-            JointModel(
-                Likelihood(cases).learn(weights, most=ITERATIONS if begin is None else FEW), data, outlier
-            )
-        )
+        weights = learn_weights([node_features(*case)[0] for case in cases])
+        return cls(JointModel(Likelihood(cases).learn(weights), data, outlier))
 
     def match(self, begun: Start) -> tuple[Problem, NDArray[np.int64]]:
         """The problem and its associations as states (n,)."""

@@ -7,6 +7,8 @@ the text could not afford to (a chain of 361 × 5 states), and makes the likelih
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -75,56 +77,112 @@ def map_states(potentials: Potentials) -> tuple[NDArray[np.int64], NDArray[np.in
 
 
 @njit(cache=True)
-def _marginals(association, clustering, links, association_edges, clustering_edges):  # type: ignore[no-untyped-def]
-    n, a_count, c_count = len(association), association.shape[1], clustering.shape[1]
-    local = np.empty((n, c_count, a_count))
+def _forward(local, of_a, of_c, ahead, half):  # type: ignore[no-untyped-def]
+    """Filtered probabilities of every point, written to `ahead` like `local`; returns the log of what they sum to."""
+    n, c_count, a_count = local.shape
     total = 0.0
     for i in range(n):
-        top = -np.inf
+        scale = 0.0
+        for c in range(c_count):
+            if i > 0:
+                for k in range(a_count):
+                    half[c, k] = 0.0
+                for e in range(c_count):
+                    for k in range(a_count):
+                        half[c, k] += of_c[i - 1, e, c] * ahead[i - 1, e, k]
+            for k in range(a_count):
+                ahead[i, c, k] = 0.0
+                # Most states of a labelled point are impossible.
+                if local[i, c, k] == 0.0:
+                    continue
+                value = 1.0
+                if i > 0:
+                    value = 0.0
+                    for m in range(a_count):
+                        value += half[c, m] * of_a[i - 1, m, k]
+                ahead[i, c, k] = value * local[i, c, k]
+                scale += ahead[i, c, k]
+        total += math.log(scale)
         for c in range(c_count):
             for k in range(a_count):
-                local[i, c, k] = clustering[i, c] + association[i, k] + links[i, c, k]
-                top = max(top, local[i, c, k])
-        local[i] = np.exp(local[i] - top)
-        total += top
-    ahead, back = np.empty((n, c_count, a_count)), np.empty((n, c_count, a_count))
-    ahead[0] = local[0]
-    scale = ahead[0].sum()
-    ahead[0] /= scale
-    total += np.log(scale)
-    of_a, of_c = np.exp(association_edges), np.exp(clustering_edges)
-    for i in range(1, n):
-        step = np.dot(np.dot(np.ascontiguousarray(of_c[i - 1].T), ahead[i - 1]), of_a[i - 1])
-        ahead[i] = local[i] * step
-        scale = ahead[i].sum()
-        ahead[i] /= scale
-        total += np.log(scale)
-    back[n - 1] = 1.0
-    for i in range(n - 2, -1, -1):
-        after = local[i + 1] * back[i + 1]
-        step = np.dot(np.dot(of_c[i], after), np.ascontiguousarray(of_a[i].T))
-        back[i] = step / step.sum()
-    nodes = ahead * back
-    a_pairs, c_pairs = np.empty_like(association_edges), np.empty_like(clustering_edges)
-    for i in range(n):
-        nodes[i] /= nodes[i].sum()
+                ahead[i, c, k] /= scale
+    return total
+
+
+@njit(cache=True)
+def _marginals(local, of_a, of_c):  # type: ignore[no-untyped-def]
+    n, c_count, a_count = local.shape
+    nodes = np.empty((n, c_count, a_count))
+    half, after = np.empty((c_count, a_count)), np.empty((c_count, a_count))
+    a_pairs, c_pairs = np.zeros_like(of_a), np.zeros_like(of_c)
+    total = _forward(local, of_a, of_c, nodes, half)
+    back = np.ones((c_count, a_count))
+    left, right = np.empty((c_count, a_count)), np.empty((c_count, a_count))
+    for i in range(n - 1, -1, -1):
         if i + 1 < n:
-            after = local[i + 1] * back[i + 1]
-            left = np.dot(np.ascontiguousarray(ahead[i].T), of_c[i])
-            a_pairs[i] = of_a[i] * np.dot(left, after)
-            a_pairs[i] /= a_pairs[i].sum()
-            right = np.dot(ahead[i], of_a[i])
-            c_pairs[i] = of_c[i] * np.dot(right, np.ascontiguousarray(after.T))
-            c_pairs[i] /= c_pairs[i].sum()
+            # What comes after, by this point's association and the next one's cluster.
+            left[:, :] = 0.0
+            right[:, :] = 0.0
+            for c in range(c_count):
+                for k in range(a_count):
+                    value = after[c, k]
+                    if value == 0.0:
+                        continue
+                    for m in range(a_count):
+                        right[c, m] += of_a[i, m, k] * value
+            scale = 0.0
+            for e in range(c_count):
+                for m in range(a_count):
+                    value = 0.0
+                    for c in range(c_count):
+                        value += of_c[i, e, c] * right[c, m]
+                    back[e, m] = value
+                    scale += value * nodes[i, e, m]
+            for e in range(c_count):
+                for m in range(a_count):
+                    weight = nodes[i, e, m] / scale
+                    if weight == 0.0:
+                        continue
+                    for c in range(c_count):
+                        left[c, m] += weight * of_c[i, e, c]
+                        c_pairs[i, e, c] += weight * of_c[i, e, c] * right[c, m]
+            for c in range(c_count):
+                for m in range(a_count):
+                    weight = left[c, m]
+                    if weight == 0.0:
+                        continue
+                    for k in range(a_count):
+                        a_pairs[i, m, k] += weight * of_a[i, m, k] * after[c, k]
+        scale = 0.0
+        for c in range(c_count):
+            for k in range(a_count):
+                after[c, k] = back[c, k] * local[i, c, k]
+                nodes[i, c, k] *= back[c, k]
+                scale += nodes[i, c, k]
+        size = 0.0
+        for c in range(c_count):
+            for k in range(a_count):
+                nodes[i, c, k] /= scale
+                size += after[c, k]
+        for c in range(c_count):
+            for k in range(a_count):
+                after[c, k] /= size
     return nodes, a_pairs, c_pairs, total
 
 
-def marginals(potentials: Potentials) -> tuple[Array, Array, Array, float]:
+def edge_factors(potentials: Potentials) -> tuple[Array, Array]:
+    """Exponentials of both kinds of edges, which labelled and unlabelled points share."""
+    return np.exp(potentials.association_edges), np.exp(potentials.clustering_edges)
+
+
+def marginals(
+    potentials: Potentials, factors: tuple[Array, Array] | None = None
+) -> tuple[Array, Array, Array, float]:
     """Probabilities of the nodes of each point (n, D + 1, K + 1), of neighbours' associations (n - 1, K + 1, K + 1) and
-    clusters (n - 1, D + 1, D + 1), and the log partition function."""
+    clusters (n - 1, D + 1, D + 1), and the log partition function. factors : `edge_factors`, where they are known."""
     p = potentials
-    association = np.where(np.isfinite(p.association), p.association, -1e4)
-    found: tuple[Array, Array, Array, float] = _marginals(
-        association, p.clustering, p.links, p.association_edges, p.clustering_edges
-    )
-    return found
+    local = p.links + p.association[:, None, :] + p.clustering[:, :, None]
+    tops = local.max(axis=(1, 2))
+    found = _marginals(np.exp(local - tops[:, None, None]), *(factors or edge_factors(p)))
+    nodes, a_pairs, c_pairs, total = found
+    return nodes, a_pairs, c_pairs, float(total + tops.sum())

@@ -8,18 +8,19 @@ concave, with a Gaussian prior on the weights.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from estimation.boosting import AdaBoost
-from registration.crf.exact import marginals
+from registration.crf.exact import edge_factors, marginals
 from registration.crf.potentials import OUT_OF_REACH, SIGNED, WEIGHTS, Potentials, Problem
 from registration.motion import Array
 
 ROUNDS = 50
+ITERATIONS = 150  # of the search for the weights, which settles after 70 to 100
 REGULARISATION = 1e-5  # of the squared weights, per node
 BOUNDS = [(None, None) if name in SIGNED else (0.0, None) for name in WEIGHTS]
 
@@ -105,6 +106,30 @@ def learn_weights(nodes: Sequence[NodeFeatures], regularisation: float = REGULAR
     return np.asarray(found.x)
 
 
+@dataclass(eq=False)
+class _Part:
+    """One kind of potentials as features: which are ever other than zero, (f,), and their values (f, everything)."""
+
+    features: NDArray[np.int64]
+    values: Array
+    shape: tuple[int, ...]
+
+    @classmethod
+    def of(cls, units: Sequence[Array]) -> _Part:
+        """From the potentials under each unit weight."""
+        used = [k for k, unit in enumerate(units) if unit.any()]
+        values = np.array([units[k].ravel() for k in used]).reshape(len(used), units[0].size)
+        return cls(np.array(used, dtype=np.int64), values, units[0].shape)
+
+    def under(self, weights: Array) -> Array:
+        """The potentials under `weights` (F,)."""
+        return np.asarray(weights[self.features] @ self.values).reshape(self.shape)
+
+    def add_gradient(self, difference: Array, gradient: Array) -> None:
+        """Add the features' sums weighted by `difference`, of this part's shape, to `gradient` (F,)."""
+        gradient[self.features] += self.values @ difference.ravel()
+
+
 class Likelihood:
     """Exact log likelihood of labelled problems: what pseudo-likelihood stands in for where it cannot be afforded.
 
@@ -113,7 +138,7 @@ class Likelihood:
     """
 
     def __init__(self, cases: Sequence[tuple[Problem, Labels]]) -> None:
-        self._cases: list[tuple[list[Potentials], Labels, Potentials]] = []
+        self._cases: list[tuple[list[_Part], Labels, Potentials]] = []
         for problem, labels in cases:
             k = problem.states.shape[1]
             units = [problem.potentials(row) for row in np.eye(len(WEIGHTS))]
@@ -124,39 +149,35 @@ class Likelihood:
             for unit in units:
                 unit.association[:, :k][problem.states < 0] = 0.0
                 unit.clustering[:, :-1][~problem.active] = 0.0
-            self._cases.append((units, labels, mask))
+            parts = [_Part.of(kind) for kind in zip(*(_parts(unit) for unit in units), strict=True)]
+            self._cases.append((parts, labels, mask))
         self._count = sum(len(labels.clusters) for _, labels, _ in self._cases)
 
     def negative(self, weights: Array, regularisation: float = REGULARISATION) -> tuple[float, Array]:
         """Mean negative log likelihood per point with the prior, and its gradient (F,).
 
-        A point whose true association is no candidate is an outlier for the model; one whose true cluster is out of
-        reach may be in any.
+        A point whose true association is no candidate may be any of those it has; one without candidates is an outlier,
+        and one whose true cluster is out of reach may be in any.
         """
         value, gradient = 0.0, np.zeros(len(weights))
-        for units, labels, mask in self._cases:
-            parts = [np.array(part) for part in _parts(mask)]
-            for weight, unit in zip(weights, units, strict=True):
-                for total, part in zip(parts, _parts(unit), strict=True):
-                    total += weight * part
-            free = Potentials(*parts)
-            clamped = Potentials(*parts)
+        for parts, labels, mask in self._cases:
+            free = Potentials(*(part.under(weights) for part in parts))
+            free.association += mask.association
+            free.clustering += mask.clustering
+            factors = edge_factors(free)
+            clamped = replace(free)
             clamped.association, clamped.clustering = _clamped(free, labels, mask)
-            nodes, a_pairs, c_pairs, normaliser = marginals(free)
-            true_nodes, true_a, true_c, score = marginals(clamped)
+            nodes, a_pairs, c_pairs, normaliser = marginals(free, factors)
+            true_nodes, true_a, true_c, score = marginals(clamped, factors)
             value -= score - normaliser
-            nodes, a_pairs, c_pairs = nodes - true_nodes, a_pairs - true_a, c_pairs - true_c
-            of_a, of_c = nodes.sum(axis=1), nodes.sum(axis=2)
-            for f, unit in enumerate(units):
-                gradient[f] += np.vdot(of_a, unit.association) + np.vdot(of_c, unit.clustering)
-                gradient[f] += np.vdot(nodes, unit.links)
-                gradient[f] += np.vdot(a_pairs, unit.association_edges) + np.vdot(
-                    c_pairs, unit.clustering_edges
-                )
+            nodes -= true_nodes
+            differences = (nodes.sum(axis=1), nodes.sum(axis=2), nodes, a_pairs - true_a, c_pairs - true_c)
+            for part, difference in zip(parts, differences, strict=True):
+                part.add_gradient(difference, gradient)
         value = value / self._count + regularisation * float(weights @ weights)
         return value, gradient / self._count + 2.0 * regularisation * weights
 
-    def learn(self, start: Array, regularisation: float = REGULARISATION, most: int = 60) -> Array:
+    def learn(self, start: Array, regularisation: float = REGULARISATION, most: int = ITERATIONS) -> Array:
         """Weights of the greatest likelihood, from `start` (those of the pseudo-likelihood)."""
         found = minimize(
             self.negative, start, (regularisation,), jac=True, method="L-BFGS-B", bounds=BOUNDS,
@@ -177,7 +198,8 @@ def _clamped(free: Potentials, labels: Labels, mask: Potentials) -> tuple[Array,
     i = np.arange(n)
     told = labels.associations >= 0
     wrong = told[:, None] & (np.arange(k)[None] != labels.associations[:, None])
-    wrong[~told, k - 1] = True
+    # With candidates, but not the true one, it is some candidate; without any it can only be an outlier.
+    wrong[:, k - 1] |= ~told & np.isfinite(association[:, : k - 1]).any(axis=1)
     association[wrong] = -np.inf
     other = np.ones_like(clustering, dtype=bool)
     other[i, labels.clusters] = False

@@ -15,7 +15,6 @@ from registration.crf.setup import Start, boosting_features, problem_of, start, 
 from registration.motion import Array
 from registration.scan import Scan
 
-ITERATIONS, FEW = 60, 12  # of the search for the weights, from anywhere and from near the answer
 SAME = 0.3  # overlap of members from which a group is a true object
 
 
@@ -90,12 +89,9 @@ def train(pairs: Sequence[Labelled], card: dict[str, object] | None = None, exac
 
 
 def train_examples(
-    examples: Sequence[Example],
-    card: dict[str, object] | None = None,
-    exact: bool = True,
-    begin: Array | None = None,
+    examples: Sequence[Example], card: dict[str, object] | None = None, exact: bool = True
 ) -> JointModel:
-    """As `train`, of pairs made ready; `begin` are weights near the answer, for instance with one pair more."""
+    """As `train`, of pairs made ready."""
     rows = []
     for example in examples:
         plain = problem_of(example.begun, example.motions, example.starts, None, None)
@@ -106,9 +102,7 @@ def train_examples(
     for example in examples:
         problem = problem_of(example.begun, example.motions, example.starts, data, outlier)
         cases.append((problem, example.labels(problem.states)))
-    weights = begin
-    if weights is None:
-        weights = learn_weights([nodes for case in cases for nodes in node_features(*case)])
+    weights = learn_weights([nodes for case in cases for nodes in node_features(*case)])
     if exact:
-        weights = Likelihood(cases).learn(weights, most=ITERATIONS if begin is None else FEW)
+        weights = Likelihood(cases).learn(weights)
     return JointModel(weights, data, outlier, dict(card or {}))

@@ -10,17 +10,18 @@ from whereabouts.experiments.crf_metrics import scores
 from whereabouts.simulation.labelled_pairs import protocol
 
 
-def test_the_joint_model_is_best_on_a_pair_left_out() -> None:
-    pairs = protocol(21)[4:8]
-    found = leave_one_out(pairs, [2])
+def test_the_joint_model_is_best_on_pairs_left_out() -> None:
+    pairs = protocol(21)[16:20]
+    found = leave_one_out(pairs, [0, 2])
     assert set(found) == {*MODELS, FREE}
-    (joint,) = found[MODELS[3]]
+    means = {
+        name: np.mean(
+            [(x.association, x.clustering, -x.association_sed, -x.clustering_sed) for x in every], axis=0
+        )
+        for name, every in found.items()
+    }
     for name in MODELS[:3]:
-        (other,) = found[name]
-        assert joint.association >= other.association, name
-        assert joint.clustering >= other.clustering, name
-        assert joint.association_sed <= other.association_sed, name
-        assert joint.clustering_sed <= other.clustering_sed, name
+        assert (means[MODELS[3]] > means[name]).all(), name
 
 
 def test_baselines_answer_in_the_same_form() -> None:

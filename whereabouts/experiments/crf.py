@@ -14,7 +14,7 @@ from registration.crf.training import Example, train_examples
 from whereabouts.experiments.crf_metrics import Scores, scores
 from whereabouts.experiments.crf_recordings import recordings
 from whereabouts.experiments.report import Options, Report, Table
-from whereabouts.progress import track
+from whereabouts.parallel import each
 from whereabouts.simulation.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
 from whereabouts.simulation.lidar import Lidar
 
@@ -58,33 +58,32 @@ def run(options: Options) -> Report:
     return report
 
 
-def leave_one_out(pairs: Sequence[LabelledPair], left: Sequence[int]) -> dict[str, list[Scores]]:
-    """Scores of every model on the pairs `left`, each learned from all the other pairs."""
+def leave_one_out(
+    pairs: Sequence[LabelledPair], left: Sequence[int], jobs: int = 1
+) -> dict[str, list[Scores]]:
+    """Scores of every model on the pairs `left`, each learned from all the other pairs and from nothing else."""
     examples = [Example(pair) for pair in pairs]
-    # The weights of all pairs are only where each fold's search for its own begins.
-    joint_start = train_examples(examples).weights
-    matching_start = Matching.train(examples).model.weights
-    found: dict[str, list[Scores]] = {name: [] for name in (*MODELS, FREE)}
-    for index in track(left, "leave-one-out"):
-        rest = [example for k, example in enumerate(examples) if k != index]
-        matching = Matching.train(rest, matching_start)
-        models: dict[str, Inference] = {
-            MODELS[0]: icp_kmeans,
-            MODELS[1]: matching.infer,
-            MODELS[2]: Clustering.train(rest, matching).infer,
-            MODELS[3]: train_examples(rest, begin=joint_start).infer,
-            FREE: free_space,
-        }
-        pair = pairs[index]
-        for name, infer in models.items():
-            found[name].append(scores(pair, infer(pair.scan_a, pair.scan_b)))
-    return found
+    folds = [(pairs[index], [*examples[:index], *examples[index + 1 :]]) for index in left]
+    every = each(_fold, folds, jobs, "leave-one-out")
+    return {name: [found[name] for found in every] for name in (*MODELS, FREE)}
+
+
+def _fold(pair: LabelledPair, rest: list[Example]) -> dict[str, Scores]:
+    matching = Matching.train(rest)
+    models: dict[str, Inference] = {
+        MODELS[0]: icp_kmeans,
+        MODELS[1]: matching.infer,
+        MODELS[2]: Clustering.train(rest, matching).infer,
+        MODELS[3]: train_examples(rest).infer,
+        FREE: free_space,
+    }
+    return {name: scores(pair, infer(pair.scan_a, pair.scan_b)) for name, infer in models.items()}
 
 
 def _tables(options: Options, report: Report) -> None:
     pairs = protocol(options.seed)
     left = range(0, len(pairs), 8 if options.quick else 1)
-    found = leave_one_out(pairs, left)
+    found = leave_one_out(pairs, left, options.jobs)
     true = 100.0 * float(np.mean([each.true_outliers for each in found[MODELS[3]]]))
     note = f"{len(left)} of {len(pairs)} pairs left out in turn; {true:.2f} % true outliers (the text's pairs: 11.07 %)"
     columns = ["technique", "accuracy %", "SED", "outliers %", "found %"]
