@@ -29,7 +29,7 @@ class UsageMeter:
     A process that is started again under its name goes on where the one before ended.
     """
 
-    period: float = 1.0
+    period: float = 5.0
     usage: dict[str, Usage] = field(default_factory=dict)
     _first: dict[tuple[str, int], float] = field(default_factory=dict)
     _spent: dict[tuple[str, int], float] = field(default_factory=dict)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -46,8 +47,9 @@ class Beams:
         return len(self.beams)
 
 
+@lru_cache(maxsize=8)  # a scan is compared with several others
 def beams_of(scan: Scan) -> Beams:
-    """`Beams` of a scan."""
+    """`Beams` of a scan; not to be written to."""
     valid = scan.valid
     ranges = np.where(valid, scan.ranges, np.inf)
     bearings = scan.bearings

@@ -23,7 +23,7 @@ from registration.crf.model import JointModel
 from registration.crf.pace import Duration
 from registration.crf.window import FARTHEST, decide, vote
 from registration.motion import Array
-from registration.outline import outline_of
+from registration.outline import Outline, outline_of
 from registration.scan import Scan
 
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
@@ -106,6 +106,7 @@ class Segmented:
 @dataclass(frozen=True, eq=False)
 class _Kept:
     scan: Scan
+    outline: Outline
     stamp: float
     pose: Array
 
@@ -133,6 +134,7 @@ class ScanSegmenter:
     def reset(self) -> None:
         """Forget all scans."""
         self._kept: deque[_Kept] = deque()
+        self._made: tuple[Scan, Outline] | None = None
         self._duration = Duration()
         self.labelled = self.skipped = 0
 
@@ -141,7 +143,7 @@ class ScanSegmenter:
         if self._kept and stamp <= self._kept[-1].stamp:
             return
         if not self._kept or stamp - self._kept[-1].stamp >= SPACING:
-            self._kept.append(_Kept(scan, stamp, pose.copy()))
+            self._kept.append(_Kept(scan, self._outline(scan), stamp, pose.copy()))
         longest = self.config.segment_interval * (self.config.segment_references + 0.5)
         while len(self._kept) > 1 and stamp - self._kept[1].stamp > longest:
             self._kept.popleft()
@@ -167,9 +169,7 @@ class ScanSegmenter:
             if not self.fits(limit - (before - begun)):
                 break
             tried += 1
-            registration = among_movers(
-                outline_of("scan", scan), outline_of("kept", kept.scan), between(kept.pose, pose)
-            )
+            registration = among_movers(self._outline(scan), kept.outline, between(kept.pose, pose))
             if registration.converged:
                 estimate = self._model.infer(scan, kept.scan, registration)
                 if estimate.converged:
@@ -181,6 +181,12 @@ class ScanSegmenter:
             return _unknown(scan)
         self.labelled += 1
         return _combined(scan, found)
+
+    def _outline(self, scan: Scan) -> Outline:
+        """Outline of a scan, made once: it is compared with several, and kept."""
+        if self._made is None or self._made[0] is not scan:
+            self._made = (scan, outline_of("scan", scan))
+        return self._made[1]
 
     def _references(self, stamp: float, pose: Array) -> list[_Kept]:
         """Earlier scans to compare with, one per multiple of the interval."""

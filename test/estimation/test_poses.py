@@ -192,6 +192,19 @@ def test_quaternions_against_scipy_and_pytransform3d():
         assert abs(poses.quaternion_from_euler(euler) @ q) == pytest.approx(1.0, abs=1e-12)
 
 
+@given(arrays(float, 4, elements=st.floats(-1, 1)))
+def test_angles_of_one_quaternion_are_those_of_its_rotation(quaternion):
+    if np.linalg.norm(quaternion) < 1e-3:
+        quaternion = np.array([0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)])  # pitched straight down
+    single = poses.euler_from_quaternion(quaternion)
+    many = poses.euler_from_quaternion(quaternion[None])[0]
+    np.testing.assert_allclose(
+        Rotation.from_euler("xyz", single).as_matrix(),
+        Rotation.from_euler("xyz", many).as_matrix(),
+        atol=1e-9,
+    )
+
+
 def test_quaternion_round_trip_of_poses():
     rng = np.random.default_rng(9)
     se3, se2 = random_poses(rng, 30, 6), random_poses(rng, 30, 3)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -82,6 +83,23 @@ def test_topics_services_timers_and_guards_are_served(spinning: tuple[Node, Any]
     assert heard == list(range(50))
     assert future.result().message == "why"
     assert woken == [1]
+
+
+def test_events_of_the_middleware_are_told(spinning: tuple[Node, Any]) -> None:
+    node, executor = spinning
+    found: list[int] = []
+
+    def match(event: Any) -> None:
+        found.append(event.current_count)
+
+    callbacks = SubscriptionEventCallbacks(matched=match, use_default_callbacks=False)
+    node.create_subscription(Int32, "numbers", lambda message: None, 10, event_callbacks=callbacks)
+    executor.spin_once(timeout_sec=0.0)
+    publisher = node.create_publisher(Int32, "numbers", 10)
+    spin_until(executor, lambda: found)
+    node.destroy_publisher(publisher)
+    spin_until(executor, lambda: found[-1] == 0)
+    assert found[0] == 1
 
 
 def test_a_service_may_await_what_a_timer_brings(spinning: tuple[Node, Any]) -> None:

@@ -42,6 +42,8 @@ from whereabouts_msgs.srv import Reset
 
 WARNING_PERIOD = 5.0
 HOUSEKEEPING_PERIOD = 0.2
+# s between two reports of connections in which nothing has changed.
+REPORT_PERIOD = 1.0
 # Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself.
 SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -79,6 +81,9 @@ class SuiteNode(LifecycleNode):
         self.transforms = TransformBuffer()
         self.processed = self.create_publisher(Processed, "~/processed", 100, event_callbacks=QUIET)
         self._connections = self.create_publisher(Connections, "~/connections", 1, event_callbacks=QUIET)
+        self._report_due = 0.0
+        self._reported_subscribers: list[int] = []
+        self.reported_counts: list[int] = []  # of the outputs, as listeners to ~/processed know them
         self._diagnostics = DiagnosticsPublisher(self)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish, clock=self._steady)
@@ -308,15 +313,28 @@ class SuiteNode(LifecycleNode):
             raise KeyboardInterrupt
 
     def _report_connections(self) -> None:
-        if self.settings.report_processed and self.active:
-            message = Connections(
-                inputs=[item.topic for item in self.inputs],
-                received=[item.counts.received for item in self.inputs],
-                outputs=[output.topic for output in self.outputs],
-                sent=[output.count for output in self.outputs],
-                subscribers=[output.subscribers for output in self.outputs],
-            )
-            self._connections.publish(message)
+        """Say who is connected and what went through, unless that is known."""
+        if not (self.settings.report_processed and self.active):
+            return
+        now = time.monotonic()
+        counts = [output.count for output in self.outputs]
+        subscribers = [output.subscribers for output in self.outputs]
+        if (
+            now < self._report_due
+            and counts == self.reported_counts
+            and subscribers == self._reported_subscribers
+        ):
+            return
+        self._report_due = now + REPORT_PERIOD
+        self.reported_counts, self._reported_subscribers = counts, subscribers
+        message = Connections(
+            inputs=[item.topic for item in self.inputs],
+            received=[item.counts.received for item in self.inputs],
+            outputs=[output.topic for output in self.outputs],
+            sent=counts,
+            subscribers=subscribers,
+        )
+        self._connections.publish(message)
 
     def _take_transforms(self, message: TFMessage, static: bool) -> None:
         problem: InputError | None = None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.context import Context
+from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -15,6 +17,12 @@ from whereabouts.nodes.stamps import NANOSECONDS
 Take = Callable[[Any], Any]
 Work = tuple[Take, Any]
 FOREVER = -1
+# s between looks at what the middleware counts, such as lost messages: it keeps, and each costs time in every wait.
+EVENT_PERIOD = 1.0
+# Wait sets kept, by size: with and without events, and while something is being created or destroyed.
+KEPT = 4
+# What a wait set has room for, in this order.
+ENTITIES = ("subscription", "guard_condition", "timer", "client", "service", "event")
 NEEDED = (
     "_guard",
     "_sigint_gc",
@@ -26,23 +34,65 @@ NEEDED = (
 )
 
 
+class _Kind:
+    """Entities of one kind that a node has, and their handles as long as they are the same."""
+
+    def __init__(self, name: str, attribute: str, take: Take) -> None:
+        self.name = name
+        self.handles: list[Any] = []
+        self._attribute = attribute
+        self._take = take
+        self._items: list[Any] = []
+        self._by_pointer: dict[int, Any] = {}
+
+    def look(self, node: Any) -> None:
+        """See what the node has now."""
+        items = list(getattr(node, self._attribute))
+        if items != self._items:
+            self._items = items
+            self.handles = [item.handle for item in items]
+            self._by_pointer = {item.handle.pointer: item for item in items}
+
+    def ready(self, wait_set: Any) -> list[Work]:
+        """Those that are ready, in the node's order."""
+        if not self._items:
+            return []
+        pointers = wait_set.get_ready_entities(self.name)
+        return [
+            (self._take, self._by_pointer[pointer]) for pointer in pointers if pointer in self._by_pointer
+        ]
+
+
 class NodeExecutor(SingleThreadedExecutor):
     """Single-threaded executor of one node, and of callbacks in the order in which rclpy would call them.
 
     rclpy's own makes for every callback a new wait set and a task, takes the use of every handle, and wakes itself up
     before and after, for the sake of threads that may be waiting or destroying things meanwhile. Here there is one
-    thread: the wait set is kept, and a callback is called. Only what awaits something becomes a task, and does not keep
-    others of its callback group waiting. With an rclpy that is built otherwise it is the plain executor.
+    thread: wait sets are kept, and a callback is called. Only what awaits something becomes a task, and does not keep
+    others of its callback group waiting. Events of the middleware are looked at once a second. With an rclpy that is
+    built otherwise it is the plain executor.
     """
 
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(context=context)
-        self._sizes: tuple[int, ...] = ()
-        self._wait_set: Any = None
+        self._wait_sets: dict[tuple[int, ...], Any] = {}
+        self._events_due = 0.0
         self._fits = all(hasattr(self, name) for name in NEEDED)
+        if self._fits:
+            # In the order in which rclpy serves them.
+            self._kinds = [
+                _Kind("timer", "timers", self._take_timer),
+                _Kind("subscription", "subscriptions", self._take_subscription),
+                _Kind("guard_condition", "guards", self._take_guard_condition),
+                _Kind("client", "clients", self._take_client),
+                _Kind("service", "services", self._take_service),
+            ]
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for work, no longer than `timeout_sec` (None: as long as it takes), and do all there is of it."""
+        """Wait for work, no longer than `timeout_sec` (None: as long as it takes), and do all there is of it.
+
+        It also returns when events of the middleware are to be looked at again.
+        """
         nodes = self.get_nodes()
         if len(nodes) != 1 or not self._fits:
             super().spin_once(timeout_sec)
@@ -70,22 +120,23 @@ class NodeExecutor(SingleThreadedExecutor):
 
     def _wait(self, node: Any, timeout: int) -> list[Work]:
         """Entities that are ready after at most `timeout` ns, each with what takes its work."""
-        subscriptions, timers = list(node.subscriptions), list(node.timers)
-        clients, services = list(node.clients), list(node.services)
-        guards, waitables = list(node.guards), list(node.waitables)
-        wait_set = self._empty_wait_set(
-            [len(subscriptions), len(guards) + 2, len(timers), len(clients), len(services), 0], waitables
-        )
-        for item in subscriptions:
-            wait_set.add_subscription(item.handle)
-        for item in clients:
-            wait_set.add_client(item.handle)
-        for item in services:
-            wait_set.add_service(item.handle)
-        for item in timers:
-            wait_set.add_timer(item.handle)
-        for item in (*guards, self._guard, self._sigint_gc):
-            wait_set.add_guard_condition(item.handle)
+        waitables = list(node.waitables)
+        left = self._events_due - time.monotonic()
+        if left <= 0.0:
+            self._events_due += EVENT_PERIOD - left
+        elif any(isinstance(item, EventHandler) for item in waitables):
+            waitables = [item for item in waitables if not isinstance(item, EventHandler)]
+            cut = int(left * NANOSECONDS)
+            timeout = cut if timeout == FOREVER else min(timeout, cut)
+        for kind in self._kinds:
+            kind.look(node)
+        wait_set = self._empty_wait_set(waitables)
+        for kind in self._kinds:
+            add = getattr(wait_set, f"add_{kind.name}")
+            for handle in kind.handles:
+                add(handle)
+        for own in (self._guard, self._sigint_gc):
+            wait_set.add_guard_condition(own.handle)
         for item in waitables:
             item.add_to_wait_set(wait_set)
         wait_set.wait(timeout)
@@ -93,33 +144,28 @@ class NodeExecutor(SingleThreadedExecutor):
             raise ShutdownException
         if not self._context.ok():
             raise ExternalShutdownException
+        ready: list[Work] = [(self._take_waitable, item) for item in waitables if item.is_ready(wait_set)]
+        for kind in self._kinds:
+            ready += kind.ready(wait_set)
+        return ready
 
-        def ready(kind: str, items: list[Any], take: Take) -> list[Work]:
-            pointers = wait_set.get_ready_entities(kind) if items else ()
-            return [(take, item) for item in items if item.handle.pointer in pointers] if pointers else []
-
-        return [
-            *((self._take_waitable, item) for item in waitables if item.is_ready(wait_set)),
-            *ready("timer", timers, self._take_timer),
-            *ready("subscription", subscriptions, self._take_subscription),
-            *ready("guard_condition", guards, self._take_guard_condition),
-            *ready("client", clients, self._take_client),
-            *ready("service", services, self._take_service),
-        ]
-
-    def _empty_wait_set(self, sizes: list[int], waitables: list[Any]) -> Any:
-        """The wait set of the last time, where it has room for just what is waited for."""
+    def _empty_wait_set(self, waitables: list[Any]) -> Any:
+        """The wait set of an earlier time that has room for just what is waited for."""
+        room = {kind.name: len(kind.handles) for kind in self._kinds}
+        sizes = [room.get(name, 0) for name in ENTITIES]
+        sizes[ENTITIES.index("guard_condition")] += 2
         for item in waitables:
             needed = item.get_num_entities()
-            for place, name in enumerate(
-                ("subscriptions", "guard_conditions", "timers", "clients", "services", "events")
-            ):
-                sizes[place] += getattr(needed, f"num_{name}")
-        if tuple(sizes) != self._sizes:
-            self._wait_set = rclpy_implementation.WaitSet(*sizes, self._context.handle)
-            self._sizes = tuple(sizes)
-        self._wait_set.clear_entities()
-        return self._wait_set
+            for place, name in enumerate(ENTITIES):
+                sizes[place] += getattr(needed, f"num_{name}s")
+        wait_set = self._wait_sets.get(tuple(sizes))
+        if wait_set is None:
+            if len(self._wait_sets) == KEPT:
+                self._wait_sets.clear()
+            wait_set = rclpy_implementation.WaitSet(*sizes, self._context.handle)
+            self._wait_sets[tuple(sizes)] = wait_set
+        wait_set.clear_entities()
+        return wait_set
 
     def _call(self, take: Take, entity: Any) -> None:
         """Take the work of an entity and do it; it may have been destroyed or cancelled since the wait."""

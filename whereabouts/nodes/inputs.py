@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -227,7 +226,7 @@ class Input:
         if self._last_stamp is not None and stamp > self._last_stamp:
             period = stamp - self._last_stamp
             if len(self._periods) >= 10:
-                usual = int(np.median(self._periods))
+                usual = sorted(self._periods)[len(self._periods) // 2]
                 self.counts.stamp_gaps += max(0, round(period / usual) - 1) if usual > 0 else 0
             self._periods.append(period)
         self._last_stamp = stamp
@@ -240,6 +239,7 @@ class Input:
     def _acknowledge(self, stamp: int, sequence: int) -> None:
         self._acknowledged = sequence
         outputs = self._node.outputs
+        counts = [output.count for output in outputs]
         message = Processed(
             stamp=time_message(stamp),
             topic=self.topic,
@@ -248,9 +248,10 @@ class Input:
             dropped=self.counts.dropped,
             lost=max(self.counts.lost, self.counts.reported_lost),
             output_topics=[output.topic for output in outputs],
-            output_counts=[output.count for output in outputs],
+            output_counts=counts,
         )
         self._node.processed.publish(message)
+        self._node.reported_counts = counts
 
 
 def sensor_qos(reliability: str) -> QoSProfile:

@@ -81,7 +81,7 @@ class LoopClosureNode(SuiteNode):
         self._tf_output = self.broadcaster()
         self.add_service(SaveMap, "~/save_map", self._save)
         self.add_service(LoadMap, "~/load_map", self._load)
-        self.add_timer(settings.tf_period, self._publish_transform)
+        self.add_timer(settings.tf_period, self._repeat_transform)
         self.add_timer(settings.map_period, self._publish_map)
         if settings.save_period > 0.0 and settings.map_file:
             self.add_timer(settings.save_period, self._save_regularly)
@@ -93,6 +93,7 @@ class LoopClosureNode(SuiteNode):
         self._grid = MapGrid(self.settings.resolution)
         self._correction: Array | None = None  # (6,) of the odometry frame in the map
         self._located = True
+        self._told = 0  # ns of the node's clock when the correction was last sent
         self._covariances: OrderedDict[int, Array] = OrderedDict()
         self._mounting: Array = np.zeros(3)
         self._stamp: int | None = None
@@ -225,6 +226,12 @@ class LoopClosureNode(SuiteNode):
             frame_name(settings.map_frame), frame_name(settings.odom_frame), stamp, (*position, *quaternion)
         )
         self._tf_output.publish(TFMessage(transforms=[transform]))
+        self._told = self.get_clock().now().nanoseconds
+
+    def _repeat_transform(self) -> None:
+        """For those who come late and while no scans come; each scan's own was just sent otherwise."""
+        if self.get_clock().now().nanoseconds - self._told >= self.settings.tf_period * NANOSECONDS:
+            self._publish_transform()
 
     def _publish_map(self) -> None:
         if not self._changed or self._stamp is None:

@@ -90,6 +90,7 @@ class Replayer:
         self._clock = node.create_publisher(Clock, "/clock", 10)
         self._clock_sent = 0
         self._connections: dict[str, Connections] = {}
+        self._inputs: dict[str, frozenset[str]] = {}
         self._reported: dict[str, int] = {}
         self._dead = DeadEnds(node)
         self._died: dict[str, int] = {}
@@ -138,6 +139,7 @@ class Replayer:
             if self._is_of_the_dead(watched, info):
                 return
             self._connections[watched] = message
+            self._inputs[watched] = frozenset(message.inputs)
             self._reported[watched] = int(info["source_timestamp"])
             received = dict(zip(message.inputs, message.received, strict=True))
             self._flow.note(watched, received, dict(zip(message.outputs, message.sent, strict=True)))
@@ -234,9 +236,14 @@ class Replayer:
         return 0 if answer is None else int(answer.sequence)
 
     def _consumers_of(self, name: str) -> list[str]:
-        if not self._consumers.get(name):
-            self._consumers[name] = self._subscribers(name)
-        return self._consumers[name]
+        found = self._consumers.get(name)
+        if found is None or (not found and self._is_wanted(name)):
+            found = self._consumers[name] = self._subscribers(name)
+        return found
+
+    def _is_wanted(self, name: str) -> bool:
+        """Whether a topic without known subscribers may have some yet; asking the graph for each message is slow."""
+        return any(name in self._inputs.get(node, (name,)) for node in self.watched)
 
     def _subscribers(self, name: str) -> list[str]:
         found = {
@@ -288,6 +295,7 @@ class Replayer:
     def bury(self, node: str) -> None:
         """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
         self._connections.pop(node, None)
+        self._inputs.pop(node, None)
         self._died[node] = time.time_ns()
         self._flow.died(node)
         self._dead.bury(node)

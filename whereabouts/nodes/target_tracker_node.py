@@ -141,8 +141,9 @@ class TargetTrackerNode(SuiteNode):
             trail.append((stamp, person.mean[:2]))
             while trail and trail[0][0] < oldest:
                 trail.popleft()
-        trails = {label: [spot for _, spot in trail] for label, trail in self._trails.items()}
-        self._markers_output.publish(people_markers(header, people, trails))
+        if self._markers_output.wanted:
+            trails = {label: [spot for _, spot in trail] for label, trail in self._trails.items()}
+            self._markers_output.publish(people_markers(header, people, trails))
 
 
 def main() -> None:

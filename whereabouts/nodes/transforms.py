@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -19,6 +20,7 @@ from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 Matrix = NDArray[np.float64]
 HISTORY = 10 * NANOSECONDS
 JUMP = 2 * NANOSECONDS
+KEPT = 64
 
 
 class TransformError(WhereaboutsError):
@@ -76,6 +78,8 @@ class TransformBuffer:
         self._graph = TemporalTransformManager(check=False)
         self._parents: dict[str, str] = {}
         self._moving: dict[str, MovingTransform] = {}
+        # What was looked up since the last transform came: whether a message can be handled, and then by its handler.
+        self._found: dict[tuple[str, str, int], Matrix] = {}
 
     def insert(self, message: TransformStamped, static: bool = False) -> None:
         """Add one transform of a tf or tf_static message.
@@ -88,6 +92,7 @@ class TransformBuffer:
         if not parent or not child or parent == child:
             raise InputError(f"transform from '{child}' to '{parent}': two different frames expected")
         pose = _pose(message, f"transform from '{child}' to '{parent}'")
+        self._found.clear()
         known = self._parents.get(child)
         if known is not None and known != parent:
             self._graph.remove_transform(child, known)
@@ -112,6 +117,14 @@ class TransformBuffer:
         target, source = frame_name(target), frame_name(source)
         if target == source:
             return np.eye(4)
+        found = self._found.get((target, source, stamp))
+        if found is None:
+            if len(self._found) >= KEPT:
+                self._found.clear()
+            found = self._found[target, source, stamp] = self._compose(target, source, stamp)
+        return found.copy()
+
+    def _compose(self, target: str, source: str, stamp: int) -> Matrix:
         for frame in (source, target):
             if not self._graph.has_frame(frame):
                 raise TransformError(f"frame '{frame}' is unknown to tf", later=True)
@@ -139,6 +152,7 @@ class TransformBuffer:
 
     def back_to(self, stamp: int) -> None:
         """Time jumped back to `stamp`: drop moving transforms of the time after it. Static ones stay."""
+        self._found.clear()
         for child, transform in list(self._moving.items()):
             transform.history.forget_after(stamp + JUMP)
             if not len(transform.history):
@@ -154,14 +168,13 @@ def frame_name(name: str) -> str:
 def _pose(message: TransformStamped, where: str) -> Matrix:
     """Position and quaternion (w, x, y, z) of a transform message, checked, (7,)."""
     t, r = message.transform.translation, message.transform.rotation
-    pose = np.array([t.x, t.y, t.z, r.w, r.x, r.y, r.z])
-    if not np.isfinite(pose).all():
-        raise InputError(f"{where}: finite numbers expected, got {pose.tolist()}")
-    length = float(np.linalg.norm(pose[3:]))
+    pose = [t.x, t.y, t.z, r.w, r.x, r.y, r.z]
+    if not all(map(math.isfinite, pose)):
+        raise InputError(f"{where}: finite numbers expected, got {pose}")
+    length = math.hypot(*pose[3:])
     if abs(length - 1.0) > 0.01:
         raise InputError(f"{where}: quaternion of length 1 expected, got length {length:.3g}")
-    pose[3:] /= length
-    return pose
+    return np.array([*pose[:3], *(part / length for part in pose[3:])])
 
 
 def transform_message(parent: str, child: str, stamp: int, pose: Iterable[float]) -> TransformStamped:
