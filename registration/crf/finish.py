@@ -64,7 +64,8 @@ def _add_members(starts: NDArray[np.bool_], clusters: NDArray[np.int64]) -> None
 def _add_parts(begun: Start, clusters: NDArray[np.int64]) -> None:
     """Outliers that left their place, on the piece of an object or next to it, are part of it."""
     a = begun.a
-    loose = np.flatnonzero((clusters < 0) & (begun.sight == FREE))
+    single = np.bincount(a.pieces, minlength=1)[a.pieces] < 2
+    loose = np.flatnonzero((clusters < 0) & (begun.sight == FREE) & ~single)
     objects = np.flatnonzero(clusters > 0)
     if not len(loose) or not len(objects):
         return

@@ -53,6 +53,9 @@ def groups_of(points, pieces, labels, spacing, ranges, link, small, largest):  #
             beyond >= n or ranges[beyond] > ranges[l]
         )
         least = max(2.0, 0.06 * size[p])
+        # A single reading between others is more often false than it is a thing.
+        if size[p] < 2.0:
+            continue
         whole = length < largest and (free[p] >= least or (stands_out and free[p] + hidden[p] >= least))
         for k in range(f, l + 1):
             if pieces[k] == p:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.poses import inverse
 from registration.crf.beams import AGREES, CLEAR, FREE, Beams, nearness, sightings
 from registration.crf.displacement import best_motion, explained
 from registration.crf.grouping import groups_of
@@ -24,6 +25,7 @@ TURN_SIGMA = 0.12  # radians a thing may be expected to turn between the scans
 ROUND = 0.6  # metres; what is smaller shows no rotation
 ROUND_SIGMA = 0.02  # radians it is then taken to turn
 MOST = 8  # objects
+WHOLE = 0.6  # of a piece, from which all that a motion explains of it moves with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,53 +46,154 @@ def hypotheses(
     a: Beams,
     b: Beams,
     background: Array,
-    seen: tuple[NDArray[np.int64], Array],
+    labels: NDArray[np.int64],
     fresh: NDArray[np.int64],
     reach: float,
     noise: float,
 ) -> list[Hypothesis]:
     """Groups of a that may have moved, the best explained first.
 
-    background : (3,) motion of what stands. seen : how b sees the points of a under it (`seen_by`).
+    background : (3,) motion of what stands. labels : (n,) how b sees the points of a under it (`seen_by`).
     fresh : (m,) how a sees the points of b under its inverse. reach : metres a thing may have gone.
     """
-    labels, _ = seen
+    here = np.zeros(len(a), dtype=bool)
+    there = np.zeros(len(b), dtype=bool)
+    found = _one_way(a, b, background, labels, fresh, reach, noise, here, there)
+    # What comes nearer hides what was behind it: a sees nothing of that, but b sees something new.
+    if np.sum((fresh == FREE) & ~there) >= 3:
+        for group in _one_way(b, a, inverse(background), fresh, labels, reach, noise, there, here):
+            came = _came_from(a, b, group, background, labels, nearness(a, noise)) if group.matched else None
+            if came is not None:
+                found.append(came)
+    found = _merged(a, found)
+    found.sort(key=lambda hypothesis: -hypothesis.gain)
+    return [one for one in found if one.matched][:MOST] + [one for one in found if not one.matched]
+
+
+def _one_way(
+    a: Beams, b: Beams, background: Array, labels: NDArray[np.int64], fresh: NDArray[np.int64], reach: float,
+    noise: float, explained_here: NDArray[np.bool_], taken: NDArray[np.bool_],
+) -> list[Hypothesis]:  # fmt: skip
+    """Groups of a and where they went in b, the best explained first: what is near another's goal may not take it.
+
+    explained_here : (n,) points of a that are explained already; those found are added. taken : (m,) likewise of b.
+    """
     groups = groups_of(a.points, a.pieces, labels, a.spacing, a.ranges[a.beams], LINK, SMALL, LARGEST)
+    groups[explained_here] = -1
     new = fresh == FREE
     # What agrees with the background may be a mover in the place of another, or in its own.
     weights = np.where(new, 1.0, np.where(fresh == AGREES, 0.25, 0.5))
     near = np.maximum(2.0 * nearness(a, noise), 0.5 * a.spacing)
+    search = _Search(a, b, background, labels, new, weights, near, reach)
+    waiting = [(groups == number, False) for number in np.unique(groups[groups >= 0])]
+    tried: list[_Tried] = []
     found: list[Hypothesis] = []
-    taken = np.zeros(len(b), dtype=bool)
-    numbers, counts = np.unique(groups[groups >= 0], return_counts=True)
-    free = np.array(
-        [
-            np.sum((labels[groups == number] == FREE) | (labels[groups == number] == CLEAR))
-            for number in numbers
-        ],
-        dtype=np.int64,
-    )
-    for number in numbers[np.lexsort((-counts, -free))] if len(numbers) else []:
-        members = groups == number
-        for _ in range(2):
-            hypothesis = None
-            # With and without what agrees with the background: it may be a wall beside the mover, or its flank.
-            for part in _parts(members, labels):
-                other = _of_group(a, b, background, labels, part, new, weights, taken, near, reach)
-                if other is not None and (hypothesis is None or other.gain > hypothesis.gain + 1.0):
-                    hypothesis = other
-            if hypothesis is None:
-                break
-            hypothesis = _with_flanks(a, b, hypothesis, near, labels)
-            _take(a, b, hypothesis, near, new, taken)
-            found.append(hypothesis)
-            rest = members & ~hypothesis.members
-            if not hypothesis.matched or rest.sum() < 4:
-                break
-            members = rest
-    found = _merged(a, found)
-    found.sort(key=lambda hypothesis: -hypothesis.gain)
-    return found[:MOST]
+    while waiting or tried:
+        tried += [one for members, rest in waiting if (one := search.tried(members, taken, rest)) is not None]
+        waiting = []
+        if not tried:
+            break
+        best = tried.pop(int(np.argmax([one.hypothesis.gain for one in tried])))
+        if (best.claims & taken).any():
+            waiting = [(best.members, best.rest)]
+            continue
+        taken |= best.claims
+        found.append(best.hypothesis)
+        rest = best.members & ~best.hypothesis.members
+        if best.hypothesis.matched:
+            explained_here |= best.hypothesis.members
+            if not best.rest and rest.sum() >= 4:
+                waiting = [(rest, True)]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A group of points (n,), where it seems to have gone, and what is new in b, (m,), that this explains.
+
+    rest : whether it is what another group left over.
+    """
+
+    members: NDArray[np.bool_]
+    hypothesis: Hypothesis
+    claims: NDArray[np.bool_]
+    rest: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What the search for motions of groups of a is given; see `_one_way`."""
+
+    a: Beams
+    b: Beams
+    background: Array
+    labels: NDArray[np.int64]
+    new: NDArray[np.bool_]
+    weights: Array
+    near: Array
+    reach: float
+
+    def tried(self, members: NDArray[np.bool_], taken: NDArray[np.bool_], rest: bool) -> _Tried | None:
+        """The best motion of a group (n,) to what is not `taken` (m,); None where it stands."""
+        hypothesis = None
+        # With and without what agrees with the background: it may be a wall beside the mover, or its flank.
+        for part in _parts(members, self.labels):
+            other = _of_group(
+                self.a, self.b, self.background, self.labels, part, self.new, self.weights, taken, self.near,
+                self.reach,
+            )  # fmt: skip
+            if other is not None and (hypothesis is None or other.gain > hypothesis.gain + 1.0):
+                hypothesis = other
+        if hypothesis is None:
+            return None
+        hypothesis = _with_flanks(self.a, self.b, hypothesis, self.near, self.labels)
+        claims = np.zeros(len(self.b), dtype=bool)
+        if hypothesis.matched:
+            _claim(self.a, self.b, hypothesis, self.near, self.new & ~taken, claims)
+        return _Tried(members, hypothesis, claims, rest)
+
+
+def _came_from(
+    a: Beams, b: Beams, group: Hypothesis, background: Array, labels: NDArray[np.int64], near: Array
+) -> Hypothesis | None:
+    """A group of b that was found in a, as one of a; None where too little of a belongs to it.
+
+    Of a piece that is not of it as a whole only what left its place is: the rest is what the mover hides now.
+    """
+    motion = inverse(group.motion)
+    on = _on_outline(a.points, near, np.ones(len(a), dtype=bool), motion, b)
+    members = on & _among(_moved(a.points, motion), b.points[group.members], near + a.spacing)
+    whole = np.bincount(a.pieces, members) > WHOLE * np.bincount(a.pieces)
+    members &= whole[a.pieces] | (labels == FREE) | (labels == CLEAR)
+    found = _not_standing(a, b, replace(group, members=members, motion=motion), background, labels, near)
+    return found if found.members.sum() >= 3 else None
+
+
+def _not_standing(
+    a: Beams, b: Beams, hypothesis: Hypothesis, background: Array, labels: NDArray[np.int64], near: Array
+) -> Hypothesis:
+    """Without what agrees with the background, unless what b sees there is the same thing, a little farther on."""
+    if not hypothesis.matched:
+        return hypothesis
+    stands = np.flatnonzero(hypothesis.members & (labels == AGREES))
+    if not len(stands):
+        return hypothesis
+    there = _moved(a.points[stands], background)
+    away = np.hypot(*(there[:, None] - b.points[None]).transpose(2, 0, 1))
+    seen = b.points[away.argmin(axis=1)]
+    reach = near[stands] + a.spacing[stands]
+    slid = _among(_moved(seen, inverse(hypothesis.motion)), a.points[hypothesis.members], reach)
+    members = hypothesis.members.copy()
+    members[stands[~slid]] = False
+    return replace(hypothesis, members=members)
+
+
+def _among(points: Array, others: Array, reach: Array) -> NDArray[np.bool_]:
+    """(n,) which points (n, 2) have one of the others (m, 2) within reach (n,)."""
+    if not len(points) or not len(others):
+        return np.zeros(len(points), dtype=bool)
+    away = np.hypot(*(points[:, None] - others[None]).transpose(2, 0, 1))
+    return np.asarray(away.min(axis=1) < reach)
 
 
 def _merged(a: Beams, found: list[Hypothesis]) -> list[Hypothesis]:
@@ -149,13 +252,11 @@ def _with_flanks(
     return replace(hypothesis, members=hypothesis.members | ((fits | out) & whole[a.pieces]))
 
 
-def _take(
-    a: Beams, b: Beams, hypothesis: Hypothesis, near: Array, new: NDArray[np.bool_], taken: NDArray[np.bool_]
+def _claim(
+    a: Beams, b: Beams, hypothesis: Hypothesis, near: Array, new: NDArray[np.bool_], claims: NDArray[np.bool_]
 ) -> None:
-    """Mark what is new in b and explained by a hypothesis: nothing else can have become it."""
-    if not hypothesis.matched:
-        return
-    free = np.flatnonzero(new & ~taken)
+    """Mark in `claims` what is new in b and explained by a hypothesis: nothing else can have become it."""
+    free = np.flatnonzero(new)
     claimed = np.zeros(len(free), dtype=bool)
     members = hypothesis.members
     explained(
@@ -163,7 +264,7 @@ def _take(
         np.ascontiguousarray(b.points[free]), claimed,
         b.xy, b.ranges, b.clear, b.angle_min, b.step,
     )  # fmt: skip
-    taken[free[claimed]] = True
+    claims[free[claimed]] = True
 
 
 def _of_group(
@@ -196,6 +297,8 @@ def _of_group(
     shift = float(np.hypot(*(_moved(points, motion) - _moved(points, background)).mean(axis=0)))
     changed = int(np.sum(labels[members] != AGREES))
     enough = best >= max(3.0, 0.4 * count) and gain >= max(3.0, min(0.25 * count, 0.6 * changed))
+    # Where most of it stands as well as it moves, little gain is chance.
+    enough = enough and (count - changed <= 0.3 * count or gain >= 0.2 * count)
     if enough and (free >= 2 or best > 0.7 * count):
         if shift < 0.04:
             return None

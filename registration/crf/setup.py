@@ -72,7 +72,7 @@ def start(scan_a: Scan, scan_b: Scan, registration: Registration | None = None) 
         registration = replace(registration, converged=False, reason=reason)
     groups: list[Hypothesis] = []
     if registration.converged:
-        groups = hypotheses(a, b, background, seen, fresh, reach_of(scan_a, scan_b), noise)
+        groups = hypotheses(a, b, background, seen[0], fresh, reach_of(scan_a, scan_b), noise)
     found = [group for group in groups if group.matched]
     gone = [group for group in groups if not group.matched]
     return Start(a, b, registration, noise, *seen, found, gone)
