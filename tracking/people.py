@@ -27,6 +27,7 @@ from tracking.people_association import WIDE, Seen, associate
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
 from tracking.people_middle import CUT, depths
+from tracking.people_parts import parts_of_people
 from tracking.people_returns import come_back
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
@@ -42,6 +43,9 @@ STRIDE, ABREAST = 0.9, 0.3  # metres between the legs of a long stride, and off 
 SAME = 0.4  # metres, two potential people closer than that are one
 WELL_LOCATED = 1.0  # m; an estimate farther off says no more than that there is somebody
 GONE = 0.25  # probability of being there below which somebody reported no longer is
+HELD = (
+    1.0  # seconds without a guessed pose after which the surroundings are known: as late as they are entered
+)
 MOST_CLUSTERS = 400
 LEAST_JUMP_COLUMN = FEATURES.index("jump_least")
 JUMP_COLUMNS = [FEATURES.index("jump_left"), FEATURES.index("jump_right")]
@@ -91,6 +95,12 @@ class PeopleTracker:
         self.stamp: float | None = None
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
+        self._held = math.inf
+
+    @property
+    def _steady(self) -> bool:
+        """Whether the frame has held for so long that the surroundings are known in it."""
+        return self._held >= HELD
 
     @property
     def expected_count(self) -> float:
@@ -127,10 +137,11 @@ class PeopleTracker:
         sweep = Sweep.of(scan, place, before, dt)
         own = self._own.mask(scan, place)
         clusters, seen = self._look(scan, sweep, own, beams)
+        self._held = self._held + dt if pose_known else 0.0
         owners, scores = self._associate(seen, place, before)
         shares, places = self._shares(scan, place)
         names = self.tracks.names
-        moment = Moment(float(stamp), dt)
+        moment = Moment(float(stamp), dt, self._steady)
         update(self.tracks, seen, owners, scores, shares, places, moment, self.config)
         self._walking.learn(
             self.tracks, *_of_owners(seen, owners, len(self.tracks)), len(seen), float(stamp), dt
@@ -150,7 +161,7 @@ class PeopleTracker:
         are as seen from the scanner, it was the frame that jumped, and everybody is taken along.
         """
         tracks = self.tracks
-        owners, scores = associate(tracks, seen, self.config)
+        owners, scores = associate(tracks, seen, self.config, self._steady)
         sure = np.flatnonzero(tracks.shown & (tracks.hidden == 0.0))
         if before is None or not len(sure):
             return owners, scores
@@ -160,7 +171,7 @@ class PeopleTracker:
             return owners, scores
         moved = tracks.select(np.arange(len(tracks)))
         moved.shift(compound(pose, inverse(before)))
-        others, other_scores = associate(moved, seen, self.config)
+        others, other_scores = associate(moved, seen, self.config, self._steady)
         if len(np.setdiff1d(sure, others)) >= len(lost):
             return owners, scores
         self.tracks = moved
@@ -186,7 +197,7 @@ class PeopleTracker:
         """Clusters of the scan, and those that may be of people in the frame of the tracks."""
         fresh, old = self._against_background(scan, sweep)
         clusters = clusters_of(scan, self.config.join_distance, self.config.max_range, own)
-        parts = self._split(scan, sweep, clusters, old)
+        parts = parts_of_people(self.tracks, sweep, clusters, old)
         if parts is not None:
             clusters = clusters_of(scan, self.config.join_distance, self.config.max_range, own, parts)
         if labels is not None:
@@ -232,21 +243,6 @@ class PeopleTracker:
         ranges = scan.ranges[valid]
         fresh[valid], old[valid] = self.background.evidence(sweep.points(valid), 0.05 + 0.02 * ranges)
         return fresh, old
-
-    def _split(self, scan: Scan, sweep: Sweep, clusters: Clusters, old: FloatArray) -> IntArray | None:
-        """Parts of wide clusters by whom they are near: people side by side, or leaning at a wall."""
-        tracks = self.tracks
-        sure = np.flatnonzero(tracks.shown | (tracks.public >= 0))
-        if not len(sure):
-            return None
-        wide = np.append(clusters.widths > 0.4, False)[clusters.labels]
-        if not wide.any():
-            return None
-        points = sweep.points(wide)
-        gaps = np.linalg.norm(points[:, None] - tracks.means[None, sure, :2], axis=2)
-        parts = np.zeros(len(scan), dtype=np.int64)
-        parts[wide] = np.where((gaps.min(1) < 0.4) & (old[wide] < 0.5), gaps.argmin(1) + 1, 0)
-        return parts
 
     def _shares(self, scan: Scan, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How much of each track the scan could show (T, S) at places (T, S, 2) about where it is expected."""

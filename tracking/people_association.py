@@ -14,6 +14,11 @@ from tracking.people_tracks import BoolArray, IntArray, Tracks
 
 WIDE = 0.25  # metres, a cluster wider than that is both legs or a trunk
 FARTHEST_LEGS = 0.9  # metres between the legs of a stride
+TURN, TURNING = (
+    0.3,
+    0.05,
+)  # metres by which somebody who turns is off his way, and how likely that is from scan to scan
+FRESH = 1.5  # log-likelihood that what is where it was empty is a person who was near
 SECOND_LEG = 0.5  # log-likelihood that a second leg costs: people have two, clutter is everywhere
 
 
@@ -48,13 +53,18 @@ class Seen:
         return len(self.widths)
 
 
-def associate(tracks: Tracks, seen: Seen, config: PeopleConfig) -> tuple[IntArray, FloatArray]:
-    """Owners (K,) of the clusters, -1 without, and log-likelihood ratio owner : clutter of each (K,)."""
+def associate(
+    tracks: Tracks, seen: Seen, config: PeopleConfig, steady: bool = True
+) -> tuple[IntArray, FloatArray]:
+    """Owners (K,) of the clusters, -1 without, and log-likelihood ratio owner : clutter of each (K,).
+
+    steady : False where the frame of the tracks may have jumped: what was empty in it is not known.
+    """
     owners = np.full(len(seen), -1, dtype=np.int64)
     scores = np.zeros(len(seen))
     if not len(tracks) or not len(seen):
         return owners, scores
-    gains = _gains(tracks, seen, config)
+    gains = _gains(tracks, seen, config, steady)
     # Both slots of a person; the second leg has to be worth it.
     both = np.concatenate((gains, gains - SECOND_LEG))
     rows, columns = linear_sum_assignment(-np.maximum(both, 0.0))
@@ -66,7 +76,7 @@ def associate(tracks: Tracks, seen: Seen, config: PeopleConfig) -> tuple[IntArra
     return owners, scores
 
 
-def _gains(tracks: Tracks, seen: Seen, config: PeopleConfig) -> FloatArray:
+def _gains(tracks: Tracks, seen: Seen, config: PeopleConfig, steady: bool) -> FloatArray:
     """Log-likelihood ratio of cluster k coming from track t, (T, K); -inf outside the gate."""
     off = seen.places[None] - tracks.means[:, None, :2]
     noise = np.where(seen.widths > WIDE, config.body_noise, config.leg_noise) ** 2 + (0.01 * seen.ranges) ** 2
@@ -77,17 +87,24 @@ def _gains(tracks: Tracks, seen: Seen, config: PeopleConfig) -> FloatArray:
         - 2.0 * S[..., 0, 1] * off[..., 0] * off[..., 1]
         + S[..., 0, 0] * off[..., 1] ** 2
     ) / determinant
-    gains = -0.5 * square - 0.5 * np.log(determinant) - math.log(2.0 * math.pi * config.clutter)
+    gains = -0.5 * square - 0.5 * np.log(determinant)
+    # People turn on the spot, and are not where they were going.
+    turned = determinant + TURN**2 * (S[..., 0, 0] + S[..., 1, 1]) + TURN**4
+    distance = np.hypot(off[..., 0], off[..., 1])
+    off_way = (square * determinant + TURN**2 * distance**2) / turned
+    gains = np.maximum(gains, math.log(TURNING) - 0.5 * off_way - 0.5 * np.log(turned))
+    gains -= math.log(2.0 * math.pi * config.clutter)
     # A person who was seen where nothing stood does not become a piece of furniture.
     gains += 0.5 * np.clip(seen.shape, -3.0, 2.0)[None]
     gains -= 3.0 * np.maximum(0.0, seen.old[None] - tracks.oldness[:, None])
     # Who was hidden may come out anywhere near; strangers out of nowhere are rarer than pieces of furniture.
     hidden = (tracks.shown & (tracks.hidden > 0.25)).astype(float)
+    if steady:
+        gains += FRESH * (tracks.shown & (tracks.hidden <= 0.25))[:, None] * seen.fresh[None]
     gains += hidden[:, None] * (0.5 * np.clip(seen.shape, 0.0, 2.0) + 1.5 * seen.fresh + 0.5)[None]
     gains += 0.15 * np.clip(tracks.existence, -SURE_GAIN, SURE_GAIN)[:, None]
-    distance = np.hypot(off[..., 0], off[..., 1])
     reach = config.gate + (0.5 + hidden) * np.sqrt(np.trace(tracks.covariances[:, :2, :2], axis1=1, axis2=2))
-    gains[(distance > reach[:, None]) | (square > 16.0)] = -np.inf
+    gains[(distance > reach[:, None]) | (off_way > 16.0)] = -np.inf
     return np.asarray(gains)
 
 

@@ -18,15 +18,20 @@ FULL = 8  # returns with which a cluster shows its shape
 LAG = 1.5  # seconds over which walking shows
 COASTING = 0.35  # seconds after which somebody not seen is taken to be hidden
 STEPS, SWING = 0.8, 0.6  # seconds over which a walk is known, and m/s by which a leg swings off it
+SURPRISE, TURNED = (
+    6.0,
+    1.0,
+)  # square of standard deviations, and m/s by which who is that far off changed his way
 SLIDING = 0.25  # m/s, slower than that is not walking
 
 
 @dataclass(frozen=True)
 class Moment:
-    """stamp : of the scan, s. dt : since the last one, s."""
+    """stamp : of the scan, s. dt : since the last one, s. steady : whether the frame has held."""
 
     stamp: float
     dt: float
+    steady: bool = True
 
 
 def update(
@@ -55,7 +60,7 @@ def update(
             _miss(tracks, t, shares[t], places[t], 1.0 - math.exp(-rate))
             tracks.hidden[t] += dt
             continue
-        _correct(tracks, t, seen, mine, config)
+        _correct(tracks, t, seen, mine, config, moment)
         tracks.hidden[t] = 0.0
         tracks.last_seen[t] = moment.stamp
         gain = min(max(float(scores[mine].sum()), 0.2), 2.0)
@@ -92,7 +97,9 @@ def _miss(tracks: Tracks, t: int, shares: FloatArray, places: FloatArray, detect
     tracks.covariances[t] = 0.5 * (after + after.T)
 
 
-def _correct(tracks: Tracks, t: int, seen: Seen, mine: IntArray, config: PeopleConfig) -> None:
+def _correct(
+    tracks: Tracks, t: int, seen: Seen, mine: IntArray, config: PeopleConfig, moment: Moment
+) -> None:
     """Kalman update with the middle of both legs, a trunk, or one leg that is off the middle."""
     known = middle(tracks, t, seen, mine)
     place = seen.places[mine].mean(0) if known is None else known
@@ -101,8 +108,14 @@ def _correct(tracks: Tracks, t: int, seen: Seen, mine: IntArray, config: PeopleC
     noise = sigma**2 + (0.01 * seen.ranges[mine[0]]) ** 2
     P = tracks.covariances[t]
     S = P[:2, :2] + noise * np.eye(2)
+    off = place - tracks.means[t, :2]
+    if moment.steady and off @ np.linalg.solve(S, off) > SURPRISE:
+        # He turned, or stopped: the velocity was another one since the last scan.
+        dt = moment.dt
+        P = P + TURNED**2 * np.kron([[dt * dt, dt], [dt, 1.0]], np.eye(2))
+        S = P[:2, :2] + noise * np.eye(2)
     K = np.linalg.solve(S, P[:2, :]).T
-    tracks.means[t] = tracks.means[t] + K @ (place - tracks.means[t, :2])
+    tracks.means[t] = tracks.means[t] + K @ off
     P = P - K @ S @ K.T
     tracks.covariances[t] = 0.5 * (P + P.T)
 

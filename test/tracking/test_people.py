@@ -370,6 +370,18 @@ def test_round_people_are_found_at_once_and_kept_behind_pillars() -> None:
     assert np.mean(judged.errors) < 0.12
 
 
+def test_who_turns_round_at_full_speed_in_plain_view_is_not_lost() -> None:
+    tracker, found = PeopleTracker(), []
+    for k in range(60):
+        y = 1.2 - abs(0.12 * k - 2.4) if k < 40 else -1.2 + 0.12 * (k - 40)
+        targets = tracker.step(scan_of(with_leg(wall(), 3.0, y, 0.25), 0.1 * k), np.zeros(3), 0.1 * k)
+        if k >= 15:
+            assert len(targets) == 1
+            assert np.hypot(*(targets[0].mean[:2] - (3.0, y))) < 0.35
+            found.append(targets[0].label)
+    assert len(set(found)) == 1
+
+
 def test_the_recorded_person_is_followed() -> None:
     path = recording("people/person_following_outdoor_1.bag.zip")
     if path is None:
