@@ -92,19 +92,34 @@ def fit_group(points, spacing, start, background, targets, weights, sigma, motio
 
 
 @njit(cache=True)
-def explained(points, near, standing, motion, targets, claimed, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+def _worth_at(x, y, xy, ranges, worth, angle_min, step):  # type: ignore[no-untyped-def]
+    """Worth of the beam that saw what is at (x, y), or next to it."""
+    centre = beam_at(x, y, angle_min, step)
+    best, found = math.inf, 1.0
+    for j in range(max(centre - 2, 0), min(centre + 3, len(ranges))):
+        if ranges[j] < math.inf:
+            square = (x - xy[j, 0]) ** 2 + (y - xy[j, 1]) ** 2
+            if square < best:
+                best, found = square, worth[j]
+    return found
+
+
+@njit(cache=True)
+def explained(points, near, standing, motion, targets, claimed, xy, ranges, clear, worth, angle_min, step):  # type: ignore[no-untyped-def]
     """(points on b's outline, points where b saw through, targets hit) under `motion`.
 
-    A point that stood, `standing` (n,), and is out of view under `motion` speaks neither for nor against it.
+    A point that stood, `standing` (n,), and is out of view under `motion` speaks neither for nor against it. A point
+    counts as much as what the beam there saw is `worth` (B,).
     """
     c, s = math.cos(motion[2]), math.sin(motion[2])
-    on, through, hits = 0, 0, 0
+    on, through, hits = 0.0, 0, 0
     claimed[:] = False
     for i in range(len(points)):
         x = motion[0] + c * points[i, 0] - s * points[i, 1]
         y = motion[1] + s * points[i, 0] + c * points[i, 1]
         label, _ = sight(x, y, near[i], xy, ranges, clear, angle_min, step, TOUCHING)
-        on += label == AGREES
+        if label == AGREES:
+            on += _worth_at(x, y, xy, ranges, worth, angle_min, step)
         if standing[i] and label == UNSEEN:
             beam = beam_at(x, y, angle_min, step)
             on += beam < 0 or beam >= len(ranges)
@@ -132,6 +147,7 @@ def _slide(  # type: ignore[no-untyped-def]
     xy,
     ranges,
     clear,
+    worth,
     angle_min,
     step,
     start,
@@ -158,14 +174,14 @@ def _slide(  # type: ignore[no-untyped-def]
         trial[0] = background[0] + k * CELL * math.cos(angle)
         trial[1] = background[1] + k * CELL * math.sin(angle)
         on, through, hits = explained(
-            few, few_near, few_standing, trial, fresh, claimed, xy, ranges, clear, angle_min, step
+            few, few_near, few_standing, trial, fresh, claimed, xy, ranges, clear, worth, angle_min, step
         )
         score = stride * (on - through) + 0.7 * hits - DISTANCE_COST * abs(k) * CELL
         if score > best:
             best, chosen = score, k
             start[:] = trial
     on, through, hits = explained(
-        points, near, standing, start, fresh, claimed, xy, ranges, clear, angle_min, step
+        points, near, standing, start, fresh, claimed, xy, ranges, clear, worth, angle_min, step
     )
     return on - through + 0.7 * hits - DISTANCE_COST * abs(chosen) * CELL
 
@@ -173,7 +189,7 @@ def _slide(  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def best_motion(  # type: ignore[no-untyped-def]
     points, near, standing, spacing, background, targets, weights, fresh, reach, sigma, xy, ranges, clear,
-    angle_min, step, motion,
+    worth, angle_min, step, motion,
 ):  # fmt: skip
     """Write the motion that explains most and return how much: points on the outline, less those seen through."""
     c, s = math.cos(background[2]), math.sin(background[2])
@@ -197,8 +213,8 @@ def best_motion(  # type: ignore[no-untyped-def]
         else:
             # A flank slides along itself, which its end alone tells: every displacement along it gets as many votes.
             score = _slide(
-                moved, points, near, standing, background, fresh, claimed, reach, xy, ranges, clear, angle_min,
-                step, start,
+                moved, points, near, standing, background, fresh, claimed, reach, xy, ranges, clear, worth,
+                angle_min, step, start,
             )  # fmt: skip
             if score > best:
                 best = score
@@ -210,7 +226,7 @@ def best_motion(  # type: ignore[no-untyped-def]
         ):
             continue
         on, through, hits = explained(
-            points, near, standing, trial, fresh, claimed, xy, ranges, clear, angle_min, step
+            points, near, standing, trial, fresh, claimed, xy, ranges, clear, worth, angle_min, step
         )
         away = (
             math.hypot(trial[0] - background[0], trial[1] - background[1])

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from estimation.poses import inverse
 from registration.crf.beams import AGREES, CLEAR, FREE, Beams, nearness, sightings
@@ -25,6 +26,7 @@ TURN_SIGMA = 0.12  # radians a thing may be expected to turn between the scans
 ROUND = 0.6  # metres; what is smaller shows no rotation
 ROUND_SIGMA = 0.02  # radians it is then taken to turn
 MOST = 8  # objects
+BUSY = 0.25  # of a point, one that lies where something else stands
 WHOLE = 0.6  # of a piece, from which all that a motion explains of it moves with it
 
 
@@ -84,7 +86,7 @@ def _one_way(
     # What agrees with the background may be a mover in the place of another, or in its own.
     weights = np.where(new, 1.0, np.where(fresh == AGREES, 0.25, 0.5))
     near = np.maximum(2.0 * nearness(a, noise), 0.5 * a.spacing)
-    search = _Search(a, b, background, labels, new, weights, near, reach)
+    search = _Search(a, b, background, labels, new, weights, near, reach, _owners(a, b, background, fresh))
     waiting = [(groups == number, False) for number in np.unique(groups[groups >= 0])]
     tried: list[_Tried] = []
     found: list[Hypothesis] = []
@@ -105,6 +107,15 @@ def _one_way(
             if not best.rest and rest.sum() >= 4:
                 waiting = [(rest, True)]
     return found
+
+
+def _owners(a: Beams, b: Beams, background: Array, fresh: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) point of a that each point of b is where it agrees with the background, else -1."""
+    owners = np.full(len(b), -1, dtype=np.int64)
+    agrees = np.flatnonzero(fresh == AGREES)
+    if len(agrees) and len(a):
+        owners[agrees] = cKDTree(a.points).query(_moved(b.points[agrees], inverse(background)))[1]
+    return owners
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +143,7 @@ class _Search:
     weights: Array
     near: Array
     reach: float
+    owners: NDArray[np.int64]
 
     def tried(self, members: NDArray[np.bool_], taken: NDArray[np.bool_], rest: bool) -> _Tried | None:
         """The best motion of a group (n,) to what is not `taken` (m,); None where it stands."""
@@ -140,7 +152,7 @@ class _Search:
         for part in _parts(members, self.labels):
             other = _of_group(
                 self.a, self.b, self.background, self.labels, part, self.new, self.weights, taken, self.near,
-                self.reach,
+                self.reach, self._worth(part),
             )  # fmt: skip
             if other is not None and (hypothesis is None or other.gain > hypothesis.gain + 1.0):
                 hypothesis = other
@@ -151,6 +163,16 @@ class _Search:
         if hypothesis.matched:
             _claim(self.a, self.b, hypothesis, self.near, self.new & ~taken, claims)
         return _Tried(members, hypothesis, claims, rest)
+
+    def _worth(self, members: NDArray[np.bool_]) -> Array:
+        """(B,) what it says for a motion of the members (n,) that it takes one to where each beam of b ended.
+
+        Little where that is something else that stands.
+        """
+        worth = np.ones(len(self.b.ranges))
+        busy = (self.owners >= 0) & ~members[np.maximum(self.owners, 0)]
+        worth[self.b.beams] = np.where(busy, BUSY, 1.0)
+        return worth
 
 
 def _came_from(
@@ -262,7 +284,7 @@ def _claim(
     explained(
         a.points[members], near[members], np.zeros(int(members.sum()), dtype=bool), hypothesis.motion,
         np.ascontiguousarray(b.points[free]), claimed,
-        b.xy, b.ranges, b.clear, b.angle_min, b.step,
+        b.xy, b.ranges, b.clear, np.ones(len(b.ranges)), b.angle_min, b.step,
     )  # fmt: skip
     claims[free[claimed]] = True
 
@@ -270,6 +292,7 @@ def _claim(
 def _of_group(
     a: Beams, b: Beams, background: Array, labels: NDArray[np.int64], members: NDArray[np.bool_],
     new: NDArray[np.bool_], weights: Array, taken: NDArray[np.bool_], near: Array, reach: float,
+    worth: Array,
 ) -> Hypothesis | None:  # fmt: skip
     """The best motion of one group, None where it stands."""
     count = int(members.sum())
@@ -291,14 +314,12 @@ def _of_group(
     if len(targets) >= 3:
         best = best_motion(
             points, near[members], labels[members] == AGREES, a.spacing[members], background, targets,
-            weights[usable], fresh, reach, sigma, b.xy, b.ranges, b.clear, b.angle_min, b.step, motion,
+            weights[usable], fresh, reach, sigma, b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, motion,
         )  # fmt: skip
     gain = best - stay
     shift = float(np.hypot(*(_moved(points, motion) - _moved(points, background)).mean(axis=0)))
     changed = int(np.sum(labels[members] != AGREES))
     enough = best >= max(3.0, 0.4 * count) and gain >= max(3.0, min(0.25 * count, 0.6 * changed))
-    # Where most of it stands as well as it moves, little gain is chance.
-    enough = enough and (count - changed <= 0.3 * count or gain >= 0.2 * count)
     if enough and (free >= 2 or best > 0.7 * count):
         if shift < 0.04:
             return None
