@@ -15,7 +15,7 @@ from registration.scan import Scan
 from registration.submap import RADIUS, Glance, Submap, fuse, glance
 
 MOST = 24  # scans in one direction from the anchor: a robot that turns on the spot keeps many
-CACHED = 400  # local maps kept for the next who asks
+CACHED = 100  # local maps kept for the next who asks; few are asked for again later than that
 
 
 @dataclass(frozen=True, eq=False)
