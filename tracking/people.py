@@ -39,6 +39,7 @@ from tracking.target import Target
 LARGEST = 0.9  # metres, a cluster wider than that is no person
 LEAST_JUMP = 0.05  # metres, or twice the radians, that a pose must change by to have jumped
 DOUBLE, DOUBLED = 0.55, 0.5  # metres and seconds for which two with a leg each are taken for two
+APART = 0.5  # how much less a scan in which they may be two tells: legs that pass each other have different speeds
 STRIDE, ABREAST = 0.9, 0.3  # metres between the legs of a long stride, and off the way they walk
 SAME = 0.4  # metres, two potential people closer than that are one
 WELL_LOCATED = 1.0  # m; an estimate farther off says no more than that there is somebody
@@ -266,7 +267,7 @@ class PeopleTracker:
                     younger = b if _older(tracks, a) > _older(tracks, b) else a
                     tracks.doubled[younger] += dt
                     alone[younger] = False
-        tracks.doubled[alone & (legs > 0)] = np.maximum(tracks.doubled[alone & (legs > 0)] - dt, 0.0)
+        tracks.doubled[alone & (legs > 0)] = np.maximum(tracks.doubled[alone & (legs > 0)] - APART * dt, 0.0)
 
     def _start(self, seen: Seen, owners: IntArray, moment: Moment) -> None:
         """New potential people from clusters that are nobody's, two near ones being one person."""
@@ -392,7 +393,7 @@ def _one_leg_each(tracks: Tracks, a: int, b: int) -> bool:
     gap, relative = math.hypot(apart[0], apart[1]), math.hypot(apart[2], apart[3])
     if gap < DOUBLE and relative < 1.2:
         return True
-    if gap > STRIDE or (tracks.public[a] >= 0 and tracks.public[b] >= 0):
+    if gap > STRIDE:
         return False
     way = 0.5 * (tracks.means[a, 2:] + tracks.means[b, 2:])
     speed = math.hypot(way[0], way[1])

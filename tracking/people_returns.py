@@ -16,6 +16,8 @@ from tracking.people_tracks import SURE, BoolArray, IntArray, Tracks
 GONE_FOR = 0.25  # seconds without being seen from which somebody may come out elsewhere
 LEAST_LOOKS = 0.15  # seconds that something must have been seen
 ROAMING = 0.6  # m/s by which the places somebody may have gone to widen
+TURNS = 0.4  # share of those out of sight for a while who turned
+STAYING = 6.0  # seconds for which people stay about on average
 STRANGERS = 1.0  # 1/m², things that appear where somebody has just vanished, and are not him
 FARTHEST = 1.6  # m/s, nobody comes out farther away than that
 
@@ -38,18 +40,32 @@ def come_back(tracks: Tracks) -> BoolArray:
 
 def _scores(tracks: Tracks, hidden: IntArray, young: IntArray) -> FloatArray:
     """Log-odds (H, Y) that what has appeared is the hidden one."""
-    off = tracks.means[young][None, :, :2] - tracks.means[hidden][:, None, :2]
     time = tracks.hidden[hidden]
-    P = tracks.covariances[hidden][:, :2, :2] + (0.3**2 + (ROAMING * time) ** 2)[:, None, None] * np.eye(2)
-    square = np.einsum("hyi,hij,hyj->hy", off, np.linalg.inv(P), off)
-    density = -0.5 * square - 0.5 * np.log(np.linalg.det(P))[:, None] - math.log(2.0 * math.pi)
-    there = np.log(tracks.exists[hidden])[:, None]
+    roaming = (0.3**2 + (ROAMING * time) ** 2)[:, None, None] * np.eye(2)
+    off, ahead = _density(
+        tracks.means[hidden, :2], tracks.covariances[hidden][:, :2, :2] + roaming, tracks, young
+    )
+    # Or he turned behind what hides him, and comes out about where he went in.
+    away, back = _density(tracks.spots[hidden], roaming, tracks, young)
+    density = np.logaddexp(math.log(1.0 - TURNS) + ahead, math.log(TURNS) + back)
+    # That he is not where he was expected does not say that he is gone.
+    there = np.maximum(np.log(tracks.exists[hidden]), -time / STAYING)[:, None]
     scores = density + there - math.log(STRANGERS) + tracks.evidence()[young][None]
     scores -= 3.0 * np.maximum(0.0, tracks.oldness[young][None] - tracks.oldness[hidden][:, None])
     # What was there while he was still in view is not he.
     scores[tracks.age[young][None] > time[:, None] + 0.3] = -np.inf
-    scores[np.hypot(off[..., 0], off[..., 1]) > 0.7 + FARTHEST * time[:, None]] = -np.inf
+    scores[np.minimum(off, away) > 0.7 + FARTHEST * time[:, None]] = -np.inf
     return np.asarray(scores)
+
+
+def _density(
+    places: FloatArray, covariances: FloatArray, tracks: Tracks, young: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Distance, m, and logarithm of the density, 1/m², of what has appeared about some places; (H, Y) each."""
+    off = tracks.means[young][None, :, :2] - places[:, None]
+    square = np.einsum("hyi,hij,hyj->hy", off, np.linalg.inv(covariances), off)
+    density = -0.5 * square - 0.5 * np.log(np.linalg.det(covariances))[:, None] - math.log(2.0 * math.pi)
+    return np.asarray(np.hypot(off[..., 0], off[..., 1])), np.asarray(density)
 
 
 def _take(tracks: Tracks, person: int, thing: int) -> None:
@@ -66,6 +82,7 @@ def _take(tracks: Tracks, person: int, thing: int) -> None:
         "walking",
         "cruises",
         "bodies",
+        "spots",
     ):
         getattr(tracks, name)[person] = getattr(tracks, name)[thing]
     tracks.existence[person] = min(max(tracks.existence[person], 0.0) + tracks.existence[thing], SURE)

@@ -30,7 +30,7 @@ class Tracks:
     hidden : seconds since it was seen. doubled : seconds for which it and a neighbour had one leg each.
     walking : the same from having walked just now, which fades.
     bodies (T, 3) : half the width and the depth of one round body, m, and how much of the time it is one.
-    cruises (T, 2) : velocity over the last steps, m/s.
+    cruises (T, 2) : velocity over the last steps, m/s. spots (T, 2) : where it was when it was last seen, m.
     trails (T, TRAIL, 2) : where it was in the last half second, the newest last, nan before it was there.
     public : label once reported, -1 before. shown : whether it is reported now.
     """
@@ -57,6 +57,7 @@ class Tracks:
     walking: FloatArray
     bodies: FloatArray
     cruises: FloatArray
+    spots: FloatArray
 
     def __len__(self) -> int:
         return len(self.names)
@@ -88,6 +89,7 @@ class Tracks:
             np.zeros(n),
             np.zeros((n, 3)),
             np.zeros((n, 2)),
+            means[:, :2].copy(),
         )
 
     @classmethod
@@ -136,6 +138,7 @@ class Tracks:
         self.means[:, 2:] = self.means[:, 2:] @ turn
         self.cruises[:] = self.cruises @ turn
         self.origins[:] = self.origins @ turn + motion[:2]
+        self.spots[:] = self.spots @ turn + motion[:2]
         self.trails[:] = self.trails @ turn + motion[:2]
         both = np.kron(np.eye(2), turn.T)
         self.covariances[:] = both @ self.covariances @ both.T

@@ -62,6 +62,7 @@ def update(
             continue
         _correct(tracks, t, seen, mine, config, moment)
         tracks.hidden[t] = 0.0
+        tracks.spots[t] = tracks.means[t, :2]
         tracks.last_seen[t] = moment.stamp
         gain = min(max(float(scores[mine].sum()), 0.2), 2.0)
         tracks.existence[t] = min(tracks.existence[t] + gain, SURE)

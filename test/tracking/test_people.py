@@ -293,6 +293,27 @@ def test_who_was_hidden_is_found_where_he_comes_out() -> None:
     assert np.allclose(tracks.means[1, :2], [5.0, 5.0])
 
 
+def test_who_turned_behind_a_screen_is_found_where_he_went_in() -> None:
+    # Hidden for 2 s, expected 3 m on; somebody who walks comes out near where he went in.
+    tracks = standing([(3, 0), (0.3, 0.4)], [2.0, 0.0], [3, -1])
+    tracks.spots[0], tracks.walking[1], tracks.shape[1] = (0.0, 0.0), 4.0, 1.5
+    assert come_back(tracks).tolist() == [False, True]
+    assert np.allclose(tracks.means[0, :2], [0.3, 0.4])
+    assert np.allclose(tracks.spots[0], tracks.spots[1])
+
+
+def test_two_known_legs_of_one_walker_become_one_person() -> None:
+    tracker, labels = PeopleTracker(), []
+    tracker.tracks = standing([(3.0, -1.0), (3.0, -1.35)], [0.0, 0.0], [7, 8])
+    tracker.tracks.shown[:], tracker.tracks.motion[:], tracker.tracks.means[:, 3] = True, 8.0, 0.5
+    for k in range(25):
+        # Legs take turns to swing, up to 0.6 m apart; 0.5 m/s.
+        y, swing = -1.0 + 0.05 * k, 0.3 * np.sin(0.3 * k)
+        ranges = with_leg(with_leg(wall(), 2.9, y - swing), 3.1, y + swing)
+        labels.append([t.label for t in tracker.step(scan_of(ranges, 0.1 * k), np.zeros(3), 0.1 * k)])
+    assert labels[-1] == [7]
+
+
 def test_a_hidden_person_is_reported_while_the_estimate_says_where() -> None:
     def reported(located: float) -> list[int]:
         tracker = PeopleTracker(PeopleConfig(located=located))
