@@ -8,7 +8,6 @@ is a hypothesis of its own.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +17,12 @@ from world_model.behaviors import motion_table
 from world_model.branching import begin, join, realise, settle
 from world_model.clusters import Cluster, Track, combined, lonely
 from world_model.config import WorldModelConfig
+from world_model.corrections import Corrections
 from world_model.evidence import Measurements
 from world_model.expansion import expand, unify
 from world_model.gating import touch, weigh
-from world_model.grouping import THRESHOLD, Grouping
-from world_model.kernels import SETTLED_HITS
+from world_model.grouping import THRESHOLD
+from world_model.hindsight import Hindsight
 from world_model.leaves import IntArray, Pool
 from world_model.look import Look
 from world_model.occlusion import hide
@@ -40,7 +40,7 @@ COMPANY = 10.0
 """How many they are then, mean."""
 
 
-class Anchoring(Grouping):
+class Anchoring(Corrections):
     """All anchors and hypotheses. `shown` : believed objects of the most probable world, by track number."""
 
     def __init__(self, config: WorldModelConfig) -> None:
@@ -56,6 +56,7 @@ class Anchoring(Grouping):
         self._detector = np.array([detection, self.persistence, config.rate_hz, config.removed_per_second])
         self.unseen = Unseen(config)
         self.touching = Touching(detection)
+        self.hindsight = Hindsight()
         self.bias = SensorBias(np.array(config.sensor_bias, dtype=float), config.learn_sensor_bias)
         self.reset()
 
@@ -76,6 +77,7 @@ class Anchoring(Grouping):
         self.unseen.reset()
         self.touching.reset()
         self.bias.reset()
+        self.hindsight.reset()
 
     def learn_value(self, name: str, value: str) -> None:
         """A new value of an attribute whose values are not fixed."""
@@ -88,7 +90,7 @@ class Anchoring(Grouping):
         """Take a look in that was made `lag` seconds before `stamp`; returns the id per detection."""
         self._stamp = stamp
         self._lead(stamp)
-        raw, measured = measured, self._unbiased(measured)
+        raw, measured = measured, self._unbiased(measured, stamp - lag)
         measured, verified = self._verified(measured, stamp, lag)
         look = self._weighed(measured, stamp, lag, set(verified.values()))
         self.pool.leaves.said[:] = -1
@@ -119,35 +121,11 @@ class Anchoring(Grouping):
             owners.insert(index, number)
         if raw is not measured:
             self._learn_bias(raw, owners)
-        return tuple(self._symbol(track) for track in owners)
-
-    def _unbiased(self, measured: Measurements) -> Measurements:
-        """Detections without the errors that the sensor is known to have; those of a resting sensor as they are."""
-        if measured.sensor is None or not self.bias.follow(measured.sensor.pose):
-            return measured
-        return replace(measured, positions=self.bias.corrected(measured.positions, measured.sensor.pose))
-
-    def _learn_bias(self, raw: Measurements, owners: list[int]) -> None:
-        """Take in what settled objects say about the sensor, and move them when it turns out to be off."""
-        leaves, used, slots = self.pool.leaves, [], []
-        for j, number in enumerate(owners):
-            slot = self._best_leaf(self.tracks[number]) if number in self.tracks else -1
-            if slot >= 0 and leaves.hits[slot] >= SETTLED_HITS and self._rests(slot):
-                used.append(j)
-                slots.append(slot)
-        if raw.sensor is not None and used:
-            numbers = [owners[j] for j in used]
-            self.bias.add(
-                numbers, leaves.rest[slots], raw.positions[used], raw.covariances[used], raw.sensor.pose
-            )
-        self.bias.keep_only(set(self.tracks))
-        solved = self.bias.solve()
-        if solved is None:
-            return
-        for number, shift in zip(*solved, strict=True):
-            of = self._leaves_of(self.tracks[number])
-            leaves.rest[of, :2] += shift
-            leaves.moving[of, :2] += shift
+        symbols = tuple(self._symbol(track) for track in owners)
+        if self.config.learn_sensor_bias:
+            likelihood = self.vocabulary.likelihoods(raw.attributes)
+            self.hindsight.add(raw, likelihood, stamp - lag, owners, symbols)
+        return symbols
 
     def _verified(
         self, measured: Measurements, stamp: float, lag: float
@@ -323,9 +301,9 @@ class Anchoring(Grouping):
             of[j] = number
         return numbers.tolist()
 
-    @staticmethod
-    def _track(number: int, look: Look, j: int) -> Track:
-        return Track(number, number, born=float(look.born[j]), unwatched=float(look.gap[j]))
+    def _track(self, number: int, look: Look, j: int) -> Track:
+        late = float(self.unseen.late[j])
+        return Track(number, number, born=float(look.born[j]), late=late, unwatched=float(look.gap[j]))
 
     def _expect_company(self, look: Look, which: IntArray) -> None:
         """Far more unexplained detections than clutter ever makes are new objects that came together."""

@@ -84,7 +84,7 @@ class Beliefs(Guidance):
             return
         if not track.recognised:
             track.recognised = True
-            self.unseen.found += 1.0
+            self.unseen.count_found(track.late)
             self._fresh.append(track.number)
             return
         if track.id is None:

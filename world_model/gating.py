@@ -17,6 +17,7 @@ from world_model.kernels import (
     seen_probability,
 )
 
+RECENT = 0.5  # s: a sensor does not move far in this time
 OUT_OF_GATE = -60.0  # log density below which a detection is of something else
 
 
@@ -31,6 +32,7 @@ def touch(  # type: ignore[no-untyped-def]
     the probability that being there would have meant being in view; returns how many.
     """
     count = 0
+    wider = sensor.copy()
     for k in range(active.size):
         i = active[k]
         pi = leaves.behavior[i]
@@ -55,9 +57,13 @@ def touch(  # type: ignore[no-untyped-def]
         if not silent:
             view = 1.0
             if known:
-                inside = min(clearance(x, sensor, False), clearance(x, sensor, True))
                 # What has settled must be surely inside: a wrong look would be repeated.
                 margin = 3.0 if leaves.hits[i] >= SETTLED_HITS else 1.5
+                # Of what was seen just now it is known that the sensor reaches so far.
+                wider[5] = sensor[5]
+                if leaves.hits[i] < SETTLED_HITS and stamp - leaves.last[i] < RECENT:
+                    wider[5] += margin * sigma + 0.06
+                inside = min(clearance(x, wider, False), clearance(x, wider, True))
                 view = min(max((inside - margin * sigma - 0.01) / 0.05, 0.0), 1.0)
         # What may begin to move while it is looked for is found a little farther away.
         reach = 6.0 * sigma + (0.0 if moves else motion[row, 3] * min(dt, 0.5) * 3.0)

@@ -11,10 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.leaves import IntArray
+from world_model.drift import Drift
+from world_model.evidence import Measurements
+from world_model.leaves import IntArray, Leaves
 
 PRIOR = np.array([0.1, 0.05, 1.0, 0.02])
 """Standard deviations of offset (m), scale, depth and turn (rad) before anything is known."""
+TAKEN = 0.1
+"""The same, of these, once everything that was seen has been explained."""
 PARALLAX = 0.5
 """m: a sensor that has not moved farther than this cannot tell its errors from the objects' places."""
 EVERY = 5
@@ -27,6 +31,8 @@ SIGNIFICANT = 40.0
 """What a sensor without errors stays below: squared length of the estimate in its standard deviations, (4 expected)."""
 FORGOTTEN = 1e-3
 """1/m²: sums with less weight have faded away."""
+SHARED = [0, 3]
+"""Columns of `basis` that are a common error of range and turn."""
 OUTLIER = 16.0
 """Squared Mahalanobis distance from which a detection is no witness."""
 
@@ -62,6 +68,8 @@ class SensorBias:
     def reset(self) -> None:
         """Nothing is known but the calibration."""
         self.values: FloatArray = self.known.copy()
+        self.base: FloatArray = self.known.copy()
+        self.prior: FloatArray = PRIOR
         self.moved = False
         self.significant = False
         self._start: FloatArray | None = None
@@ -72,6 +80,7 @@ class SensorBias:
         self._normal: FloatArray = np.zeros((4, 4))
         self._right: FloatArray = np.zeros(4)
         self._looks = 0
+        self.drift = Drift()
 
     def follow(self, pose: FloatArray) -> bool:
         """Whether there is something to correct: errors are known, or the sensor has moved far enough to learn."""
@@ -84,6 +93,32 @@ class SensorBias:
         """Positions (M, 3) without the errors known so far."""
         result = positions.copy()
         result[:, :2] -= basis(positions, pose) @ self.values
+        return result
+
+    def aligned(
+        self,
+        positions: FloatArray,
+        measured: Measurements,
+        leaves: Leaves,
+        slots: IntArray,
+        likelihood: FloatArray,
+        blocks: IntArray,
+        stamp: float,
+    ) -> FloatArray:
+        """Corrected positions (M, 3) without the error that all of them share, by the resting leaves `slots`."""
+        assert measured.sensor is not None
+        self.drift.predict(stamp)
+        J = basis(positions, measured.sensor.pose)[:, :, SHARED]
+        apart = positions[:, None, :2] - leaves.rest[slots, :2]
+        covariances = measured.covariances[:, None, :2, :2] + leaves.rest_cov[slots, :2, :2]
+        likely = np.zeros(apart.shape[:2])
+        for begin, end in blocks.tolist():
+            if end > begin:
+                likely -= 2.0 * np.log(
+                    likelihood[:, begin:end] @ leaves.attributes[slots, begin:end].T + 1e-9
+                )
+        result = positions.copy()
+        result[:, :2] -= J @ self.drift.align(apart, J, covariances, likely)
         return result
 
     def add(
@@ -100,7 +135,11 @@ class SensorBias:
         J = basis(places, pose)
         W = np.linalg.inv(covariances[:, :2, :2])
         apart = positions[:, :2] - J @ self.values - places[:, :2]
-        good = np.einsum("ni,nij,nj->n", apart, W, apart) < OUTLIER
+        shared = J[:, :, SHARED]
+        left = apart - shared @ self.drift.values
+        good = np.einsum("ni,nij,nj->n", left, W, left) < OUTLIER
+        if self.moved and good.any():
+            self.drift.learn(apart[good], shared[good], covariances[good][:, :2, :2])
         parts = zip(tracks, J, W, positions[:, :2], places[:, :2], good.tolist(), strict=True)
         for track, J_k, W_k, z, place, fits in parts:
             if not fits:
@@ -114,6 +153,15 @@ class SensorBias:
             self._place[row] += W_k @ z
             self._normal += J_k.T @ weighted
             self._right += weighted.T @ z
+
+    def take(self, values: FloatArray, shared: FloatArray) -> None:
+        """Start anew from constant errors (4,) and a shared one (2,) that explain all that was seen."""
+        self.values, self.prior, self.significant = values.copy(), TAKEN * PRIOR, True
+        self.base = values.copy()
+        self.drift.values = shared.copy()
+        self._rows.clear()
+        for sums in (self._weight, self._mixed, self._place, self._normal, self._right):
+            sums[:] = 0.0
 
     def _row(self, track: int) -> int:
         row = self._rows.get(track)
@@ -177,10 +225,10 @@ class SensorBias:
         rows = np.arange(count)
         normal, right = self._eliminated(rows)
         before = self.values
-        prior = 1.0 / PRIOR**2
-        left, ahead = self._normal + normal + np.diag(prior), self._right + right + prior * self.known
+        prior = 1.0 / self.prior**2
+        left, ahead = self._normal + normal + np.diag(prior), self._right + right + prior * self.base
         solved = np.asarray(np.linalg.solve(left, ahead), dtype=np.float64)
-        apart = solved - self.known
+        apart = solved - self.base
         if self.significant or apart @ left @ apart > SIGNIFICANT:
             self.significant, self.values = True, solved
         shifts: FloatArray = -np.linalg.solve(self._weight[:count], self._mixed[:count]) @ (

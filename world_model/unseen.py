@@ -14,7 +14,7 @@ from world_model.config import WorldModelConfig
 from world_model.evidence import Sensor
 from world_model.kernels import clearance
 
-MOST_CELLS = 32
+MOST_CELLS = 96
 SMALLEST_CELL = 0.25
 SAMPLES = 4  # per axis, in cells that the edge of the view crosses
 PADDING = 0.5  # m beyond the detections so far: what the detector may report
@@ -22,7 +22,9 @@ ENOUGH = 50  # detections that show where a detector reports anything at all
 
 
 class Unseen:
-    """Expected undetected objects per cell (nx, ny) and when each was last looked at (s)."""
+    """Expected undetected objects per cell (nx, ny), of those that were there at first and of those that arrived since,
+    and when each cell was last looked at (s). late (M,) : probability of each detection of the last look, if it is of
+    such an object, that this came later."""
 
     def __init__(self, config: WorldModelConfig) -> None:
         self.region = np.array(config.region, dtype=float)
@@ -41,13 +43,15 @@ class Unseen:
         """As before the first look."""
         shape = self.centres.shape[:2]
         self.expected: FloatArray = np.full(shape, self.config.initial_objects / (shape[0] * shape[1]))
+        self.arrived: FloatArray = np.zeros(shape)
+        self.late: FloatArray = np.zeros(0)
         self.looked: FloatArray = np.full(shape, -np.inf)
         self.stamp: float | None = None
         self.box: FloatArray | None = None
         self.volume = 1.0
         self.count = 0
-        self.found = 0.0
-        self.exposure = 0.0
+        self.found: FloatArray = np.zeros(2)
+        self.exposure: FloatArray = np.zeros(2)
         self.awaited = 0.0
 
     def _grow_box(self, positions: FloatArray, spread: FloatArray) -> None:
@@ -80,7 +84,9 @@ class Unseen:
         self.stamp = stamp if self.stamp is None else max(stamp, self.stamp)
         self._grow_box(positions, spread)
         arrivals = config.new_objects_per_second * elapsed / self.expected.size
-        self.expected = self.expected * np.exp(-config.removed_per_second * elapsed) + arrivals
+        left = np.exp(-config.removed_per_second * elapsed)
+        self.expected = self.expected * left
+        self.arrived = self.arrived * left + arrivals
         height = float(self.region[2, 1] - self.region[2, 0])
         area = float(np.prod(self.size))
         surface = area * self.expected.size
@@ -92,21 +98,33 @@ class Unseen:
         seen = area * float(view.sum())
         volume = max(min(surface, seen) if seen > 0.0 else surface, area) * height
         cells = self.cells(positions)
-        density = self.scale * self.expected[cells] / (area * height)
+        scale = self.scale
+        early, late = scale[0] * self.expected[cells], scale[1] * self.arrived[cells]
+        density = (early + late) / (area * height)
+        self.late = late / np.maximum(early + late, 1e-300)
         gap = np.maximum(stamp - self.looked[cells], elapsed)
         self.volume = area * self.expected.size * height
-        awaited = config.detection_probability * float((view * self.expected).sum())
-        self.awaited = self.scale * awaited
+        seen_here = [float((view * grid).sum()) for grid in (self.expected, self.arrived)]
+        awaited = config.detection_probability * np.array(seen_here)
+        self.awaited = float(scale @ awaited)
         if not silent:
             self.exposure += awaited
-            self.expected *= 1.0 - config.detection_probability * view
+            missed = 1.0 - config.detection_probability * view
+            self.expected *= missed
+            self.arrived *= missed
             self.looked[view > 0.5] = stamp
         return density, gap, config.clutter_per_frame / volume
 
     @property
-    def scale(self) -> float:
-        """How many times more objects were found than expected: a Gamma prior on their density, of weight 1."""
-        return max((1.0 + self.found) / (1.0 + self.exposure), 1.0)
+    def scale(self) -> FloatArray:
+        """How many times more objects were found than expected of those that were there at first, and of those that
+        came: Gamma priors on their densities, of weight 1, (2,)."""
+        result: FloatArray = np.maximum((1.0 + self.found) / (1.0 + self.exposure), 1.0)
+        return result
+
+    def count_found(self, late: float) -> None:
+        """One object more is believed in, which came later with probability `late`."""
+        self.found += (1.0 - late, late)
 
     def cells(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Indices of the cells of positions (M, 3), the nearest where outside."""
@@ -135,6 +153,8 @@ def cells_in_view(centres, size, sensor):  # type: ignore[no-untyped-def]
     for a in range(centres.shape[0]):
         for b in range(centres.shape[1]):
             point[0], point[1] = centres[a, b, 0], centres[a, b, 1]
+            if max(abs(point[0] - sensor[0]), abs(point[1] - sensor[1])) > sensor[5] + reach:
+                continue
             inside = clearance(point, sensor, True)
             if abs(inside) >= reach:
                 out[a, b] = 1.0 if inside > 0.0 else 0.0

@@ -83,6 +83,18 @@ class WorldModel:
         associations = self._anchors.look(measured, self.stamp, lag)
         return self._recorded(self._state(associations))
 
+    def look_back(self) -> list[tuple[float, tuple[str | None, ...]]]:
+        """Correct earlier conclusions: stamp and object of each detection, per look, as all that was seen since says.
+
+        With `learn_sensor_bias`, of the last looks in which a sensor with a pose had detections; all of them are
+        explained together (`revision`), which takes as long as hundreds of updates. Places of resting objects and the
+        errors of the sensor follow.
+        """
+        corrected = self._anchors.look_back()
+        if corrected:
+            self._recorded(self._state())
+        return corrected
+
     def usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
         """Evidence without the detections that speak of classes or attributes nobody knows, and why, by index.
 

@@ -10,28 +10,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from whereabouts.experiments.anchoring_scenes import ALL_ROUND, HARD, ROOM, known
 from whereabouts.simulation.objects import ObjectScene, Seen, Thing, scattered
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
-
-ROOM = ((-2.5, 2.5), (-2.5, 2.5), (0.0, 1.5))
-ALL_ROUND: dict[str, Any] = {"pose": (-3.0, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0 * np.pi}
-HARD: dict[str, Any] = {"detection": 0.6, "clutter": 3.0}
-
-
-def known(scene: ObjectScene, **more: Any) -> WorldModelConfig:
-    """What a deployment may know about a scene."""
-    return WorldModelConfig(
-        classes=scene.classes,
-        colors=scene.colors,
-        region=scene.region,  # type: ignore[arg-type]
-        rate_hz=scene.rate,
-        detection_probability=scene.detection,
-        clutter_per_frame=scene.clutter,
-        measurement_sigma=scene.sigma,
-        class_accuracy=scene.accuracy,
-        missed_run_frames=scene.missed_run,
-        **more,
-    )
 
 
 @dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,10 +21,12 @@ NEAR = 2.0
 
 @dataclass(frozen=True)
 class LandmarkRun:
-    """right : share of landmark detections whose object is of that landmark; each object stands for one."""
+    """right : share of landmark detections whose object is of that landmark, as said at once; each object stands for
+    one. corrected : the same of what is said in the end of all of them."""
 
     detections: int
     right: float
+    corrected: float
     landmarks: int
 
 
@@ -44,6 +47,7 @@ def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.05, 0
     )
     model = WorldModel(config)
     pairs: Counter[tuple[int, str | None]] = Counter()
+    given: list[list[int]] = []
     for seen in mrclam.sightings(folder, robot):
         evidence, subjects = [], []
         turn = np.array(
@@ -60,15 +64,29 @@ def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.05, 0
             subjects.append(int(subject))
         sensor = {"pose": (*seen.pose[:2], 0.0, seen.pose[2]), "range": 6.0, "angle": 1.1}
         state = model.update(WorldEvidence(evidence, sensor), seen.stamp)
-        for subject, name in zip(subjects, state.associations, strict=True):
-            if subject >= mrclam.FIRST_LANDMARK:
-                pairs[subject, name] += 1
+        if subjects:
+            given.append(subjects)
+        pairs.update(_of_landmarks(subjects, state.associations))
+    after: Counter[tuple[int, str | None]] = Counter()
+    for subjects, (_, names) in zip(given, model.look_back(), strict=True):
+        after.update(_of_landmarks(subjects, names))
+    return LandmarkRun(pairs.total(), _right(pairs), _right(after), len({subject for subject, _ in pairs}))
+
+
+def _of_landmarks(subjects: Sequence[int], names: Sequence[str | None]) -> list[tuple[int, str | None]]:
+    pairs = zip(subjects, names, strict=True)
+    return [(subject, name) for subject, name in pairs if subject >= mrclam.FIRST_LANDMARK]
+
+
+def _right(pairs: Counter[tuple[int, str | None]]) -> float:
+    """Share of detections whose object stands for their landmark, that of most of the object's."""
     stands_for: dict[str, int] = {}
     for (subject, name), _ in pairs.most_common():
         if name is not None:
             stands_for.setdefault(name, subject)
-    right = sum(n for (subject, name), n in pairs.items() if name and stands_for[name] == subject)
-    return LandmarkRun(pairs.total(), right / pairs.total(), len({subject for subject, _ in pairs}))
+    return (
+        sum(n for (subject, name), n in pairs.items() if name and stands_for[name] == subject) / pairs.total()
+    )
 
 
 def detections(frame: kitti.Frame, rng: np.random.Generator) -> np.ndarray:

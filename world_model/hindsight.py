@@ -1,0 +1,112 @@
+"""What was seen, kept so that later evidence can correct which object it was (`revision`)."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.evidence import Measurements
+from world_model.leaves import IntArray, Leaves
+from world_model.revision import Explanation, Sightings, explain, wrapped
+
+MOST_LOOKS = 4000
+"""Older looks are forgotten: what they said is in the places of objects."""
+
+
+@dataclass
+class Look:
+    """stamp, s; pose (4,); seen, sigma (M, 2) : range and bearing; likelihood (M, A); owners (M,) : numbers of
+    tracks; symbols (M,) : what was said of each detection then."""
+
+    stamp: float
+    pose: FloatArray
+    seen: FloatArray
+    sigma: FloatArray
+    likelihood: FloatArray
+    owners: list[int]
+    symbols: tuple[str | None, ...]
+
+
+def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing of detections (M, 2) and their standard deviations."""
+    assert measured.sensor is not None
+    pose = measured.sensor.pose
+    off = measured.positions[:, :2] - pose[:2]
+    distance = np.maximum(np.hypot(off[:, 0], off[:, 1]), 1e-3)
+    along = off / distance[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], -1)
+    spread = measured.covariances[:, :2, :2]
+    sigma = [np.sqrt(np.einsum("ni,nij,nj->n", line, spread, line)) for line in (along, across)]
+    bearing = wrapped(np.arctan2(off[:, 1], off[:, 0]) - pose[3])
+    return np.stack([distance, bearing], -1), np.stack([sigma[0], sigma[1] / distance], -1)
+
+
+class Hindsight:
+    """The looks of a moving sensor, and what explains them."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing was seen."""
+        self.looks: deque[Look] = deque(maxlen=MOST_LOOKS)
+
+    def add(
+        self,
+        measured: Measurements,
+        likelihood: FloatArray,
+        stamp: float,
+        owners: list[int],
+        symbols: tuple[str | None, ...],
+    ) -> None:
+        """Keep a look; measured : as it came."""
+        if measured.sensor is None or not owners:
+            return
+        seen, sigma = polar(measured)
+        pose = measured.sensor.pose.copy()
+        self.looks.append(Look(stamp, pose, seen, sigma, likelihood, list(owners), symbols))
+
+    def explained(
+        self,
+        numbers: list[int],
+        slots: IntArray,
+        movers: set[int],
+        leaves: Leaves,
+        blocks: IntArray,
+        known: FloatArray,
+    ) -> tuple[Explanation, list[list[int]]]:
+        """Explain all looks by the resting objects `numbers` (K,), leaves `slots`; returns it, and tracks by look.
+
+        Detections of `movers` stay theirs. known (4,) : calibration.
+        """
+        column = {number: k for k, number in enumerate(numbers)}
+        mine = [[j for j, owner in enumerate(look.owners) if owner not in movers] for look in self.looks]
+        index = np.repeat(np.arange(len(mine)), [len(which) for which in mine])
+        parts = list(zip(self.looks, mine, strict=True))
+        likelihood = np.concatenate([look.likelihood[which] for look, which in parts])
+        unlike = np.zeros((len(index), len(numbers)))
+        for begin, end in blocks.tolist():
+            if end > begin:
+                factor = likelihood[:, begin:end] @ leaves.attributes[slots, begin:end].T
+                unlike -= 2.0 * np.log(factor + 1e-9)
+        data = Sightings(
+            np.array([look.stamp for look in self.looks]),
+            np.array([look.pose for look in self.looks]),
+            index,
+            np.concatenate([look.seen[which] for look, which in parts]),
+            np.concatenate([look.sigma[which] for look, which in parts]),
+            np.maximum(unlike, 0.0),
+        )
+        owner = np.array([column.get(look.owners[j], -1) for look, which in parts for j in which])
+        begun = Explanation(leaves.rest[slots, :2].copy(), known.copy(), np.zeros((len(mine), 2)), owner)
+        found = explain(data, begun, known)
+        tracks = [list(look.owners) for look in self.looks]
+        at = 0
+        for look, which in zip(tracks, mine, strict=True):
+            for j in which:
+                look[j] = numbers[found.owner[at]] if found.owner[at] >= 0 else -1
+                at += 1
+        return found, tracks
