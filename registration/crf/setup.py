@@ -12,6 +12,7 @@ from estimation.poses import inverse
 from registration.align import align, among_movers, search
 from registration.crf.beams import AGREES, Beams, beams_of, nearness, noise_between, seen_by
 from registration.crf.candidates import candidates
+from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses
 from registration.crf.potentials import Problem
 from registration.crf.shape_features import outlier_features, pair_features
@@ -60,6 +61,7 @@ def start(scan_a: Scan, scan_b: Scan, registration: Registration | None = None) 
     a, b = beams_of(scan_a), beams_of(scan_b)
     if registration is None:
         registration = _register(scan_a, scan_b)
+    registration = told_by_the_rest(scan_a, scan_b, a, b, registration)
     background = registration.transform
     noise = noise_between(a, b, background)
     seen = seen_by(a, b, background, noise)

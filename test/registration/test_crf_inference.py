@@ -17,8 +17,9 @@ from whereabouts.experiments.crf import f1_of
 from whereabouts.experiments.crf_metrics import scores
 from whereabouts.experiments.crf_recordings import _counts, _pairs, read_recording
 from whereabouts.simulation import Lidar, Mover, box, corridor, joined, outlines, random_room
-from whereabouts.simulation.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
+from whereabouts.simulation.labelled_pairs import LabelledPair, labelled, protocol, random_labelled_pairs
 from whereabouts.simulation.pairs import free_pose
+from whereabouts.simulation.streets import random_hall
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
 
@@ -193,6 +194,48 @@ def test_a_scan_filled_by_something_near(model: JointModel) -> None:
         clear, filled = ROUND.scan(room, pose, rng).scan, ROUND.scan(joined([room, near]), pose, rng).scan
         assert nothing(model.infer(clear, filled), 361)
         assert nothing(model.infer(filled, clear), 361)
+
+
+def test_a_near_box_that_moves_is_not_taken_for_the_world(model: JointModel) -> None:
+    told, filled, wide = 0, 0, Lidar(541, np.deg2rad(270.0))
+    for seed in range(24):
+        rng = np.random.default_rng([seed, 5])
+        hall = random_hall(rng)
+        pose = np.array([*rng.uniform(-1.0, 1.0, 2), rng.uniform(-np.pi, np.pi)])
+        bearing = pose[2] + rng.uniform(-0.7, 0.7)
+        at = pose[:2] + rng.uniform(0.65, 1.0) * np.array([np.cos(bearing), np.sin(bearing)])
+        if min(hall.distance(at), hall.distance(pose[:2])) < 0.5:
+            continue
+        speed = rng.uniform(0.3, 1.2, 2) * rng.choice([-1.0, 1.0], 2)
+        start = np.array([*at, bearing + 0.5 * np.pi])
+        wall = Mover("box", start, speed, rng.uniform(-0.3, 0.3), rng.uniform(0.8, 2.0), width=0.5)
+        pair = labelled(hall, [wall], (pose, pose + rng.uniform(-0.1, 0.1, 3)), (0.0, 0.4), wide, rng)
+        filled += np.mean(pair.moving[pair.valid]) > 0.3
+        estimate = model.infer(pair.scan_a, pair.scan_b)
+        if not estimate.converged:
+            assert nothing(estimate, 541)
+            continue
+        told += 1
+        away = estimate.motions[0] - pair.motions[0]
+        assert np.hypot(*away[:2]) < 0.1, seed
+        assert abs(away[2]) < 0.05, seed
+    assert filled >= 5
+    assert told >= 15
+
+
+def test_what_comes_nearer_is_found_though_nothing_shows_through_where_it_was(model: JointModel) -> None:
+    counts = []
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 6])
+        hall = random_hall(rng)
+        bearing = rng.uniform(-np.pi, np.pi)
+        ahead = np.array([np.cos(bearing), np.sin(bearing)])
+        pillar = Mover("cylinder", np.array([*(3.0 * ahead), 0.0]), -1.5 * ahead, size=0.5)
+        pair = labelled(hall, [pillar], (np.zeros(3), np.zeros(3)), (0.0, 0.4), ROUND, rng)
+        counts.append(scores(pair, model.infer(pair.scan_a, pair.scan_b)).counts)
+    f1, precision, _ = f1_of(counts)
+    assert f1 > 0.85
+    assert precision > 0.95
 
 
 def test_a_bare_corridor_has_no_movers(model: JointModel) -> None:

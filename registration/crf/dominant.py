@@ -1,0 +1,71 @@
+"""A registration that one near thing decides: what fills much of a scan but is small may have moved itself.
+
+Beams count what is near. The world is what is large: where the rest of both scans, laid on each other without that
+thing, agrees clearly better, the rest stands and the thing has moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.poses import between
+from registration.align import among_movers
+from registration.crf.beams import AGREES, Beams, seen_by
+from registration.motion import Array
+from registration.outline import outline_of
+from registration.result import Registration
+from registration.scan import Scan
+
+SHARE = 0.2  # of the returned beams, from which one piece may decide a registration
+LARGEST = 5.0  # metres, extent of what may move
+NEARER = 0.7  # of the median range of the rest: what fills much without being large
+NOISE = 0.01  # metres, of the scanner
+SAME = 0.03  # metres and radians between two answers that are one
+BETTER = 0.02  # share of the rest that has to agree more for another answer
+LEAST = 0.85  # share of the rest that has to agree with an answer that it does not give itself
+LEAST_FILLED = 0.6  # and with one that it gives, where most of the scan is filled
+
+
+def dominant(beams: Beams) -> NDArray[np.bool_]:
+    """(n,) returns on small things near the sensor that fill `SHARE` of the scan each."""
+    chosen = np.zeros(len(beams), dtype=bool)
+    if not len(beams):
+        return chosen
+    ranges = beams.ranges[beams.beams]
+    for piece in np.flatnonzero(np.bincount(beams.pieces) >= SHARE * len(beams)):
+        members = beams.pieces == piece
+        extent = float(np.hypot(*np.ptp(beams.points[members], axis=0)))
+        if extent < LARGEST and not members.all():
+            chosen |= members & (np.median(ranges[members]) < NEARER * np.median(ranges[~members]))
+    return chosen
+
+
+def told_by_the_rest(
+    scan_a: Scan, scan_b: Scan, a: Beams, b: Beams, registration: Registration
+) -> Registration:
+    """`registration`, or that of what is not dominant; not converged where the rest contradicts and tells nothing."""
+    big, other = dominant(a), dominant(b)
+    if not big.any() and not other.any():
+        return registration
+    moving = outline_of("scan_a", scan_a).without(big)
+    still = outline_of("scan_b", scan_b).without(other)
+    rest = among_movers(moving, still, registration.transform)
+    agreed = _agreeing(a, b, registration.transform, ~big)
+    if rest.converged and _agreeing(a, b, rest.transform, ~big) > agreed + BETTER:
+        return rest
+    if rest.converged and np.abs(between(rest.transform, registration.transform)).max() < SAME:
+        least = LEAST_FILLED if np.mean(big) > 0.5 else 0.0
+    else:
+        least = LEAST
+    if registration.converged and agreed < least:
+        reason = f"what fills {np.mean(big):.0%} of the scan fits, but only {agreed:.0%} of the rest"
+        return replace(registration, converged=False, reason=reason)
+    return registration
+
+
+def _agreeing(a: Beams, b: Beams, pose: Array, wanted: NDArray[np.bool_]) -> float:
+    """Share of the wanted points of a, (n,), on b's outline."""
+    return float(np.mean(seen_by(a, b, pose, NOISE)[0][wanted] == AGREES)) if wanted.any() else 0.0
