@@ -31,7 +31,7 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
     places = str(places_file())
     return {
         "scan_registration": {"publish_static_points": False},
-        "loop_closure": {"map_period": 5.0, "tf_period": 0.25},
+        "loop_closure": {"map_period": 5.0, "tf_period": 1.0, "transform_tolerance": 0.5},
         "target_tracker": {},
         "motion_predictor": {"rate": 2.0, "publish_markers": False, "publish_occupancy": False},
         "world_model": {

@@ -50,6 +50,7 @@ from whereabouts_msgs.srv import LoadMap, SaveMap
 
 Array = NDArray[np.float64]
 REMEMBERED = 200  # odometry messages kept for their covariance
+NOTHING = 1e-6  # metres and radians by which a correction may change without being a new one
 SURE_SIGMA = 1.0  # metres, of an initial pose that comes without a covariance
 
 
@@ -94,6 +95,8 @@ class LoopClosureNode(SuiteNode):
         self._correction: Array | None = None  # (6,) of the odometry frame in the map
         self._located = True
         self._told = 0  # ns of the node's clock when the correction was last sent
+        self._told_correction: Array | None = None
+        self._told_until = self._stamp_before = 0  # ns up to which it is valid; of the scan before
         self._covariances: OrderedDict[int, Array] = OrderedDict()
         self._mounting: Array = np.zeros(3)
         self._stamp: int | None = None
@@ -154,7 +157,7 @@ class LoopClosureNode(SuiteNode):
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._correction = spatial(self._slam.correction)
         self._slowest = max(self._slowest, time.perf_counter() - begun)
-        self._publish_transform()
+        self._tell_correction()
 
     def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
         begun = time.perf_counter()
@@ -172,7 +175,7 @@ class LoopClosureNode(SuiteNode):
         self._take_update(update.closures, update.keyframe is not None, update.waiting)
         self._correction = pose_from_matrix(self._slam.correction)
         self._slowest = max(self._slowest, time.perf_counter() - begun)
-        self._publish_transform()
+        self._tell_correction()
 
     def _take_update(self, closures: list[Closure], kept: bool, waiting: int) -> None:
         self._waiting = waiting
@@ -216,6 +219,20 @@ class LoopClosureNode(SuiteNode):
 
     # Outputs.
 
+    def _tell_correction(self) -> None:
+        """Send the correction if it is a new one, or would not be valid any more when the next scan comes.
+
+        Every node listens to tf: what says nothing new costs each of them time.
+        """
+        if self._stamp is None or self._correction is None:
+            return
+        period, self._stamp_before = self._stamp - self._stamp_before, self._stamp
+        same = self._told_correction is not None and np.allclose(
+            self._correction, self._told_correction, rtol=0.0, atol=NOTHING
+        )
+        if not (same and period > 0 and self._stamp + period <= self._told_until):
+            self._publish_transform()
+
     def _publish_transform(self) -> None:
         settings = self.settings
         if not settings.publish_tf or self._stamp is None or self._correction is None:
@@ -227,6 +244,7 @@ class LoopClosureNode(SuiteNode):
         )
         self._tf_output.publish(TFMessage(transforms=[transform]))
         self._told = self.get_clock().now().nanoseconds
+        self._told_correction, self._told_until = self._correction, stamp
 
     def _repeat_transform(self) -> None:
         """For those who come late and while no scans come; each scan's own was just sent otherwise."""
