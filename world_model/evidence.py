@@ -157,7 +157,8 @@ def _definite(covariances: FloatArray) -> FloatArray:
     except np.linalg.LinAlgError:
         for index, covariance in enumerate(covariances):
             repair_covariance(covariance, f"objects[{index}].covariance", definite=False)
-    if not np.allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-6, atol=1e-12):
+    other = covariances.transpose(0, 2, 1)
+    if (np.abs(covariances - other) > 1e-12 + 1e-6 * np.abs(other)).any():
         raise InputError("objects[].covariance must be symmetric")
     result: FloatArray = covariances + SMALLEST_VARIANCE * np.eye(3)
     return result

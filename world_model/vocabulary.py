@@ -95,24 +95,25 @@ class Vocabulary:
         right more often than `class_accuracy`. An attribute that was not measured says nothing: 1.
         """
         out = np.ones((len(attributes), self.width))
-        for row, item in zip(out, attributes, strict=True):
+        given = np.zeros_like(out)
+        told: list[list[int]] = [[] for _ in self.names]
+        for j, item in enumerate(attributes):
             for name, distribution in item.items():
-                start, end = self.blocks[self.names.index(name)]
-                size = int(end - start)
-                given = np.zeros(size)
+                told[self.names.index(name)].append(j)
                 for value, probability in distribution.items():
-                    given[self._index[name, value] - start] = probability
-                row[start:end] = self._believed(given, size)
+                    given[j, self._index[name, value]] = probability
+        for rows, (start, end) in zip(told, self.blocks.tolist(), strict=True):
+            if rows and end - start > 1:
+                out[rows, start:end] = self._believed(given[rows, start:end])
         return out
 
-    def _believed(self, given: FloatArray, size: int) -> FloatArray:
-        if size < 2:
-            return np.ones(size)
-        given = given / given.sum()
-        top, level = float(given.max()), 1.0 / size
-        mix = LEAST
-        if top * (1.0 - mix) + mix * level > self.accuracy > level:
-            mix = (top - self.accuracy) / (top - level)
+    def _believed(self, given: FloatArray) -> FloatArray:
+        """Of distributions (M, size)."""
+        size = given.shape[1]
+        given = given / given.sum(1, keepdims=True)
+        top, level = given.max(1, keepdims=True), 1.0 / size
+        sure = (top * (1.0 - LEAST) + LEAST * level > self.accuracy) & (self.accuracy > level)
+        mix = np.where(sure, (top - self.accuracy) / np.maximum(top - level, 1e-12), LEAST)
         out: FloatArray = size * ((1.0 - mix) * given + mix * level)
         return out
 
