@@ -10,8 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
+
+
+def _matched(cost: Array, near: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """The cheapest pairs (row, column) of those that are near; who has nobody else needs no search."""
+    alone = near & (near.sum(1, keepdims=True) == 1) & (near.sum(0, keepdims=True) == 1)
+    pairs = [(int(i), int(j)) for i, j in zip(*np.nonzero(alone), strict=True)]
+    left = near & ~alone
+    rows, columns = np.flatnonzero(left.any(1)), np.flatnonzero(left.any(0))
+    if len(rows):
+        chosen = zip(*linear_sum_assignment(cost[np.ix_(rows, columns)]), strict=True)
+        pairs += [(int(rows[i]), int(columns[j])) for i, j in chosen if near[rows[i], columns[j]]]
+    return sorted(pairs)
 
 
 @dataclass
@@ -43,20 +56,18 @@ class IdentityScore:
         self.found_count += len(ids)
         pairs: list[tuple[int, int]] = []
         if names and len(ids):
-            apart = np.linalg.norm(
-                np.array([true[n] for n in names])[:, None] - np.asarray(positions)[None], axis=2
-            )
-            for i, j in zip(*np.nonzero(apart < self.near), strict=True):
+            apart = cdist(np.array([true[n] for n in names]), np.asarray(positions))
+            near = apart < self.near
+            for i, j in zip(*np.nonzero(near), strict=True):
                 self._together[names[i], ids[j]] += 1
             # As in CLEAR MOT, yesterday's correspondence is kept where it is still possible.
-            cost = np.where(apart < self.near, apart, 1e6)
+            cost = np.where(near, apart, 1e6)
+            column = {item: j for j, item in reversed(list(enumerate(ids)))}
             for i, name in enumerate(names):
-                if self._last.get(name) in ids:
-                    j = list(ids).index(self._last[name])
-                    if apart[i, j] < self.near:
-                        cost[i, j] -= 1e3
-            chosen = zip(*linear_sum_assignment(cost), strict=True)
-            pairs = [(i, j) for i, j in chosen if apart[i, j] < self.near]
+                j = column.get(self._last.get(name), -1)
+                if j >= 0 and near[i, j]:
+                    cost[i, j] -= 1e3
+            pairs = _matched(cost, near)
         for i, j in pairs:
             name = names[i]
             self.switches += name in self._last and self._last[name] != ids[j]
