@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.crf.beams import FREE
+from registration.crf.beams import AGREES, FREE
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.inference import Labelling
 from registration.crf.potentials import Problem
@@ -55,6 +55,23 @@ def finish(begun: Start, problem: Problem, labelling: Labelling) -> JointEstimat
     )
 
 
+def standing(begun: Start) -> JointEstimate:
+    """The estimate where nothing left its place: what agrees is background, and nothing is known of the rest."""
+    count = len(begun.a.ranges)
+    labels, probabilities = np.full(count, -1, dtype=np.int64), np.full(count, np.nan)
+    labels[begun.a.beams] = np.where(begun.sight == AGREES, 0, -1)
+    probabilities[begun.a.beams] = 0.0
+    registration = begun.registration
+    return JointEstimate(
+        np.full(count, -1, dtype=np.int64),
+        labels,
+        registration.transform[None].copy(),
+        0.0,
+        registration.covariance[None].copy(),
+        probabilities,
+    )
+
+
 def _add_members(starts: NDArray[np.bool_], clusters: NDArray[np.int64]) -> None:
     """Points of the group an object was found by stay its own where they have no partner; starts (n, objects)."""
     for number in range(1, starts.shape[1] + 1):
@@ -80,10 +97,11 @@ def _covariance(points: Array, grain: Array, motion: Array) -> Array:
     """(3, 3) of a motion by equation (6): of x, y, yaw, from the weights of its pairs."""
     c, s = np.cos(motion[2]), np.sin(motion[2])
     turned = points @ np.array([[c, s], [-s, c]])
-    information = np.diag([0.0, 0.0, 1.0 / 0.12**2])
-    for (x, y), noise in zip(turned, grain, strict=True):
-        jacobian = np.array([[1.0, 0.0, -y], [0.0, 1.0, x]])
-        information += jacobian.T @ jacobian / noise**2
+    weights = 1.0 / grain**2
+    x, y = turned.T
+    total, wx, wy = weights.sum(), weights @ x, weights @ y
+    information = np.array([[total, 0.0, -wy], [0.0, total, wx], [-wy, wx, weights @ (x**2 + y**2)]])
+    information[2, 2] += 1.0 / 0.12**2
     covariance = np.linalg.inv(information + 1e-6 * np.eye(3))
     return np.asarray(0.5 * (covariance + covariance.T))
 

@@ -20,10 +20,10 @@ from estimation.boosting import AdaBoost
 from estimation.errors import InputError
 from registration.crf.background import without_movers
 from registration.crf.estimate import JointEstimate, nothing, unchanged
-from registration.crf.finish import finish
+from registration.crf.finish import finish, standing
 from registration.crf.inference import infer_labels
 from registration.crf.potentials import WEIGHTS
-from registration.crf.setup import problem_of, start, starts_of
+from registration.crf.setup import Start, problem_of, start, starts_of
 from registration.motion import Array
 from registration.result import Registration
 from registration.scan import Scan
@@ -89,12 +89,28 @@ class JointModel:
         -------
         JointEstimate : never raises on poor data; `converged` is False and `reason` says why.
         """
-        count = min(int(scan_a.valid.sum()), int(scan_b.valid.sum()))
-        if count < LEAST_RETURNS:
-            return nothing(len(scan_a), f"{count} returns, {LEAST_RETURNS} are needed")
+        poor = _too_few(scan_a, scan_b)
+        if poor is not None:
+            return poor
         if registration is None and _same(scan_a, scan_b):
             return unchanged(scan_a.valid)
-        begun = start(scan_a, scan_b, registration)
+        return self._conclude(scan_a, scan_b, start(scan_a, scan_b, registration), schedule)
+
+    def movers(self, scan_a: Scan, scan_b: Scan, registration: Registration) -> JointEstimate:
+        """As `infer`, for who wants labels of what moves and knows from elsewhere how the sensor moved.
+
+        The chains are asked only where something left its place: else all that agrees stands, and there are no
+        associations.
+        """
+        poor = _too_few(scan_a, scan_b)
+        if poor is not None:
+            return poor
+        begun = start(scan_a, scan_b, registration, trusted=True)
+        if begun.registration.converged and not begun.found and not begun.gone:
+            return standing(begun)
+        return self._conclude(scan_a, scan_b, begun, "exact")
+
+    def _conclude(self, scan_a: Scan, scan_b: Scan, begun: Start, schedule: str) -> JointEstimate:
         if not begun.registration.converged:
             return nothing(len(scan_a), begun.registration.reason)
         starts = starts_of(begun)
@@ -106,6 +122,13 @@ class JointModel:
         )
         estimate.motions[0], estimate.covariances[0] = background.transform, background.covariance
         return estimate
+
+
+def _too_few(scan_a: Scan, scan_b: Scan) -> JointEstimate | None:
+    count = min(int(scan_a.valid.sum()), int(scan_b.valid.sum()))
+    if count < LEAST_RETURNS:
+        return nothing(len(scan_a), f"{count} returns, {LEAST_RETURNS} are needed")
+    return None
 
 
 def _same(scan_a: Scan, scan_b: Scan) -> bool:

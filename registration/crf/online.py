@@ -171,7 +171,7 @@ class ScanSegmenter:
             tried += 1
             registration = among_movers(self._outline(scan), kept.outline, between(kept.pose, pose))
             if registration.converged:
-                estimate = self._model.infer(scan, kept.scan, registration)
+                estimate = self._model.movers(scan, kept.scan, registration)
                 if estimate.converged:
                     found.append((estimate, stamp - kept.stamp))
             self._duration.took(self._clock() - before)

@@ -56,12 +56,18 @@ class Start:
         return np.array([self.registration.transform, *(each.motion for each in self.found)])
 
 
-def start(scan_a: Scan, scan_b: Scan, registration: Registration | None = None) -> Start:
-    """Register the background and find what does not follow it (InitialiseRT)."""
+def start(
+    scan_a: Scan, scan_b: Scan, registration: Registration | None = None, trusted: bool = False
+) -> Start:
+    """Register the background and find what does not follow it (InitialiseRT).
+
+    trusted : the registration is not one that a near thing which fills much of the scans may have decided.
+    """
     a, b = beams_of(scan_a), beams_of(scan_b)
     if registration is None:
         registration = _register(scan_a, scan_b)
-    registration = told_by_the_rest(scan_a, scan_b, a, b, registration)
+    if not trusted:
+        registration = told_by_the_rest(scan_a, scan_b, a, b, registration)
     background = registration.transform
     noise = noise_between(a, b, background)
     seen = seen_by(a, b, background, noise)
