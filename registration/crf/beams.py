@@ -229,7 +229,7 @@ def sight(x, y, near, xy, ranges, clear, angle_min, step, wide=3.0):  # type: ig
 
 
 @njit(cache=True)
-def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wide=3.0):  # type: ignore[no-untyped-def]
     """`sight` of points (n, 2) moved by pose (3,): labels (n,) and distances off the outline (n,).
 
     Points that are not `wanted` (n,) are taken to be unseen and far off.
@@ -238,11 +238,11 @@ def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step):  
     labels, offs = np.empty(len(points), dtype=np.int64), np.empty(len(points))
     for k in range(len(points)):
         if not wanted[k]:
-            labels[k], offs[k] = UNSEEN, 3.0 * near[k]
+            labels[k], offs[k] = UNSEEN, wide * near[k]
             continue
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        labels[k], offs[k] = sight(x, y, near[k], xy, ranges, clear, angle_min, step)
+        labels[k], offs[k] = sight(x, y, near[k], xy, ranges, clear, angle_min, step, wide)
     return labels, offs
 
 

@@ -13,6 +13,7 @@ from registration.crf.rigid import SUMS, add_pair, motion_of
 CELL = 0.1  # metres of the grid of displacements
 PEAKS = 4  # displacements that are refined
 LONG = 1.2  # metres, extent from which a thing may slide along itself unseen
+MANY = 120  # points of a group that are looked at
 DISTANCE_COST = 4.0  # points of evidence a metre of displacement needs
 
 
@@ -62,7 +63,10 @@ def _peaks(votes, reach, most):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def fit_group(points, spacing, start, background, targets, weights, sigma, motion):  # type: ignore[no-untyped-def]
-    """Iterated closest points of a group from `start` (3,), written to `motion`; the rotation is held by a prior."""
+    """Iterated closest points of a group from `start` (3,), written to `motion`; the rotation is held by a prior.
+
+    targets : (m, 2), by ascending x.
+    """
     motion[:] = start
     sums = np.empty(SUMS)
     radius = 0.4
@@ -72,11 +76,12 @@ def fit_group(points, spacing, start, background, targets, weights, sigma, motio
         for i in range(len(points)):
             x = motion[0] + c * points[i, 0] - s * points[i, 1]
             y = motion[1] + s * points[i, 0] + c * points[i, 1]
-            best, found = max(radius, 1.5 * spacing[i]) ** 2, -1
-            for j in range(len(targets)):
-                dx = x - targets[j, 0]
-                if dx * dx >= best:
-                    continue
+            reach = max(radius, 1.5 * spacing[i])
+            best, found = reach * reach, -1
+            for j in range(np.searchsorted(targets[:, 0], x - reach), len(targets)):
+                dx = targets[j, 0] - x
+                if dx > reach:
+                    break
                 square = dx**2 + (y - targets[j, 1]) ** 2
                 if square < best:
                     best, found = square, j
@@ -114,16 +119,19 @@ def explained(points, near, standing, motion, targets, claimed, xy, ranges, clea
     c, s = math.cos(motion[2]), math.sin(motion[2])
     on, through, hits = 0.0, 0, 0
     claimed[:] = False
+    # Every few points of what has many are enough.
+    stride = max(1, len(points) // MANY)
     for i in range(len(points)):
         x = motion[0] + c * points[i, 0] - s * points[i, 1]
         y = motion[1] + s * points[i, 0] + c * points[i, 1]
-        label, _ = sight(x, y, near[i], xy, ranges, clear, angle_min, step, TOUCHING)
-        if label == AGREES:
-            on += _worth_at(x, y, xy, ranges, worth, angle_min, step)
-        if standing[i] and label == UNSEEN:
-            beam = beam_at(x, y, angle_min, step)
-            on += beam < 0 or beam >= len(ranges)
-        through += label == FREE
+        if i % stride == 0:
+            label, _ = sight(x, y, near[i], xy, ranges, clear, angle_min, step, TOUCHING)
+            if label == AGREES:
+                on += stride * _worth_at(x, y, xy, ranges, worth, angle_min, step)
+            if standing[i] and label == UNSEEN:
+                beam = beam_at(x, y, angle_min, step)
+                on += stride * (beam < 0 or beam >= len(ranges))
+            through += stride * (label == FREE)
         reach = (1.5 * near[i]) ** 2
         for j in range(len(targets)):
             dx = x - targets[j, 0]
@@ -193,6 +201,8 @@ def best_motion(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Write the motion that explains most and return how much: points on the outline, less those seen through."""
     c, s = math.cos(background[2]), math.sin(background[2])
+    order = np.argsort(targets[:, 0])
+    targets, weights = targets[order], weights[order]
     moved = np.empty_like(points)
     for i in range(len(points)):
         moved[i, 0] = background[0] + c * points[i, 0] - s * points[i, 1]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimation.poses import inverse
-from registration.crf.beams import AGREES, CLEAR, FREE, Beams, nearness, sightings
+from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, nearness, sightings
 from registration.crf.displacement import best_motion, explained
 from registration.crf.grouping import groups_of
 from registration.motion import Array
@@ -333,7 +333,9 @@ def _of_group(
 def _on_outline(
     points: Array, near: Array, wanted: NDArray[np.bool_], motion: Array, b: Beams
 ) -> NDArray[np.bool_]:
-    labels, _ = sightings(points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step)
+    labels, _ = sightings(
+        points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step, TOUCHING
+    )
     return np.asarray(labels == AGREES)
 
 
