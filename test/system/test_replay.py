@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import START, room
+from harness import START, Graph, room
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
 
 from whereabouts.cli.run import NODES
 from whereabouts.logs import (
@@ -23,9 +25,11 @@ from whereabouts.logs import (
     open_log,
     open_raw,
 )
+from whereabouts.nodes.replayer import Replayer
 from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
 from whereabouts.simulation import Drive, Lidar
+from whereabouts_msgs.msg import Connections
 
 ODOMETRY = [("odometry", "nav_msgs/msg/Odometry")]
 SCANS = 60
@@ -170,6 +174,37 @@ def test_bag_with_unknown_types_is_replayed_without_them(bag: Path, tmp_path: Pa
     account = run_suite(suite_run(source, tmp_path))
     assert list(account.skipped) == ["/strange"]
     assert account.published["/scan"] == SCANS
+
+
+def test_what_is_latched_is_waited_for_only_where_it_is_kept(graph: Graph, tmp_path: Path) -> None:
+    bag = tmp_path / "latched.mcap"
+    with McapWriter(bag) as writer:
+        writer.write_transforms([TransformRecord(np.eye(4), 1.0, "base_link", "laser", "tf_static")])
+    node = graph.node
+    replayer = Replayer(node, graph.executor, bag, watched=["/tester"])
+    replayer.run()
+    said = node.create_publisher(Connections, "tester/connections", 1)
+    graph.until(lambda: said.get_subscription_count() == 1, "the replay listens")
+
+    def unconnected(durability: DurabilityPolicy) -> list[str]:
+        """What it says of a node that came late, says that it has got nothing, and asks for the topic like this."""
+        qos = QoSProfile(depth=10, durability=durability)
+        subscription = node.create_subscription(TFMessage, "tf_static", lambda _: None, qos)
+        graph.until(
+            lambda: len(node.get_subscriptions_info_by_topic("/tf_static")) == 1, "it is in the graph"
+        )
+        said.publish(Connections(inputs=["/tf_static"], received=[0]))
+        graph.until(lambda: "has not said" not in "".join(replayer.unconnected()), "the replay has heard it")
+        missing = replayer.unconnected()
+        node.destroy_subscription(subscription)
+        graph.until(lambda: not node.get_subscriptions_info_by_topic("/tf_static"), "it is gone")
+        return missing
+
+    assert unconnected(DurabilityPolicy.TRANSIENT_LOCAL) == [
+        "/tester has not got what was said on /tf_static"
+    ]
+    assert unconnected(DurabilityPolicy.VOLATILE) == []
+    replayer.close()
 
 
 def test_namespaced_replay(bag: Path, tmp_path: Path) -> None:

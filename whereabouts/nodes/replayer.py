@@ -253,6 +253,14 @@ class Replayer:
         }
         return [node for node in self.watched if node in found]
 
+    def _is_kept_for(self, name: str, topic: str) -> bool:
+        """Whether a node that came late is given the latched message; one that asks for a volatile topic is not."""
+        return any(
+            f"{end.node_namespace.rstrip('/')}/{end.node_name}" == name
+            and end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            for end in self._node.get_subscriptions_info_by_topic(topic)
+        )
+
     def sent_by_nodes(self, topic: str) -> int:
         """Messages that the watched nodes have reported to have published on a topic."""
         return self._flow.published(topic)
@@ -283,7 +291,10 @@ class Replayer:
             f"{name} has not got what was said on {topic}"
             for name, report in self._connections.items()
             for topic, received in zip(report.inputs, report.received, strict=True)
-            if topic in self._latched and self._sent[topic] and not received
+            if topic in self._latched
+            and self._sent[topic]
+            and not received
+            and self._is_kept_for(name, topic)
         ]
         for name, report in self._connections.items():
             for topic, found in zip(report.outputs, report.subscribers, strict=True):
