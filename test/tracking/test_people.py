@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -28,7 +30,7 @@ from whereabouts.experiments.people_judging import (
     judge_scene,
 )
 from whereabouts.simulation import Lidar, circle
-from whereabouts.simulation.occlusion_scenes import OcclusionKind, occlusions
+from whereabouts.simulation.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
 from whereabouts.simulation.people_scenes import crossing, hidden
 
 STEP = np.pi / 360
@@ -401,6 +403,33 @@ def test_who_turns_round_at_full_speed_in_plain_view_is_not_lost() -> None:
             assert np.hypot(*(targets[0].mean[:2] - (3.0, y))) < 0.35
             found.append(targets[0].label)
     assert len(set(found)) == 1
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_people_go_to_and_fro_on_their_routes(name: str) -> None:
+    plan, speeds = PLANS[name], []
+    scene = to_and_fro(np.random.default_rng(3), name, "legs", 20.0)
+    for walker, route in zip(scene.people, plan.routes, strict=True):
+        ends = np.array(route)
+        times = np.arange(0.0, 20.0, 0.05)
+        path = np.array([walker.position(time) for time in times])
+        # Every place is on the route: between two of its points.
+        gaps = []
+        for a, b in pairwise(ends):
+            share = np.clip((path - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+            gaps.append(np.linalg.norm(path - a - share[:, None] * (b - a), axis=1))
+        assert np.min(gaps, axis=0).max() < 1e-9
+        speeds.append(np.median(np.linalg.norm(np.diff(path, axis=0), axis=1)) / 0.05)
+        assert np.linalg.norm(path[-1] - path[-2]) > 0.0
+    assert min(speeds) >= 0.69
+    assert max(speeds) <= 1.21
+
+
+def test_who_goes_to_and_fro_behind_a_pillar_keeps_the_label() -> None:
+    rng = np.random.default_rng([8, 5])
+    judged = judge_everybody(to_and_fro(rng, "pillars", "round", 6.0), rng)
+    assert judged.switches == 0
+    assert np.mean(judged.ospa[10:]) < 0.12
 
 
 def test_the_recorded_person_is_followed() -> None:

@@ -1,9 +1,12 @@
-"""Plain scenes in which people get wholly hidden: behind pillars, screens and each other, in rooms and in the open."""
+"""Plain scenes in which people get wholly hidden: behind pillars, screens and each other, in rooms and in the open.
+
+`occlusions` draws them at random; in `to_and_fro` people walk given routes and turn round at the ends.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +19,59 @@ from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, po
 LAYOUTS = ("pillars", "screens", "open", "pillars in the open")
 MOTIONS = ("straight", "rounds", "waypoints")
 BODIES = ("round", "legs", "trunk")
+Route = list[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A room of 13 m by 11 m. routes : of the people. pillars : x, y, radius. walls : from x, y to x, y; metres.
+
+    lidar : the scanner, at 10 Hz. drives : whether the robot drives round a square of 2 m.
+    """
+
+    routes: tuple[Route, ...]
+    pillars: tuple[tuple[float, float, float], ...] = ()
+    walls: tuple[Route, ...] = ()
+    lidar: Lidar = field(default_factory=lambda: Lidar(720, 2.0 * np.pi * 719 / 720, 0.05, 12.0, 0.01))
+    drives: bool = False
+
+
+PLANS = {
+    "pillars": Plan(
+        ([(3.6, -3.5), (3.6, 3.5)], [(-4, 3.4), (2.6, 3.4)], [(-3, -3.5), (2, -2)]),
+        pillars=((2.0, 0.0, 0.35), (-1.0, 2.2, 0.35)),
+        lidar=Lidar(811, 1.5 * np.pi, 0.05, 12.0, 0.01),
+    ),
+    "walls": Plan(
+        (
+            [(3.5, -2.4), (3.5, 3.0)],
+            [(-4.5, 3.9), (4.0, 3.9)],
+            [(-4.0, -2.5), (4.0, -3.4)],
+            [(1.2, -2.2), (1.2, 3.0)],
+        ),
+        walls=([(2.0, -0.6), (2.0, 0.6)], [(-1.5, 2.0), (0.5, 2.0)]),
+        lidar=Lidar(720, 2.0 * np.pi * 719 / 720, 0.05, 12.0, 0.02),
+    ),
+    "people": Plan(
+        (
+            [(2.0, -2.5), (2.0, 2.5)],
+            [(4.0, 3.0), (4.0, -3.0)],
+            [(-2.0, 3.0), (-2.2, -3.0)],
+            [(-4.0, -3.5), (-4.0, 3.5)],
+        ),
+        lidar=Lidar(360, 2.0 * np.pi * 359 / 360, 0.05, 12.0, 0.01),
+    ),
+    "robot drives": Plan(
+        (
+            [(5.0, -4.0), (5.0, 4.0), (-1.0, 4.0)],
+            [(-5.0, 4.0), (-5.0, -4.0), (2.0, -4.0)],
+            [(3.5, -1.0), (3.8, 3.0), (-3.5, 3.0)],
+        ),
+        pillars=((2.5, 1.5, 0.3), (-2.5, 1.5, 0.3), (0.0, -2.5, 0.3)),
+        walls=([(3.0, -2.5), (4.5, -2.5)], [(-4.0, -1.5), (-4.0, 0.5)]),
+        drives=True,
+    ),
+}
 APART = 0.75  # metres between the middles of people, and between them and the robot
 CLEAR = 0.35  # metres from the middle of a person to an outline
 
@@ -60,6 +116,24 @@ def occlusions(rng: np.random.Generator, kind: OcclusionKind, duration: float = 
         if len(people) == count:
             break
     return Scene(room, people, duration, lidar, pose, rate)
+
+
+def to_and_fro(rng: np.random.Generator, name: str, body: str = "round", duration: float = 30.0) -> Scene:
+    """People who walk the routes of one of the `PLANS` to and fro, at 0.7 to 1.2 m/s, for `duration` seconds."""
+    plan = PLANS[name]
+    parts = [box(13.0, 11.0)]
+    parts += [circle(*pillar) for pillar in plan.pillars]
+    parts += [polygon(np.array(wall), closed=False) for wall in plan.walls]
+    people = []
+    for route in plan.routes:
+        speed, points = rng.uniform(0.7, 1.2), np.array(route, dtype=np.float64)
+        start = points[0] + rng.uniform(0.0, 1.0) * (points[1] - points[0])
+        turns = 1 + int(duration * speed / np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        way = [start[None], points[1:], *((points[-2::-1], points[1:])[k % 2] for k in range(turns + 1))]
+        people.append(Walker(np.concatenate(way), speed, _build(rng, body), phase=rng.uniform(0.0, 6.0)))
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    pose = Drive(np.concatenate([square] * 4), 0.4) if plan.drives else np.zeros(3)
+    return Scene(joined(parts), people, duration, plan.lidar, pose)
 
 
 def _scanner(rng: np.random.Generator, drives: bool) -> tuple[Lidar, float]:
