@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from registration.crf.baselines import free_space, icp_kmeans
 from whereabouts.experiments.crf import FREE, MODELS, leave_one_out
+from whereabouts.experiments.crf_filled import filled
 from whereabouts.experiments.crf_metrics import scores
+from whereabouts.experiments.report import Options, Report
 from whereabouts.simulation.labelled_pairs import protocol
 
 
@@ -33,3 +37,13 @@ def test_baselines_answer_in_the_same_form() -> None:
         found = scores(pair, estimate)
         assert 0.2 < found.association <= 1.0
         assert np.isfinite(found.background).all()
+
+
+def test_a_scan_half_filled_by_a_mover_is_told_right_or_refused(tmp_path: Path) -> None:
+    report = Report("crf")
+    filled(report, Options(tmp_path, seed=3, quick=True))
+    figures = report.figures
+    for share in ("0.35", "0.50"):
+        right, wrong = figures[f"filled up to {share} right"], figures[f"filled up to {share} wrong"]
+        assert right >= 10
+        assert wrong <= 0.05 * right

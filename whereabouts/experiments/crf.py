@@ -11,6 +11,7 @@ from registration import Scan, align
 from registration.crf import JointEstimate, JointModel
 from registration.crf.baselines import Clustering, Matching, free_space, icp_kmeans
 from registration.crf.training import Example, train_examples
+from whereabouts.experiments.crf_filled import filled
 from whereabouts.experiments.crf_metrics import Scores, scores
 from whereabouts.experiments.crf_recordings import recordings
 from whereabouts.experiments.report import Options, Report, Table
@@ -52,6 +53,7 @@ def run(options: Options) -> Report:
     report = Report("crf")
     _tables(options, report)
     _moving(options, report)
+    filled(report, options)
     _poses(options, report)
     recordings(options, report)
     _timing(options, report)
