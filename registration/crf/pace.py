@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-
-import numpy as np
+from statistics import median
 
 # Shares of the time between scans. Labels that are there by the first come before odometry, which then does without
 # what moves; those that are there by the second come after it. What is left is for the labels that take longer than
@@ -44,7 +43,7 @@ class Pace:
         """Seconds from now until `share` of the time between scans has passed since this one came."""
         if not self._periods:
             return float("inf")
-        return self._arrived + share * float(np.median(self._periods)) - self._clock()
+        return self._arrived + share * median(self._periods) - self._clock()
 
 
 class Duration:
@@ -57,7 +56,7 @@ class Duration:
     @property
     def expected(self) -> float:
         """Seconds; 0 as long as nothing is known."""
-        return self._hope * float(np.median(self._taken)) if self._taken else 0.0
+        return self._hope * median(self._taken) if self._taken else 0.0
 
     def took(self, seconds: float) -> None:
         """It was done, in so many seconds."""
