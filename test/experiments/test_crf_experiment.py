@@ -42,8 +42,9 @@ def test_baselines_answer_in_the_same_form() -> None:
 def test_a_scan_half_filled_by_a_mover_is_told_right_or_refused(tmp_path: Path) -> None:
     report = Report("crf")
     filled(report, Options(tmp_path, seed=3, quick=True))
-    figures = report.figures
-    for share in ("0.35", "0.50"):
-        right, wrong = figures[f"filled up to {share} right"], figures[f"filled up to {share} wrong"]
-        assert right >= 10
-        assert wrong <= 0.05 * right
+    right, wrong = (
+        sum(report.figures[f"filled up to {share} {answer}"] for share in ("0.20", "0.35", "0.50"))
+        for answer in ("right", "wrong")
+    )
+    assert right >= 50
+    assert wrong <= 0.05 * right
