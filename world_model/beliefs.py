@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.branching import other_names, presence
+from world_model.branching import GONE, other_names, presence, same_spot
 from world_model.clusters import Cluster, Track, best_sums
 from world_model.guidance import Guidance
 from world_model.leaves import AWAY, MOVING, NONE, REST
@@ -21,6 +21,8 @@ LEAST_PRESENCE = 1e-6
 BELIEVED = 0.5
 NAMED = 0.95
 """Probability from which an anchor gets a symbol and is believed in for the first time."""
+LATELY = 1.0
+"""s after its first detection that it may turn out that an object began otherwise."""
 OUT_OF_VIEW_SECONDS = 0.3
 """A mover that nobody looks at is shown for this long; after that it is only remembered."""
 LOST_SIGMA = 1.5
@@ -88,8 +90,26 @@ class Beliefs(Guidance):
             self._fresh.append(track.number)
             return
         if track.id is None:
-            track.id = self._name(slot)
+            track.id = self._taken_over(track, slot) or self._name(slot)
         self.shown[track.number] = self._object(track, slot)
+
+    def _taken_over(self, track: Track, slot: int) -> str | None:
+        """The symbol of what was believed to be here lately, if the most probable world now knows nothing of that.
+
+        So an object whose beginning is seen otherwise, without a false detection say, keeps its symbol.
+        """
+        cluster, leaves = self.clusters[track.cluster], self.pool.leaves
+        for column, number in enumerate(cluster.tracks):
+            other = self.tracks[number]
+            now = int(cluster.rows[0, column])
+            if other.id is None or (now >= 0 and leaves.behavior[now, [REST, MOVING]].sum() >= GONE):
+                continue
+            rows = np.unique(cluster.rows[:, column])
+            lately = [row for row in rows[rows >= 0].tolist() if self._stamp - leaves.first[row] < LATELY]
+            if any(same_spot(leaves, row, slot) for row in lately):
+                name, other.id = other.id, None
+                return name
+        return None
 
     def _believed(self, track: Track, slot: int) -> bool:
         """Whether an anchor is part of the most probable world.

@@ -293,7 +293,7 @@ def same_worlds(leaves, rows, log_weights, persistence, attributes):  # type: ig
 
 
 @numba.njit(cache=True)
-def _same_spot(leaves, a, b):  # type: ignore[no-untyped-def]
+def same_spot(leaves, a, b):  # type: ignore[no-untyped-def]
     """Whether two leaves are where one object could be."""
     away, spread = 0.0, 0.0
     a_moves = leaves.behavior[a, MOVING] > leaves.behavior[a, REST]
@@ -321,7 +321,7 @@ def other_names(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
             if own == spot or (
                 own >= 0
                 and leaves.behavior[own, REST] + leaves.behavior[own, MOVING] >= 0.5
-                and _same_spot(leaves, own, spot)
+                and same_spot(leaves, own, spot)
             ):
                 continue
             for d in range(T):
@@ -329,7 +329,7 @@ def other_names(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
                 if d == c or other < 0 or other == rows[0, d]:
                     continue
                 there = leaves.behavior[other, REST] + leaves.behavior[other, MOVING]
-                if there >= 0.5 and _same_spot(leaves, other, spot):
+                if there >= 0.5 and same_spot(leaves, other, spot):
                     out[c, d] += np.exp(log_weights[h])
     return out
 

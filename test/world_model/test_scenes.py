@@ -59,6 +59,14 @@ def test_counts_static_objects_without_switching(
     assert outcome.state.expected_count == pytest.approx(count, abs=0.3)
 
 
+def test_object_that_began_with_a_false_detection_keeps_its_symbol() -> None:
+    """It was named when that detection seemed to be its first; 0.15 s later another beginning is more probable."""
+    rng = np.random.default_rng(3)
+    *_, things = [scattered(count, rng, ROOM) for count in (10, 20, 30, 10, 20)]
+    scene = ObjectScene(things, ROOM, sensor=ALL_ROUND, seed=3, **HARD)
+    assert run(scene, known(scene), looks=30, near=0.14).switches == 0
+
+
 @pytest.mark.parametrize("detector", [{}, HARD])
 def test_counts_hundred_objects_of_which_a_part_is_in_view(detector: dict[str, Any]) -> None:
     room = ((-5.0, 5.0), (-5.0, 5.0), (0.0, 1.5))

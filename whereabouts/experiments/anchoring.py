@@ -53,8 +53,9 @@ def run(options: Options) -> Report:
 def _scenes(options: Options, report: Report) -> None:
     repetitions = 1 if options.quick else 5
     rows: list[list[Any]] = []
-    for name in track(list(scenes(options.seed)), "scenes"):
-        runs = [play(scenes(options.seed + k)[name]) for k in range(repetitions)]
+    made = [scenes(options.seed + k) for k in range(repetitions)]
+    for name in track(list(made[0]), "scenes"):
+        runs = [play(each[name]) for each in made]
         theirs = WIRE.get(name, ("", "", ""))
         exact = sum(r.objects == r.true for r in runs)
         switches = sum(r.switches for r in runs)
