@@ -130,11 +130,15 @@ class WorldMaintenanceNode(SuiteNode):
         name = request.object_id
         known = () if self._state is None else self._state.objects
         if not name:
-            able = [
-                item for item in known if item.most_probable("class") == request.class_name and not item.lost
-            ]
-            if not able:
+            of_class = [item for item in known if item.most_probable("class") == request.class_name]
+            if not of_class:
                 raise InputError(f"no object of class '{request.class_name}' is known")
+            able = [item for item in of_class if not item.lost]
+            if not able:
+                missed = max(of_class, key=lambda item: item.existence).id
+                raise InputError(
+                    f"{missed} was not where it was looked for, and has not been seen since: have it searched for"
+                )
             name = max(able, key=lambda item: item.existence).id
         elif all(item.id != name for item in known):
             raise InputError(f"object '{name}' is unknown")
