@@ -19,13 +19,13 @@ from registration.outline import outline_of
 from registration.result import Registration
 from registration.scan import Scan
 
-SHARE = 0.2  # of the returned beams, from which one piece may decide a registration
+SHARE = 0.25  # of the returned beams, from which one piece may decide a registration
 LARGEST = 5.0  # metres, extent of what may move
 NEARER = 0.7  # of the median range of the rest: what fills much without being large
-NOISE = 0.01  # metres, of the scanner
+NOISE = 0.025  # metres, of the scanner, at the most
 SAME = 0.03  # metres and radians between two answers that are one
 BETTER = 0.02  # share of the rest that has to agree more for another answer
-LEAST = 0.85  # share of the rest that has to agree with an answer that it does not give itself
+LEAST = 0.6  # share of the rest that has to agree with an answer that it does not give itself
 LEAST_FILLED = 0.6  # and with one that it gives, where most of the scan is filled
 
 
