@@ -110,13 +110,16 @@ def _correct(
     P = tracks.covariances[t]
     S = P[:2, :2] + noise * np.eye(2)
     off = place - tracks.means[t, :2]
-    if moment.steady and off @ np.linalg.solve(S, off) > SURPRISE:
+    turned = moment.steady and off @ np.linalg.solve(S, off) > SURPRISE
+    if turned:
         # He turned, or stopped: the velocity was another one since the last scan.
         dt = moment.dt
         P = P + TURNED**2 * np.kron([[dt * dt, dt], [dt, 1.0]], np.eye(2))
         S = P[:2, :2] + noise * np.eye(2)
     K = np.linalg.solve(S, P[:2, :]).T
     tracks.means[t] = tracks.means[t] + K @ off
+    if turned:
+        tracks.cruises[t] = tracks.means[t, 2:]
     P = P - K @ S @ K.T
     tracks.covariances[t] = 0.5 * (P + P.T)
 

@@ -402,6 +402,9 @@ def test_who_turns_round_at_full_speed_in_plain_view_is_not_lost() -> None:
             assert len(targets) == 1
             assert np.hypot(*(targets[0].mean[:2] - (3.0, y))) < 0.35
             found.append(targets[0].label)
+        if k == 30:
+            # How he goes on out of sight: as since he turned, not as before.
+            assert tracker.tracks.cruises[0, 1] == pytest.approx(-1.2, abs=0.3)
     assert len(set(found)) == 1
 
 
