@@ -13,7 +13,7 @@ from registration.crf.rigid import SUMS, add_pair, motion_of
 CELL = 0.1  # metres of the grid of displacements
 PEAKS = 4  # displacements that are refined
 LONG = 1.2  # metres, extent from which a thing may slide along itself unseen
-MANY = 120  # points of a group that are looked at
+MANY = 240  # points of a group that are looked at
 DISTANCE_COST = 4.0  # points of evidence a metre of displacement needs
 
 
