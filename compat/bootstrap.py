@@ -1,4 +1,4 @@
-"""Set up `.venv` from nothing: wheels, interface packages, this package. Run by `make`, safe to repeat.
+"""Set up `.venv`: wheels, interface packages, this package, compiled functions. Run by `make`, safe to repeat.
 
     python3 compat/bootstrap.py [runtime|test|evaluation|viewer ...]
 
@@ -22,6 +22,8 @@ PYTHON = VENV / "bin" / "python"
 SUPPORTED = ((3, 11), (3, 12))
 # The longest build first; none of them uses another.
 INTERFACE_PACKAGES = ("whereabouts_msgs", "compat/vision_msgs", "compat/tf2_msgs")
+# Their functions are compiled to machine code, which is kept beside the sources.
+COMPILED = ("estimation", "registration", "loop_closure", "tracking", "world_model")
 VERSION_QUERY = "import sys; print('%d.%d' % sys.version_info[:2])"
 
 
@@ -197,6 +199,10 @@ def install_package():
     run(command, STATE / "package.log", clean_environment())
 
 
+def compile_functions():
+    run([PYTHON, "-m", "whereabouts.compile"], STATE / "compile.log", clean_environment())
+
+
 def main(names):
     started = time.monotonic()
     try:
@@ -222,6 +228,12 @@ def main(names):
                 build.result()
         package_files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml")]
         step("package", package_files, install_package, extra=str(ROOT))
+        libraries = [ROOT / name for name in COMPILED]
+        step(
+            "compiled functions",
+            [path for folder in libraries for path in folder.rglob("*.py")],
+            compile_functions,
+        )
     except SetUpError as error:
         say(f"stopped: {error}")
         return 1

@@ -1,0 +1,58 @@
+"""Compiles what the nodes run, once per machine and change of the sources: `python -m whereabouts.compile`.
+
+A node that has to compile starts slowly and holds the compiler's memory as long as it runs; one that finds compiled
+functions beside the sources does not.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import loop_closure.warm_up
+import registration.warm_up
+import tracking.people_warm_up
+import world_model.maintenance_warm_up
+import world_model.warm_up
+from registration.crf.online import ScanSegmenter
+from tracking.intentions.model import IntentionModel
+
+
+def _registration() -> None:
+    registration.warm_up.warm_up()
+    registration.warm_up.warm_up_segmenter(ScanSegmenter())
+
+
+def _motion_prediction() -> None:
+    IntentionModel().warm_up()
+
+
+def _world_model() -> None:
+    world_model.warm_up.warm_up()
+    world_model.maintenance_warm_up.warm_up()
+
+
+# What takes longest first.
+PARTS: dict[str, Callable[[], None]] = {
+    "world model": _world_model,
+    "registration": _registration,
+    "people": tracking.people_warm_up.warm_up,
+    "loop closure": loop_closure.warm_up.warm_up,
+    "motion prediction": _motion_prediction,
+}
+
+
+def main() -> int:
+    """Compile all parts, two at a time."""
+    with ProcessPoolExecutor(max_workers=2, mp_context=get_context("spawn")) as pool:
+        running = {name: pool.submit(part) for name, part in PARTS.items()}
+        for name, part in running.items():
+            part.result()
+            print(f"compiled: {name}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
