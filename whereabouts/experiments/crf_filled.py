@@ -30,8 +30,8 @@ def filled(report: Report, options: Options) -> None:
             share = float(np.mean(pair.moving[pair.valid]))
             estimate = model.infer(pair.scan_a, pair.scan_b)
             away = estimate.motions[0] - pair.motions[0]
-            wrong = bool(np.hypot(*away[:2]) > WRONG or abs(away[2]) > WRONG_TURN)
-            answers[np.searchsorted(SHARES, share), 1 + wrong if estimate.converged else 0] += 1
+            off = bool(np.hypot(*away[:2]) > WRONG or abs(away[2]) > WRONG_TURN)
+            answers[np.searchsorted(SHARES, share), 1 + off if estimate.converged else 0] += 1
     rows: list[list[object]] = []
     low = 0.0
     for high, (refused, right, wrong) in zip(SHARES, answers.tolist(), strict=True):
