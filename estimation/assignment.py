@@ -12,6 +12,17 @@ from estimation.murty import k_best_full
 IntArray = npt.NDArray[np.int64]
 
 
+def cheapest(costs: FloatArray) -> tuple[IntArray, IntArray]:
+    """Rows and columns (min(n, m),) of the cheapest assignment; scipy's `linear_sum_assignment`, in its words.
+
+    scipy.optimize holds 7 MiB of each process that imports it; a node that never assigns does without.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = linear_sum_assignment(costs)
+    return rows, columns
+
+
 def k_best(costs: npt.ArrayLike, k: int) -> list[tuple[float, IntArray]]:
     """The k cheapest assignments, cheapest first: (cost, columns (n,)), columns[i] = -1 for unassigned.
 

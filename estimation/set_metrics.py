@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
+from estimation.assignment import cheapest
 from estimation.checks import FloatArray, as_floats, as_points, require_positive
 from estimation.errors import InputError
 
@@ -60,7 +60,7 @@ def ospa(X: npt.ArrayLike, Y: npt.ArrayLike, c: float, p: float) -> float:
     if larger == 0:
         return 0.0
     costs = np.minimum(distances, c) ** p
-    total = costs[linear_sum_assignment(costs)].sum() + c**p * (larger - min(distances.shape))
+    total = costs[cheapest(costs)].sum() + c**p * (larger - min(distances.shape))
     return float((total / larger) ** (1.0 / p))
 
 
@@ -74,7 +74,7 @@ def gospa(X: npt.ArrayLike, Y: npt.ArrayLike, c: float, p: float, alpha: float =
         raise InputError(f"alpha must be in (0, 2], not {alpha!r}")
     costs = np.minimum(_distances(X, Y), c) ** p
     surplus = abs(costs.shape[0] - costs.shape[1])
-    total = costs[linear_sum_assignment(costs)].sum() + c**p / alpha * surplus
+    total = costs[cheapest(costs)].sum() + c**p / alpha * surplus
     return float(total ** (1.0 / p))
 
 
@@ -82,7 +82,7 @@ def gospa_parts(X: npt.ArrayLike, Y: npt.ArrayLike, c: float, p: float) -> Gospa
     """GOSPA with α = 2 split into localisation, missed (Y, the truth) and false (X, the estimate)."""
     _check(c, p)
     distances = _distances(X, Y)
-    rows, columns = linear_sum_assignment(np.minimum(distances, c) ** p)
+    rows, columns = cheapest(np.minimum(distances, c) ** p)
     # A pair at the cut-off or beyond costs c^p, exactly a missed and a false point together.
     pairs = [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if distances[i, j] < c]
     localisation = float(sum(distances[i, j] ** p for i, j in pairs))

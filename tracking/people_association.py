@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from estimation.assignment import cheapest
 from estimation.checks import FloatArray
 from tracking.people_config import PeopleConfig
 from tracking.people_tracks import BoolArray, IntArray, Tracks
@@ -67,7 +67,7 @@ def associate(
     gains = _gains(tracks, seen, config, steady)
     # Both slots of a person; the second leg has to be worth it.
     both = np.concatenate((gains, gains - SECOND_LEG))
-    rows, columns = linear_sum_assignment(-np.maximum(both, 0.0))
+    rows, columns = cheapest(-np.maximum(both, 0.0))
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         if both[row, column] > 0.0:
             owners[column] = row % len(tracks)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy.optimize import linear_sum_assignment
 
+from estimation.assignment import cheapest
 from estimation.checks import FloatArray
 from estimation.gaussians import repair_covariance
 from tracking.components import Components, IntArray
@@ -46,7 +46,7 @@ def distinct_labels(weights: FloatArray, evidence: FloatArray, names: IntArray, 
     """
     chosen = names[evidence.argmax(1)]
     heavy = np.flatnonzero(weights >= DISTINCT)
-    rows, columns = linear_sum_assignment(-evidence[heavy])
+    rows, columns = cheapest(-evidence[heavy])
     taken = np.full(len(heavy), -1)
     taken[rows] = columns
     for i, column in zip(heavy, taken, strict=True):

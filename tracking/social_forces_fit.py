@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from estimation.checks import FloatArray, require_positive
 from estimation.errors import InputError
@@ -55,6 +54,9 @@ def fit_forces(
     ------
     InputError : nobody is followed for long enough.
     """
+    # Forces are fitted at home, from what was recorded; nodes that follow people do without scipy.optimize.
+    from scipy.optimize import minimize
+
     require_positive("horizon", horizon)
     first = start or Forces()
     made = _scenes(trajectories, horizon, scenes)

@@ -8,8 +8,8 @@ known object explains one of them at most.
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from estimation.assignment import cheapest
 from estimation.checks import FloatArray
 
 SECONDS = 30.0
@@ -37,7 +37,7 @@ def best_shared(costs: FloatArray, prior: FloatArray) -> int:
         return first
     values = np.empty(len(costs))
     for index, cost in enumerate(costs):
-        rows, columns = linear_sum_assignment(cost)
+        rows, columns = cheapest(cost)
         # Those that are left over when there are fewer objects are of nothing known.
         values[index] = cost[rows, columns].sum() + UNKNOWN * (cost.shape[0] - len(rows)) + prior[index]
     return int(values.argmin())

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse.linalg import spsolve
 
+from estimation.assignment import cheapest
 from estimation.checks import FloatArray
 from world_model.drift import QUICK, SECONDS, SLOW, STEPS, UNKNOWN
 from world_model.leaves import IntArray
@@ -116,7 +116,7 @@ def _joint(costs: FloatArray) -> IntArray:
     """Owners (M,) of a look's detections for costs (S, M, K) by shared error, each object at most once."""
     best, owner = np.inf, np.full(costs.shape[1], -1)
     for cost, step in zip(costs, STEPS, strict=True):
-        rows, columns = linear_sum_assignment(cost)
+        rows, columns = cheapest(cost)
         value = float(cost[rows, columns].sum() + step**2)
         if value < best:
             best = value

@@ -11,6 +11,7 @@ from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence, checked
 from world_model.predictions import Path
 
+LOOKS = 24
 SENSOR = {"pose": (-3.0, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0}
 
 
@@ -27,10 +28,11 @@ def warm_up() -> None:
             missed_run_frames=2.5,
             motion={"*": {"model": model, "moved_per_second": 0.1}},
             merged_detections=True,
+            hypotheses=10,
         )
         anchors = Anchoring(config)
-        for step in range(40):
-            spots = [(0.0, 0.0, 1.0), (0.12, 0.0, 1.0), (1.0, 1.0, 1.0)] if step < 25 else [(0.0, 1.0, 1.0)]
+        for step in range(LOOKS):
+            spots = [(0.0, 0.0, 1.0), (0.12, 0.0, 1.0), (1.0, 1.0, 1.0)] if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
             seen = [np.array(p) + rng.normal(0.0, 0.05, 3) for p in spots if rng.random() < 0.6]
             seen += list(rng.uniform([-2, -2, 0], [2, 2, 2], (rng.poisson(2.0), 3)))
             given = [

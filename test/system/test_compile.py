@@ -25,3 +25,34 @@ def test_a_second_start_compiles_nothing() -> None:
     count, missed = run.stdout.split(maxsplit=1)
     assert int(count) > 50
     assert missed.strip() == "[]"
+
+
+BUSY_WORLD = """
+import gc
+from numba.core.dispatcher import Dispatcher
+import numpy as np
+from whereabouts.experiments.anchoring_scenes import ALL_ROUND, HARD, ROOM, known
+from whereabouts.simulation.objects import ObjectScene, scattered
+from world_model import WorldModel
+from world_model.warm_up import warm_up
+
+warm_up()
+loaded = {id(item): len(item.overloads) for item in gc.get_objects() if isinstance(item, Dispatcher)}
+for seed in range(2):
+    things = scattered(12, np.random.default_rng(seed), ROOM)
+    scene = ObjectScene(things, ROOM, sensor=ALL_ROUND, seed=seed, **HARD)
+    model = WorldModel(known(scene))
+    for seen in scene.looks(100):
+        model.update(seen.evidence, seen.stamp)
+found = [item for item in gc.get_objects() if isinstance(item, Dispatcher)]
+print(sum(bool(count) for count in loaded.values()))
+print(sorted(item.__name__ for item in found if len(item.overloads) > loaded.get(id(item), 0)))
+"""
+
+
+def test_the_world_model_is_warm_for_its_first_look() -> None:
+    """Its warm-up is short; a scene with misses and false detections must need nothing that it left out."""
+    run = subprocess.run([sys.executable, "-c", BUSY_WORLD], capture_output=True, text=True, check=True)
+    count, late = run.stdout.splitlines()
+    assert int(count) > 15
+    assert late == "[]"

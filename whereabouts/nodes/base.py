@@ -30,7 +30,7 @@ from tf2_msgs.msg import TFMessage
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.executor import NodeExecutor
-from whereabouts.nodes.footprint import release, settle
+from whereabouts.nodes.footprint import keep_packed, release, settle
 from whereabouts.nodes.inputs import Frames, Handler, Input
 from whereabouts.nodes.outputs import QUIET, Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
@@ -359,6 +359,7 @@ def run_node(node_type: type[NodeType]) -> int:
     Returns the exit code: 0 after SIGINT or SIGTERM, 1 if it could not start, 2 for wrong parameters.
     """
     rclpy.init()
+    keep_packed()
     node: NodeType | None = None
     try:
         node = node_type()

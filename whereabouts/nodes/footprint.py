@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import gc
 import mmap
-import sys
 import weakref
+import zlib
 from typing import Any
 
 LIBRARY = "libllvmlite"
@@ -19,7 +19,6 @@ def settle() -> None:
     functions are loaded by now; should another be compiled later, the kernel reads LLVM's code from the file again.
     """
     gc.collect()
-    _pack_intermediate_code()
     gc.freeze()
     libc = ctypes.CDLL(None, use_errno=True)
     if hasattr(libc, "malloc_trim"):
@@ -32,21 +31,33 @@ def settle() -> None:
         advise(start, length, mmap.MADV_DONTNEED)
 
 
-def _pack_intermediate_code() -> None:
-    """Compiled functions bring along what it takes to build them into others: a tenth of it as bytes, until asked for.
+def keep_packed() -> None:
+    """From now on, compiled functions that come from the cache bring along what builds them into others as bytes only.
 
-    For numba as it is now; where it is otherwise, that code stays as it is.
+    Parsed it is ten times as large, and start-up needs none of it. Reaches into numba as it is now; where numba is
+    otherwise, everything stays as it is.
     """
-    codegen = sys.modules.get("numba.core.codegen")
-    kind = getattr(codegen, "CPUCodeLibrary", None)
-    if kind is None or not hasattr(kind, "_get_module_for_linking"):
+    from numba.core import codegen
+
+    kind: Any = codegen.CPUCodeLibrary
+    load = getattr(getattr(kind, "_unserialize", None), "__func__", None)
+    if load is None or not hasattr(kind, "_get_module_for_linking") or load.__module__ == __name__:
         return
-    kinds = {kind, *kind.__subclasses__()}
-    for library in [item for item in gc.get_objects() if type(item) in kinds]:
-        module = getattr(library, "_shared_module", None)
-        if module is not None:
-            library._get_module_for_linking = _Unpacking(library, module.as_bitcode())
-            library._shared_module = None
+
+    def load_packed(cls: Any, generator: Any, state: Any) -> Any:
+        library = load(cls, generator, state)
+        _pack(library, state)
+        return library
+
+    kind._unserialize = classmethod(load_packed)
+
+
+def _pack(library: Any, state: Any) -> None:
+    """What `_unserialize` parsed of the second of `state`'s data is forgotten again."""
+    if getattr(library, "_shared_module", None) is None or len(state) != 3 or state[1] != "object":
+        return
+    library._get_module_for_linking = _Unpacking(library, zlib.compress(state[2][1], 1))
+    library._shared_module = None
 
 
 class _Unpacking:
@@ -62,7 +73,7 @@ class _Unpacking:
         library = self._library()
         assert library is not None
         del library._get_module_for_linking
-        library._shared_module = parse_bitcode(self._packed)
+        library._shared_module = parse_bitcode(zlib.decompress(self._packed))
         return library._shared_module
 
 
