@@ -5,7 +5,7 @@
     F = compare_pairs(places, pairs)          # (M, 44 | 41), pairs.same (M,) 0 or 1
 
 Positive are pairs nearer than `distance`, negative is a random subset of all others. Pairs close along the path are
-neither: that a robot is where it has just been is no discovery.
+neither, unless the rule counts `neighbours`: that a robot is where it has just been is no discovery.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ class PairRule:
     max_turn : radians; pairs of both classes whose headings differ by more are left out. π: all headings.
     apart : metres from which a pair is another place; between `distance` and this it is neither. 0: `distance`.
     index_gap : positions in the log between the two at least.
+    neighbours : path_gap is asked of negative pairs only, so that positive ones may follow each other in the log.
 
     Raises
     ------
@@ -47,6 +48,7 @@ class PairRule:
     max_turn: float = math.pi
     apart: float = 0.0
     index_gap: int = 1
+    neighbours: bool = False
 
     def __post_init__(self) -> None:
         require_positive("distance", self.distance)
@@ -141,12 +143,13 @@ def _candidates(
     for i in range(count - rule.index_gap):
         j = np.arange(i + rule.index_gap, count)
         apart = np.linalg.norm(where[j] - where[i], axis=1)
-        allowed = np.abs(travelled[j] - travelled[i]) >= rule.path_gap
+        revisit = np.abs(travelled[j] - travelled[i]) >= rule.path_gap
+        alike = np.ones(len(j), dtype=bool)
         if rule.max_turn < math.pi:
             turn = np.abs(np.mod(yaw[j] - yaw[i] + math.pi, 2.0 * math.pi) - math.pi)
-            allowed &= turn <= rule.max_turn
-        near.append(i * count + j[allowed & (apart < rule.distance)])
-        far.append(i * count + j[allowed & (apart >= max(rule.distance, rule.apart))])
+            alike = turn <= rule.max_turn
+        near.append(i * count + j[alike & (revisit | rule.neighbours) & (apart < rule.distance)])
+        far.append(i * count + j[alike & revisit & (apart >= max(rule.distance, rule.apart))])
     nothing = np.zeros(0, dtype=np.int64)
     return np.concatenate([nothing, *near]), np.concatenate([nothing, *far])
 

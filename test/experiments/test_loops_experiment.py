@@ -18,7 +18,7 @@ from whereabouts.experiments.report import Options, Report
 
 @pytest.fixture(scope="module")
 def floor() -> Recording:
-    return simulated(0, Reading(step=0.6, local_map=0.0))
+    return simulated(0, Reading(step=1.0, local_map=0.0))
 
 
 def rule_of(recording: Recording, distance: float) -> PairRule:
@@ -41,7 +41,7 @@ def test_error_falls_with_rounds_and_ratios_are_given(floor: Recording, tmp_path
 
 
 def test_a_floor_is_judged_by_what_was_learned_on_another(floor: Recording, tmp_path: Path) -> None:
-    other = simulated(3, Reading(step=0.6, local_map=0.0))
+    other = simulated(3, Reading(step=1.0, local_map=0.0))
     recordings = {
         "a": Recording("a", "a", floor.places, floor.poses, floor.path),
         "b": Recording("b", "b", other.places, other.poses, other.path),
@@ -51,6 +51,9 @@ def test_a_floor_is_judged_by_what_was_learned_on_another(floor: Recording, tmp_
     whole(report)
     rates = [row[4:] for row in report.tables[-1].rows]
     assert all(0.0 <= zero <= tenth <= one <= 100.0 for zero, tenth, one in rates)
+    positives = {row[0]: row[3] for row in report.tables[-1].rows if row[2] == "a"}
+    assert positives["45°, loose, 2 m"] > positives["45°, 2 m"]
+    assert positives["all headings, 2 m"] > positives["45°, 2 m"]
     single = Report("loops")
     across_places(Options(tmp_path, quick=True), single, {"a": recordings["a"]}, rule_of)
     assert not single.tables

@@ -30,6 +30,7 @@ def round_trip(count: int = 120) -> np.ndarray:
         PairRule(2.0, 20.0, math.radians(45)),
         PairRule(3.0, 0.0, index_gap=20),
         PairRule(1.0, 5.0, apart=6.0),
+        PairRule(2.0, 20.0, math.radians(45), apart=10.0, neighbours=True),
     ],
 )
 def test_pairs_are_those_a_double_loop_finds(rule: PairRule) -> None:
@@ -39,12 +40,13 @@ def test_pairs_are_those_a_double_loop_finds(rule: PairRule) -> None:
     for i in range(len(poses)):
         for j in range(i + rule.index_gap, len(poses)):
             turn = abs(math.remainder(poses[i, 2] - poses[j, 2], 2 * math.pi))
-            if path[j] - path[i] < rule.path_gap or turn > rule.max_turn:
+            if turn > rule.max_turn:
                 continue
+            revisit = path[j] - path[i] >= rule.path_gap
             apart = math.dist(poses[i, :2], poses[j, :2])
-            if apart < rule.distance:
+            if apart < rule.distance and (revisit or rule.neighbours):
                 near.add((i, j))
-            elif apart >= max(rule.distance, rule.apart):
+            elif revisit and apart >= max(rule.distance, rule.apart):
                 far.add((i, j))
     pairs = sample_pairs(poses, rule, negatives=10**6)
     found = list(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True))

@@ -36,6 +36,12 @@ PathGap = Annotated[
 IndexGap = Annotated[
     int, typer.Option("--index-gap", min=1, help="Places of the log between the two at least.")
 ]
+Apart = Annotated[
+    float, typer.Option("--apart", min=0.0, help="Metres from which it is another place; 0: from --distance.")
+]
+Neighbours = Annotated[
+    bool, typer.Option("--neighbours", help="Positive pairs may also be near along the path.")
+]
 LocalMapLength = Annotated[
     float, typer.Option("--local-map", min=0.0, help="Metres of path in an outline; 0: the scan alone.")
 ]
@@ -120,6 +126,8 @@ def evaluate(
     heading: Heading = 180.0,
     path_gap: PathGap = 20.0,
     index_gap: IndexGap = 1,
+    apart: Apart = 0.0,
+    neighbours: Neighbours = False,
     local_map: LocalMapLength = 10.0,
     rounds: Rounds = 50,
     positives: Annotated[int, typer.Option("--positives", min=10, help="Positive pairs at most.")] = 3000,
@@ -147,7 +155,7 @@ def evaluate(
 
     reading = Reading(local_map=local_map)
     recordings = [read_recording(log, reading) for log in track(logs, "reading")]
-    rule = PairRule(1.0, path_gap, math.radians(heading), index_gap=index_gap)
+    rule = PairRule(1.0, path_gap, math.radians(heading), apart, index_gap, neighbours)
     rules = [replace(rule, distance=value) for value in _numbers(distances)]
     chosen = _model(model, recordings) if protocol == "model" else None
     with cluster(dask):
