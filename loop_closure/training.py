@@ -22,7 +22,6 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.gradient_boosting import GradientBoosting
 from loop_closure.comparison import PlaceDatabase
-from loop_closure.evaluation import balanced
 from loop_closure.features import PlaceFeatures
 from loop_closure.matching import match_pairs
 from loop_closure.pairs import PairRule, Pairs, compare_pairs, sample_pairs
@@ -31,6 +30,9 @@ from loop_closure.retrieval import learn_embedding
 
 # A recording with fewer positive pairs counts less, in proportion.
 FULL_WEIGHT = 500
+# Negative pairs to each positive one that the text's method is trained on. On clouds not trained on, ten instead of one
+# raise D at 1 % FA from 46 to 55 %; on scans they change nothing.
+NEGATIVE_SHARE = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,22 +65,27 @@ class Recording:
 def train_plain(
     recordings: Sequence[Recording], rule: PairRule, rounds: int = 50, most: int = 2000, seed: int = 0
 ) -> PlaceModel:
-    """The text's method: AdaBoost over decision stumps on its pair features, as many positive as negative pairs.
+    """The text's method: AdaBoost over decision stumps on its pair features.
 
-    most : pairs of either class from each recording.
+    most : positive pairs from each recording; negative ones are NEGATIVE_SHARE times as many. Either class has half
+    the weight all the same, but what few negative pairs have in common with positive ones is learned from many.
 
     Raises
     ------
     InputError : no recording, or none with pairs of both classes.
     """
-    sets = []
+    F, y = [], []
     for recording in _some(recordings):
-        pairs = recording.pairs(rule, most, most, seed)
-        keep = min(pairs.positives, len(pairs) - pairs.positives)
-        F = compare_pairs(recording.places, pairs)
-        sets.append(balanced([(F, pairs.same)], keep, seed))
-    F, y = np.concatenate([s[0] for s in sets]), np.concatenate([s[1] for s in sets])
-    return PlaceModel(recordings[0].dimension, AdaBoost(rounds).fit(F, y))
+        pairs = plain_share(recording.pairs(rule, NEGATIVE_SHARE * most, most, seed))
+        F.append(compare_pairs(recording.places, pairs))
+        y.append(pairs.same)
+    model = AdaBoost(rounds).fit(np.concatenate(F), np.concatenate(y))
+    return PlaceModel(recordings[0].dimension, model)
+
+
+def plain_share(pairs: Pairs) -> Pairs:
+    """All positive pairs and at most NEGATIVE_SHARE times as many negative ones, the first of them."""
+    return pairs.take(np.arange(min((1 + NEGATIVE_SHARE) * pairs.positives, len(pairs))))
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from loop_closure.pairs import IntArray, PairRule, Pairs, sample_pairs
 from loop_closure.place_model import PlaceModel
 from loop_closure.retrieval import learn_embedding
 from loop_closure.roc import Roc, roc
-from loop_closure.training import Recording
+from loop_closure.training import Recording, plain_share
 
 TILE = 25.0
 INNER = 3
@@ -161,9 +161,8 @@ def _judge_stumps(
     seed: int,
 ) -> None:
     """Append the curves of the text's method, trained on the nodes `outside`, to `found`."""
-    train = pairs_among(recording, outside, rule, seed)
-    balanced = train.take(np.arange(min(2 * train.positives, len(train))))
+    train = plain_share(pairs_among(recording, outside, rule, seed))
     for rounds in (50, 200):
-        stumps = AdaBoost(rounds).fit(wide_pairs(recording, balanced)[:, :TEXT], balanced.same)
+        stumps = AdaBoost(rounds).fit(wide_pairs(recording, train)[:, :TEXT], train.same)
         score = stumps.score(wide_pairs(recording, pairs)[:, :TEXT])
         found.setdefault(f"AdaBoost, T = {rounds}", []).append(roc(score, pairs.same))

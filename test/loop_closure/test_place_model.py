@@ -14,12 +14,20 @@ from loop_closure import (
     PlaceModel,
     PlaceRecognizer,
     features_2d,
+    pair_features,
     pair_features_many,
     shipped_model,
 )
 from loop_closure.pairs import PairRule, path_lengths, sample_pairs
 from loop_closure.shipped import NAMES
-from loop_closure.training import CascadeConfig, Recording, train_cascade, train_plain
+from loop_closure.training import (
+    NEGATIVE_SHARE,
+    CascadeConfig,
+    Recording,
+    plain_share,
+    train_cascade,
+    train_plain,
+)
 from whereabouts.simulation import Lidar, random_floor
 from whereabouts.simulation.robot import Drive
 
@@ -122,6 +130,22 @@ def test_the_plain_method_is_adaboost_on_the_texts_features(recordings) -> None:
     places = recordings[0].places
     expected = model.first.score(pair_features_many(places[0], places))
     np.testing.assert_array_equal(model.likelihoods(places[0], model.database(places)), expected)
+
+
+def test_the_plain_method_learns_from_ten_negative_pairs_to_a_positive_one(recordings) -> None:
+    rule = PairRule(2.0, 10.0)
+    pairs = recordings[0].pairs(rule, 10 * NEGATIVE_SHARE, 10, 3)
+    kept = plain_share(pairs.take(np.arange(4, len(pairs))))
+    assert kept.positives == 6
+    assert len(kept) == 6 + 6 * NEGATIVE_SHARE
+    F = np.array(
+        [
+            pair_features(recordings[0].places[i], recordings[0].places[j])
+            for i, j in zip(pairs.first, pairs.second, strict=True)
+        ]
+    )
+    expected = AdaBoost(5).fit(F, pairs.same)
+    assert train_plain(recordings[:1], rule, rounds=5, most=10, seed=3).first.to_dict() == expected.to_dict()
 
 
 def test_memory_of_a_place_is_what_the_readme_says(recordings) -> None:
