@@ -16,6 +16,7 @@ MAX_RANGE = 50.0  # metres, as the shipped model was trained
 LENGTH = 10.0  # metres of path in an outline
 BEST = 60  # keyframes that are handed on
 LEAST = 0.3  # likelihood
+AT_ONCE = 100  # earlier keyframes that are taken in with one question, so that no scan waits long
 
 
 class Likeness:
@@ -29,15 +30,17 @@ class Likeness:
     def of(self, k: int, keyframes: Keyframes, apart: float) -> dict[int, float]:
         """Likelihood that the newest keyframe `k` shows the place of others, `apart` metres of path before it.
 
-        Empty for a keyframe that is not the newest, or brings no scan.
+        Empty for a keyframe that is not the newest, or brings no scan, and until all earlier ones are taken in.
         """
         if k < self._next or keyframes[k].scan is None:
             return {}
         if self._recognizer is None:
             self._recognizer = PlaceRecognizer()
-        while self._next < k:
-            self._recognizer.add(self._features(self._next, keyframes), keyframes[self._next].stamp)
-            self._next += 1
+        for n in range(self._next, min(k, self._next + AT_ONCE)):
+            self._recognizer.add(self._features(n, keyframes), keyframes[n].stamp)
+            self._next = n + 1
+        if self._next < k:
+            return {}
         place = self._features(k, keyframes)
         found = self._recognizer.query(place, BEST) if k else []
         self._recognizer.add(place, keyframes[k].stamp)

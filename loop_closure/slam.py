@@ -23,18 +23,16 @@ from loop_closure.marginal import renumbered, without
 from loop_closure.motions import (
     as_pose,
     compose,
-    grown,
     identity,
     invert,
-    length,
     motion,
     orthonormal,
     planar,
     positions,
-    turn,
 )
 from loop_closure.slam_config import SlamConfig
 from loop_closure.spatial import LEAF, polished_step, thinned
+from loop_closure.steps import StepDoubt
 from loop_closure.thinning import Thinning
 from loop_closure.uncertainty import Uncertainty
 from loop_closure.visits import Visits
@@ -42,10 +40,7 @@ from registration.scan import Scan
 
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
-OWN_DOUBT = 30.0  # variances odometry reports of itself are those of white noise; its errors last
-LEAP = (3.0, 1.2)  # metres and radians from one scan to the next that no registration can be sure of
 WRONG = 0.3  # metres by which a closure misses the whole that cannot be true
-DOUBTED = 0.5  # share of such a leap that may be wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +84,7 @@ class Slam:
         self,
         config: SlamConfig | None = None,
         graph: PoseGraph | None = None,
-        recognise: bool = False,
+        recognise: bool = True,
         thin: bool = False,
         every_scan: bool | None = None,
     ) -> None:
@@ -116,13 +111,12 @@ class Slam:
         self._likeness = Likeness()
         self._visits = Visits(self._every_scan)
         self._thinning = Thinning(self.config.key_distance, self.config.key_turn)
-        self._covariance: FloatArray | None = None
+        self._doubt = StepDoubt(self.config)
         self._queue: list[int] = []  # of those, what is to be looked at next
         self._again: set[int] = set()  # keyframes worth another look, their place being better known now
         self._frame: FloatArray | None = None  # of the odometry of a resumed run, in the map
         self._new_run = False
         self._dirty = False
-        self._leap = (0.0, 0.0)  # metres and radians of leaps of the odometry since the last keyframe
         self._search = Search(
             apart=self.config.loop_path, certain=self.config.certain, farthest=self.config.farthest
         )
@@ -158,7 +152,8 @@ class Slam:
         known = None if covariance is None else np.asarray(covariance, dtype=np.float64)
         if self._frame is not None:
             here = compose(self._frame, here)
-        self._watch(here)
+        if self._visits and not self._new_run:
+            self._doubt.watch(self._visits.last.odometry, here)
         if not self._new_run and not self.keyframes.wanted(
             here, self.config.key_distance, self.config.key_turn
         ):
@@ -227,20 +222,11 @@ class Slam:
     def resume(self, correction: FloatArray) -> None:
         """Go on with the map in a new run, whose odometry frame lies at `correction` in the map."""
         self._frame = correction
-        self._covariance = None
+        self._doubt.begin()
         self.keyframes.gap(NEW_RUN)
         self._new_run = True
 
     # One keyframe.
-
-    def _watch(self, here: FloatArray) -> None:
-        """Remember leaps of planar odometry since the last keyframe: views of little in common were laid together."""
-        if not self._visits or self._new_run or not planar(here):
-            return
-        step = motion(self._visits.last.odometry, here)
-        away, angle = length(step), turn(step)
-        if away > LEAP[0] or angle > LEAP[1]:
-            self._leap = (float(np.hypot(self._leap[0], away)), float(np.hypot(self._leap[1], angle)))
 
     def _keep(
         self, scan: Scan | npt.ArrayLike, here: FloatArray, covariance: FloatArray | None, when: float
@@ -270,11 +256,11 @@ class Slam:
                     [0.2**2] * (2 if planar(here) else 3) + [0.05**2] * (1 if planar(here) else 3)
                 )
             else:
-                doubt = self._doubt(step, before, covariance)
+                doubt = self._doubt.of(step, before, covariance, self.keyframes)
             self._new_run = False
             self.graph.extend(step, doubt)
         self._visits.add(when, k, identity(here), here, True)
-        self._covariance, self._leap = covariance, (0.0, 0.0)
+        self._doubt.arrived(covariance)
         accepted = self._close(k)
         return SlamUpdate(self.pose, accepted, k, len(self._hypotheses.waiting))
 
@@ -287,24 +273,6 @@ class Slam:
         raw = here if self._frame is None else compose(invert(self._frame), here)
         self._frame = orthonormal(compose(better, invert(raw)))
         return better
-
-    def _doubt(self, step: FloatArray, before: FloatArray, covariance: FloatArray | None) -> FloatArray:
-        """Covariance of an odometry step: what any odometry may be off, and what this one says itself."""
-        away = 0.005 + self.config.odometry_drift * length(step)
-        angle = self.config.odometry_turn_drift + 0.02 * turn(step)
-        if any(self._leap):
-            away, angle = away + DOUBTED * self._leap[0], angle + DOUBTED * self._leap[1]
-            self.keyframes.break_off(away)
-        size = 2 if planar(step) else 3
-        doubt = np.diag([away**2] * size + [angle**2] * (1 if planar(step) else 3))
-        if covariance is None or self._covariance is None:
-            return doubt
-        own = grown(before, step, self._covariance, covariance)
-        guessed = float(np.sqrt(np.linalg.eigvalsh(own[:size, :size])[-1]))
-        if guessed > 0.04 + 0.1 * length(step):
-            # Predicted, not measured.
-            self.keyframes.break_off(float(np.hypot(away, guessed)))
-        return doubt + OWN_DOUBT * own
 
     def _close(self, k: int) -> list[Closure]:
         paths = self.keyframes.paths

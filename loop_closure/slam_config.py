@@ -22,7 +22,7 @@ class SlamConfig:
     max_range: float = _setting(25.0, "m", "points farther from the sensor are not used", 1.0, 500.0)
     loop_path: float = _setting(10.0, "m", "path between a place and its revisit", 5.0, 1000.0)
     odometry_drift: float = _setting(
-        0.01, "m/m", "standard deviation of odometry per metre of a step", 0.0001, 1.0
+        0.02, "m/m", "standard deviation of odometry per metre of a step", 0.0001, 1.0
     )
     odometry_turn_drift: float = _setting(
         0.003, "rad", "standard deviation of the heading per kept scan", 0.0001, 1.0

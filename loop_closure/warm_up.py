@@ -6,6 +6,8 @@ import numpy as np
 
 from estimation.grid import OccupancyGrid
 from loop_closure.graph import Edge
+from loop_closure.keyframes import Keyframes
+from loop_closure.likeness import Likeness
 from loop_closure.uncertainty import Uncertainty
 from registration.align_submaps import align_submaps
 from registration.scan import Scan
@@ -26,3 +28,13 @@ def warm_up() -> None:
     uncertainty = Uncertainty()
     uncertainty.learn([Edge(0, 1, np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3))])
     uncertainty.around(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 1)
+
+
+def warm_up_recognition() -> None:
+    """Compile what only robots run that have lost their place; nodes load it when they have."""
+    keyframes, likeness = Keyframes(), Likeness()
+    bearings = np.linspace(-1.5, 1.5, 181)
+    for k in range(3):
+        scan = Scan(4.0 + 0.5 * np.sin((3.0 + k) * bearings), -1.5, 3.0 / 180.0, 0.05, 30.0)
+        keyframes.add_scan(scan, np.array([0.6 * k, 0.0, 0.0]), 25.0)
+        likeness.of(k, keyframes, 1.0)

@@ -20,7 +20,7 @@ from registration.submap import Submap, Verdict, judge
 SEARCHED = 220  # points of the source the search looks at
 DOUBT = 0.25  # metres a candidate of the search may be off
 NOISE = 0.03  # metres, of a fused outline over metres of odometry
-FLOOR = np.array([0.02, 0.02, 0.004])  # m, m, rad: what bent local maps and their fusing leave
+FLOOR = np.array([0.02, 0.02, 0.002])  # m, m, rad: what bent local maps and their fusing leave
 CORRELATED = 30.0  # neighbouring points share their error: so many count as one
 FREE = np.array([3.0, 3.0, 1.0])  # m, m, rad: of a direction the lines leave open
 LEAST_AGREEING = 4.0  # metres of outline, of the lesser side

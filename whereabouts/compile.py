@@ -25,6 +25,11 @@ def _registration() -> None:
     registration.warm_up.warm_up_segmenter(ScanSegmenter())
 
 
+def _loop_closure() -> None:
+    loop_closure.warm_up.warm_up()
+    loop_closure.warm_up.warm_up_recognition()
+
+
 def _motion_prediction() -> None:
     IntentionModel().warm_up()
 
@@ -39,7 +44,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "world model": _world_model,
     "registration": _registration,
     "people": tracking.people_warm_up.warm_up,
-    "loop closure": loop_closure.warm_up.warm_up,
+    "loop closure": _loop_closure,
     "motion prediction": _motion_prediction,
 }
 

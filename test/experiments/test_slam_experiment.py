@@ -9,7 +9,8 @@ import pytest
 
 from estimation.metrics import relations_error
 from estimation.poses import compound
-from whereabouts.experiments.slam import CLOSE, false_closures, jitter, recall, relations_of, with_scale
+from whereabouts.experiments.slam import CLOSE
+from whereabouts.experiments.slam_judging import false_closures, jitter, recall, relations_of, with_scale
 
 # Along a corridor of 40 m and back, a pose every half metre.
 OUT = np.column_stack((np.arange(0.0, 40.0, 0.5), np.zeros(80), np.zeros(80)))
