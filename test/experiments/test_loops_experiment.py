@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from estimation.gradient_boosting import GradientBoosting
 from loop_closure.pairs import PairRule
 from loop_closure.training import Recording
+from whereabouts.experiments import loops_across
+from whereabouts.experiments.loops import THEIRS, within_recordings
 from whereabouts.experiments.loops_across import across_places, shipped_models
 from whereabouts.experiments.loops_changes import dynamic_objects
 from whereabouts.experiments.loops_data import Reading, every, simulated
@@ -40,7 +43,11 @@ def test_error_falls_with_rounds_and_ratios_are_given(floor: Recording, tmp_path
     assert errors[-1] < 0.7 * errors[0]
 
 
-def test_a_floor_is_judged_by_what_was_learned_on_another(floor: Recording, tmp_path: Path) -> None:
+def test_a_floor_is_judged_by_what_was_learned_on_another(
+    floor: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A few trees are enough to see the tables whole.
+    monkeypatch.setattr(loops_across, "GradientBoosting", lambda rounds, depth: GradientBoosting(5, 2))
     other = simulated(3, Reading(step=1.0, local_map=0.0))
     recordings = {
         "a": Recording("a", "a", floor.places, floor.poses, floor.path),
@@ -58,6 +65,14 @@ def test_a_floor_is_judged_by_what_was_learned_on_another(floor: Recording, tmp_
     across_places(Options(tmp_path, quick=True), single, {"a": recordings["a"]}, rule_of)
     assert not single.tables
     assert single.notes
+
+
+def test_one_data_set_is_judged_by_cross_validation_and_drawn(floor: Recording, tmp_path: Path) -> None:
+    report = Report("loops")
+    within_recordings(Options(tmp_path, quick=True), report, {"intel": floor})
+    whole(report)
+    assert [row[5:] for row in report.tables[0].rows] == [list(THEIRS["intel", d]) for d in (1.0, 2.0, 3.0)]
+    assert report.pictures[0].stat().st_size > 1000
 
 
 def test_movers_lower_the_likelihood_and_cards_are_listed(tmp_path: Path) -> None:

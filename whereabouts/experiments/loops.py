@@ -1,9 +1,10 @@
-"""Loop-closure classifier: Tables 2 to 6 and Figures 4 to 10 of Paper A, on the recordings that exist here.
+"""Loop-closure classifier: Tables 1 to 6 and Figures 4 to 12 of Paper A, on the recordings that exist here.
 
 The text's data sets are not available. Killian Court (1.9 km) stands in for `ken`, intel and freiburg-079 for `syd1`
 and `syd2` (all 180° scanners indoors, where theirs are 360° outdoors), the table of 1248 real clouds for `hann2` and
 `AASS`. Dynamic objects and the 3D timing are simulated. Pairs of a planar log are more than 20 m of path apart with
-headings within 45°; of clouds at least 20 positions in the log.
+headings within 45°; of clouds at least 20 positions in the log. Figures 6 and 8 are illustrations; trajectories
+(Figures 11, 12c to e and 13) are those of `whereabouts experiment slam`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from whereabouts.experiments.loops_across import across_places, shipped_models
 from whereabouts.experiments.loops_changes import dynamic_objects, likelihood_matrix, translation
 from whereabouts.experiments.loops_data import Reading, read_recording
 from whereabouts.experiments.loops_features import informative_features, repetitive_structure, training_rounds
+from whereabouts.experiments.loops_judging import Judgement, draw_curves
 from whereabouts.experiments.loops_retrieval import retrieval
 from whereabouts.experiments.report import Options, Report, Table
 from whereabouts.killian import bag_directory
@@ -66,7 +68,7 @@ def run(options: Options) -> Report:
     report = Report("loops")
     recordings = _recordings(options, report)
     if recordings:
-        _within(options, report, recordings)
+        within_recordings(options, report, recordings)
         _resolution(options, report, recordings)
         training_rounds(options, report, recordings, rule_of)
         informative_features(options, report, recordings, rule_of)
@@ -98,10 +100,11 @@ def _recordings(options: Options, report: Report) -> dict[str, Recording]:
     return {name: read_recording(source, reading) for name, source in track(sources.items(), "reading")}
 
 
-def _within(options: Options, report: Report, recordings: dict[str, Recording]) -> None:
-    """Tables 1 and 5: k-fold cross validation within each data set, balanced pairs, the plain method."""
+def within_recordings(options: Options, report: Report, recordings: dict[str, Recording]) -> None:
+    """Tables 1 and 5, Figure 5: k-fold cross validation within each data set, balanced pairs, the plain method."""
     repetitions, most = (3, 800) if options.quick else (10, 2500)
     rows = []
+    curves = []
     for name, recording in track(recordings.items(), "k-fold"):
         for distance in (3.0,) if recording.dimension == 3 else (1.0, 2.0, 3.0):
             pairs = recording.pairs(rule_of(recording, distance), most, most, options.seed)
@@ -111,6 +114,7 @@ def _within(options: Options, report: Report, recordings: dict[str, Recording]) 
                 [(compare_pairs(recording.places, pairs), pairs.same)], pairs.positives, options.seed
             )
             found = k_fold(lambda: AdaBoost(50), F, y, 10, repetitions, options.seed)
+            curves.append(Judgement(name, rule_of(recording, distance), found.curves[0], found))
             zero, one = found.spread(0.0), found.spread(0.01)
             rows.append(
                 [
@@ -139,6 +143,9 @@ def _within(options: Options, report: Report, recordings: dict[str, Recording]) 
             f"{repetitions} permutations. Theirs are of the data sets that these stand in for.",
         )
     )
+    if curves:
+        report.pictures.append(options.out / "roc.png")
+        draw_curves(curves, report.pictures[-1])
 
 
 def _spread(mean: float, deviation: float) -> str:
