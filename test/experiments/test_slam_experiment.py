@@ -9,8 +9,16 @@ import pytest
 
 from estimation.metrics import relations_error
 from estimation.poses import compound
-from whereabouts.experiments.slam import CLOSE
-from whereabouts.experiments.slam_judging import false_closures, jitter, recall, relations_of, with_scale
+from whereabouts.experiments.slam_as_node import Driven, false_among
+from whereabouts.experiments.slam_judging import (
+    CLOSE,
+    false_closures,
+    jitter,
+    recall,
+    relations_of,
+    true_poses,
+    with_scale,
+)
 
 # Along a corridor of 40 m and back, a pose every half metre.
 OUT = np.column_stack((np.arange(0.0, 40.0, 0.5), np.zeros(80), np.zeros(80)))
@@ -75,3 +83,20 @@ def test_a_scale_is_found_and_what_is_left_with_it() -> None:
     scale, left = with_scale(0.98 * moved, TRUTH[:, :2])
     assert scale == pytest.approx(1.0 / 0.98)
     assert left == pytest.approx(0.0, abs=1e-9)
+
+
+def test_scans_without_a_true_pose_take_that_of_the_nearest_moved_by_odometry() -> None:
+    truth = np.full(TRUTH.shape, np.nan)
+    truth[::10] = TRUTH[::10]
+    odometry = np.array([compound(np.array([3.0, -2.0, 0.7]), pose) for pose in TRUTH])
+    log = SimpleNamespace(truth=truth, poses=odometry)
+    assert true_poses(log, [0, 4, 37, 76, 84, 159]) == pytest.approx(TRUTH[[0, 4, 37, 76, 84, 159]])
+
+
+def test_what_the_node_said_is_judged_by_scans_whatever_was_taken_out_since() -> None:
+    closures = [closure(70, 89), closure(50, 109, off=0.6), closure(40, 119, turn=0.2)]
+    made = [(c.earlier, c.later, c.relative) for c in closures]
+    run = Driven(TRUTH, list(range(160)), [], made, 100, 1.0)
+    log = SimpleNamespace(truth=TRUTH, poses=TRUTH)
+    assert false_among(run, log, 0.5) == [1, 2]
+    assert false_among(run, log, 3.0) == [2]

@@ -22,9 +22,11 @@ from loop_closure.esdf import EsdfGraph
 from loop_closure.graph import PoseGraph, SmoothedGraph
 from loop_closure.slam import Slam
 from registration import Odometry
+from whereabouts.experiments import slam_as_node
 from whereabouts.experiments.odometry import RAW, joined
 from whereabouts.experiments.report import Options, Report, Table
 from whereabouts.experiments.slam_judging import (
+    CLOSE,
     Followed,
     against_scans,
     false_closures,
@@ -38,6 +40,7 @@ from whereabouts.experiments.slam_judging import (
 )
 from whereabouts.follow import Follower
 from whereabouts.logs import OdometryRecord, ScanRecord, open_log
+from whereabouts.logs.g2o import read_g2o
 from whereabouts.progress import track
 from whereabouts.simulation.outdoor import SpinningLidar, random_neighbourhood, round_trip
 
@@ -47,7 +50,6 @@ CORRECTED = (
     "belgioioso-corrected.log.gz",
     "infinite-corridor-corrected.log.gz",
 )
-CLOSE = (0.2, 2.0)  # metres between the poses of close relations
 COLUMNS = [
     "log", "back end", "ATE before", "ATE m", "closures (false)", "revisits closed %", "with overlap %",
     "relations m", "± m", "°", "within 2 m", "× real time",
@@ -78,6 +80,7 @@ def run(options: Options) -> Report:
                 kinds["ESDF"] = EsdfGraph()
             for kind, graph in kinds.items():
                 rows.append(_row(report, name, kind, log, graph, 0.5))
+            rows.append(slam_as_node.row(report, name, log, 0.5))
     if not options.quick:
         _killian(report, rows)
     report.tables.append(Table("Recorded logs", COLUMNS, [*rows, *PUBLISHED]))
@@ -157,10 +160,10 @@ def _row(
     ]  # fmt: skip
 
 
-def mapped(log: Followed, graph: PoseGraph, thin: bool = False) -> tuple[Slam, Array, float]:
+def mapped(log: Followed, graph: PoseGraph) -> tuple[Slam, Array, float]:
     """A log with its loops closed, the poses (N, 3) of its scans, and seconds taken, odometry included."""
     begun = time.perf_counter()
-    slam = Slam(graph=graph, thin=thin, every_scan=True)
+    slam = Slam(graph=graph)
     for record, pose, covariance in zip(log.records, log.poses, log.covariances, strict=True):
         slam.process(record.scan, pose, covariance)
     estimate = slam.trajectory()[:, 1:]
@@ -177,6 +180,7 @@ def _killian(report: Report, rows: list[list[object]]) -> None:
         return
     log = followed(path, None, True)
     rows.append(_row(report, "killian.g2o", "smoothed", log, SmoothedGraph(), 3.0))
+    rows.append(slam_as_node.row(report, "killian.g2o", log, 3.0, read_g2o(path)))
 
 
 def _outdoor(options: Options, report: Report) -> None:

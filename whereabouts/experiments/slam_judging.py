@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 BEHIND, AROUND = 6.0, 4.0  # metres of path in the local maps of a revisit and of the place revisited
 DOUBT = 0.5  # metres by which a relative pose may be off from which an overlap is looked for
 ALIKE = 0.7  # rad between the headings of scans registered directly
+CLOSE = (0.2, 2.0)  # metres between the poses of close relations
 TRIES = 20000  # pairs of keyframes drawn for that
 
 
@@ -34,14 +35,17 @@ class Followed:
     seconds: float
 
 
+def true_poses(log: Followed, scans: list[int]) -> Array:
+    """True pose (K, 3) at scans: that of the nearest scan that has one, moved on by odometry."""
+    known, numbers = np.flatnonzero(np.isfinite(log.truth[:, 0])), np.asarray(scans)
+    after = np.clip(np.searchsorted(known, numbers), 1, len(known) - 1)
+    at = np.where(numbers - known[after - 1] <= known[after] - numbers, known[after - 1], known[after])
+    return np.asarray(compound(log.truth[at], between(log.poses[at], log.poses[numbers])))
+
+
 def keyframe_truth(slam: Slam, log: Followed) -> Array:
-    """True pose (K, 3) of every keyframe: that of the nearest scan that has one, moved on by odometry."""
-    known = np.flatnonzero(np.isfinite(log.truth[:, 0]))
-    out = []
-    for number in slam.first_visits().values():
-        at = int(known[np.argmin(np.abs(known - number))])
-        out.append(compound(log.truth[at], between(log.poses[at], log.poses[number])))
-    return np.array(out)
+    """True pose (K, 3) of every keyframe."""
+    return true_poses(log, list(slam.first_visits().values()))
 
 
 def false_closures(slam: Slam, truth: Array, tolerance: float) -> list[int]:
@@ -54,9 +58,9 @@ def false_closures(slam: Slam, truth: Array, tolerance: float) -> list[int]:
     return wrong
 
 
-def revisits(slam: Slam, truth: Array, near: float = 2.0, apart: float = 20.0) -> dict[int, int]:
-    """Keyframes that revisit a place, and the earlier keyframe nearest to each."""
-    paths, found = slam.keyframes.paths, {}
+def revisits_among(paths: Array, truth: Array, near: float = 2.0, apart: float = 20.0) -> dict[int, int]:
+    """Keyframes that revisit a place, and the earlier keyframe nearest to each; `paths` (K,) metres to each."""
+    found = {}
     for k in range(len(truth)):
         away = np.hypot(*(truth[:k, :2] - truth[k, :2]).T)
         turned = np.abs(wrap_angle(truth[:k, 2] - truth[k, 2]))
@@ -69,7 +73,7 @@ def revisits(slam: Slam, truth: Array, near: float = 2.0, apart: float = 20.0) -
 
 def recall(slam: Slam, truth: Array) -> tuple[int, int]:
     """How many keyframes that revisit a place have a closure, and how many revisit one."""
-    closed, found = {closure.later for closure in slam.closures}, revisits(slam, truth)
+    closed, found = {closure.later for closure in slam.closures}, revisits_among(slam.keyframes.paths, truth)
     return len(closed & set(found)), len(found)
 
 
@@ -80,7 +84,11 @@ def recall_with_overlap(slam: Slam, truth: Array) -> tuple[int, int]:
     within half a metre of it.
     """
     closed = {closure.later for closure in slam.closures}
-    found = {k for k, j in revisits(slam, truth).items() if k in closed or overlapping(slam, truth, j, k)}
+    found = {
+        k
+        for k, j in revisits_among(slam.keyframes.paths, truth).items()
+        if k in closed or overlapping(slam, truth, j, k)
+    }
     return len(closed & found), len(found)
 
 
