@@ -96,7 +96,7 @@ class CascadeConfig:
     pairs, those that look most alike among `pool`. recall : share of positive pairs that pass the gate.
     """
 
-    rule: PairRule = field(default_factory=lambda: PairRule(distance=2.5))
+    rule: PairRule = field(default_factory=lambda: PairRule(distance=2.5, apart=4.0))
     positives: int = 1200
     negatives: int = 5000
     hard: int = 2500

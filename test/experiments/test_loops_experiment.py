@@ -9,13 +9,14 @@ import pytest
 
 from estimation.gradient_boosting import GradientBoosting
 from loop_closure.pairs import PairRule
-from loop_closure.training import Recording
+from loop_closure.training import CascadeConfig, Recording, train_plain
 from whereabouts.experiments import loops_across
 from whereabouts.experiments.loops import THEIRS, within_recordings
 from whereabouts.experiments.loops_across import across_places, shipped_models
 from whereabouts.experiments.loops_changes import dynamic_objects
 from whereabouts.experiments.loops_data import Reading, every, simulated
 from whereabouts.experiments.loops_features import repetitive_structure, training_rounds
+from whereabouts.experiments.loops_training import _curves
 from whereabouts.experiments.report import Options, Report
 
 
@@ -94,3 +95,14 @@ def test_every_second_beam_keeps_its_bearing() -> None:
     half = every(scan, 2)
     np.testing.assert_array_equal(half.ranges, scan.ranges[::2])
     np.testing.assert_allclose(half.bearings, scan.bearings[::2])
+
+
+def test_pairs_left_out_of_training_are_judged_all_the_same(floor: Recording) -> None:
+    model = train_plain([floor], PairRule(1.0, 20.0), rounds=3)
+    rules = [PairRule(2.5, 20.0), PairRule(2.5, 20.0, apart=6.0)]
+    strict, loose = (
+        _curves(model, floor, CascadeConfig(rule=rule), math.pi, (1.0, 3.0), 50, 300) for rule in rules
+    )
+    for a, b in zip(strict, loose, strict=True):
+        assert (a.positives, a.negatives) == (b.positives, b.negatives)
+        assert a.area == b.area

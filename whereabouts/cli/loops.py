@@ -59,6 +59,7 @@ def train(
     heading: Heading = 180.0,
     path_gap: PathGap = 20.0,
     index_gap: IndexGap = 1,
+    apart: Apart = 0.0,
     local_map: LocalMapLength = 10.0,
     rounds: Rounds = 50,
     simulation: Annotated[
@@ -84,7 +85,7 @@ def train(
     from whereabouts.parallel import cluster
     from whereabouts.progress import progress_bar
 
-    rule = PairRule(distance, path_gap, math.radians(heading), index_gap=index_gap)
+    rule = PairRule(distance, path_gap, math.radians(heading), apart, index_gap)
     with cluster(dask), progress_bar() as bar:
         task = bar.add_task("training", total=None)
         model = train_on_logs(

@@ -152,8 +152,8 @@ def _curves(
     positives: int,
     negatives: int,
 ) -> list[Roc]:
-    """Curves at several distances; every pair is scored once."""
-    rules = [replace(config.rule, distance=distance, max_turn=turn) for distance in distances]
+    """Curves at several distances; every pair is scored once. Negative are all pairs that are not positive."""
+    rules = [replace(config.rule, distance=distance, max_turn=turn, apart=0.0) for distance in distances]
     near = [recording.pairs(rule, 0, positives, config.seed) for rule in rules]
     far = recording.pairs(rules[0], negatives, 0, config.seed)
     pairs = Pairs(
@@ -223,6 +223,7 @@ def _card(recordings: Sequence[Recording], method: str, rule: PairRule, local_ma
         "environments": list(dict.fromkeys(recording.environment for recording in recordings)),
         "places": [len(recording.places) for recording in recordings],
         "distance_m": rule.distance,
+        "apart_m": max(rule.apart, rule.distance),
         "path_gap_m": rule.path_gap,
         "index_gap": rule.index_gap,
         "heading_deg": round(math.degrees(rule.max_turn), 1),
