@@ -24,6 +24,7 @@ from tracking.background import Background
 from tracking.legs import FEATURES, Clusters, clusters_of
 from tracking.occlusion import seen_shares
 from tracking.people_association import WIDE, Seen, associate
+from tracking.people_company import Company
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
 from tracking.people_middle import CUT, depths
@@ -97,6 +98,7 @@ class PeopleTracker:
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
         self._held = math.inf
+        self._company = Company()
 
     @property
     def _steady(self) -> bool:
@@ -106,7 +108,11 @@ class PeopleTracker:
     @property
     def expected_count(self) -> float:
         """Expected number of people, counting undecided ones."""
-        return float(self.tracks.exists @ self.tracks.person(self.config.prior))
+        return float(self.tracks.exists @ self._person(self.tracks))
+
+    def _person(self, tracks: Tracks) -> FloatArray:
+        """Probability of each being a person, (T,)."""
+        return tracks.person(self._company.prior(tracks, self.config.prior))
 
     def step(
         self,
@@ -149,6 +155,7 @@ class PeopleTracker:
         )
         self._find_doubles(seen, owners, dt)
         self._start(seen, owners, moment)
+        self._company.meet(self.tracks, dt)
         self._tidy()
         self._remember(scan, sweep, float(stamp), clusters, seen, owners, names, own)
         return self._reported()
@@ -311,7 +318,7 @@ class PeopleTracker:
     def _tidy(self) -> None:
         """Drop what is not there, join what is one person, and decide who is reported."""
         tracks = self.tracks.select(~come_back(self.tracks))
-        person = tracks.person(self.config.prior)
+        person = self._person(tracks)
         keep = tracks.existence > np.where(tracks.public >= 0, -3.0, -1.5)
         keep &= tracks.doubled < DOUBLED
         order = np.lexsort((tracks.names, -tracks.existence * person, ~tracks.shown))
@@ -325,7 +332,7 @@ class PeopleTracker:
                 if np.hypot(*apart[:2]) < SAME and np.hypot(*apart[2:]) < 0.8 and tracks.hidden[a] < 0.3:
                     keep[b] = False
         self.tracks = tracks = tracks.select(keep)
-        exists, person = tracks.exists, tracks.person(self.config.prior)
+        exists, person = tracks.exists, self._person(tracks)
         tracks.shown = np.where(
             tracks.shown,
             (exists > GONE) & (person > self.config.keep),
@@ -350,15 +357,15 @@ class PeopleTracker:
         """Enter the scan into the background, without people and the robot itself."""
         people = np.zeros(len(clusters) + 1, dtype=bool)
         ours = owners >= 0
-        reported = np.isin(names[owners[ours]], self.tracks.names[self.tracks.shown])
-        people[seen.index[ours][reported]] = True
+        maybe = self._company.maybe(self.tracks, self.config.prior)
+        people[seen.index[ours][np.isin(names[owners[ours]], self.tracks.names[maybe])]] = True
         ignore = own | people[clusters.labels]
         self.background.add(sweep, stamp, ignore)
 
     def _reported(self) -> list[Target]:
         tracks = self.tracks
         weights = tracks.exists
-        person = tracks.person(self.config.prior)
+        person = self._person(tracks)
         near = tracks.within(WELL_LOCATED)
         found: list[Target] = [
             Person(

@@ -31,6 +31,7 @@ class Tracks:
     walking : the same from having walked just now, which fades.
     bodies (T, 3) : half the width and the depth of one round body, m, and how much of the time it is one.
     cruises (T, 2) : velocity over the last steps, m/s. spots (T, 2) : where it was when it was last seen, m.
+    arrived : share of its first half second in which it stood where it was empty before.
     trails (T, TRAIL, 2) : where it was in the last half second, the newest last, nan before it was there.
     public : label once reported, -1 before. shown : whether it is reported now.
     """
@@ -58,6 +59,7 @@ class Tracks:
     bodies: FloatArray
     cruises: FloatArray
     spots: FloatArray
+    arrived: FloatArray
 
     def __len__(self) -> int:
         return len(self.names)
@@ -90,6 +92,7 @@ class Tracks:
             np.zeros((n, 3)),
             np.zeros((n, 2)),
             means[:, :2].copy(),
+            np.zeros(n),
         )
 
     @classmethod
@@ -149,7 +152,7 @@ class Tracks:
         weight = 0.35 + 0.65 * (1.0 - np.exp(-self.looks / 1.0))
         return np.asarray(1.75 * weight * self.shape + np.maximum(self.motion, self.walking))
 
-    def person(self, prior: float) -> FloatArray:
+    def person(self, prior: float | FloatArray) -> FloatArray:
         """Probability that each, if it exists, is a person, (T,)."""
         odds = prior + self.evidence()
         return np.asarray(1.0 / (1.0 + np.exp(-np.clip(odds, -SURE, SURE))))

@@ -22,6 +22,7 @@ SURPRISE, TURNED = (
     6.0,
     1.0,
 )  # square of standard deviations, and m/s by which who is that far off changed his way
+FIRST = 0.5  # seconds in which it shows whether something stands where it was empty before
 SLIDING = 0.25  # m/s, slower than that is not walking
 
 
@@ -134,6 +135,9 @@ def learn(tracks: Tracks, t: int, seen: Seen, mine: IntArray, moment: Moment) ->
         evidence += 0.5
     share = max(dt / (min(tracks.looks[t], 3.0) + dt), 0.02) * min(1.0, float(weights.sum()))
     tracks.shape[t] += share * (evidence - tracks.shape[t])
+    if tracks.looks[t] < FIRST:
+        fresh = float(seen.fresh[mine].mean()) if moment.steady else 0.0
+        tracks.arrived[t] += dt / (tracks.looks[t] + dt) * (fresh - tracks.arrived[t])
     share_of_steps = dt / (min(tracks.looks[t], STEPS) + dt)
     tracks.cruises[t] += share_of_steps * (tracks.means[t, 2:] - tracks.cruises[t])
     tracks.looks[t] += dt
