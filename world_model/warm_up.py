@@ -12,6 +12,7 @@ from world_model.evidence import ObjectEvidence, WorldEvidence, checked
 from world_model.predictions import Path
 
 LOOKS = 24
+TWINS = [(0.0, 0.0, 1.0), (0.12, 0.0, 1.0), (1.0, 1.0, 1.0)]
 SENSOR = {"pose": (-3.0, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0}
 
 
@@ -32,7 +33,7 @@ def warm_up() -> None:
         )
         anchors = Anchoring(config)
         for step in range(LOOKS):
-            spots = [(0.0, 0.0, 1.0), (0.12, 0.0, 1.0), (1.0, 1.0, 1.0)] if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
+            spots = TWINS if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
             seen = [np.array(p) + rng.normal(0.0, 0.05, 3) for p in spots if rng.random() < 0.6]
             seen += list(rng.uniform([-2, -2, 0], [2, 2, 2], (rng.poisson(2.0), 3)))
             given = [
