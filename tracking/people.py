@@ -98,7 +98,7 @@ class PeopleTracker:
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
         self._held = math.inf
-        self._company = Company()
+        self.company = Company()
 
     @property
     def _steady(self) -> bool:
@@ -112,7 +112,7 @@ class PeopleTracker:
 
     def _person(self, tracks: Tracks) -> FloatArray:
         """Probability of each being a person, (T,)."""
-        return tracks.person(self._company.prior(tracks, self.config.prior))
+        return tracks.person(self.company.prior(tracks, self.config.prior))
 
     def step(
         self,
@@ -155,7 +155,7 @@ class PeopleTracker:
         )
         self._find_doubles(seen, owners, dt)
         self._start(seen, owners, moment)
-        self._company.meet(self.tracks, dt)
+        self.company.meet(self.tracks, dt)
         self._tidy()
         self._remember(scan, sweep, float(stamp), clusters, seen, owners, names, own)
         return self._reported()
@@ -357,7 +357,7 @@ class PeopleTracker:
         """Enter the scan into the background, without people and the robot itself."""
         people = np.zeros(len(clusters) + 1, dtype=bool)
         ours = owners >= 0
-        maybe = self._company.maybe(self.tracks, self.config.prior)
+        maybe = self.company.maybe(self.tracks, self.config.prior)
         people[seen.index[ours][np.isin(names[owners[ours]], self.tracks.names[maybe])]] = True
         ignore = own | people[clusters.labels]
         self.background.add(sweep, stamp, ignore)

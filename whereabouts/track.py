@@ -40,7 +40,11 @@ class TrackedScan:
 
 
 def track_people(
-    log: Log, config: PeopleConfig | None = None, topic: str | None = None, use_wheels: bool = True
+    log: Log,
+    config: PeopleConfig | None = None,
+    topic: str | None = None,
+    use_wheels: bool = True,
+    tracker: PeopleTracker | None = None,
 ) -> Iterator[TrackedScan]:
     """People in the scans of a log, one result per scan.
 
@@ -48,8 +52,9 @@ def track_people(
     who walks ahead of the robot then looks like one who stands.
 
     topic : of the scans, the first one seen where None. use_wheels : wheel odometry as the first guess.
+    tracker : one that has seen something before, instead of a new one with `config`.
     """
-    tracker = PeopleTracker(config)
+    tracker = tracker or PeopleTracker(config)
     pose = np.zeros(3)
     last: Array | None = None
     sure, trust = True, 1.0

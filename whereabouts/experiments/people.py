@@ -70,12 +70,16 @@ def _recorded(report: Report, folder: Path) -> None:
     rows = []
     for topic in ("left_scan", "rear_scan", "right_scan"):
         count = phantoms(folder / "legs_training" / NEGATIVE, topic)
-        rows.append([topic, "1.0 to 1.8", count])
-        report.figures[f"phantoms_{topic}"] = count
+        after = phantoms(folder / "legs_training" / NEGATIVE, topic, left=True)
+        rows.append([topic, "1.0 to 1.8", count, after])
+        report.figures |= {f"phantoms_{topic}": count, f"phantoms_after_somebody_left_{topic}": after}
     note = "the shape model was trained on this recording too"
     report.tables.append(
         Table(
-            f"{NEGATIVE}: people per scan where there are none", ["", "reference tracker", "ours"], rows, note
+            f"{NEGATIVE}: people per scan where there are none",
+            ["", "reference tracker", "ours", "ours, somebody just left"],
+            rows,
+            note,
         )
     )
 

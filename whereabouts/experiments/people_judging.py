@@ -90,10 +90,14 @@ def follow_person(path: Path, scans: str, labels: str, most: int | None = None) 
     return judged
 
 
-def phantoms(path: Path, topic: str) -> float:
-    """People per scan where there are none."""
+def phantoms(path: Path, topic: str, left: bool = False) -> float:
+    """People per scan where there are none; `left` : somebody has just walked out of sight, and does not come back."""
+    tracker = PeopleTracker()
+    if left:
+        tracker.company.most = tracker.company.recent = 1.0
     with open_log(path) as log:
-        return float(np.mean([len(tracked.targets) for tracked in track_people(log, topic=topic)]))
+        tracks = track_people(log, topic=topic, tracker=tracker)
+        return float(np.mean([len(tracked.targets) for tracked in tracks]))
 
 
 @dataclass
