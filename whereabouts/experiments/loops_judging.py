@@ -142,7 +142,9 @@ def draw_curves(found: Sequence[Judgement], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(figsize=(7, 5), layout="constrained")
+    figure, axes = pyplot.subplots(figsize=(9, 5), layout="constrained")
+    # Ten colours are not enough for all data sets at all distances.
+    axes.set_prop_cycle(pyplot.cycler(linestyle=["-", "--", ":"]) * pyplot.rcParams["axes.prop_cycle"])
     for row in found:
         axes.plot(
             100 * np.maximum(row.curve.false_alarm, 1e-4),
@@ -151,7 +153,7 @@ def draw_curves(found: Sequence[Judgement], path: Path) -> None:
         )
     axes.set(xscale="log", xlim=(0.01, 100), ylim=(0, 100), xlabel="FA, %", ylabel="D, %")
     axes.grid(True, alpha=0.3)
-    axes.legend(fontsize=7)
+    figure.legend(fontsize=7, loc="outside right upper")
     figure.savefig(path, dpi=120)
     pyplot.close(figure)
 
