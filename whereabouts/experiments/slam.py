@@ -152,7 +152,9 @@ def _row(
         figures["times_real_time"] = float(np.ptp([record.stamp for record in log.records])) / elapsed
         ratio = round(figures["times_real_time"], 1)
     for what, value in figures.items():
-        report.figures[f"{name} {kind} {what}"] = float(value)
+        # Where no two scans fix all directions there is nothing to say.
+        if np.isfinite(value):
+            report.figures[f"{name} {kind} {what}"] = float(value)
     return [
         name, kind, round(before, 3), round(after, 4), f"{len(slam.closures)} ({false})", round(shares[0], 1),
         round(shares[1], 1), round(relations.translation_mean, 4), round(relations.translation_std, 4),
