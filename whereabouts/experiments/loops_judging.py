@@ -143,12 +143,12 @@ def draw_curves(found: Sequence[Judgement], path: Path) -> None:
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(figsize=(9, 5), layout="constrained")
-    # Ten colours are not enough for all data sets at all distances.
-    axes.set_prop_cycle(pyplot.cycler(linestyle=["-", "--", ":"]) * pyplot.rcParams["axes.prop_cycle"])
-    for row in found:
+    for k, row in enumerate(found):
         axes.plot(
             100 * np.maximum(row.curve.false_alarm, 1e-4),
             100 * row.curve.detection,
+            # Ten colours are not enough for all data sets at all distances.
+            linestyle=("-", "--", ":")[k // 10 % 3],
             label=f"{row.name}, {row.rule.distance:g} m",
         )
     axes.set(xscale="log", xlim=(0.01, 100), ylim=(0, 100), xlabel="FA, %", ylabel="D, %")
