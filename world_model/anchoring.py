@@ -28,7 +28,7 @@ from world_model.look import Look
 from world_model.occlusion import hide
 from world_model.predictions import Path
 from world_model.quantities import Quantities
-from world_model.sensor_bias import SensorBias
+from world_model.sensor_errors import SensorErrors
 from world_model.state import WorldObject
 from world_model.touching import Touching, sharing, touched_by
 from world_model.unseen import Unseen, sensor_array
@@ -57,7 +57,7 @@ class Anchoring(Corrections):
         self.unseen = Unseen(config)
         self.touching = Touching(detection)
         self.hindsight = Hindsight()
-        self.bias = SensorBias(np.array(config.sensor_bias, dtype=float), config.learn_sensor_bias)
+        self.bias = SensorErrors(np.array(config.sensor_bias, dtype=float))
         self.reset()
 
     def reset(self) -> None:
@@ -98,13 +98,15 @@ class Anchoring(Corrections):
         measures = bool((spreads >= 0.0).any())
         if measures:
             look.matrix += self.quantities.log_factors(self.pool.leaves, look.chosen, told, spreads)
+        joint = self._joint(raw, look) if not verified else None
+        near = np.unique(self.pool.leaves.track[look.chosen]).tolist()
         touched, owners = self._associate(look)
         if measures:
             slots = np.flatnonzero(self.pool.leaves.said >= 0)
             said = self.pool.leaves.said[slots]
             self.quantities.learn(self.pool.leaves, slots, told[said], spreads[said])
-        if self.config.merged_detections:
-            best = {number: self._best_leaf(track) for number, track in self.tracks.items()}
+        if self._merging:
+            best = {n: self._best_leaf(self.tracks[n]) for n in near if n in self.tracks}
             self.touching.look(self.pool.leaves, best, look)
         for number in touched:
             self._show(number, stamp)
@@ -119,13 +121,18 @@ class Anchoring(Corrections):
             self._tidy(stamp)
         for index, number in verified.items():
             owners.insert(index, number)
-        if raw is not measured:
-            self._learn_bias(raw, owners)
-        symbols = tuple(self._symbol(track) for track in owners)
         if self.config.learn_sensor_bias:
-            likelihood = self.vocabulary.likelihoods(raw.attributes)
-            self.hindsight.add(raw, likelihood, stamp - lag, owners, symbols)
+            self._learn_bias(raw, owners, joint)
+        symbols = tuple(self._symbol(track) for track in owners)
+        if self.config.learn_sensor_bias and raw.sensor is not None and owners:
+            likelihood = self.vocabulary.likelihoods(raw.attributes) if verified else look.likelihood
+            self.hindsight.add(raw, likelihood, stamp - lag, owners, symbols, self.bias.moved)
         return symbols
+
+    @property
+    def _merging(self) -> bool:
+        """Whether there may be movers of which one detection is of several."""
+        return self.config.merged_detections and bool((self.motion[:, 0] > 0.5).any())
 
     def _verified(
         self, measured: Measurements, stamp: float, lag: float
@@ -207,9 +214,7 @@ class Anchoring(Corrections):
             found / both,
             born,
             gap,
-            self.touching.metres(spread, self.config.measurement_sigma)
-            if self.config.merged_detections
-            else 0.0,
+            self.touching.metres(spread, self.config.measurement_sigma) if self._merging else 0.0,
             chosen[:count],
             clear[:count],
             matrix,
@@ -222,7 +227,7 @@ class Anchoring(Corrections):
         ratio = look.matrix - look.missing[:, :1] - look.log_new
         gated = ratio > -THRESHOLD
         look.matrix[~gated] = -np.inf
-        linked = gated | touched_by(self.pool.leaves, look, gated) if self.config.merged_detections else gated
+        linked = gated | touched_by(self.pool.leaves, look, gated) if self._merging else gated
         per_leaf, per_detection = linked.sum(1).tolist(), linked.sum(0)
         tracks = self.pool.leaves.track[look.chosen].tolist()
         owners = [self.tracks[t].cluster for t in tracks]
@@ -373,7 +378,7 @@ class Anchoring(Corrections):
             look.log_new[js],
             keep,
             THRESHOLD,
-            sharing(leaves, slots, here) if self.config.merged_detections else np.zeros(len(slots)),
+            sharing(leaves, slots, here) if self._merging else np.zeros(len(slots)),
             leaves.moving[slots, :3],
             leaves.moving_cov[slots, :3, :3],
             leaves.together[slots],

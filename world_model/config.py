@@ -139,7 +139,7 @@ class WorldModelConfig:
     )
     """Continuous attributes: {name: (mean, standard deviation) over all objects}, SI units."""
     merged_detections: bool = field(
-        default=False, metadata={"description": "whether one detection may stem from two touching movers"}
+        default=True, metadata={"description": "whether one detection may stem from two touching movers"}
     )
     sensor_bias: Sequence[float] = field(
         default=(0.0, 0.0, 0.0, 0.0),
@@ -151,8 +151,8 @@ class WorldModelConfig:
     learn_sensor_bias: bool = field(
         default=False,
         metadata={
-            "description": "whether to learn the systematic errors of a moving sensor from resting objects; for "
-            "sensors that have some: where the robot's pose is off instead, it misleads"
+            "description": "whether to learn the systematic errors of one moving sensor from resting objects, and to "
+            "correct them; for a sensor that has some"
         },
     )
 

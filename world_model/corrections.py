@@ -2,66 +2,130 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
+from estimation.checks import FloatArray
 from world_model.evidence import Measurements
-from world_model.grouping import Grouping
+from world_model.grouping import THRESHOLD, Grouping
 from world_model.hindsight import Hindsight
-from world_model.kernels import SETTLED_HITS
-from world_model.sensor_bias import SensorBias
-
-NEAR = 1.0
-"""m: objects this far from all detections say nothing about the errors that these share."""
+from world_model.kernels import attribute_factor
+from world_model.leaves import REST
+from world_model.look import Look
+from world_model.sensor_errors import SensorErrors
+from world_model.sensor_filter import error_basis
+from world_model.sensor_worlds import NEAR, Detections
 
 
 class Corrections(Grouping):
     """Part of `Anchoring`: the sensor's errors, and looks explained anew."""
 
-    bias: SensorBias
+    bias: SensorErrors
     hindsight: Hindsight
 
     def _unbiased(self, measured: Measurements, stamp: float) -> Measurements:
-        """Detections without the errors that the sensor is known to have; those of a resting sensor as they are."""
-        if measured.sensor is None or not self.bias.follow(measured.sensor.pose):
+        """Detections without the errors that the sensor is known to have."""
+        if measured.sensor is None:
             return measured
-        positions = self.bias.corrected(measured.positions, measured.sensor.pose)
-        if self.bias.moved:
-            known = [self._best_leaf(track) for track in self.tracks.values()]
-            slots = np.array([s for s in known if s >= 0 and self._settled(s)], np.int64)
-            apart = measured.positions[:, None, :2] - self.pool.leaves.rest[slots, :2]
-            slots = slots[(np.abs(apart) < NEAR).all(2).any(0)]
-            likelihood = self.vocabulary.likelihoods(measured.attributes)
-            positions = self.bias.aligned(
-                positions, measured, self.pool.leaves, slots, likelihood, self.vocabulary.blocks, stamp
-            )
+        pose = measured.sensor.pose
+        if self.config.learn_sensor_bias and self.bias.follow(pose, stamp):
+            self._introduce(measured.positions, pose)
+        if not self.bias.values.any():
+            return measured
+        positions = measured.positions.copy()
+        errors = np.concatenate([self.bias.values, self.bias.shared])
+        positions[:, :2] -= error_basis(positions, pose) @ errors
         return replace(measured, positions=positions)
 
-    def _settled(self, slot: int) -> bool:
-        return bool(self.pool.leaves.hits[slot] >= SETTLED_HITS and self._rests(slot))
+    def _resting(self, numbers: Iterable[int]) -> dict[int, int]:
+        """Those of these objects that rest, and their leaves in the most probable world."""
+        out, behavior = {}, self.pool.leaves.behavior
+        for number in numbers:
+            track = self.tracks.get(number)
+            if track is None or track.lost:
+                continue
+            slot = self._best_leaf(track)
+            if slot >= 0 and behavior[slot, REST] > 0.0 and not self._moves(slot):
+                out[number] = slot
+        return out
 
-    def _learn_bias(self, raw: Measurements, owners: list[int]) -> None:
-        """Take in what settled objects say about the sensor, and move them when it turns out to be off."""
-        leaves, used, slots = self.pool.leaves, [], []
-        for j, number in enumerate(owners):
-            slot = self._best_leaf(self.tracks[number]) if number in self.tracks else -1
-            if slot >= 0 and self._settled(slot):
-                used.append(j)
-                slots.append(slot)
-        if raw.sensor is not None and used:
-            numbers = [owners[j] for j in used]
-            self.bias.add(
-                numbers, leaves.rest[slots], raw.positions[used], raw.covariances[used], raw.sensor.pose
-            )
-        self.bias.keep_only(set(self.tracks))
-        solved = self.bias.solve()
-        if solved is None:
+    def _introduce(self, positions: FloatArray, pose: FloatArray) -> None:
+        """Objects near detections (M, 3) come to the filter of the sensor's errors; those that are gone leave it."""
+        leaves, ids = self.pool.leaves, self.bias.ids
+        self.bias.keep_only(set(self._resting(ids)))
+        active = np.flatnonzero(leaves.track >= 0)
+        apart = np.abs(leaves.rest[active, None, :2] - positions[:, :2])
+        close = np.any(np.all(apart < NEAR, axis=2), axis=1)
+        near = leaves.track[active[close]]
+        for number, slot in self._resting(set(near.tolist()) - set(ids)).items():
+            place, spread = leaves.rest[slot, :2].copy(), leaves.rest_cov[slot, :2, :2].copy()
+            self.bias.remember(number, place, spread, pose)
+
+    def _joint(self, raw: Measurements, look: Look) -> list[int] | None:
+        """Give detections to resting objects as the joint filter has it; numbers there, None where it is not in use.
+
+        What it says goes into the weights of the look: one object for a detection and no other, or none that rests.
+        """
+        if raw.sensor is None or not self.bias.in_use or not len(raw.positions):
+            return None
+        leaves, bias = self.pool.leaves, self.bias
+        tracks = leaves.track[look.chosen]
+        movers = np.array([self._moves(slot) for slot in look.chosen.tolist()], bool)
+        spread = 2.0 * look.covariances[:, 2, 2]
+        level = -0.5 * np.log(2.0 * np.pi * spread)
+        ratio = look.matrix - look.missing[:, :1]
+        otherwise = np.logaddexp(look.log_new, ratio[movers].max(0, initial=-np.inf))
+        unlike = {}
+        for number, slot in self._resting(bias.ids).items():
+            factor = [
+                attribute_factor(leaves, slot, line, self.vocabulary.blocks) for line in look.likelihood
+            ]
+            height = (look.positions[:, 2] - leaves.rest[slot, 2]) ** 2 / spread
+            unlike[bias.ids[number]] = height - 2.0 * np.log(np.array(factor) + 1e-12)
+        z, R = raw.positions[:, :2], raw.covariances[:, :2, :2]
+        J = error_basis(raw.positions, raw.sensor.pose)
+        said = bias.worlds.look(Detections(z, R, J, -2.0 * (otherwise - level), unlike))
+        names = {name: number for number, name in bias.ids.items()}
+        surely = ~movers & (leaves.behavior[look.chosen, REST] > 0.5)
+        for j, name in enumerate(said):
+            mine = np.asarray(tracks == names.get(name, -1), bool)
+            if name in names and not mine.any():
+                continue
+            look.matrix[surely & ~mine, j] = -np.inf
+            if mine.any():
+                look.matrix[mine] = np.where(np.arange(len(said)) == j, look.matrix[mine], -np.inf)
+                least = look.missing[mine, 0] + look.log_new[j] + THRESHOLD + 1.0
+                look.matrix[mine, j] = np.maximum(look.matrix[mine, j], least)
+        return said
+
+    def _learn_bias(self, raw: Measurements, owners: list[int], said: list[int] | None) -> None:
+        """Take in what resting objects say about the sensor, and move all of them accordingly."""
+        bias, leaves = self.bias, self.pool.leaves
+        if raw.sensor is None:
             return
-        for number, shift in zip(*solved, strict=True):
-            of = self._leaves_of(self.tracks[number])
-            leaves.rest[of, :2] += shift
-            leaves.moving[of, :2] += shift
+        if not bias.moved:
+            bias.before |= set(owners)
+            return
+        resting = self._resting({*owners, *bias.ids})
+        if said is None:
+            mine = [j for j, number in enumerate(owners) if number in resting]
+            J = error_basis(raw.positions, raw.sensor.pose)
+            numbers = [owners[j] for j in mine]
+            bias.add(numbers, raw.positions[mine, :2], raw.covariances[mine, :2, :2], J[mine])
+        else:
+            bias.name(said, owners, set(resting))
+        bias.limit(owners)
+        if not bias.in_use:
+            return
+        best = bias.worlds.best
+        names = {name: number for number, name in bias.ids.items()}
+        for name, place in zip(best.numbers, best.places, strict=True):
+            number = names.get(name, -1)
+            if number in resting:
+                of = self._leaves_of(self.tracks[number])
+                leaves.rest[of, :2] = place
 
     def look_back(self) -> list[tuple[float, tuple[str | None, ...]]]:
         """Explain all looks that are kept anew; places of resting objects and the errors of the sensor follow.
@@ -70,7 +134,7 @@ class Corrections(Grouping):
         """
         believed = [track for track in self.tracks.values() if track.number in self.shown and not track.lost]
         resting = [track for track in believed if not self._moves(self._best_leaf(track))]
-        if not resting:
+        if not resting or not self.hindsight.looks:
             return [(look.stamp, look.symbols) for look in self.hindsight.looks]
         slots = np.array([self._best_leaf(track) for track in resting], np.int64)
         best = {number: self._best_leaf(track) for number, track in self.tracks.items()}
@@ -84,7 +148,7 @@ class Corrections(Grouping):
             of = self._leaves_of(track)
             leaves.rest[of, :2] += shift
             leaves.moving[of, :2] += shift
-        self.bias.take(found.constant, found.shared[-1])
+        self.bias.take(found.constant, found.shared[-1], dict(zip(numbers, found.places, strict=True)))
         for track in resting:
             self._show(track.cluster, self._stamp)
         symbols = []

@@ -12,6 +12,7 @@ from world_model.evidence import Measurements
 from world_model.leaves import IntArray, Leaves
 from world_model.revision import Explanation, Sightings, explain, wrapped
 
+FIRST_LOOKS = 200
 MOST_LOOKS = 4000
 """Older looks are forgotten: what they said is in the places of objects."""
 
@@ -61,12 +62,15 @@ class Hindsight:
         stamp: float,
         owners: list[int],
         symbols: tuple[str | None, ...],
+        moved: bool = True,
     ) -> None:
-        """Keep a look; measured : as it came."""
+        """Keep a look, measured as it came. moved : whether the sensor has; of one that has not, few are kept."""
         if measured.sensor is None or not owners:
             return
         seen, sigma = polar(measured)
         pose = measured.sensor.pose.copy()
+        if not moved and len(self.looks) >= FIRST_LOOKS:
+            self.looks.popleft()
         self.looks.append(Look(stamp, pose, seen, sigma, likelihood, list(owners), symbols))
 
     def explained(

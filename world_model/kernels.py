@@ -22,6 +22,10 @@ HAND = 0.1  # m: put down this near, what was taken may as well have stayed
 NEARBY = 0.5  # m: and what was followed is known this well where it was put down
 SETTLED_HITS = 3
 MEMORY = 100.0  # detections after which a resting object's position forgets: their errors are not independent
+LATE = 0.5  # share of the last detection in how far a mover was from where it was expected lately
+STRAINED = 8.0  # mean squared Mahalanobis distance, 2 or 3 expected, from which it must have turned
+TURNS = 0.01  # probability of that at any look
+UNSEEN = 0.1  # s: who was not seen for longer may be anywhere near
 ATTRIBUTE_FLOOR = 1e-4
 LOG_2PI_3 = 3.0 * np.log(2.0 * np.pi)
 
@@ -75,6 +79,9 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
     leaves.stamp[i] = stamp
     row = class_of(leaves, i, motion.shape[0] - 1)
     q, carried, speed = motion[row, 1] ** 2, motion[row, 2], motion[row, 3]
+    # Turns without notice are of what moves by itself, where turning is no part of its motion anyway.
+    walks = motion[row, 0] > 0.5 and motion[row, 5] <= 0.0
+    leaves.strain[i] = max(leaves.strain[i], 0.0) if walks else -1.0
     pi = leaves.behavior[i]
     gone = 1.0 - np.exp(-removed * dt)
     if motion[row, 0] > 0.5:
@@ -185,6 +192,20 @@ def inflate_rest(leaves, i, R):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def widen(leaves, i, S):  # type: ignore[no-untyped-def]
+    """Add to a covariance (3, 3) where a mover may be that turned since it was last seen."""
+    x, P = leaves.moving[i], leaves.moving_cov[i]
+    unseen = 2.0 * min(max(leaves.stamp[i] - leaves.last[i], 0.0), UNSEEN)
+    square = 0.0
+    for a in range(3):
+        square += x[a + 3] ** 2
+    for a in range(3):
+        # What does not move in a direction does not turn there.
+        if P[a + 3, a + 3] + x[a + 3] ** 2 > 1e-3 * square:
+            S[a, a] += unseen * unseen * square
+
+
+@numba.njit(cache=True)
 def log_likelihoods(leaves, i, z, R, lag, out, S, inverse):  # type: ignore[no-untyped-def]
     """Log densities of a measured position under rest and moving, into `out` (2,): (2.7)."""
     out[0] = -np.inf
@@ -198,9 +219,13 @@ def log_likelihoods(leaves, i, z, R, lag, out, S, inverse):  # type: ignore[no-u
     if leaves.behavior[i, MOVING] > 0.0:
         y = leaves.moving[i]
         innovation(leaves.moving_cov[i], R, lag, S)
-        out[1] = log_gauss(
-            z[0] - y[0] + lag * y[3], z[1] - y[1] + lag * y[4], z[2] - y[2] + lag * y[5], S, inverse
-        )
+        dx, dy, dz = z[0] - y[0] + lag * y[3], z[1] - y[1] + lag * y[4], z[2] - y[2] + lag * y[5]
+        out[1] = log_gauss(dx, dy, dz, S, inverse)
+        if leaves.hits[i] >= SETTLED_HITS and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
+            widen(leaves, i, S)
+            wide = log_gauss(dx, dy, dz, S, inverse) + np.log(TURNS)
+            if wide > out[1]:
+                out[1] = wide
 
 
 @numba.njit(cache=True)
@@ -237,6 +262,7 @@ def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
     leaves.variances[target] = leaves.variances[source]
     leaves.said[target] = -1
     leaves.together[target] = leaves.together[source]
+    leaves.strain[target] = leaves.strain[source]
     if leaves.together[source] > 0:
         leaves.common[target] = leaves.common[source]
 
@@ -272,6 +298,16 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
     if pi[REST] > 0.0:
         _correct_rest(leaves.rest[i], leaves.rest_cov[i], z + lag * leaves.led[i], R, S, inverse)
     if pi[MOVING] > 0.0:
+        moves = pi[MOVING] > pi[REST] and leaves.hits[i] >= SETTLED_HITS and lag <= 0.0
+        if moves and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
+            y = leaves.moving[i]
+            innovation(leaves.moving_cov[i], R, lag, S)
+            inverse_3x3(S, inverse)
+            off = z - y[:3]
+            leaves.strain[i] += LATE * (off @ inverse @ off - leaves.strain[i])
+            if leaves.strain[i] > STRAINED:
+                turned(leaves, i)
+                leaves.strain[i] = 0.0
         _correct_moving(leaves.moving[i], leaves.moving_cov[i], z, R, lag, S, inverse)
     pi[REST], pi[MOVING], pi[AWAY], pi[NONE] = a / (a + b), b / (a + b), 0.0, 0.0
     leaves.visible[i] = 1.0
@@ -303,6 +339,21 @@ def _correct_moving(x, P, z, R, lag, S, inverse):  # type: ignore[no-untyped-def
     x += gain @ (z - x[:3] + lag * x[3:])
     P -= gain @ PH.T
     symmetric(P)
+
+
+@numba.njit(cache=True)
+def turned(leaves, i):  # type: ignore[no-untyped-def]
+    """A mover went otherwise than expected accelerations explain, as at a wall: since it was last seen its speed is
+    about what it was, in whatever direction."""
+    x, P = leaves.moving[i], leaves.moving_cov[i]
+    unseen = 2.0 * min(max(leaves.stamp[i] - leaves.last[i], 0.0), UNSEEN)
+    square = x[3] ** 2 + x[4] ** 2 + x[5] ** 2
+    for a in range(3):
+        if P[a + 3, a + 3] + x[a + 3] ** 2 > 1e-3 * square:
+            P[a, a] += unseen * unseen * square
+            P[a, a + 3] += unseen * square
+            P[a + 3, a] = P[a, a + 3]
+            P[a + 3, a + 3] += square
 
 
 @numba.njit(cache=True)
@@ -356,6 +407,7 @@ def create(leaves, i, track, z, R, likelihood, blocks, prior, stamp, existence, 
     leaves.first[i] = stamp
     leaves.hits[i] = 1
     leaves.together[i] = 0
+    leaves.strain[i] = 0.0
     leaves.missed[i] = 0.0
 
 

@@ -31,6 +31,8 @@ class Leaves(NamedTuple):
     values, variances (L, Q) : Gaussians over quantities, a variance below zero where nothing was measured.
     said (L,) : index of the look's detection that it took in, -1 for none. together (L,) : looks in which it shared its
     detection with another leaf, since it last had one alone; common (L, 6, 6) : covariance of their centre meanwhile.
+    strain (L,) : squared Mahalanobis distance of late detections from where a mover was expected, fading mean;
+    negative for what does not walk, or whose motion has turns.
     """
 
     rest: FloatArray
@@ -52,6 +54,7 @@ class Leaves(NamedTuple):
     said: IntArray
     common: FloatArray
     together: IntArray
+    strain: FloatArray
 
 
 def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
@@ -76,6 +79,7 @@ def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
         np.full(size, -1),
         np.zeros((size, 6, 6)),
         np.zeros(size, np.int64),
+        np.zeros(size),
     )
 
 

@@ -170,3 +170,27 @@ def test_reach_is_learned(true: float) -> None:
         touching.watch({1: pair[1]} if merged else pair, {1, 2}, 1.0)
     step = EDGES[1] / EDGES[0]
     assert true / step <= touching.reach <= true * step
+
+
+def test_who_turns_at_a_wall_stays_the_same() -> None:
+    """Straight at a wall at 4.5 cm/s and back, where nothing but small accelerations is expected."""
+    rng = np.random.default_rng(4)
+    motion = {"*": {"model": "constant_velocity", "accel_sigma": 0.01}}
+    model = WorldModel(
+        WorldModelConfig(
+            region=((-0.1, 0.1), (-0.1, 0.1), (-0.01, 0.01)),
+            rate_hz=RATE,
+            detection_probability=0.97,
+            clutter_per_frame=0.02,
+            measurement_sigma=SIGMA,
+            motion=motion,
+        )
+    )
+    names = set()
+    for k in range(120):
+        x = 0.09 - abs(0.09 - 0.045 * k / RATE)
+        z = [x + rng.normal(0.0, SIGMA), 0.02 + rng.normal(0.0, SIGMA), 0.0]
+        state = model.update(WorldEvidence([ObjectEvidence(z, SIGMA**2 * np.eye(3))]), k / RATE)
+        names |= {item.id for item in state.objects}
+    assert len(names) == 1
+    assert state.objects[0].velocity[0] == pytest.approx(-0.045, abs=0.01)

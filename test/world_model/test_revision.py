@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.drift import QUICK, SECONDS, SLOW, Drift
+from world_model.drift import QUICK, SECONDS, SLOW
 from world_model.revision import Explanation, Sightings, assign, explain, misfit, solve
 
 PLACES = np.array([[2.0 + 0.2 * (k % 5), 1.2 * (k // 5)] for k in range(10)])
@@ -105,26 +105,6 @@ def test_all_is_explained_from_places_that_are_off() -> None:
     off = found.places - PLACES
     assert np.abs(off - off.mean(0)).max() < 0.03
     assert np.corrcoef(found.shared[:, 1], shared[:, 1])[0, 1] > 0.95
-
-
-def test_shared_error_of_a_look_is_found_among_neighbours() -> None:
-    """All detections are turned by more than half the way to the next object."""
-    drift = Drift()
-    drift.predict(0.0)
-    off = PLACES[:5]
-    distance = np.hypot(*off.T)
-    along = off / distance[:, None]
-    basis = np.stack([along, np.stack([-off[:, 1], off[:, 0]], -1)], -1)
-    turned = off + basis @ np.array([0.0, 0.02])
-    apart = turned[:, None] - off[None]
-    spread = np.tile(0.02**2 * np.eye(2), (5, 5, 1, 1))
-    assert drift.align(apart, basis, spread, np.zeros((5, 5)))[1] == pytest.approx(0.02, abs=0.006)
-    drift.learn(turned - off, basis, spread[:, 0])
-    before = drift.values.copy()
-    assert before[1] == pytest.approx(0.02, abs=0.006)
-    drift.predict(SECONDS)
-    assert drift.values == pytest.approx(before / np.e)
-    assert (np.sqrt(drift.covariance.diagonal()) <= SLOW + 1e-12).all()
 
 
 def test_looking_back_names_what_was_not_known_yet() -> None:

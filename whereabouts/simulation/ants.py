@@ -2,6 +2,10 @@
 
 Ants walk at a few centimetres a second, turn, stop and start. Two closer than a body length are seen as one blob in
 the middle, or the lower one is not seen at all, for as long as the encounter lasts.
+
+The text gives neither speeds nor the length of encounters, but one of 13 images as a complication of one video, and
+over 1,800 images in sixteen videos. Here an encounter lasts about 7 to 11 images, and a filter of constant velocity, as
+the text has, mixes ants up within 113 images.
 """
 
 from __future__ import annotations

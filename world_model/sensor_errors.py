@@ -1,0 +1,143 @@
+"""The errors of one moving sensor: watched until they are significant, then held against every look."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.sensor_bias import PARALLAX, PRIOR
+from world_model.sensor_filter import ERRORS
+from world_model.sensor_worlds import SensorWorlds
+
+SIGNIFICANT = 20.0
+"""Squared length of the constant errors' estimate, in its standard deviations, from which they are in use; 4 are usual
+for a sensor without errors."""
+OUTLIER = 16.0
+"""Squared Mahalanobis distance from which a detection is no witness, while objects are given their detections without
+regard to the sensor's errors."""
+FASTEST = 5.0
+"""m/s: no sensor moves faster."""
+MOVED = 0.3
+"""m: what is seen this far from where it was expected was carried, or is another."""
+MOST = 100
+"""Places that are kept; of more, those not seen for longest go back to being independent."""
+TAKEN = 0.1
+"""Standard deviations of constant errors, of those before anything is known, once all that was seen was explained."""
+SETTLED = 0.02
+"""m: the same of the places of objects."""
+
+
+class SensorErrors:
+    """`worlds` : errors and places; `ids` : the number that each track goes by there.
+
+    A sensor that has not moved cannot tell its errors from the places of objects. Once it has, one filter learns from
+    the detections whose objects anchoring says; when the constant errors show, `in_use`, it is the filters
+    that say whose detections are.
+    """
+
+    def __init__(self, known: FloatArray) -> None:
+        self.known = known
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known but the calibration."""
+        self.worlds = SensorWorlds(self.known)
+        self.ids: dict[int, int] = {}
+        self.before: set[int] = set()
+        self.moved = False
+        self.in_use = False
+        self._start: FloatArray | None = None
+        self._last: tuple[FloatArray, float] | None = None
+
+    @property
+    def values(self) -> FloatArray:
+        """Constant errors (4,) as far as they are significant."""
+        return self.worlds.best.x[:4] if self.in_use else self.known
+
+    @property
+    def shared(self) -> FloatArray:
+        """Errors of range (m) and turn (rad) that the next look is expected to share."""
+        return self.worlds.best.x[4:ERRORS] if self.in_use else np.zeros(2)
+
+    def follow(self, pose: FloatArray, stamp: float) -> bool:
+        """To a new look; whether the sensor has moved far enough to tell its errors from the objects' places."""
+        if self._last is not None:
+            far, elapsed = float(np.hypot(*(pose[:2] - self._last[0]))), max(stamp - self._last[1], 0.0)
+            if far > PARALLAX + FASTEST * elapsed:
+                # That is another sensor: what was learned is not its.
+                self.reset()
+        self._last = pose[:2].copy(), stamp
+        if self._start is None:
+            self._start = pose[:2].copy()
+        self.moved = self.moved or bool(np.hypot(*(pose[:2] - self._start)) > PARALLAX)
+        if self.moved:
+            self.worlds.predict(stamp)
+        return self.moved
+
+    def remember(self, number: int, place: FloatArray, spread: FloatArray, pose: FloatArray) -> None:
+        """An object at a place (2,), covariance spread (2, 2), seen from about pose (4,) if it was by this sensor."""
+        self.ids[number] = self.worlds.number()
+        for hypothesis in self.worlds.hypotheses:
+            mine = pose if number in self.before else None
+            hypothesis.filter.remember(self.ids[number], place, spread, mine)
+
+    def add(self, numbers: list[int], z: FloatArray, R: FloatArray, J: FloatArray) -> None:
+        """Detections (n, 2) of the objects `numbers`, before the errors are in use."""
+        filter = self.worlds.best
+        at = {name: k for k, name in enumerate(filter.numbers)}
+        known = np.array([at.get(self.ids.get(number, -1), -1) for number in numbers], np.int64)
+        old = np.flatnonzero(known >= 0)
+        if len(old):
+            y, S, _ = filter.innovation(known[old], z[old], R[old], J[old])
+            blocks = S.reshape(len(old), 2, len(old), 2)[range(len(old)), :, range(len(old))]
+            off = y.reshape(-1, 2)
+            fits = np.einsum("ni,nij,nj->n", off, np.linalg.inv(blocks), off) < OUTLIER
+            old = old[fits & (np.hypot(*off.T) < MOVED)]
+        if len(old):
+            filter.correct(known[old], z[old], R[old], J[old])
+        for j, number in enumerate(numbers):
+            if number not in self.ids:
+                self.ids[number] = self.worlds.number()
+                filter.begin(self.ids[number], z[j], R[j], J[j])
+        apart = filter.x[:4] - self.known
+        self.in_use = bool(apart @ np.linalg.solve(filter.P[:4, :4], apart) > SIGNIFICANT)
+
+    def name(self, said: list[int], owners: list[int], resting: set[int]) -> None:
+        """Tracks that took detections of objects `said`; those that do not rest are no objects here."""
+        taken = set(self.ids.values())
+        strangers = set()
+        for name, number in zip(said, owners, strict=True):
+            if name in taken:
+                continue
+            if number in resting and number not in self.ids:
+                self.ids[number] = name
+            else:
+                strangers.add(name)
+        self.worlds.drop(strangers)
+
+    def keep_only(self, resting: set[int]) -> None:
+        """Objects that are gone or do not rest any more."""
+        gone = {self.ids.pop(number) for number in set(self.ids) - resting}
+        self.worlds.drop(gone)
+
+    def limit(self, owners: list[int]) -> None:
+        """Those seen now were seen last; of too many the others go."""
+        for number in owners:
+            if number in self.ids:
+                self.ids[number] = self.ids.pop(number)
+        if len(self.ids) > MOST:
+            self.keep_only(set(list(self.ids)[-MOST:]))
+
+    def take(self, constant: FloatArray, shared: FloatArray, places: dict[int, FloatArray]) -> None:
+        """Start anew from what explains all that was seen: errors (4,), (2,), and places (2,) by track."""
+        stamp = self.worlds.best.stamp
+        self.worlds.reset()
+        filter = self.worlds.best
+        filter.stamp = stamp
+        filter.x[:] = np.concatenate([constant, shared])
+        filter.P[range(4), range(4)] = (TAKEN * PRIOR) ** 2
+        self.ids = {}
+        for number, place in places.items():
+            self.ids[number] = self.worlds.number()
+            filter.remember(self.ids[number], place, SETTLED**2 * np.eye(2), None)
+        self.in_use = True
