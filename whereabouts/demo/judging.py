@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from whereabouts.demo.reading import Said, Thing, Truth
-from whereabouts.experiments.people_judging import FORGIVEN, SceneJudgement, judge_people
+from whereabouts.experiments.people_judging import Expected, SceneJudgement, judge_people
 
 Array = NDArray[np.float64]
 SAME = 0.4
 """m, between a thing and the object that is believed to be it."""
-SEEN_FOR, RETURNS = 1.5, 3
 
 
 @dataclass
@@ -84,22 +83,15 @@ def judge_tracks(truth: Truth, said: Said) -> tuple[SceneJudgement, Array]:
     Expected are those who were in plain view for 1.5 s, until they have been hidden for 3 s.
     """
     judged, stamps = SceneJudgement(), []
-    seen: Array | None = None
-    last = np.zeros(0)
+    known: Expected | None = None
     before: float | None = None
     for stamp, (spots, returns) in sorted(truth.people.items()):
-        if seen is None:
-            seen, last = np.zeros(len(spots)), np.full(len(spots), -np.inf)
-        in_sight = returns >= RETURNS
-        # Who was away for longer has to be found anew.
-        seen[stamp - last >= FORGIVEN] = 0.0
-        last[in_sight] = stamp
-        seen += in_sight * (0.0 if before is None else stamp - before)
+        known = known or Expected(len(spots))
+        expected = known.look(returns, stamp, 0.0 if before is None else stamp - before)
         before = stamp
         if stamp not in said.people:
             continue
         tracked = said.people[stamp]
-        expected = (seen >= SEEN_FOR) & (stamp - last < FORGIVEN)
         labels = np.array([person.label for person in tracked], dtype=np.int64)
         places = np.array([person.position for person in tracked]).reshape(-1, 2)
         counted = len(judged.ospa)

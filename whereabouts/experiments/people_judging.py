@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from estimation.metrics import ospa
+from estimation.poses import compound
 from tracking.people import PeopleTracker, Person
 from whereabouts.logs import Log, MessageRecord, Record, ScanRecord, open_log
+from whereabouts.simulation.apartment_day import LASER_MOUNT, SCAN_RATE, Day
 from whereabouts.simulation.people_scenes import PeopleScan, Scene
 from whereabouts.track import track_people
 
@@ -21,6 +23,10 @@ Array = NDArray[np.float64]
 GATE = 0.75  # metres between a label and the person it is of
 NEAR = 1.0  # metres between a simulated person and its estimate
 FORGIVEN = 3.0  # seconds after which nobody can know where a hidden person is
+SEEN_FOR, RETURNS = (
+    1.5,
+    3,
+)  # seconds in plain view, and returns of a scan that make it so, after which one is known
 
 
 class Constant(PeopleTracker):
@@ -124,6 +130,38 @@ class SceneJudgement:
             given = person[person >= 0]
             count += int(np.sum(given[1:] != given[:-1]))
         return count
+
+
+class Expected:
+    """Who has to be known: whoever was in plain view for 1.5 s, until he has been hidden for 3 s, and then anew."""
+
+    def __init__(self, count: int) -> None:
+        self._seen, self._last = np.zeros(count), np.full(count, -np.inf)
+
+    def look(self, returns: NDArray[np.int64], stamp: float, dt: float) -> NDArray[np.bool_]:
+        """Of people (P,) with their returns in the scan at `stamp`, `dt` seconds after the last one."""
+        in_sight = returns >= RETURNS
+        self._seen[stamp - self._last >= FORGIVEN] = 0.0
+        self._last[in_sight] = stamp
+        self._seen += in_sight * dt
+        return np.asarray((self._seen >= SEEN_FOR) & (stamp - self._last < FORGIVEN))
+
+
+def judge_home(seed: int, duration: float | None = None) -> SceneJudgement:
+    """The people of a day in the apartment, from the robot's true poses."""
+    tracker, judged = PeopleTracker(), SceneJudgement()
+    expected: Expected | None = None
+    for moment in Day(seed=seed).moments(duration):
+        if moment.scan is None:
+            continue
+        pose = compound(moment.pose, LASER_MOUNT)
+        targets = tracker.step(moment.scan, pose, moment.time)
+        expected = expected or Expected(len(moment.people))
+        known = expected.look(moment.returns, moment.time, 1.0 / SCAN_RATE)
+        spots = np.array([target.mean[:2] for target in targets]).reshape(-1, 2)
+        names = np.array([target.label for target in targets], dtype=np.int64)
+        judge_people(judged, moment.people, moment.returns, names, spots, known)
+    return judged
 
 
 def judge_scene(
