@@ -182,7 +182,9 @@ def _home(report: Report, options: Options) -> None:
         rows.append([f"seed {seed}", *figures])
         report.figures[f"home_ospa_{seed}"] = float(rows[-1][1])  # type: ignore[arg-type]
     columns = ["", "OSPA, m", "error, m", "missed", "false", "label changes", "hidden and kept, %"]
-    note = "changes per person and minute; the demo has seed 20; who is missed is looked for as chosen on 21, 22"
+    note = (
+        "changes per person and minute; the demo has seed 20; who is missed is looked for as chosen on 21, 22"
+    )
     report.tables.append(Table("A home with three people", columns, rows, note))
 
 
