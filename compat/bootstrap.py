@@ -199,7 +199,15 @@ def install_package():
     run(command, STATE / "package.log", clean_environment())
 
 
+def forget_compiled():
+    """numba looks for changes in a function's own file, not in those of the functions it is built from."""
+    for name in COMPILED:
+        for path in (ROOT / name).rglob("__pycache__/*.nb[ic]"):
+            path.unlink(missing_ok=True)
+
+
 def compile_functions():
+    forget_compiled()
     run([PYTHON, "-m", "whereabouts.compile"], STATE / "compile.log", clean_environment())
 
 

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -84,13 +85,37 @@ def test_missing_python(checkout: Path, tmp_path: Path) -> None:
     assert "python3 was not found" in answer.stdout + answer.stderr
 
 
-def test_nothing_is_done_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The environment of `make test` is set up: another call has nothing to run."""
+def load_bootstrap() -> ModuleType:
     spec = importlib.util.spec_from_file_location("bootstrap", ROOT / "compat" / "bootstrap.py")
     assert spec is not None
     assert spec.loader is not None
     bootstrap = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(bootstrap)
+    return bootstrap
+
+
+def test_what_was_compiled_from_older_sources_is_compiled_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A compiled function may hold another file's function as it was: numba does not notice that."""
+    bootstrap = load_bootstrap()
+    caches = [tmp_path / name / "part" / "__pycache__" for name in bootstrap.COMPILED]
+    for cache in caches:
+        cache.mkdir(parents=True)
+        for name in ("kernel.f-1.py311.nbi", "kernel.f-1.py311.1.nbc", "kernel.cpython-311.pyc"):
+            (cache / name).touch()
+    left: list[list[str]] = []
+    monkeypatch.setattr(bootstrap, "ROOT", tmp_path)
+    monkeypatch.setattr(
+        bootstrap, "run", lambda *_: left.extend(sorted(os.listdir(cache)) for cache in caches)
+    )
+    bootstrap.compile_functions()
+    assert left == [["kernel.cpython-311.pyc"]] * len(caches)
+
+
+def test_nothing_is_done_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The environment of `make test` is set up: another call has nothing to run."""
+    bootstrap = load_bootstrap()
     if not bootstrap.STATE.exists():
         pytest.skip("the environment was not made by the set-up")
 
@@ -100,5 +125,6 @@ def test_nothing_is_done_twice(monkeypatch: pytest.MonkeyPatch) -> None:
         # Raised, not recorded: a step that fails leaves no stamp.
         raise bootstrap.SetUpError(f"would run {command}")
 
+    monkeypatch.setattr(bootstrap, "forget_compiled", lambda: None)
     monkeypatch.setattr(bootstrap, "run", refuse)
     assert bootstrap.main(["test"]) == 0
