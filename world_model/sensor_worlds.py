@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.assignment import cheapest
 from estimation.checks import FloatArray
 from world_model.drift import RANGES, STEPS
 from world_model.leaves import IntArray
@@ -110,11 +111,9 @@ def _owners(cost: FloatArray, new: FloatArray) -> IntArray:
     some = owner[owner >= 0]
     if len(np.unique(some)) == len(some):
         return owner
-    from scipy.optimize import linear_sum_assignment
-
     alone = np.full((M, M), 1e9)
     alone[range(M), range(M)] = new
-    _, columns = linear_sum_assignment(np.concatenate([cost, alone], 1))
+    _, columns = cheapest(np.concatenate([cost, alone], 1))
     return np.where(columns < K, columns, -1)
 
 
