@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from estimation.metrics import relations_error
 from estimation.poses import compound
-from whereabouts.experiments.slam_as_node import Driven, false_among
+from whereabouts.experiments.slam_as_node import Driven
+from whereabouts.experiments.slam_as_node import false_closures as false_of_node
 from whereabouts.experiments.slam_judging import (
     CLOSE,
     false_closures,
@@ -98,5 +100,6 @@ def test_what_the_node_said_is_judged_by_scans_whatever_was_taken_out_since() ->
     made = [(c.earlier, c.later, c.relative) for c in closures]
     run = Driven(TRUTH, list(range(160)), [], made, 100, 1.0)
     log = SimpleNamespace(truth=TRUTH, poses=TRUTH)
-    assert false_among(run, log, 0.5) == [1, 2]
-    assert false_among(run, log, 3.0) == [2]
+    assert false_of_node(run, log, 0.5) == [1, 2]
+    assert false_of_node(run, log, 3.0) == [2]
+    assert false_of_node(replace(run, closures=[]), log, 3.0) == []

@@ -9,10 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.metrics import absolute_trajectory_error, relations_error
-from estimation.poses import between
 from loop_closure.slam import Slam
 from whereabouts.experiments.report import Report
-from whereabouts.experiments.slam_judging import CLOSE, Followed, relations_of, revisits_among, true_poses
+from whereabouts.experiments.slam_judging import (
+    CLOSE,
+    Followed,
+    false_among,
+    relations_of,
+    revisits_among,
+    true_poses,
+)
 from whereabouts.logs.g2o import G2oGraph
 from whereabouts.replay_report import Replayed, revisit_recall
 
@@ -65,7 +71,7 @@ def row(
     truth, estimate = log.truth[known], run.estimate[known]
     before = absolute_trajectory_error(log.poses[known, :2], truth[:, :2]).rmse
     after = absolute_trajectory_error(estimate[:, :2], truth[:, :2]).rmse
-    false = len(false_among(run, log, tolerance))
+    false = len(false_closures(run, log, tolerance))
     rank = {number: k for k, number in enumerate(run.kept)}
     found = revisits_among(np.array(run.paths), true_poses(log, run.kept))
     closed = {rank[later] for _, later, _ in run.closures} & set(found)
@@ -86,16 +92,11 @@ def row(
     ]  # fmt: skip
 
 
-def false_among(run: Driven, log: Followed, tolerance: float) -> list[int]:
-    """Numbers of the closures off the truth by more than `tolerance` metres or 10 degrees when they were made."""
-    if not run.closures:
-        return []
-    earlier, later = [a for a, _, _ in run.closures], [b for _, b, _ in run.closures]
-    a, b = true_poses(log, earlier), true_poses(log, later)
-    miss = between(between(a, b), np.array([relative for _, _, relative in run.closures]))
-    turned = np.abs(np.arctan2(np.sin(miss[:, 2]), np.cos(miss[:, 2])))
-    wrong = (np.hypot(miss[:, 0], miss[:, 1]) > tolerance) | (turned > np.deg2rad(10.0))
-    return np.flatnonzero(wrong).tolist()
+def false_closures(run: Driven, log: Followed, tolerance: float) -> list[int]:
+    """Numbers of the closures that were false when they were made."""
+    earlier = true_poses(log, [a for a, _, _ in run.closures])
+    later = true_poses(log, [b for _, b, _ in run.closures])
+    return false_among(earlier, later, [relative for _, _, relative in run.closures], tolerance)
 
 
 def _known_revisits(run: Driven, log: Followed, graph: G2oGraph) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,7 @@ class Followed:
 
 def true_poses(log: Followed, scans: list[int]) -> Array:
     """True pose (K, 3) at scans: that of the nearest scan that has one, moved on by odometry."""
-    known, numbers = np.flatnonzero(np.isfinite(log.truth[:, 0])), np.asarray(scans)
+    known, numbers = np.flatnonzero(np.isfinite(log.truth[:, 0])), np.asarray(scans, dtype=np.int64)
     after = np.clip(np.searchsorted(known, numbers), 1, len(known) - 1)
     at = np.where(numbers - known[after - 1] <= known[after] - numbers, known[after - 1], known[after])
     return np.asarray(compound(log.truth[at], between(log.poses[at], log.poses[numbers])))
@@ -49,13 +50,19 @@ def keyframe_truth(slam: Slam, log: Followed) -> Array:
 
 
 def false_closures(slam: Slam, truth: Array, tolerance: float) -> list[int]:
-    """Numbers of the closures off the truth by more than `tolerance` metres or 10 degrees."""
-    wrong = []
-    for number, closure in enumerate(slam.closures):
-        miss = between(between(truth[closure.earlier], truth[closure.later]), closure.relative)
-        if np.hypot(*miss[:2]) > tolerance or abs(miss[2]) > np.deg2rad(10.0):
-            wrong.append(number)
-    return wrong
+    """Numbers of the closures that are false by the true poses (K, 3) of the keyframes."""
+    found = slam.closures
+    earlier, later = [c.earlier for c in found], [c.later for c in found]
+    return false_among(truth[earlier], truth[later], [c.relative for c in found], tolerance)
+
+
+def false_among(earlier: Array, later: Array, relatives: Sequence[Array], tolerance: float) -> list[int]:
+    """Which relative poses (M, 3) are off the true ones (M, 3) by more than `tolerance` metres or 10 degrees."""
+    if not len(relatives):
+        return []
+    miss = between(between(earlier, later), np.array(relatives))
+    wrong = np.hypot(miss[:, 0], miss[:, 1]) > tolerance
+    return np.flatnonzero(wrong | (np.abs(wrap_angle(miss[:, 2])) > np.deg2rad(10.0))).tolist()
 
 
 def revisits_among(paths: Array, truth: Array, near: float = 2.0, apart: float = 20.0) -> dict[int, int]:
