@@ -31,7 +31,7 @@ from loop_closure.motions import (
     positions,
 )
 from loop_closure.slam_config import SlamConfig
-from loop_closure.spatial import LEAF, polished_step, thinned
+from loop_closure.spatial import LEAF, as_cloud, polished_step, thinned
 from loop_closure.steps import StepDoubt
 from loop_closure.thinning import Thinning
 from loop_closure.uncertainty import Uncertainty
@@ -237,7 +237,7 @@ class Slam:
         if isinstance(scan, Scan):
             self.keyframes.add_scan(scan, here, self.config.max_range)
         else:
-            points = thinned(_cloud(scan), 0.5 * LEAF)
+            points = thinned(as_cloud(scan), 0.5 * LEAF)
             if before is not None and not self._new_run:
                 better = self._polished(points, before, here)
                 if better is not here:
@@ -420,10 +420,3 @@ class Slam:
         self.graph.settle(wrong)
         self._uncertainty.reset()
         self.closures = [c for c in self.closures if (c.earlier, c.later) not in gone]
-
-
-def _cloud(cloud: npt.ArrayLike) -> FloatArray:
-    points = np.asarray(cloud, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"scan: Scan or cloud (N, 3) expected, got shape {points.shape}")
-    return points

@@ -7,8 +7,10 @@ motion first (`registration.align_globally`).
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
+from estimation.errors import InputError
 from loop_closure.graph import Edge
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import invert, length, motion, orthonormal, turn
@@ -20,6 +22,16 @@ BACK, AROUND = 4.0, 4.0  # metres of path in the newer and to either side in the
 NEAR_ENOUGH = 1.5  # metres of standard deviation up to which a refinement finds its way
 LEAST_FITNESS = 0.75  # share of the lesser overlap
 CLOSE = 0.5  # metres within which points agree
+LEAST_STANDING = 0.5  # the same of what stands upright: flat ground agrees with all flat ground
+CLOSE_STANDING = 0.3
+COLUMN, TALL = (
+    0.5,
+    0.5,
+)  # metres: edge of a column, and height from lowest to highest point from which it stands
+LEAST_POINTS = 200
+SURE, SURE_STANDING = 0.6, 0.6  # both, of a placement in a finished map that is believed
+FEATURE = 0.8  # metres, voxel edge of the features that clouds are matched by without a guess
+LEAST_FEATURES = 10  # that have to correspond
 FLOOR = np.array([0.02, 0.02, 0.03, 0.002, 0.002, 0.002])  # m and rad: what bent local clouds leave
 LEAF = 0.25  # metres, voxel of a local cloud
 
@@ -51,7 +63,7 @@ def polished_step(keyframes: Keyframes, points: FloatArray, step: FloatArray) ->
     Odometry of sparse clouds starts slowly and slips where it turns; None where the clouds do not say more.
     """
     target = local_cloud(keyframes, len(keyframes) - 1, BACK, 0.0)
-    if min(len(points), len(target)) < 200:
+    if min(len(points), len(target)) < LEAST_POINTS:
         return None
     found, settled = polish(points, target, step, LEAF, 1.5)
     found, settled = polish(points, target, found, LEAF, 0.5) if settled else (found, False)
@@ -69,7 +81,7 @@ def lay(
     """
     source = local_cloud(keyframes, k, BACK, 0.0)
     target = local_cloud(keyframes, j, AROUND, AROUND)
-    if min(len(source), len(target)) < 200:
+    if min(len(source), len(target)) < LEAST_POINTS:
         return None
     found: Registration
     if sigma <= NEAR_ENOUGH:
@@ -80,11 +92,71 @@ def lay(
     off = motion(guess, relative)
     if not found.converged or length(off) > allowed or turn(off) > 0.8:
         return None
-    fitness = min(
-        overlap(source, target, relative, CLOSE),
-        overlap(target, source, invert(relative), CLOSE),
-    )
-    if fitness < LEAST_FITNESS:
+    fitness = common(source, target, relative)
+    if fitness < LEAST_FITNESS or common_standing(source, target, relative) < LEAST_STANDING:
         return None
     covariance = found.covariance + np.diag(FLOOR**2)
     return Edge(j, k, relative, 0.5 * (covariance + covariance.T), True), fitness
+
+
+def common(source: FloatArray, target: FloatArray, relative: FloatArray, near: float = CLOSE) -> float:
+    """The lesser overlap of two clouds, in [0, 1], `source` being at `relative` (4, 4)."""
+    return min(overlap(source, target, relative, near), overlap(target, source, invert(relative), near))
+
+
+def standing(points: FloatArray) -> FloatArray:
+    """Points (M, 3) of columns along z that reach from low to high: walls, poles, trees, and no ground."""
+    if not len(points):
+        return points
+    cells = np.floor(points[:, :2] / COLUMN).astype(np.int64)
+    cells -= cells.min(axis=0)
+    _, column = np.unique(cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1], return_inverse=True)
+    low, high = (np.full(column.max() + 1, sign * np.inf) for sign in (1.0, -1.0))
+    np.minimum.at(low, column, points[:, 2])
+    np.maximum.at(high, column, points[:, 2])
+    return points[(high - low)[column] > TALL]
+
+
+def common_standing(source: FloatArray, target: FloatArray, relative: FloatArray) -> float:
+    """`common` of what stands upright; 0 where too little does to tell."""
+    upright = standing(source), standing(target)
+    if min(len(part) for part in upright) < LEAST_POINTS:
+        return 0.0
+    return common(*upright, relative, CLOSE_STANDING)
+
+
+def nearby(source: FloatArray, target: FloatArray, guess: FloatArray) -> tuple[FloatArray, float] | None:
+    """Pose (4, 4) of cloud `source` in the frame of `target`, from one about a metre off, and how well both agree."""
+    if min(len(source), len(target)) < LEAST_POINTS:
+        return None
+    found, settled = polish(source, target, guess, LEAF, 1.5)
+    found, settled = polish(source, target, found, LEAF, 0.5) if settled else (found, False)
+    if not settled or not np.isfinite(found).all():
+        return None
+    found = orthonormal(found)
+    everything, upright = common(source, target, found), common_standing(source, target, found)
+    return (found, upright) if everything >= SURE and upright >= SURE_STANDING else None
+
+
+def anywhere(source: FloatArray, target: FloatArray) -> tuple[FloatArray, float] | None:
+    """The same without a guess: by features that correspond."""
+    if min(len(source), len(target)) < LEAST_POINTS:
+        return None
+    # Imported here: planar maps need neither the library nor the time to load it.
+    import kiss_matcher
+
+    matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size=FEATURE))
+    solution = matcher.estimate(source.astype(np.float32), target.astype(np.float32))
+    start = np.eye(4)
+    start[:3, :3], start[:3, 3] = solution.rotation, np.asarray(solution.translation).ravel()
+    if matcher.get_num_final_inliers() < LEAST_FEATURES or not np.isfinite(start).all():
+        return None
+    return nearby(source, target, start)
+
+
+def as_cloud(cloud: npt.ArrayLike) -> FloatArray:
+    """`cloud` as an array (N, 3); InputError for another shape."""
+    points = np.asarray(cloud, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"scan: Scan or cloud (N, 3) expected, got shape {points.shape}")
+    return points

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from estimation.grid import OccupancyGrid
 from estimation.poses import compound, inverse
+from loop_closure.localization import Localizer
+from loop_closure.map_file import write_map
 from loop_closure.slam import Slam
 from loop_closure.slam_config import SlamConfig
+from whereabouts.atomic import atomic_path
 from whereabouts.follow import FollowedPose, follow
 from whereabouts.logs import CloudRecord, Log
 
@@ -84,6 +87,54 @@ def finish(mapped: Mapped) -> None:
         if mount is not None:
             relative = compound(compound(mount, relative), inverse(mount))
         mapped.closures.append((closure.earlier_stamp, closure.later_stamp, relative))
+
+
+@dataclass
+class LocatedLog:
+    """A log followed in a saved map.
+
+    stamps (N,) : of all scans. poses : (3,) or (4, 4) of the robot in the map's frame; None while it was not known
+    where. confirmed (N,) : whether the scan itself fits the map there.
+    """
+
+    stamps: list[float] = field(default_factory=list)
+    poses: list[Array | None] = field(default_factory=list)
+    confirmed: list[bool] = field(default_factory=list)
+
+
+def locate_log(
+    log: Log,
+    places: Slam,
+    initial: Array | None = None,
+    use_wheels: bool = True,
+    topic: str | None = None,
+    on_scan: Callable[[int], None] = lambda count: None,
+) -> LocatedLog:
+    """Follow a log in a map that stays as it is; `initial` (3,) or (4, 4) : the robot's first pose, where it is known.
+
+    Raises
+    ------
+    InputError : a log of clouds and a map of scans, or the other way round.
+    """
+    located, localizer = LocatedLog(), Localizer(places.keyframes, places.graph.poses)
+    for followed in follow(log, use_wheels=use_wheels, topic=topic):
+        record = followed.record
+        if isinstance(record, CloudRecord):
+            if initial is not None and not located.stamps:
+                localizer.place(initial)
+            found = localizer.process(record.points, followed.pose)
+            pose = found.pose
+        else:
+            mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
+            if initial is not None and not located.stamps:
+                localizer.place(compound(initial, mount))
+            found = localizer.process(record.scan, compound(followed.pose, mount))
+            pose = None if found.pose is None else compound(found.pose, inverse(mount))
+        located.stamps.append(followed.stamp)
+        located.poses.append(pose)
+        located.confirmed.append(found.sure)
+        on_scan(len(located.stamps))
+    return located
 
 
 class MapGrid:
@@ -163,6 +214,17 @@ def draw_grid(
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     FigureCanvasAgg(figure).print_png(str(path))
+
+
+def write_map_files(slam: Slam, picture: Path) -> None:
+    """The map to go on with (.npz) beside `picture`; of scans the picture, and map_saver's .pgm and .yaml, too."""
+    with atomic_path(picture.with_suffix(".npz")) as temporary, temporary.open("wb") as file:
+        write_map(slam, file)
+    nodes = slam.graph.poses
+    if nodes.ndim == 2:
+        grid = map_grid(slam)
+        draw_grid(picture, grid, nodes, [(nodes[c.earlier], nodes[c.later]) for c in slam.closures])
+        grid.save(picture.with_suffix(""))
 
 
 def closure_rows(mapped: Mapped) -> list[str]:

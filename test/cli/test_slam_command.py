@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from estimation.metrics import absolute_trajectory_error
 from estimation.poses import between, compound
 from whereabouts.cli.main import app
-from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, read_tum
+from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, open_log, read_tum
 from whereabouts.simulation import Drive, Lidar, box, joined
 
 runner = CliRunner()
@@ -76,6 +76,46 @@ def test_slam_writes_trajectory_closures_and_map(recorded: tuple[Path, np.ndarra
     found = json.loads(figures.read_text())
     assert found["scans"] == len(truth)
     assert found["closures"] == len(rows)
+
+    # The same drive, begun later, in the map that was written: with a pose and without one.
+    begun = 30
+    later, places = tmp_path / "later.mcap", tmp_path / "located.tum"
+    with open_log(bag) as log, McapWriter(later) as writer:
+        for record in log:
+            if isinstance(record, ScanRecord) and record.stamp >= 50.0 + PERIOD * (begun - 0.5):
+                writer.write_scan(record)
+    start = between(truth[0], truth[begun]) + np.array([0.3, -0.2, 0.1])
+    said = ["--initial", ",".join(str(value) for value in start)]
+    for more, most in ((said, begun + 3), ([], begun + 45)):
+        command = ["slam", str(later), "--in-map", str(tmp_path / "m.npz"), "--out", str(places)]
+        result = runner.invoke(app, [*command, "--json", str(figures), *more])
+        assert result.exit_code == 0, result.output
+        found = json.loads(figures.read_text())
+        assert 0 < found["confirmed"] <= found["located"] <= found["scans"] == len(truth) - begun
+        inside = read_tum(places)
+        at = np.round((inside.stamps - 50.0) / PERIOD).astype(int)
+        assert len(at) == found["located"]
+        assert at[0] <= most
+        misses = between(np.array([between(truth[0], truth[k]) for k in at]), inside.se2())
+        settled = misses[3:] if more else misses
+        assert np.hypot(settled[:, 0], settled[:, 1]).max() < 0.25
+        assert np.abs(settled[:, 2]).max() < 0.06
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--initial", "0,0,0"], "--in-map"),
+        (["--in-map", "m.npz", "--map", "n.png"], "--map"),
+        (["--in-map", "m.npz", "--initial", "0,0"], "X,Y,YAW"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(
+    recorded: tuple[Path, np.ndarray], options: list[str], word: str
+) -> None:
+    result = runner.invoke(app, ["slam", str(recorded[0]), *options])
+    assert result.exit_code != 0
+    assert word in result.output
 
 
 def test_slam_of_a_log_without_scans_says_so(tmp_path: Path) -> None:

@@ -11,18 +11,29 @@ from harness import START, Graph, Robot, planar, scan_message
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from estimation.grid import OccupancyGrid
 from estimation.metrics import absolute_trajectory_error
-from estimation.poses import between, compound
+from estimation.poses import (
+    between,
+    compound,
+    pose_from_matrix,
+    pose_from_quaternion,
+    pose_to_matrix,
+    pose_to_quaternion,
+)
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, TransformRecord, open_raw
 from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.conversions import fill_pose, spatial
+from whereabouts.nodes.conversions import cloud_message, fill_pose, spatial
 from whereabouts.nodes.interfaces import message_class
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
+from whereabouts.nodes.transforms import transform_message
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, box, joined
+from whereabouts.simulation.outdoor import SpinningLidar, random_neighbourhood
+from whereabouts.simulation.outdoor import round_trip as street_round
 from whereabouts_msgs.msg import LoopClosure, Processed
 from whereabouts_msgs.srv import LoadMap, SaveMap
 
@@ -201,4 +212,78 @@ def test_localises_only_from_an_initial_pose(graph: Graph, tmp_path: Path) -> No
     pose = graph.until(robot.in_map, "a pose in the map")[0]
     assert np.hypot(*between(robot.truth(22.75), pose)[:2]) < 0.2
     assert (tmp_path / "ring.npz").read_bytes() == before
+    assert "defect" not in graph.log(spec)
+
+
+class Street:
+    """A robot with a spinning lidar in a street, and the map that loop_closure makes of it; odometry is the test's."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph, self.rng, self.lidar = graph, np.random.default_rng(12), SpinningLidar()
+        self.world, self.way = random_neighbourhood(np.random.default_rng(31)), street_round(200)
+        self.processed: list[Processed] = graph.collect(Processed, "loop_closure/processed")
+        self.transforms: list[TFMessage] = graph.collect(TFMessage, "tf")
+        self.sent = 0
+
+    def truth(self, k: int) -> np.ndarray:
+        """Pose (4, 4) in the frame of the first."""
+        return np.asarray(np.linalg.inv(self.way[0]) @ self.way[k])
+
+    def go(self, first: int, last: int, origin: np.ndarray) -> None:
+        """Drive on, a cloud a metre, the odometry frame lying at `origin` in the true one."""
+        for k in range(first, last):
+            self.sent += 1
+            stamp = START + self.sent * NANOSECONDS // 2
+            at = pose_from_matrix(np.linalg.inv(origin) @ self.truth(k))
+            position, quaternion = pose_to_quaternion(at)
+            base = transform_message("odom", "base_link", stamp, (*position, *quaternion))
+            self.graph.publish("tf", TFMessage(transforms=[base]))
+            cloud = self.lidar.cloud(self.world, self.way[k], self.rng)
+            header = Header(stamp=time_message(stamp), frame_id="base_link")
+            self.graph.publish("points", cloud_message(header, cloud))
+            self.graph.until(
+                lambda header=header: any(answer.stamp == header.stamp for answer in self.processed),
+                f"cloud {k} is processed",
+            )
+
+    def correction(self) -> np.ndarray:
+        """Latest pose (4, 4) of odom in map."""
+        told = [item for m in self.transforms for item in m.transforms if item.header.frame_id == "map"]
+        if not told:
+            return np.zeros((0, 0))
+        t, q = told[-1].transform.translation, told[-1].transform.rotation
+        return pose_to_matrix(pose_from_quaternion([t.x, t.y, t.z], [q.x, q.y, q.z, q.w]))
+
+
+def test_a_map_of_clouds_is_saved_and_the_robot_found_in_it_again(graph: Graph, tmp_path: Path) -> None:
+    """Killed, started again in mid-run with odometry that begins anew; and localising only, from RViz's pose."""
+    robot, stem = Street(graph), str(tmp_path / "street")
+    spec = graph.start("loop_closure", cloud_topic="points", map_file=stem)
+    robot.go(0, 14, np.eye(4))
+    answer = graph.call(SaveMap, "loop_closure/save_map", SaveMap.Request())
+    assert answer.code == SaveMap.Response.SUCCESS, answer.message
+    before = (tmp_path / "street.npz").read_bytes()
+    graph.kill(spec)
+    robot.transforms.clear()
+    spec = graph.start("loop_closure", cloud_topic="points", map_file=stem)
+    origin = pose_to_matrix(np.array([30.0, -8.0, 0.5, 0.01, 0.0, 0.9]))
+    robot.go(6, 14, origin)
+    graph.until(lambda: len(robot.correction()), "the robot is found in the map")
+    found = robot.correction()
+    assert np.linalg.norm((np.linalg.inv(origin) @ found)[:3, 3]) < 0.5
+    assert np.linalg.norm((found @ np.linalg.inv(origin) @ robot.truth(13) - robot.truth(13))[:3, 3]) < 0.2
+    assert "extended" in graph.log(spec)
+
+    load = LoadMap.Request(path=stem, localization_only=True)
+    assert graph.call(LoadMap, "loop_closure/load_map", load).code == LoadMap.Response.SUCCESS
+    robot.transforms.clear()
+    said = PoseWithCovarianceStamped()
+    said.header.frame_id = "map"
+    start = pose_from_matrix(robot.truth(4)) + np.array([0.5, -0.3, 0.0, 0.0, 0.0, 0.15])
+    fill_pose(said.pose.pose, spatial(start[[0, 1, 5]]))
+    graph.publish("initialpose", said)
+    robot.go(4, 9, origin)
+    found = robot.correction()
+    assert np.linalg.norm((found @ np.linalg.inv(origin) @ robot.truth(8) - robot.truth(8))[:3, 3]) < 0.2
+    assert (tmp_path / "street.npz").read_bytes() == before
     assert "defect" not in graph.log(spec)

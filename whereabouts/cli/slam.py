@@ -1,14 +1,19 @@
-"""`whereabouts slam`: a recorded log with its loops closed: trajectory, closures and map, without ROS."""
+"""`whereabouts slam`: a recorded log with its loops closed, or found in a saved map; without ROS."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, write_figures
+
+if TYPE_CHECKING:
+    from whereabouts.logs import Log
 
 
 def slam(
@@ -23,40 +28,64 @@ def slam(
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="M.png", help="Write a picture; M.pgm and M.yaml with it (map_saver)."),
+        typer.Option(
+            "--map",
+            metavar="M.png",
+            help="Write M.npz, to localise in or go on with, and of scans a picture, M.pgm and M.yaml (map_saver).",
+        ),
+    ] = None,
+    in_map: Annotated[
+        Path | None,
+        typer.Option("--in-map", metavar="M.npz", help="Localise only, in this map, which stays as it is."),
+    ] = None,
+    initial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,YAW", help="With --in-map: first pose in the map, m and rad; looked for otherwise."
+        ),
     ] = None,
     topic: TopicToUse = None,
     wheels: WithWheels = True,
     json_file: JsonFile = None,
 ) -> None:
-    """Follow the robot through a recorded log and close its loops.
+    """Follow the robot through a recorded log and close its loops, or find it in a saved map.
 
     The trajectory is that of the robot (of the sensor where the log does not say how it is mounted), in the
     frame of the first scan: `stamp x y z qx qy qz qw`, one line per scan, in the log's order. Closures are lines
     `stamp_a,stamp_b,x,y,yaw`: the later place b as seen from the earlier one a.
+
+    In a saved map the trajectory is in the map's frame, and has no line for a scan while it is not known where the
+    robot is.
     """
+    if in_map is None and initial is not None:
+        raise typer.BadParameter("--initial goes with --in-map")
+    if in_map is not None and (closures is not None or map_file is not None):
+        raise typer.BadParameter("--in-map changes no map and closes no loop: neither --closures nor --map")
+    if in_map is not None:
+        _locate(source, in_map, initial, out, topic, wheels, json_file)
+    else:
+        _map(source, out, closures, map_file, topic, wheels, json_file)
+
+
+def _map(
+    source: Path,
+    out: Path | None,
+    closures: Path | None,
+    map_file: Path | None,
+    topic: str | None,
+    wheels: bool,
+    json_file: Path | None,
+) -> None:
     import numpy as np
 
     from whereabouts.atomic import atomic_path
-    from whereabouts.log_errors import NothingRecognisedError
-    from whereabouts.logs import open_log, write_tum
-    from whereabouts.mapping import closure_rows, draw_grid, map_grid, map_log
-    from whereabouts.progress import progress_bar
+    from whereabouts.logs import write_tum
+    from whereabouts.mapping import closure_rows, map_log, write_map_files
 
     started = time.perf_counter()
-    with open_log(source) as log, progress_bar() as bar:
-        task = bar.add_task(f"mapping {source.name}", total=100)
-
-        def advance(count: int) -> None:
-            if count % 50 == 0:
-                bar.update(task, completed=round(100 * log.progress))
-
+    with _reading(source, "mapping") as (log, advance):
         mapped = map_log(log, use_wheels=wheels, topic=topic, on_scan=advance)
-        for line in log.summary.lines():
-            typer.echo(line, err=True)
-    if not mapped.stamps:
-        wanted = f"on topic {topic}" if topic else "in it"
-        raise NothingRecognisedError(source, f"there are no scans or clouds {wanted}")
+    _require_scans(source, topic, len(mapped.stamps))
     elapsed = time.perf_counter() - started
     poses = np.array(mapped.poses)
     if out is not None:
@@ -64,11 +93,8 @@ def slam(
     if closures is not None:
         with atomic_path(closures) as temporary:
             temporary.write_text("\n".join(closure_rows(mapped)) + "\n", encoding="ascii")
-    if map_file is not None and poses.ndim == 2:
-        grid = map_grid(mapped.slam)
-        nodes = mapped.slam.graph.poses
-        draw_grid(map_file, grid, nodes, [(nodes[c.earlier], nodes[c.later]) for c in mapped.slam.closures])
-        grid.save(map_file.with_suffix(""))
+    if map_file is not None:
+        write_map_files(mapped.slam, map_file)
     duration = max(mapped.stamps) - min(mapped.stamps)
     keyframes = len(mapped.slam.keyframes)
     typer.echo(
@@ -87,3 +113,89 @@ def slam(
             "times_real_time": duration / elapsed,
         },
     )
+
+
+def _locate(
+    source: Path,
+    in_map: Path,
+    initial: str | None,
+    out: Path | None,
+    topic: str | None,
+    wheels: bool,
+    json_file: Path | None,
+) -> None:
+    from loop_closure.map_file import read_map
+    from whereabouts.logs import write_tum
+    from whereabouts.mapping import locate_log
+
+    first = None if initial is None else _pose(initial)
+    places = read_map(in_map)
+    started = time.perf_counter()
+    with _reading(source, "locating") as (log, advance):
+        located = locate_log(log, places, first, use_wheels=wheels, topic=topic, on_scan=advance)
+    _require_scans(source, topic, len(located.stamps))
+    elapsed = time.perf_counter() - started
+    known = [
+        (stamp, pose) for stamp, pose in zip(located.stamps, located.poses, strict=True) if pose is not None
+    ]
+    if out is not None:
+        write_tum(out, [stamp for stamp, _ in known], [pose for _, pose in known])
+    start, confirmed = min(located.stamps), sum(located.confirmed)
+    duration = max(located.stamps) - start
+    after = known[0][0] - start if known else None
+    when = "never found" if after is None else f"found after {after:.1f} s"
+    typer.echo(
+        f"{len(located.stamps)} scans over {duration:.1f} s, {when}, known for {len(known)} scans, "
+        f"confirmed by {confirmed}, {duration / elapsed:.0f} times real time"
+    )
+    write_figures(
+        json_file,
+        {
+            "source": str(source),
+            "map": str(in_map),
+            "scans": len(located.stamps),
+            "located": len(known),
+            "confirmed": confirmed,
+            "found_after_s": after,
+            "duration_s": duration,
+            "times_real_time": duration / elapsed,
+        },
+    )
+
+
+@contextmanager
+def _reading(source: Path, what: str) -> Iterator[tuple[Log, Callable[[int], None]]]:
+    """A log, and what to call with the number of its scans so far; says in the end what was in it."""
+    from whereabouts.logs import open_log
+    from whereabouts.progress import progress_bar
+
+    with open_log(source) as log, progress_bar() as bar:
+        task = bar.add_task(f"{what} {source.name}", total=100)
+
+        def advance(count: int) -> None:
+            if count % 50 == 0:
+                bar.update(task, completed=round(100 * log.progress))
+
+        yield log, advance
+        for line in log.summary.lines():
+            typer.echo(line, err=True)
+
+
+def _require_scans(source: Path, topic: str | None, count: int) -> None:
+    from whereabouts.log_errors import NothingRecognisedError
+
+    if not count:
+        wanted = f"on topic {topic}" if topic else "in it"
+        raise NothingRecognisedError(source, f"there are no scans or clouds {wanted}")
+
+
+def _pose(text: str):  # type: ignore[no-untyped-def]
+    import numpy as np
+
+    try:
+        pose = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        pose = np.zeros(0)
+    if pose.shape != (3,) or not np.isfinite(pose).all():
+        raise typer.BadParameter(f"--initial: three numbers X,Y,YAW expected, got {text!r}")
+    return pose

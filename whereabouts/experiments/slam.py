@@ -22,7 +22,7 @@ from loop_closure.esdf import EsdfGraph
 from loop_closure.graph import PoseGraph, SmoothedGraph
 from loop_closure.slam import Slam
 from registration import Odometry
-from whereabouts.experiments import slam_as_node
+from whereabouts.experiments import slam_as_node, slam_in_map
 from whereabouts.experiments.odometry import RAW, joined
 from whereabouts.experiments.report import Options, Report, Table
 from whereabouts.experiments.slam_judging import (
@@ -86,6 +86,7 @@ def run(options: Options) -> Report:
     report.tables.append(Table("Recorded logs", COLUMNS, [*rows, *PUBLISHED]))
     if not options.quick:
         _outdoor(options, report)
+        slam_in_map.table(report, options.seed)
     return report
 
 

@@ -25,9 +25,11 @@ from estimation.errors import InputError
 from estimation.poses import compound, inverse, pose_from_matrix, pose_to_quaternion
 from loop_closure.localization import Localizer
 from loop_closure.map_file import read_map, write_map
+from loop_closure.motions import planar
 from loop_closure.slam import Closure, Slam
 from loop_closure.warm_up import warm_up
 from registration.mounting import level_pose, seen_from_robot, upright
+from registration.scan import Scan
 from whereabouts.atomic import atomic_path
 from whereabouts.mapping import MapGrid, map_points
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
@@ -64,7 +66,8 @@ class LoopClosureNode(SuiteNode):
     def setup(self) -> None:
         settings = self.settings
         self.listen_to_transforms()
-        self.add_input(OdometryMessage, "odometry", self._take_odometry)
+        # How sure it is; where the robot is, the transform says that scans wait for.
+        self.add_input(OdometryMessage, "odometry", self._take_odometry, on_demand=True)
         # A person, not a sensor: its stamp says nothing about the run.
         said = Input(self, PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         self.inputs.append(said)
@@ -165,15 +168,15 @@ class LoopClosureNode(SuiteNode):
         settings = self.settings
         mounting = self.transforms.lookup(settings.base_frame, message.header.frame_id, stamp)
         base = self.transforms.lookup(settings.odom_frame, settings.base_frame, stamp)
+        cloud = points @ mounting[:3, :3].T + mounting[:3, 3]
+        covariance = self._covariances.pop(stamp, None)
         self._stamp = stamp
-        update = self._slam.process(
-            points @ mounting[:3, :3].T + mounting[:3, 3],
-            base,
-            self._covariances.pop(stamp, None),
-            stamp / NANOSECONDS,
-        )
-        self._take_update(update.closures, update.keyframe is not None, update.waiting)
-        self._correction = pose_from_matrix(self._slam.correction)
+        if self._localizer is not None:
+            self._locate(cloud, base)
+        else:
+            update = self._slam.process(cloud, base, covariance, stamp / NANOSECONDS)
+            self._take_update(update.closures, update.keyframe is not None, update.waiting)
+            self._correction = pose_from_matrix(self._slam.correction)
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -189,7 +192,7 @@ class LoopClosureNode(SuiteNode):
                 closure_message(closure, numbers, self._mounting, self.settings.base_frame)
             )
 
-    def _locate(self, scan, odometry: Array) -> None:  # type: ignore[no-untyped-def]
+    def _locate(self, scan: Scan | Array, odometry: Array) -> None:
         assert self._localizer is not None
         located = self._localizer.process(scan, odometry)
         self._located = located.pose is not None
@@ -197,7 +200,7 @@ class LoopClosureNode(SuiteNode):
         if correction is None:
             self._correction = None
             return
-        self._correction = spatial(correction)
+        self._correction = spatial(correction) if planar(correction) else pose_from_matrix(correction)
         if located.sure and self._extend:
             self.get_logger().info("the robot is found in the map; the map is extended from here")
             self._slam.resume(correction)
@@ -319,8 +322,11 @@ class LoopClosureNode(SuiteNode):
     def _begin_with(self, path: Path, localization_only: bool, initial: Array | None) -> int:
         """Take a saved map; the robot is looked for in it, around `initial` (3,) of the robot where given."""
         slam = read_map(path, self.settings.slam, self.settings.thin)
-        if not len(slam.keyframes) or slam.keyframes[0].scan is None:
-            raise InputError(f"{path}: a map of planar scans is needed to find the robot in it")
+        kind, other = ("clouds", "scans") if self.settings.cloud_topic else ("scans", "clouds")
+        if not len(slam.keyframes) or (slam.keyframes[0].scan is None) != (kind == "clouds"):
+            raise InputError(
+                f"{path}: a map of {kind} is needed to find the robot in it by {kind}; it has none, or is of {other}"
+            )
         self._slam = slam
         self._grid = MapGrid(self.settings.resolution)
         start = None if initial is None else compound(initial, self._mounting)
