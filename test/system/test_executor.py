@@ -163,3 +163,34 @@ def test_a_timeout_ends_the_wait_and_a_shutdown_the_spinning(spinning: tuple[Nod
     assert time.monotonic() - begun < PATIENCE
     node.context.try_shutdown()
     executor.spin()
+
+
+def test_what_rests_wakes_nobody_and_is_taken_before_what_does(domain: int) -> None:
+    context = Context()
+    rclpy.init(context=context)
+    node: Any = Node("served", context=context)
+    executor = NodeExecutor(context)
+    executor.add_node(node)
+    heard: list[tuple[str, int]] = []
+    publishers = {}
+    for name in ("awake", "resting"):
+        subscription = node.create_subscription(
+            Int32, name, lambda message, name=name: heard.append((name, message.data)), 10
+        )
+        publishers[name] = node.create_publisher(Int32, name, 10)
+        if name == "resting":
+            node.resting = [subscription]
+    spin_until(executor, lambda: all(item.get_subscription_count() for item in publishers.values()))
+    for number in range(3):
+        publishers["resting"].publish(Int32(data=number))
+    executor.spin_once(timeout_sec=0.0)
+    assert heard == []
+    publishers["awake"].publish(Int32(data=7))
+    spin_until(executor, lambda: ("awake", 7) in heard)
+    assert heard == [*(("resting", number) for number in range(3)), ("awake", 7)]
+    node.resting = []
+    publishers["resting"].publish(Int32(data=3))
+    spin_until(executor, lambda: heard[-1] == ("resting", 3))
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()

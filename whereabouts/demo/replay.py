@@ -16,6 +16,8 @@ from whereabouts.process_usage import UsageMeter
 from whereabouts.simulation.apartment_bag import START
 from whereabouts.simulation.apartment_day import MOVED, THINGS, stop
 
+CLOCK_PERIOD = 0.25
+"""s of the bag: as exact as timers of a second and more need."""
 SEARCH_AFTER = 13.0
 """s after the request to verify: two looks in vain, with a rest between, take about ten."""
 
@@ -62,6 +64,7 @@ def replay(
             specs,
             folder / "logs",
             rate=rate,
+            clock_period=CLOCK_PERIOD,
             record=RECORDED,
             output=recording,
             on_event=on_event,

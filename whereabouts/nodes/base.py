@@ -95,6 +95,14 @@ class SuiteNode(LifecycleNode):
         """The current parameters."""
         return self._parameter_set.values
 
+    @property
+    def resting(self) -> list[Any]:
+        """Subscriptions whose messages may lie about until something else wakes the node up."""
+        waits = any(item.waits for item in self.inputs)
+        return [
+            item.subscription for item in self.inputs if item.on_demand and not (waits and item.is_transforms)
+        ]
+
     # What a node implements.
 
     def setup(self) -> None:
@@ -110,10 +118,16 @@ class SuiteNode(LifecycleNode):
     # What a node uses.
 
     def add_input(
-        self, message_type: type, topic: str, handler: Handler, frames: Frames | None = None
+        self,
+        message_type: type,
+        topic: str,
+        handler: Handler,
+        frames: Frames | None = None,
+        on_demand: bool = False,
+        packed: bool = False,
     ) -> Input:
         """Subscribe a sensor topic; see `Input`."""
-        item = Input(self, message_type, topic, handler, frames=frames)
+        item = Input(self, message_type, topic, handler, frames=frames, on_demand=on_demand, packed=packed)
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
         return item
@@ -194,14 +208,15 @@ class SuiteNode(LifecycleNode):
         service = self.create_service(service_type, name, answer)
         self._created.append((self.destroy_service, service))
 
-    def listen_to_transforms(self) -> None:
-        """Subscribe tf and tf_static."""
+    def listen_to_transforms(self, on_demand: bool = False) -> None:
+        """Subscribe tf and tf_static. on_demand : for nodes that seldom look where anything is; see `Input`."""
         for topic, static, qos in (("tf", False, TF_QOS), ("tf_static", True, TF_STATIC_QOS)):
 
             def handle(message: TFMessage, _: int, static: bool = static) -> None:
                 self._take_transforms(message, static)
 
-            item = Input(self, TFMessage, topic, handle, qos=qos, sensor=False)
+            rests = on_demand and not static
+            item = Input(self, TFMessage, topic, handle, qos=qos, sensor=False, on_demand=rests)
             self.inputs.append(item)
             self._created.append((self.destroy_subscription, item.subscription))
 
@@ -330,6 +345,7 @@ class SuiteNode(LifecycleNode):
         message = Connections(
             inputs=[item.topic for item in self.inputs],
             received=[item.counts.received for item in self.inputs],
+            on_demand=[item.topic for item in self.inputs if item.on_demand],
             outputs=[output.topic for output in self.outputs],
             sent=counts,
             subscribers=subscribers,
@@ -343,14 +359,14 @@ class SuiteNode(LifecycleNode):
                 self.transforms.insert(transform, static)
             except InputError as error:
                 problem = error
-        self._serve_waiting()
+        self._serve_waiting(reported=not any(item.on_demand and item.is_transforms for item in self.inputs))
         if problem is not None:
             raise problem
 
-    def _serve_waiting(self) -> None:
+    def _serve_waiting(self, reported: bool = False) -> None:
         if self.active:
             for item in self.inputs:
-                item.serve_waiting()
+                item.serve_waiting(reported)
 
 
 def run_node(node_type: type[NodeType]) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.context import Context
@@ -21,6 +21,8 @@ FOREVER = -1
 EVENT_PERIOD = 1.0
 # Wait sets kept, by size: with and without events, and while something is being created or destroyed.
 KEPT = 4
+# Messages of a resting subscription that are taken before the node goes on with what woke it.
+AT_ONCE = 200
 # What a wait set has room for, in this order.
 ENTITIES = ("subscription", "guard_condition", "timer", "client", "service", "event")
 NEEDED = (
@@ -45,9 +47,9 @@ class _Kind:
         self._items: list[Any] = []
         self._by_pointer: dict[int, Any] = {}
 
-    def look(self, node: Any) -> None:
-        """See what the node has now."""
-        items = list(getattr(node, self._attribute))
+    def look(self, node: Any, resting: Sequence[Any] = ()) -> None:
+        """See what the node has now, but for what rests."""
+        items = [item for item in getattr(node, self._attribute) if item not in resting]
         if items != self._items:
             self._items = items
             self.handles = [item.handle for item in items]
@@ -69,7 +71,8 @@ class NodeExecutor(SingleThreadedExecutor):
     rclpy's own makes for every callback a new wait set and a task, takes the use of every handle, and wakes itself up
     before and after, for the sake of threads that may be waiting or destroying things meanwhile. Here there is one
     thread: wait sets are kept, and a callback is called. Only what awaits something becomes a task, and does not keep
-    others of its callback group waiting. Events of the middleware are looked at once a second. With an rclpy that is
+    others of its callback group waiting. Events of the middleware are looked at once a second. Subscriptions that the
+    node names in `resting` wake nobody up: what they have is taken before anything else is done. With an rclpy that is
     built otherwise it is the plain executor.
     """
 
@@ -102,8 +105,17 @@ class NodeExecutor(SingleThreadedExecutor):
             ready = self._wait(nodes[0], FOREVER if timeout_sec is None else int(timeout_sec * NANOSECONDS))
         except ShutdownException:
             return
+        if ready:
+            self._catch_up(nodes[0])
         for take, entity in ready:
             self._call(take, entity)
+
+    def _catch_up(self, node: Any) -> None:
+        """Take in what lies about in subscriptions that rest."""
+        for subscription in getattr(node, "resting", ()):
+            for _ in range(AT_ONCE):
+                if not self._call(self._take_subscription, subscription):
+                    break
 
     def _continue_tasks(self) -> None:
         """Go on with what awaits something, in rclpy's order."""
@@ -128,8 +140,9 @@ class NodeExecutor(SingleThreadedExecutor):
             waitables = [item for item in waitables if not isinstance(item, EventHandler)]
             cut = int(left * NANOSECONDS)
             timeout = cut if timeout == FOREVER else min(timeout, cut)
+        resting = getattr(node, "resting", ())
         for kind in self._kinds:
-            kind.look(node)
+            kind.look(node, resting if kind.name == "subscription" else ())
         wait_set = self._empty_wait_set(waitables)
         for kind in self._kinds:
             add = getattr(wait_set, f"add_{kind.name}")
@@ -167,19 +180,20 @@ class NodeExecutor(SingleThreadedExecutor):
         wait_set.clear_entities()
         return wait_set
 
-    def _call(self, take: Take, entity: Any) -> None:
-        """Take the work of an entity and do it; it may have been destroyed or cancelled since the wait."""
+    def _call(self, take: Take, entity: Any) -> bool:
+        """Take the work of an entity and do it, if any: it may have been destroyed or cancelled since the wait."""
         try:
             if take == self._take_timer and not entity.handle.is_timer_ready():
-                return
+                return False
             work = take(entity)
         except InvalidHandle:
-            return
+            return False
         if work is None:
-            return
+            return False
         coroutine = work()
         try:
             coroutine.send(None)
         except StopIteration:
-            return
+            return True
         self.create_task(coroutine)
+        return True

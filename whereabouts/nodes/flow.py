@@ -45,13 +45,23 @@ class Flow:
         self._published: dict[str, dict[str, Tally]] = {}
         self._received: dict[tuple[str, str], Tally] = {}
         self._forgiven: dict[tuple[str, str], int] = {}
+        # Sums of the above, as they are asked for with every message: published, and received or forgiven.
+        self._total: dict[str, int] = {}
+        self._taken: dict[tuple[str, str], int] = {}
 
     def note(self, node: str, received: Mapping[str, int], published: Mapping[str, int]) -> None:
         """Take in what a node reports: messages it has received and published, by topic."""
         for topic, count in received.items():
             self._received.setdefault((node, topic), Tally()).set(count)
+            self._sum_up(node, topic)
         for topic, count in published.items():
-            self._published.setdefault(topic, {}).setdefault(node, Tally()).set(count)
+            tallies = self._published.setdefault(topic, {})
+            tallies.setdefault(node, Tally()).set(count)
+            self._total[topic] = sum(tally.total for tally in tallies.values())
+
+    def _sum_up(self, node: str, topic: str) -> None:
+        received, forgiven = self._received.get((node, topic)), self._forgiven.get((node, topic), 0)
+        self._taken[node, topic] = forgiven + (0 if received is None else received.total)
 
     def died(self, node: str) -> None:
         """A node has ended; what it reports from now on begins anew."""
@@ -62,7 +72,7 @@ class Flow:
 
     def published(self, topic: str) -> int:
         """Messages of a topic that watched nodes have sent."""
-        return sum(tally.total for tally in self._published.get(topic, {}).values())
+        return self._total.get(topic, 0)
 
     def behind(self) -> list[str]:
         """Nodes that have yet to take in what other nodes sent them."""
@@ -75,13 +85,12 @@ class Flow:
         """
         for pair, lag in self._lags().items():
             self._forgiven[pair] = self._forgiven.get(pair, 0) + lag
+            self._sum_up(*pair)
 
     def _lags(self) -> dict[tuple[str, str], int]:
         lags: dict[tuple[str, str], int] = {}
-        for topic in self._published:
-            expected = self._sent(topic) + self.published(topic)
+        for topic, total in self._total.items():
+            expected = self._sent(topic) + total
             for node in self._subscribers(topic):
-                received = self._received.get((node, topic))
-                total = 0 if received is None else received.total
-                lags[node, topic] = expected - total - self._forgiven.get((node, topic), 0)
+                lags[node, topic] = expected - self._taken.get((node, topic), 0)
         return lags

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
+from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import TransformError
 from whereabouts_msgs.msg import Processed
@@ -67,6 +69,10 @@ class Input:
         the message waits, and those behind it with it, so that order is kept.
     sensor : whether it is a sensor's own topic: a stamp that jumps back then starts a new run of the node, and jumps in
         the publisher's numbers and in stamps are losses. Several nodes publish tf, and its numbers say nothing.
+    on_demand : whether messages may lie about until something else wakes the node up: for what is only looked at now
+        and then. They are not acknowledged one by one, what the queue had no room for is not lost, and their latency
+        counts from when they are taken in.
+    packed : whether the handler is given a `Packed` message instead of the message itself.
     """
 
     def __init__(
@@ -79,11 +85,17 @@ class Input:
         frames: Frames | None = None,
         qos: QoSProfile | None = None,
         sensor: bool = True,
+        on_demand: bool = False,
+        packed: bool = False,
     ) -> None:
         self._node = node
+        self._kind = message_type
+        self._packed = packed
         self._handler = handler
         self._frames = frames
         self._sensor = sensor
+        self.on_demand = on_demand
+        self.is_transforms = message_type is TFMessage
         self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
         self._sequence = 0
@@ -105,6 +117,7 @@ class Input:
                 message_lost=self._on_lost, use_default_callbacks=False
             ),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            raw=packed,
         )
         self.topic = self.subscription.topic_name
 
@@ -113,17 +126,20 @@ class Input:
         self.counts.received += 1
         sequence = int(info.get("publication_sequence_number") or 0)
         self._check_sequence(sequence)
-        stamp = nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
+        if self._packed:
+            message = Packed(self._kind, message)
+            stamp = message.stamp
+        else:
+            stamp = nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
         # What is latched is said once: a node that ignored it while inactive would never have it.
         if not self._node.active and not self._latched:
             self.counts.inactive += 1
         else:
             # Not every middleware tells when it received a message.
-            received = int(info.get("received_timestamp") or 0) or time.time_ns()
-            queued = max(0, time.time_ns() - received) / NANOSECONDS
+            received = 0 if self.on_demand else int(info.get("received_timestamp") or 0)
+            queued = max(0, time.time_ns() - received) / NANOSECONDS if received else 0.0
             self._accept(message, stamp, arrived - queued)
-        if self._node.settings.report_processed:
-            self._acknowledge(stamp, sequence)
+        self._acknowledge(stamp, sequence)
 
     def _accept(self, message: Any, stamp: int, arrived: float) -> None:
         if self._sensor and self._stamped:
@@ -163,15 +179,23 @@ class Input:
             return not error.later
         return True
 
-    def serve_waiting(self) -> None:
-        """Handle messages whose transforms have come, and drop those that have waited too long."""
+    @property
+    def waits(self) -> bool:
+        """Whether messages wait for their transforms."""
+        return bool(self._waiting)
+
+    def serve_waiting(self, reported: bool = False) -> None:
+        """Handle messages whose transforms have come, and drop those that have waited too long.
+
+        reported : whether the caller is about to say what the node has published.
+        """
         timeout = self._node.settings.transform_timeout
         while self._waiting:
             first = self._waiting[0]
             if self._ready(first.message, first.stamp):
                 self._waiting.popleft()
                 self._handle(first.message, first.stamp, first.arrived)
-                if self._node.settings.report_processed:
+                if not reported:
                     # Said again, as there may be more output now.
                     self._acknowledge(first.stamp, self._acknowledged)
             elif time.perf_counter() - first.arrived > timeout:
@@ -189,6 +213,11 @@ class Input:
                 return f"no transform from '{source}' to '{target}': {error}; is it on tf or tf_static?"
         return "transform arrived too late"
 
+    def refuse(self, detail: str) -> None:
+        """Take back that a message was of use: its handler found out later that it makes no sense."""
+        self.counts.used -= 1
+        self.drop("refused", detail)
+
     def drop(self, reason: str, detail: str, defect: bool = False) -> None:
         """Count a message that is given up on, and say so."""
         self.counts.drops[reason] += 1
@@ -204,7 +233,7 @@ class Input:
 
     def _check_sequence(self, sequence: int) -> None:
         """Publishers number their messages: with a single one, a jump is a loss. A smaller number is a restart."""
-        if not self._sensor:
+        if not self._sensor or self.on_demand:
             return
         if self._one_publisher is None:
             self.watch_publishers()
@@ -233,10 +262,12 @@ class Input:
 
     def _on_lost(self, event: Any) -> None:
         # Of what is latched a newer message takes the place of the one before: that is not a loss.
-        if not self._latched:
+        if not (self._latched or self.on_demand):
             self.counts.reported_lost = int(event.total_count)
 
     def _acknowledge(self, stamp: int, sequence: int) -> None:
+        if self.on_demand or not self._node.settings.report_processed:
+            return
         self._acknowledged = sequence
         outputs = self._node.outputs
         counts = [output.count for output in outputs]

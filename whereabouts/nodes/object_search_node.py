@@ -19,16 +19,18 @@ from visualization_msgs.msg import Marker, MarkerArray
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.driving import PATIENCE, Approach
+from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import frame_name
 from whereabouts.nodes.world_messages import object_message
-from whereabouts.nodes.world_reading import grid_from_message, planar_pose, pose_stamped, state_from_message
+from whereabouts.nodes.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
 from whereabouts.parameters.object_search import ObjectSearchParameters
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
 
 Array = NDArray[np.float64]
+LEARN_PERIOD = NANOSECONDS  # what is first seen within a second was there at the same time
 LOOK = 0.5  # s, by the stamps of the world, that a robot looks around at a goal before it is a dead end
 
 
@@ -45,8 +47,9 @@ class ObjectSearchNode(SuiteNode):
         self._relations = settings.relations
         self._search = ObjectSearch(self._relations, settings.search, settings.places)
         self._serial = 0
-        self.listen_to_transforms()
-        self.add_input(StateMessage, "world_state", self._take_state)
+        self.listen_to_transforms(on_demand=True)
+        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True)
+        self._latest = LatestState(states.refuse)
         self.add_latched_input(GridMessage, "map", self._take_map)
         self._goal_output = self.add_output(FindObject.Feedback().goal.__class__, "search_goal", LATCHED)
         self._available_output = self.add_output(Bool, "base_available", LATCHED)
@@ -54,7 +57,8 @@ class ObjectSearchNode(SuiteNode):
         self.add_action(FindObject, "find_object", self._find)
 
     def start_run(self) -> None:
-        self._state: WorldState | None = None
+        self._latest.forget()
+        self._learnt_at: int | None = None
         self._seen_at: dict[str, float] = {}
         self._searching = ""
         self._reason = ""
@@ -70,10 +74,18 @@ class ObjectSearchNode(SuiteNode):
             return Health(f"looking for {self._searching}: {self._reason}", figures=figures)
         return Health("idle", figures=figures)
 
-    def _take_state(self, message: StateMessage, stamp: int) -> None:
-        self._state = state_from_message(message)
-        if self.settings.learn:
-            self._learn(self._state)
+    def _take_state(self, message: Packed, stamp: int) -> None:
+        self._latest.take(message)
+        if self.settings.learn and (self._learnt_at is None or stamp - self._learnt_at >= LEARN_PERIOD):
+            self._learnt_at = stamp
+            state = self._state
+            if state is not None:
+                self._learn(state)
+
+    @property
+    def _state(self) -> WorldState | None:
+        """The newest world state."""
+        return self._latest.state
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._search.grid = grid_from_message(message)
@@ -134,7 +146,8 @@ class ObjectSearchNode(SuiteNode):
                 result.message = "cancelled" if cancelled else "another search was started"
                 return
             pose = self._pose()
-            if pose is not None and self._state is not None:
+            state = self._state
+            if pose is not None and state is not None:
                 if place is not None:
                     result.distance += float(np.hypot(*(pose[:2] - place[:2])))
                 place = pose

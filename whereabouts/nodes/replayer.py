@@ -22,7 +22,6 @@ from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts_msgs.msg import Connections, Processed
 
 DEPTH = 200
-CLOCK_PERIOD = 5_000_000
 PATIENCE = 30.0
 
 
@@ -56,9 +55,10 @@ class Replayer:
     rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every
         watched node that subscribes to its topic has reported the one before as processed, and whatever the nodes
         sent each other because of it has been taken in as well.
-    watched : full names of the nodes to wait for.
+    watched : full names of the nodes to wait for; not for what they take in on demand.
     namespace : put before the recorded topic names.
     is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
+    clock_period : s of the bag between two messages on /clock, at least; each wakes every node up.
     """
 
     def __init__(
@@ -71,6 +71,7 @@ class Replayer:
         namespace: str = "",
         topics: Sequence[str] | None = None,
         is_running: Callable[[str], bool] = lambda name: True,
+        clock_period: float = 0.005,
     ) -> None:
         self._node = node
         self._executor = executor
@@ -89,8 +90,10 @@ class Replayer:
         self.now = 0
         self._clock = node.create_publisher(Clock, "/clock", 10)
         self._clock_sent = 0
+        self._clock_period = round(clock_period * NANOSECONDS)
         self._connections: dict[str, Connections] = {}
         self._inputs: dict[str, frozenset[str]] = {}
+        self._on_demand: dict[str, frozenset[str]] = {}
         self._reported: dict[str, int] = {}
         self._dead = DeadEnds(node)
         self._died: dict[str, int] = {}
@@ -139,7 +142,10 @@ class Replayer:
             if self._is_of_the_dead(watched, info):
                 return
             self._connections[watched] = message
-            self._inputs[watched] = frozenset(message.inputs)
+            inputs, on_demand = frozenset(message.inputs), frozenset(message.on_demand)
+            if inputs != self._inputs.get(watched) or on_demand != self._on_demand.get(watched):
+                self._inputs[watched], self._on_demand[watched] = inputs, on_demand
+                self._consumers.clear()
             self._reported[watched] = int(info["source_timestamp"])
             received = dict(zip(message.inputs, message.received, strict=True))
             self._flow.note(watched, received, dict(zip(message.outputs, message.sent, strict=True)))
@@ -201,7 +207,7 @@ class Replayer:
             self._executor.spin_once(timeout_sec=left)
 
     def _send(self, message: RawMessage) -> None:
-        if message.log_time - self._clock_sent >= CLOCK_PERIOD or message.log_time < self._clock_sent:
+        if message.log_time - self._clock_sent >= self._clock_period or message.log_time < self._clock_sent:
             self._clock.publish(Clock(clock=time_message(message.log_time)))
             self._clock_sent = message.log_time
         self._publishers[message.name].publish(bytes(message.data))
@@ -237,13 +243,18 @@ class Replayer:
 
     def _consumers_of(self, name: str) -> list[str]:
         found = self._consumers.get(name)
-        if found is None or (not found and self._is_wanted(name)):
-            found = self._consumers[name] = self._subscribers(name)
+        if found is None:
+            found = [node for node in self._subscribers(name) if name not in self._on_demand.get(node, ())]
+            if found or not self._is_wanted(name):
+                self._consumers[name] = found
         return found
 
     def _is_wanted(self, name: str) -> bool:
         """Whether a topic without known subscribers may have some yet; asking the graph for each message is slow."""
-        return any(name in self._inputs.get(node, (name,)) for node in self.watched)
+        return any(
+            name in self._inputs.get(node, (name,)) and name not in self._on_demand.get(node, ())
+            for node in self.watched
+        )
 
     def _subscribers(self, name: str) -> list[str]:
         found = {
@@ -307,6 +318,7 @@ class Replayer:
         """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
         self._connections.pop(node, None)
         self._inputs.pop(node, None)
+        self._consumers.clear()
         self._died[node] = time.time_ns()
         self._flow.died(node)
         self._dead.bury(node)
@@ -329,7 +341,7 @@ class Replayer:
                 node
                 for topic in self._log.topics
                 if topic.name in self._publishers
-                for node in self._subscribers(self._name(topic))
+                for node in self._consumers_of(self._name(topic))
                 if self._answered(node, self._name(topic)) < self._sent[self._name(topic)]
             ] + self._flow.behind()
             if not behind:

@@ -39,6 +39,7 @@ class SuiteRun:
 
     rate : multiple of the recorded speed, None for lock-step.
     record : (topic, type) to record to `output`.
+    clock_period : as of `Replayer`, s.
     on_event : called with a sentence about a node that died, came back or was killed.
     on_progress : called with the share of the bag that has been sent.
     """
@@ -48,6 +49,7 @@ class SuiteRun:
     log_directory: Path
     rate: float | None = None
     namespace: str = ""
+    clock_period: float = 0.005
     record: Sequence[tuple[str, str]] = ()
     output: Path | None = None
     on_event: Callable[[str], None] = lambda text: None
@@ -94,6 +96,7 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
             watched=[spec.full_name for spec in run.nodes],
             namespace=run.namespace,
             is_running=lambda name: supervisor.nodes[name].running,
+            clock_period=run.clock_period,
         )
         stack.callback(replayer.close)
         supervisor.on_death = replayer.bury

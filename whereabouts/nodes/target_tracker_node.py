@@ -46,14 +46,16 @@ class TargetTrackerNode(SuiteNode):
 
     def setup(self) -> None:
         warm_up(self.settings.people)
-        # Of what is ready at once, what was subscribed first is taken first: all that is known of a scan before the
-        # transform that it waits for. Labels come late, after the scan was thought about; that is no new run.
-        segments = Input(self, ScanSegments, "segments", self._take_segments, sensor=False)
+        # All that is known of a scan is taken in when the transform comes that it waits for, and just before it.
+        # Labels may come late, after the scan was thought about; that is no new run.
+        segments = Input(self, ScanSegments, "segments", self._take_segments, sensor=False, on_demand=True)
         self.inputs.append(segments)
         self._created.append((self.destroy_subscription, segments.subscription))
         # How uncertain the pose is, odometry or localisation says, whichever is in the frame of the tracks.
         for kind, topic in ((Odometry, "odometry"), (PoseWithCovarianceStamped, "robot_pose")):
-            uncertain = Input(self, kind, topic, self._take_uncertainty, sensor=False)
+            uncertain = Input(
+                self, kind, topic, self._take_uncertainty, sensor=False, on_demand=kind is Odometry
+            )
             self.inputs.append(uncertain)
             self._created.append((self.destroy_subscription, uncertain.subscription))
         self.listen_to_transforms()

@@ -26,15 +26,16 @@ from whereabouts.evidence import NOT_FOUND
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.driving import Navigator, navigate_type
+from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name
 from whereabouts.nodes.world_reading import (
+    LatestState,
     box_region,
     distribution_message,
     grid_from_message,
     planar_pose,
     pose_stamped,
-    state_from_message,
 )
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
 from whereabouts_msgs.action import FindObject, VerifyObject
@@ -66,8 +67,9 @@ class WorldMaintenanceNode(SuiteNode):
         self._sensors = settings.sensor_models
         self._grid: OccupancyGrid | None = None
         self._available = True
-        self.listen_to_transforms()
-        self.add_input(StateMessage, "world_state", self._take_state)
+        self.listen_to_transforms(on_demand=True)
+        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True)
+        self._latest = LatestState(states.refuse, self._observe)
         self.add_latched_input(GridMessage, "map", self._take_map)
         self.add_latched_input(Bool, "base_available", self._take_available)
         self._task_output = self.add_output(TaskMessage, "verification_tasks")
@@ -86,7 +88,7 @@ class WorldMaintenanceNode(SuiteNode):
 
     def start_run(self) -> None:
         self._maintenance = Maintenance(self.settings.maintenance)
-        self._state: WorldState | None = None
+        self._latest.forget()
         self._growth = Growth(self.settings.process_noise)
         self._task: VerificationTask | None = None
         self._since = 0.0
@@ -106,10 +108,16 @@ class WorldMaintenanceNode(SuiteNode):
 
     # Inputs.
 
-    def _take_state(self, message: StateMessage, stamp: int) -> None:
-        self._state = state_from_message(message)
-        self._growth.observe(self._state)
-        self._notice_losses(self._state)
+    def _take_state(self, message: Packed, stamp: int) -> None:
+        self._latest.take(message)
+
+    @property
+    def _state(self) -> WorldState | None:
+        """The newest world state; reading it takes longer than anything else here."""
+        return self._latest.state
+
+    def _observe(self, state: WorldState) -> None:
+        self._growth.observe(state)
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._grid = grid_from_message(message)
@@ -128,7 +136,8 @@ class WorldMaintenanceNode(SuiteNode):
         self, request: TriggerVerification.Request, response: TriggerVerification.Response
     ) -> TriggerVerification.Response:
         name = request.object_id
-        known = () if self._state is None else self._state.objects
+        state = self._state
+        known = () if state is None else state.objects
         if not name:
             of_class = [item for item in known if item.most_probable("class") == request.class_name]
             if not of_class:
@@ -152,15 +161,19 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _tick(self) -> None:
         pose, now = self._pose(), self._now()
+        self._notice_losses()
         if self._verifying and self._task is not None and self._unanswered():
             self.complain(f"{self._task.object_id}: the verifier does not answer", key="verifier")
             self._verified(self._task, None)
-        if pose is None or self._state is None or self._verifying:
+        if pose is None or self._verifying:
+            return
+        state = self._state
+        if state is None:
             return
         if self._task is not None:
             self._look_after(self._task, pose, now)
             return
-        world = self._growth.ahead(self._state, now)
+        world = self._growth.ahead(state, now)
         view = None if self.settings.opening > 6.28 else self.settings.opening
         task = self._maintenance.next_task(
             world, pose, self._sensors, view, base_available=self._available, grid=self._grid
@@ -278,12 +291,16 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _want(self, object_id: str) -> None:
         """Somebody wants to know where an object is: itself, or by its class once it is lost."""
-        for item in () if self._state is None else self._state.objects:
+        state = self._state
+        for item in () if state is None else state.objects:
             if item.id == object_id and not item.lost:
                 self._wanted[object_id] = item.most_probable("class")
 
-    def _notice_losses(self, state: WorldState) -> None:
+    def _notice_losses(self) -> None:
         """Hand what is wanted, and no longer believed to be anywhere, to the search."""
+        state = self._state if self._wanted else None
+        if state is None:
+            return
         here = {item.id for item in state.objects if not item.lost}
         for name in [name for name in self._wanted if name not in here]:
             self._hand_over(name, self._wanted.pop(name), state)

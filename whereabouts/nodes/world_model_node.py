@@ -84,7 +84,7 @@ class WorldModelNode(SuiteNode):
         names, numbers = (*known, *config.attributes), tuple(config.quantities)
         self._reader = Reader(known, names, config.measurement_sigma, symbols, numbers)
         self._messages = ObjectMessages(self._model.words)
-        self.listen_to_transforms()
+        self.listen_to_transforms(on_demand=True)
         # An old pose is no jump of time: localisation says it again when somebody asks.
         pose = Input(self, PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False)
         self.inputs.append(pose)

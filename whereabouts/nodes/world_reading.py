@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -15,6 +15,7 @@ from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.poses import pose_from_matrix
 from whereabouts.nodes.conversions import fill_pose, pose_from_message, spatial
+from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
 from whereabouts.nodes.transforms import TransformBuffer, TransformError
 from whereabouts_msgs.msg import DiscreteDistribution, PredictedPathArray, Region
@@ -24,6 +25,44 @@ from world_model import WorldObject, WorldState
 from world_model.predictions import Path
 
 Array = NDArray[np.float64]
+
+
+class LatestState:
+    """The newest world state, read when somebody looks at it.
+
+    refuse : called with the reason for a state that makes no sense; the one before then stays the newest.
+    on_read : called with each state that is read.
+    """
+
+    def __init__(
+        self, refuse: Callable[[str], None], on_read: Callable[[WorldState], None] = lambda state: None
+    ) -> None:
+        self._refuse = refuse
+        self._on_read = on_read
+        self._news: Packed | None = None
+        self._state: WorldState | None = None
+
+    def take(self, message: Packed) -> None:
+        """Keep a message instead of the one before."""
+        self._news = message
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._news = self._state = None
+
+    @property
+    def state(self) -> WorldState | None:
+        """The newest state, None before the first."""
+        news, self._news = self._news, None
+        if news is not None:
+            message: StateMessage = news.unpack()
+            try:
+                self._state = state_from_message(message)
+            except InputError as error:
+                self._refuse(str(error))
+            else:
+                self._on_read(self._state)
+        return self._state
 
 
 def state_from_message(message: StateMessage) -> WorldState:
