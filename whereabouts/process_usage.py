@@ -24,12 +24,12 @@ class Usage:
 
 @dataclass
 class UsageMeter:
-    """Follows processes by name; `period` s between two looks at them.
+    """Follows processes by name; `period` s between two looks at them, as the kernel counts pages one by one.
 
     A process that is started again under its name goes on where the one before ended.
     """
 
-    period: float = 5.0
+    period: float = 15.0
     usage: dict[str, Usage] = field(default_factory=dict)
     _first: dict[tuple[str, int], float] = field(default_factory=dict)
     _spent: dict[tuple[str, int], float] = field(default_factory=dict)

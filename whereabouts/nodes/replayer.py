@@ -23,6 +23,8 @@ from whereabouts_msgs.msg import Connections, Processed
 
 DEPTH = 200
 PATIENCE = 30.0
+# s between two looks whether those that are waited for still run.
+CARE_PERIOD = 0.1
 
 
 @dataclass
@@ -220,12 +222,16 @@ class Replayer:
         """Until every watched subscriber is done with this topic's latest message and with what followed from it."""
         name = self._name(topic)
         waiting = self._behind(name)
-        deadline = time.monotonic() + PATIENCE
-        while waiting and time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.1)
+        now = time.monotonic()
+        deadline, care = now + PATIENCE, now + CARE_PERIOD
+        while waiting and now < deadline:
+            self._executor.spin_once(timeout_sec=CARE_PERIOD)
             waiting = self._behind(name)
-            if waiting and not all(map(self._is_running, waiting)):
-                break
+            now = time.monotonic()
+            if waiting and now >= care:
+                care = now + CARE_PERIOD
+                if not all(map(self._is_running, waiting)):
+                    break
         if waiting:
             # One died or hangs: the message counts as unanswered, and who listens is asked again.
             self.account.unanswered.update(waiting)

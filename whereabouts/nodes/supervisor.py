@@ -152,6 +152,15 @@ class Supervisor:
             self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ)
         return self.nodes[spec.full_name]
 
+    def _has_ended(self) -> bool:
+        """Whether any child has: one question instead of one for each, as it is asked between any two messages."""
+        if any(node.process.returncode is not None for node in self.nodes.values()):
+            return True
+        try:
+            return os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        except ChildProcessError:
+            return True
+
     def check(self) -> None:
         """Look after the nodes; call it now and then.
 
@@ -159,6 +168,8 @@ class Supervisor:
         ------
         SuiteError : a node refused its parameters, or keeps dying.
         """
+        if not self._has_ended():
+            return
         for name, node in self.nodes.items():
             if node.running or name in self._given_up:
                 continue
