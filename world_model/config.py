@@ -149,10 +149,10 @@ class WorldModelConfig:
         },
     )
     learn_sensor_bias: bool = field(
-        default=False,
+        default=True,
         metadata={
-            "description": "whether to learn the systematic errors of one moving sensor from resting objects, and to "
-            "correct them; for a sensor that has some"
+            "description": "whether to watch a moving sensor for systematic errors in what it says about resting "
+            "objects, and to correct them once several objects show them clearly; for one sensor"
         },
     )
 

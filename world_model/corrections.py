@@ -18,6 +18,9 @@ from world_model.sensor_errors import SensorErrors
 from world_model.sensor_filter import error_basis
 from world_model.sensor_worlds import NEAR, Detections
 
+TWINS = 0.03
+"""m: no two objects rest as near each other, nor nearer than a detection's standard deviation."""
+
 
 class Corrections(Grouping):
     """Part of `Anchoring`: the sensor's errors, and looks explained anew."""
@@ -30,8 +33,14 @@ class Corrections(Grouping):
         if measured.sensor is None:
             return measured
         pose = measured.sensor.pose
-        if self.config.learn_sensor_bias and self.bias.follow(pose, stamp):
-            self._introduce(measured.positions, pose)
+        if self.config.learn_sensor_bias:
+            moved = self.bias.moved
+            watching = self.bias.follow(pose, stamp)
+            if self.bias.moved and not moved:
+                self._catch_up()
+            if watching:
+                self.bias.worlds.predict(stamp)
+                self._introduce(measured.positions)
         if not self.bias.values.any():
             return measured
         positions = measured.positions.copy()
@@ -51,7 +60,7 @@ class Corrections(Grouping):
                 out[number] = slot
         return out
 
-    def _introduce(self, positions: FloatArray, pose: FloatArray) -> None:
+    def _introduce(self, positions: FloatArray) -> None:
         """Objects near detections (M, 3) come to the filter of the sensor's errors; those that are gone leave it."""
         leaves, ids = self.pool.leaves, self.bias.ids
         self.bias.keep_only(set(self._resting(ids)))
@@ -59,9 +68,10 @@ class Corrections(Grouping):
         apart = np.abs(leaves.rest[active, None, :2] - positions[:, :2])
         close = np.any(np.all(apart < NEAR, axis=2), axis=1)
         near = leaves.track[active[close]]
-        for number, slot in self._resting(set(near.tolist()) - set(ids)).items():
+        # What this sensor saw, off as it is, begins with a detection.
+        for number, slot in self._resting(set(near.tolist()) - set(ids) - self.bias.before).items():
             place, spread = leaves.rest[slot, :2].copy(), leaves.rest_cov[slot, :2, :2].copy()
-            self.bias.remember(number, place, spread, pose)
+            self.bias.remember(number, place, spread)
 
     def _joint(self, raw: Measurements, look: Look) -> list[int] | None:
         """Give detections to resting objects as the joint filter has it; numbers there, None where it is not in use.
@@ -100,6 +110,21 @@ class Corrections(Grouping):
                 look.matrix[mine, j] = np.maximum(look.matrix[mine, j], least)
         return said
 
+    def _catch_up(self) -> None:
+        """The sensor has moved for the first time: what it said before counts as well."""
+        looks = [look for look in self.hindsight.looks if look.stamp >= self.bias.since]
+        resting = set(self._resting({number for look in looks for number in look.owners}))
+        for look in looks:
+            self.bias.worlds.predict(look.stamp)
+            self._witness(look.measured, look.owners, resting)
+
+    def _witness(self, raw: Measurements, owners: list[int], resting: set[int]) -> None:
+        """What resting objects say about the sensor, owners (M,) being whose detections are."""
+        assert raw.sensor is not None
+        mine = [j for j, number in enumerate(owners) if number in resting]
+        numbers = [owners[j] for j in mine]
+        self.bias.add(numbers, raw.positions[mine, :2], raw.covariances[mine, :2, :2], raw.sensor.pose)
+
     def _learn_bias(self, raw: Measurements, owners: list[int], said: list[int] | None) -> None:
         """Take in what resting objects say about the sensor, and move all of them accordingly."""
         bias, leaves = self.bias, self.pool.leaves
@@ -108,12 +133,11 @@ class Corrections(Grouping):
         if not bias.moved:
             bias.before |= set(owners)
             return
+        if not bias.watching:
+            return
         resting = self._resting({*owners, *bias.ids})
         if said is None:
-            mine = [j for j, number in enumerate(owners) if number in resting]
-            J = error_basis(raw.positions, raw.sensor.pose)
-            numbers = [owners[j] for j in mine]
-            bias.add(numbers, raw.positions[mine, :2], raw.covariances[mine, :2, :2], J[mine])
+            self._witness(raw, owners, set(resting))
         else:
             bias.name(said, owners, set(resting))
         bias.limit(owners)
@@ -126,6 +150,36 @@ class Corrections(Grouping):
             if number in resting:
                 of = self._leaves_of(self.tracks[number])
                 leaves.rest[of, :2] = place
+        self._join_twins(raw, owners, {number: names for names, number in names.items() if number in resting})
+
+    def _join_twins(self, raw: Measurements, owners: list[int], names: dict[int, int]) -> None:
+        """What was taken for two objects, because the sensor was off, and is at one place now, is one: the older."""
+        best = self.bias.worlds.best
+        at = dict(zip(best.numbers, best.places, strict=True))
+        known = {number: at[name] for number, name in names.items() if name in at}
+        seen = set(owners)
+        for j, number in enumerate(owners):
+            if number not in known:
+                continue
+            near = min(TWINS, float(np.sqrt(raw.covariances[j, :2, :2].diagonal().min())))
+            for other in set(known) - seen:
+                if np.hypot(*(known[other] - known[number])) < near and self._like(number, other):
+                    gone, kept = max(number, other), min(number, other)
+                    self.remove(self.tracks[gone])
+                    del known[gone]
+                    self.bias.keep_only(set(self.bias.ids) - {gone})
+                    owners[j] = kept
+                    break
+
+    def _like(self, number: int, other: int) -> bool:
+        """Whether two objects may be one by their attributes."""
+        slots = [self._best_leaf(self.tracks[n]) for n in (number, other)]
+        one, two = (self.pool.leaves.attributes[slot] for slot in slots)
+        return all(
+            float(one[a:b] @ two[a:b]) > 0.5 * float(one[a:b].max() * two[a:b].max())
+            for a, b in self.vocabulary.blocks.tolist()
+            if b > a
+        )
 
     def look_back(self) -> list[tuple[float, tuple[str | None, ...]]]:
         """Explain all looks that are kept anew; places of resting objects and the errors of the sensor follow.

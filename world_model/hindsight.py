@@ -12,20 +12,18 @@ from world_model.evidence import Measurements
 from world_model.leaves import IntArray, Leaves
 from world_model.revision import Explanation, Sightings, explain, wrapped
 
-FIRST_LOOKS = 200
+FIRST_LOOKS = 100
 MOST_LOOKS = 4000
 """Older looks are forgotten: what they said is in the places of objects."""
 
 
 @dataclass
 class Look:
-    """stamp, s; pose (4,); seen, sigma (M, 2) : range and bearing; likelihood (M, A); owners (M,) : numbers of
-    tracks; symbols (M,) : what was said of each detection then."""
+    """stamp, s; measured : M detections as they came; likelihood (M, A); owners (M,) : numbers of tracks;
+    symbols (M,) : what was said of each detection then."""
 
     stamp: float
-    pose: FloatArray
-    seen: FloatArray
-    sigma: FloatArray
+    measured: Measurements
     likelihood: FloatArray
     owners: list[int]
     symbols: tuple[str | None, ...]
@@ -67,11 +65,9 @@ class Hindsight:
         """Keep a look, measured as it came. moved : whether the sensor has; of one that has not, few are kept."""
         if measured.sensor is None or not owners:
             return
-        seen, sigma = polar(measured)
-        pose = measured.sensor.pose.copy()
         if not moved and len(self.looks) >= FIRST_LOOKS:
             self.looks.popleft()
-        self.looks.append(Look(stamp, pose, seen, sigma, likelihood, list(owners), symbols))
+        self.looks.append(Look(stamp, measured, likelihood, list(owners), symbols))
 
     def explained(
         self,
@@ -96,12 +92,13 @@ class Hindsight:
             if end > begin:
                 factor = likelihood[:, begin:end] @ leaves.attributes[slots, begin:end].T
                 unlike -= 2.0 * np.log(factor + 1e-9)
+        views = [polar(look.measured) for look in self.looks]
         data = Sightings(
             np.array([look.stamp for look in self.looks]),
-            np.array([look.pose for look in self.looks]),
+            np.array([look.measured.sensor.pose for look in self.looks if look.measured.sensor is not None]),
             index,
-            np.concatenate([look.seen[which] for look, which in parts]),
-            np.concatenate([look.sigma[which] for look, which in parts]),
+            np.concatenate([seen[which] for (seen, _), which in zip(views, mine, strict=True)]),
+            np.concatenate([sigma[which] for (_, sigma), which in zip(views, mine, strict=True)]),
             np.maximum(unlike, 0.0),
         )
         owner = np.array([column.get(look.owners[j], -1) for look, which in parts for j in which])

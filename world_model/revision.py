@@ -18,7 +18,7 @@ from estimation.assignment import cheapest
 from estimation.checks import FloatArray
 from world_model.drift import QUICK, SECONDS, SLOW, STEPS, UNKNOWN
 from world_model.leaves import IntArray
-from world_model.sensor_bias import PRIOR
+from world_model.sensor_bias import PRIOR, depth_share
 
 ROUNDS = 12
 SHAKEN = 3
@@ -70,8 +70,7 @@ def expected(places: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatAr
 
 def constants(distance: FloatArray, bearing: FloatArray) -> FloatArray:
     """Change of range (..., 3) per unit of offset, scale and depth."""
-    depth = 0.5 * np.minimum(bearing**2, 1.0) * distance
-    return np.stack([np.ones_like(distance), distance, depth], -1)
+    return np.stack([np.ones_like(distance), distance, depth_share(bearing) * distance], -1)
 
 
 def residuals(data: Sightings, found: Explanation) -> FloatArray:

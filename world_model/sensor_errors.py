@@ -6,12 +6,13 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.sensor_bias import PARALLAX, PRIOR
-from world_model.sensor_filter import ERRORS
+from world_model.sensor_evidence import SensorEvidence
+from world_model.sensor_filter import ERRORS, error_basis
 from world_model.sensor_worlds import SensorWorlds
 
 SIGNIFICANT = 20.0
-"""Squared length of the constant errors' estimate, in its standard deviations, from which they are in use; 4 are usual
-for a sensor without errors."""
+"""Squared length of the constant errors' estimate, in its standard deviations, from which they are
+significant; 4 are usual for a sensor without errors."""
 OUTLIER = 16.0
 """Squared Mahalanobis distance from which a detection is no witness, while objects are given their detections without
 regard to the sensor's errors."""
@@ -23,6 +24,10 @@ MOST = 100
 """Places that are kept; of more, those not seen for longest go back to being independent."""
 TAKEN = 0.1
 """Standard deviations of constant errors, of those before anything is known, once all that was seen was explained."""
+PATIENCE = 300
+"""Looks after which a sensor that has shown no errors is watched less."""
+SELDOM = 5
+"""Looks of which one is watched then."""
 SETTLED = 0.02
 """m: the same of the places of objects."""
 
@@ -31,8 +36,8 @@ class SensorErrors:
     """`worlds` : errors and places; `ids` : the number that each track goes by there.
 
     A sensor that has not moved cannot tell its errors from the places of objects. Once it has, one filter learns from
-    the detections whose objects anchoring says; when the constant errors show, `in_use`, it is the filters
-    that say whose detections are.
+    the detections whose objects anchoring says; when there is `evidence` enough that the sensor has errors, `in_use`,
+    it is the filters that say whose detections are.
     """
 
     def __init__(self, known: FloatArray) -> None:
@@ -44,8 +49,11 @@ class SensorErrors:
         self.worlds = SensorWorlds(self.known)
         self.ids: dict[int, int] = {}
         self.before: set[int] = set()
+        self.evidence = SensorEvidence()
         self.moved = False
         self.in_use = False
+        self.looks = 0
+        self.since = -np.inf
         self._start: FloatArray | None = None
         self._last: tuple[FloatArray, float] | None = None
 
@@ -60,7 +68,8 @@ class SensorErrors:
         return self.worlds.best.x[4:ERRORS] if self.in_use else np.zeros(2)
 
     def follow(self, pose: FloatArray, stamp: float) -> bool:
-        """To a new look; whether the sensor has moved far enough to tell its errors from the objects' places."""
+        """To a new look; whether it is taken in: the sensor has moved far enough to tell its errors from the objects'
+        places."""
         if self._last is not None:
             far, elapsed = float(np.hypot(*(pose[:2] - self._last[0]))), max(stamp - self._last[1], 0.0)
             if far > PARALLAX + FASTEST * elapsed:
@@ -68,39 +77,54 @@ class SensorErrors:
                 self.reset()
         self._last = pose[:2].copy(), stamp
         if self._start is None:
-            self._start = pose[:2].copy()
+            self._start, self.since = pose[:2].copy(), stamp
         self.moved = self.moved or bool(np.hypot(*(pose[:2] - self._start)) > PARALLAX)
-        if self.moved:
-            self.worlds.predict(stamp)
-        return self.moved
+        self.looks += self.moved
+        return self.watching
 
-    def remember(self, number: int, place: FloatArray, spread: FloatArray, pose: FloatArray) -> None:
-        """An object at a place (2,), covariance spread (2, 2), seen from about pose (4,) if it was by this sensor."""
+    @property
+    def watching(self) -> bool:
+        """Whether the present look is taken in."""
+        return self.moved and (self.in_use or self.looks < PATIENCE or self.looks % SELDOM == 0)
+
+    def remember(self, number: int, place: FloatArray, spread: FloatArray) -> None:
+        """An object at a place (2,), covariance spread (2, 2), known otherwise than by this sensor."""
         self.ids[number] = self.worlds.number()
+        self.evidence.begin(number, place, spread)
         for hypothesis in self.worlds.hypotheses:
-            mine = pose if number in self.before else None
-            hypothesis.filter.remember(self.ids[number], place, spread, mine)
+            hypothesis.filter.remember(self.ids[number], place, spread)
 
-    def add(self, numbers: list[int], z: FloatArray, R: FloatArray, J: FloatArray) -> None:
-        """Detections (n, 2) of the objects `numbers`, before the errors are in use."""
+    def add(self, numbers: list[int], z: FloatArray, R: FloatArray, pose: FloatArray) -> None:
+        """Detections (n, 2) of the objects `numbers` from pose (4,), before the errors are in use."""
         filter = self.worlds.best
         at = {name: k for k, name in enumerate(filter.numbers)}
         known = np.array([at.get(self.ids.get(number, -1), -1) for number in numbers], np.int64)
         old = np.flatnonzero(known >= 0)
+        # Errors at where objects are, not at where they are said to be, which would differ with the noise: a sensor
+        # that stands would seem to tell its errors.
+        at_place = z.copy()
+        at_place[old] = filter.places[known[old]]
+        J = error_basis(at_place, pose)
         if len(old):
             y, S, _ = filter.innovation(known[old], z[old], R[old], J[old])
             blocks = S.reshape(len(old), 2, len(old), 2)[range(len(old)), :, range(len(old))]
             off = y.reshape(-1, 2)
             fits = np.einsum("ni,nij,nj->n", off, np.linalg.inv(blocks), off) < OUTLIER
-            old = old[fits & (np.hypot(*off.T) < MOVED)]
+            fits &= np.hypot(*off.T) < MOVED
+            for k, j in enumerate(old.tolist()):
+                if fits[k]:
+                    self.evidence.weigh(numbers[j], z[j] - J[j, :, :4] @ self.known, R[j], off[k], blocks[k])
+            old = old[fits]
         if len(old):
             filter.correct(known[old], z[old], R[old], J[old])
         for j, number in enumerate(numbers):
             if number not in self.ids:
                 self.ids[number] = self.worlds.number()
                 filter.begin(self.ids[number], z[j], R[j], J[j])
+                self.evidence.begin(number, z[j] - J[j, :, :4] @ self.known, R[j])
         apart = filter.x[:4] - self.known
-        self.in_use = bool(apart @ np.linalg.solve(filter.P[:4, :4], apart) > SIGNIFICANT)
+        significant = bool(apart @ np.linalg.solve(filter.P[:4, :4], apart) > SIGNIFICANT)
+        self.in_use = self.evidence.enough(significant)
 
     def name(self, said: list[int], owners: list[int], resting: set[int]) -> None:
         """Tracks that took detections of objects `said`; those that do not rest are no objects here."""
@@ -119,6 +143,7 @@ class SensorErrors:
         """Objects that are gone or do not rest any more."""
         gone = {self.ids.pop(number) for number in set(self.ids) - resting}
         self.worlds.drop(gone)
+        self.evidence.keep_only(set(self.ids))
 
     def limit(self, owners: list[int]) -> None:
         """Those seen now were seen last; of too many the others go."""
@@ -139,5 +164,5 @@ class SensorErrors:
         self.ids = {}
         for number, place in places.items():
             self.ids[number] = self.worlds.number()
-            filter.remember(self.ids[number], place, SETTLED**2 * np.eye(2), None)
+            filter.remember(self.ids[number], place, SETTLED**2 * np.eye(2))
         self.in_use = True

@@ -71,13 +71,9 @@ class SensorFilter:
         self.P = self.P * scale[:, None] * scale
         self.P[[4, 5], [4, 5]] += (1.0 - fade**2) * SLOW**2
 
-    def remember(self, number: int, place: FloatArray, spread: FloatArray, pose: FloatArray | None) -> None:
-        """An object known otherwise: as this sensor saw it from about `pose` (4,), or None: independent of it."""
-        if pose is None:
-            self._grow(number, place, np.zeros((2, len(self.x))), spread)
-        else:
-            J = basis(place[None], pose)[0]
-            self._grow(number, place, -J @ self.P[:4], J @ self.P[:4, :4] @ J.T + spread)
+    def remember(self, number: int, place: FloatArray, spread: FloatArray) -> None:
+        """An object known otherwise than by this sensor."""
+        self._grow(number, place, np.zeros((2, len(self.x))), spread)
 
     def _grow(self, number: int, place: FloatArray, cross: FloatArray, own: FloatArray) -> None:
         D = len(self.x)

@@ -114,7 +114,6 @@ def test_looking_back_names_what_was_not_known_yet() -> None:
         rate_hz=2.0,
         detection_probability=0.4,
         clutter_per_frame=0.02,
-        learn_sensor_bias=True,
     )
     model = WorldModel(config)
     data, whose, _ = looks(120, 4)

@@ -10,6 +10,7 @@ from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelCon
 from world_model.drift import QUICK, SECONDS, SLOW
 from world_model.sensor_bias import PRIOR, basis
 from world_model.sensor_errors import SensorErrors
+from world_model.sensor_evidence import SensorEvidence
 from world_model.sensor_filter import SensorFilter, error_basis
 from world_model.sensor_worlds import Detections, SensorWorlds
 
@@ -55,15 +56,16 @@ def test_basis_is_the_derivative_of_what_a_sensor_reports() -> None:
     assert basis(place, pose)[0] == pytest.approx(np.column_stack(columns), abs=1e-8)
 
 
-def test_errors_are_found_from_different_places() -> None:
-    errors, rng = np.array([0.12, 0.03, -0.8, 0.01]), np.random.default_rng(3)
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_errors_are_found_from_different_places(seed: int) -> None:
+    """Also what was taken for another object before they were known is one in the end."""
+    errors, rng = np.array([0.12, 0.03, -0.8, 0.01]), np.random.default_rng(seed)
     model = WorldModel(
         WorldModelConfig(
             region=REGION,
             rate_hz=5.0,
             clutter_per_frame=0.01,
             motion={"*": {"moved_per_second": 0.0}},
-            learn_sensor_bias=True,
         )
     )
     for step in range(400):
@@ -88,7 +90,7 @@ def test_filter_is_the_regression_on_everything() -> None:
     """Against Gaussian regression of all detections on places, constant errors and those that looks share."""
     rng, filter = np.random.default_rng(5), SensorFilter(np.zeros(4))
     for k, landmark in enumerate(LANDMARKS):
-        filter.remember(k, landmark[:2] + 0.1, 0.3**2 * np.eye(2), None)
+        filter.remember(k, landmark[:2] + 0.1, 0.3**2 * np.eye(2))
     K, R, lines, right, stamps = len(LANDMARKS), 0.02**2 * np.eye(2), [], [], []
     for step in range(0, 60, 2):
         pose = round_trip(step)
@@ -132,7 +134,7 @@ def test_new_place_is_as_one_that_was_not_known_at_all() -> None:
     R, J = 0.02**2 * np.eye(2)[None], error_basis(z, pose)
     one, other = SensorFilter(np.zeros(4)), SensorFilter(np.zeros(4))
     one.begin(1, z[0], R[0], J[0])
-    other.remember(1, np.array([1.5, 0.5]), 1e5 * np.eye(2), None)
+    other.remember(1, np.array([1.5, 0.5]), 1e5 * np.eye(2))
     other.correct(np.array([0]), z, R, J)
     assert one.x == pytest.approx(other.x, abs=1e-5)
     assert np.abs(one.P - other.P).max() < 1e-5
@@ -144,7 +146,7 @@ def neighbours() -> tuple[SensorWorlds, np.ndarray]:
     worlds.best.P[:4, :4] = 1e-8 * np.eye(4)
     worlds.predict(0.0)
     for place in places:
-        worlds.best.remember(worlds.number(), place, 0.005**2 * np.eye(2), None)
+        worlds.best.remember(worlds.number(), place, 0.005**2 * np.eye(2))
     return worlds, places
 
 
@@ -178,9 +180,7 @@ def test_later_looks_decide_whose_a_detection_was() -> None:
 def test_sensor_without_errors_is_left_alone() -> None:
     """Noise alone moves next to nothing, although the sensor goes about; nor does an object that is carried."""
     rng = np.random.default_rng(11)
-    model = WorldModel(
-        WorldModelConfig(region=REGION, rate_hz=5.0, clutter_per_frame=0.01, learn_sensor_bias=True)
-    )
+    model = WorldModel(WorldModelConfig(region=REGION, rate_hz=5.0, clutter_per_frame=0.01))
     spots = LANDMARKS.copy()
     for step in range(200):
         if step == 100:
@@ -194,6 +194,79 @@ def test_sensor_without_errors_is_left_alone() -> None:
     assert model.sensor_bias == pytest.approx(np.zeros(4), abs=0.03)
     for item in state.objects:
         assert np.linalg.norm(spots - item.position, axis=1).min() < 0.03
+
+
+def drive(stated: float, seed: int, learn: bool) -> tuple[WorldModel, list[tuple[str | None, ...]]]:
+    """A sensor without errors, whose noise is 2 cm, goes about while an object is carried every 4 s; what is said."""
+    rng = np.random.default_rng(seed)
+    model = WorldModel(
+        WorldModelConfig(region=REGION, rate_hz=5.0, clutter_per_frame=0.01, learn_sensor_bias=learn)
+    )
+    spots, said = LANDMARKS.copy(), []
+    for step in range(300):
+        if step % 20 == 19:
+            spots[rng.integers(len(spots)), :2] += rng.normal(0.0, 0.2, 2)
+        pose = round_trip(step)
+        off = spots[:, :2] - pose[:2]
+        bearing = (np.arctan2(off[:, 1], off[:, 0]) - pose[3] + np.pi) % (2.0 * np.pi) - np.pi
+        objects = [
+            ObjectEvidence(spot + rng.normal(0.0, 0.02, 3), stated**2 * np.eye(3))
+            for spot in spots[np.abs(bearing) < 0.6]
+        ]
+        sensor = {"pose": tuple(pose.tolist()), "range": 8.0, "angle": 1.2}
+        said.append(model.update(WorldEvidence(objects, sensor), 0.2 * step).associations)
+    return model, said
+
+
+@pytest.mark.parametrize("stated", [0.01, 0.02, 0.05])
+def test_watching_changes_nothing_for_a_sensor_without_errors(stated: float) -> None:
+    """Whatever covariances it states, and although things are carried about."""
+    model, said = drive(stated, 7, learn=True)
+    assert model.sensor_bias == (0.0, 0.0, 0.0, 0.0)
+    assert said == drive(stated, 7, learn=False)[1]
+
+
+def test_sensor_that_stands_tells_nothing_about_its_errors() -> None:
+    """Next to nothing: noise of bearings far off the axis is no change of place."""
+    rng, errors = np.random.default_rng(1), SensorErrors(np.zeros(4))
+    places, pose = np.array([[1.0, -0.5], [1.0, 0.4], [1.5, 0.5]]), np.zeros(4)
+    R = np.tile(0.03**2 * np.eye(2), (3, 1, 1))
+    for step in range(300):
+        errors.worlds.predict(0.05 * step)
+        errors.add([1, 2, 3], places + rng.normal(0.0, 0.03, (3, 2)), R, pose)
+    spread = errors.worlds.best.P.diagonal()[:4]
+    assert (np.sqrt(spread) > 0.4 * PRIOR).all()
+    assert (np.abs(errors.worlds.best.x[:4]) < PRIOR).all()
+    assert not errors.in_use
+
+
+def test_evidence_is_a_bayes_factor() -> None:
+    """Of what has no errors it is a sum whose exponential has mean one at most."""
+    rng, ends = np.random.default_rng(2), []
+    for _ in range(400):
+        evidence, place = SensorEvidence(), np.zeros(2)
+        evidence.begin(1, rng.normal(0.0, 0.1, 2), 0.01 * np.eye(2))
+        x, P = evidence.places[1]
+        for _ in range(20):
+            z = place + rng.normal(0.0, 0.1, 2)
+            evidence.weigh(1, z, 0.01 * np.eye(2), z - x, P + 0.03 * np.eye(2))
+            x, P = evidence.places[1]
+        ends.append(evidence.odds[1])
+    assert np.mean(ends) < -1.0
+    assert np.mean(np.array(ends) > 3.0) < np.exp(-3.0)
+
+
+def test_one_witness_is_not_enough() -> None:
+    evidence = SensorEvidence()
+    evidence.odds = {1: 50.0, 2: -0.1, 3: -0.2}
+    assert not evidence.enough(True)
+    evidence.odds[2] = 4.0
+    assert evidence.enough(True)
+    assert not evidence.enough(False)
+    evidence.odds[3] = 4.0
+    assert evidence.enough(False)
+    evidence.odds |= dict.fromkeys(range(4, 20), -0.5)
+    assert not evidence.enough(True)
 
 
 def test_resting_sensor_is_left_alone() -> None:

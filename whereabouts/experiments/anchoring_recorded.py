@@ -43,7 +43,6 @@ def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.05, 0
             "landmark": {"model": "static", "moved_per_second": 0.0},
             "robot": {"model": "constant_velocity", "accel_sigma": 0.2},
         },
-        learn_sensor_bias=True,
     )
     model = WorldModel(config)
     pairs: Counter[tuple[int, str | None]] = Counter()
