@@ -27,6 +27,7 @@ SAME = 0.03  # metres and radians between two answers that are one
 BETTER = 0.02  # share of the rest that has to agree more for another answer
 LEAST = 0.6  # share of the rest that has to agree with an answer that it does not give itself
 LEAST_FILLED = 0.6  # and with one that it gives, where most of the scan is filled
+MUCH = 0.4  # of the beams of a scan, from which the rest has to say in which direction the sensor went
 
 
 def dominant(beams: Beams) -> NDArray[np.bool_]:
@@ -44,15 +45,23 @@ def dominant(beams: Beams) -> NDArray[np.bool_]:
 
 
 def told_by_the_rest(
-    scan_a: Scan, scan_b: Scan, a: Beams, b: Beams, registration: Registration
+    scan_a: Scan, scan_b: Scan, a: Beams, b: Beams, registration: Registration, guessed: bool = False
 ) -> Registration:
-    """`registration`, or that of what is not dominant; not converged where the rest contradicts and tells nothing."""
+    """`registration`, or that of what is not dominant.
+
+    Not converged where the rest contradicts and tells nothing, and where it leaves a direction of motion open: there
+    the near thing alone would say how far the sensor went. guessed : something else says that too, such as odometry.
+    """
     big, other = dominant(a), dominant(b)
     if not big.any() and not other.any():
         return registration
     moving = outline_of("scan_a", scan_a).without(big)
     still = outline_of("scan_b", scan_b).without(other)
     rest = among_movers(moving, still, registration.transform)
+    share = max(float(np.mean(big)), float(np.mean(other)))
+    if not guessed and share > MUCH and rest.converged and rest.reason:
+        reason = f"without what is near and fills {share:.0%} of a scan a direction of motion is open"
+        return replace(registration, converged=False, reason=reason)
     agreed = _agreeing(a, b, registration.transform, ~big)
     if rest.converged and _agreeing(a, b, rest.transform, ~big) > agreed + BETTER:
         return rest

@@ -22,7 +22,8 @@ class JointEstimate:
         in scan_b has the background's row and a large covariance.
     log_score : unnormalised log probability of the labelling, 0 where there was nothing to infer.
     covariances : (D, 3, 3) of the motions, m² and rad².
-    probabilities : (N,) that each beam hit something that moves, in [0, 1]; NaN without return.
+    probabilities : (N,) that each beam hit something that moves, in [0, 1]; NaN without return
+        and where nothing is known.
     converged : False where the scans have too little in common: everything is then an outlier, and the motion zero.
     reason : one sentence where it did not converge, else empty.
     """

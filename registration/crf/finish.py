@@ -60,7 +60,7 @@ def standing(begun: Start) -> JointEstimate:
     count = len(begun.a.ranges)
     labels, probabilities = np.full(count, -1, dtype=np.int64), np.full(count, np.nan)
     labels[begun.a.beams] = np.where(begun.sight == AGREES, 0, -1)
-    probabilities[begun.a.beams] = 0.0
+    probabilities[begun.a.beams] = np.where(begun.sight == AGREES, 0.0, np.nan)
     registration = begun.registration
     return JointEstimate(
         np.full(count, -1, dtype=np.int64),

@@ -18,12 +18,14 @@ import numpy as np
 
 from estimation.boosting import AdaBoost
 from estimation.errors import InputError
+from estimation.gradient_boosting import GradientBoosting
 from registration.crf.background import without_movers
 from registration.crf.estimate import JointEstimate, nothing, unchanged
 from registration.crf.finish import finish, standing
 from registration.crf.inference import infer_labels
 from registration.crf.potentials import WEIGHTS
 from registration.crf.setup import Start, problem_of, start, starts_of
+from registration.crf.verdict import overruled
 from registration.motion import Array
 from registration.result import Registration
 from registration.scan import Scan
@@ -34,12 +36,16 @@ LEAST_RETURNS = 20
 
 @dataclass(eq=False)
 class JointModel:
-    """Weights (23,) in the order of `potentials.WEIGHTS` and the two boosted classifiers of the local features."""
+    """Weights (23,) in the order of `potentials.WEIGHTS` and the two boosted classifiers of the local features.
+
+    verdict : has the last word on what moves (`registration.crf.verdict`); without, the chains have it.
+    """
 
     weights: Array
     data: AdaBoost | None = None
     outlier: AdaBoost | None = None
     card: dict[str, Any] = field(default_factory=dict)
+    verdict: GradientBoosting | None = None
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> JointModel:
@@ -59,9 +65,11 @@ class JointModel:
                 raise InputError(f"path: {path} holds no {FORMAT} model of version {VERSION}")
             weights = np.array([content["weights"][name] for name in WEIGHTS])
             boosts = [AdaBoost.from_dict(content[name]) for name in ("data", "outlier")]
+            told = content.get("verdict")
+            verdict = None if told is None else GradientBoosting.from_dict(told)
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"path: {path} is no complete {FORMAT} model: {error}") from error
-        return cls(weights, boosts[0], boosts[1], content.get("card", {}))
+        return cls(weights, boosts[0], boosts[1], content.get("card", {}), verdict)
 
     def save(self, path: str | Path) -> None:
         """Write the model as readable JSON. InputError without boosted classifiers."""
@@ -75,7 +83,11 @@ class JointModel:
             "data": self.data.to_dict(),
             "outlier": self.outlier.to_dict(),
         }
-        Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        text = json.dumps(content, indent=1)
+        if self.verdict is not None:
+            # Thousands of numbers that nobody reads line by line.
+            text = f'{text[:-2]},\n "verdict": {json.dumps(self.verdict.to_dict())}\n}}'
+        Path(path).write_text(text + "\n", encoding="utf-8")
 
     def infer(
         self, scan_a: Scan, scan_b: Scan, registration: Registration | None = None, schedule: str = "exact"
@@ -117,6 +129,8 @@ class JointModel:
         problem = problem_of(begun, begun.motions, starts, self.data, self.outlier)
         labelling = infer_labels(problem, self.weights, schedule)
         estimate = finish(begun, problem, labelling)
+        if self.verdict is not None:
+            estimate = overruled(estimate, begun, problem, self.verdict)
         background = without_movers(
             scan_a, scan_b, begun.registration, estimate.associations, estimate.moving
         )

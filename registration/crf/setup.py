@@ -27,7 +27,7 @@ FAST = 3.0  # m/s the sensor may go, where stamps tell the interval
 NEAR_REACH = 0.8  # metres `align` searches
 FAR_FITNESS = 0.85  # what is found there has to fit better than most
 LEAST_STANDING = (
-    0.36  # share of either scan's beams that agree with the other: outlines say less where one is filled
+    0.33  # share of either scan's beams that agree with the other: outlines say less where one is filled
 )
 MARGIN = 0.5  # metres around a group within which its motion is considered
 FASTEST = 12.0  # m/s, of anything, where stamps tell the interval
@@ -38,7 +38,8 @@ LEAST_REACH, MOST_REACH = 0.8, 1.5  # metres a thing may have gone between the s
 class Start:
     """What is known before the first message: made ready scans, the background's motion, groups that may move.
 
-    `gone` are groups that certainly left their place but have no counterpart in scan b.
+    `gone` are groups that certainly left their place but have no counterpart in scan b. sight, off : (n,) how b sees
+    the points of a; fresh : (m,) how a sees those of b.
     """
 
     a: Beams
@@ -47,6 +48,7 @@ class Start:
     noise: float
     sight: NDArray[np.int64]
     off: Array
+    fresh: NDArray[np.int64]
     found: list[Hypothesis]
     gone: list[Hypothesis]
 
@@ -64,10 +66,11 @@ def start(
     trusted : the registration is not one that a near thing which fills much of the scans may have decided.
     """
     a, b = beams_of(scan_a), beams_of(scan_b)
+    guessed = registration is not None
     if registration is None:
         registration = _register(scan_a, scan_b)
     if not trusted:
-        registration = told_by_the_rest(scan_a, scan_b, a, b, registration)
+        registration = told_by_the_rest(scan_a, scan_b, a, b, registration, guessed)
     background = registration.transform
     noise = noise_between(a, b, background)
     seen = seen_by(a, b, background, noise)
@@ -83,7 +86,7 @@ def start(
         groups = hypotheses(a, b, background, seen[0], fresh, reach_of(scan_a, scan_b), noise)
     found = [group for group in groups if group.matched]
     gone = [group for group in groups if not group.matched]
-    return Start(a, b, registration, noise, *seen, found, gone)
+    return Start(a, b, registration, noise, *seen, fresh, found, gone)
 
 
 def _register(scan_a: Scan, scan_b: Scan) -> Registration:

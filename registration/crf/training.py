@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.gradient_boosting import GradientBoosting
+from registration.crf.evidence import evidence
+from registration.crf.finish import finish
 from registration.crf.hypotheses import Hypothesis
+from registration.crf.inference import infer_labels
 from registration.crf.learning import Labels, Likelihood, learn_boosting, learn_weights, node_features
 from registration.crf.model import JointModel
 from registration.crf.setup import Start, boosting_features, problem_of, start, starts_of
 from registration.motion import Array
 from registration.scan import Scan
 
+TREES, DEPTH = 150, 4
+MOST_POINTS = 400  # of a pair, that the trees learn from
 SAME = 0.3  # overlap of members from which a group is a true object
 
 
@@ -31,6 +37,17 @@ class Labelled(Protocol):
     def clusters(self) -> NDArray[np.int64]: ...
     @property
     def motions(self) -> Array: ...
+
+
+class Moving(Protocol):
+    """A pair of scans and which beams of the first hit something that moves, (N,)."""
+
+    @property
+    def scan_a(self) -> Scan: ...
+    @property
+    def scan_b(self) -> Scan: ...
+    @property
+    def moving(self) -> NDArray[np.bool_]: ...
 
 
 class Example:
@@ -106,3 +123,22 @@ def train_examples(
     if exact:
         weights = Likelihood(cases).learn(weights)
     return JointModel(weights, data, outlier, dict(card or {}))
+
+
+def train_verdict(model: JointModel, pairs: Iterable[Moving]) -> GradientBoosting:
+    """The trees that have the last word on what moves, from what `model` without them says of labelled pairs."""
+    features, truth = [], []
+    for pair in pairs:
+        begun = start(pair.scan_a, pair.scan_b)
+        if not begun.registration.converged:
+            continue
+        problem = problem_of(begun, begun.motions, starts_of(begun), model.data, model.outlier)
+        estimate = finish(begun, problem, infer_labels(problem, model.weights))
+        beams = begun.a.beams
+        every = max(1, round(len(beams) / MOST_POINTS))
+        rows = evidence(begun, problem, estimate.clusters[beams], estimate.probabilities[beams])
+        features.append(rows[::every])
+        truth.append(pair.moving[beams][::every])
+    return GradientBoosting(TREES, DEPTH).fit(
+        np.concatenate(features), np.concatenate(truth).astype(np.int64)
+    )

@@ -49,14 +49,20 @@ def partners(stamps: Array, poses: Array, index: int, intervals: Sequence[float]
 
 
 def vote(estimates: Sequence[JointEstimate], beams: int) -> Votes:
-    """Sum of what several pairs say about the beams of one scan."""
+    """Sum of what several pairs say about the beams of one scan.
+
+    A beam without partner may have moved or be hidden: its vote lies between, by its probability of moving. Left out,
+    it would be heard only in the pairs that believe that it moves.
+    """
     total, count = np.zeros(beams), np.zeros(beams, dtype=np.int64)
     for estimate in estimates:
         if not estimate.converged:
             continue
         moving, static = estimate.clusters > 0, estimate.clusters == 0
-        total += np.where(moving, 1.0, np.where(static, STATIC_VOTE, 0.0))
-        count += moving | static
+        told = np.isfinite(estimate.probabilities)
+        doubtful = STATIC_VOTE + (1.0 - STATIC_VOTE) * np.where(told, estimate.probabilities, 0.0)
+        total += np.where(moving, 1.0, np.where(static, STATIC_VOTE, np.where(told, doubtful, 0.0)))
+        count += moving | static | told
     return Votes(total, count)
 
 

@@ -1,0 +1,243 @@
+"""What speaks for and against each point of a scan having moved, once the joint inference has said what it thinks.
+
+A point alone says little: the flank of a cart agrees with where it was, and what a walker hides stands. Its piece says
+more: how much of it was seen through, hidden or still in place, its shape, what the scan beside it shows, and how well
+the best motion of an object that is near explains it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, Beams, nearness
+from registration.crf.potentials import Problem
+from registration.crf.setup import Start
+from registration.motion import Array
+
+NAMES = (
+    # Of the point: how b sees it, and what is around it on its piece.
+    "off", "depth", "probability", "run", "agreeing near", "seen through near", "hidden near", "to mover",
+    # Of its piece.
+    "agreeing", "seen through", "hidden", "unseen", "points seen through", "outliers", "mean probability",
+    "piece to mover", "mean depth", "out of view", "hidden by new",
+    "extent", "chord", "bulge", "dent", "lower edge", "higher edge",
+    # Of the cluster it is in, -1 without.
+    "cluster agreeing", "cluster seen through",
+    # Of the motion that explains most of its piece, -1 without.
+    "piece agrees moved", "piece through moved", "piece in group",
+    "shift", "turn", "gain per point", "group agrees moved", "group through moved", "group stood",
+)  # fmt: skip
+FAR = 2.0  # metres at which distances and depths are cut off
+LONG = 8.0  # metres, of a piece, likewise
+WIDE = 2.0  # metres, of how far a piece bends off its chord, likewise
+MOST = 30.0  # points, of what is counted, likewise
+AROUND = 6  # points of a piece to either side that are near
+NOTHING_BESIDE = -3.0  # in place of an edge, at the ends of a scan
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Points by the piece (n,) they are on: how many (P,), and means and sums over them."""
+
+    number: NDArray[np.int64]
+    count: Array
+
+    def total(self, values: Array) -> Array:
+        """(P,) sums of values (n,)."""
+        return np.asarray(np.bincount(self.number, values, len(self.count)), dtype=np.float64)
+
+    def mean(self, values: Array) -> Array:
+        """(n,) mean over the piece of each point, of values (n,)."""
+        return np.asarray((self.total(values) / self.count)[self.number])
+
+
+def evidence(begun: Start, problem: Problem, clusters: NDArray[np.int64], probability: Array) -> Array:
+    """(n, len(NAMES)) for the points of scan a.
+
+    clusters : (n,) as the joint inference has them, 0 background, -1 outlier. probability : (n,) of moving.
+    """
+    a = begun.a
+    pieces = _Pieces(a.pieces, np.bincount(a.pieces).astype(np.float64))
+    through = ((begun.sight == FREE) | (begun.sight == CLEAR)).astype(np.float64)
+    seen = {
+        "agreeing": (begun.sight == AGREES).astype(np.float64),
+        "seen through": through,
+        "hidden": (begun.sight == HIDDEN).astype(np.float64),
+    }
+    columns = {name: pieces.mean(values) for name, values in seen.items()}
+    columns["unseen"] = pieces.mean((begun.sight == UNSEEN).astype(np.float64))
+    columns["points seen through"] = np.minimum(pieces.total(through), MOST)[a.pieces]
+    columns |= _around(begun, seen, pieces) | _behind(begun, seen["hidden"], pieces)
+    columns |= _said(a, clusters, probability, pieces) | _of_cluster(clusters, seen)
+    columns |= _of_motion(begun, problem, seen, pieces)
+    return np.column_stack([columns[name] for name in NAMES])
+
+
+def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
+    """Shape of the pieces, and what is near on them."""
+    a = begun.a
+    shapes, first, last = _shapes(a.points, a.ranges[a.beams], a.pieces, pieces.count)
+    names = ("extent", "chord", "bulge", "dent", "lower edge", "higher edge")
+    columns = {name: shapes[a.pieces, k] for k, name in enumerate(names)}
+    index = np.arange(len(a))
+    low = np.maximum(index - AROUND, first[a.pieces])
+    high = np.minimum(index + AROUND, last[a.pieces]) + 1
+    for name, values in seen.items():
+        sums = np.concatenate(([0.0], np.cumsum(values)))
+        columns[f"{name} near"] = (sums[high] - sums[low]) / (high - low)
+    kind = seen["agreeing"] + 2.0 * seen["seen through"]
+    breaks = np.concatenate(([True], (np.diff(kind) != 0.0) | (np.diff(a.pieces) != 0)))
+    steps = np.where(breaks, 0.0, np.hypot(*np.diff(a.points, axis=0, prepend=a.points[:1]).T))
+    runs = np.cumsum(breaks) - 1
+    columns["run"] = np.minimum(np.bincount(runs, steps), LONG)[runs]
+    columns["off"] = np.minimum(begun.off / nearness(a, begun.noise), 3.0)
+    return columns
+
+
+@njit(cache=True)
+def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
+    """Extent, chord, greatest distances off it, and edges of each piece, (P, 6); its first and last point, (P,)."""
+    n = len(points)
+    first, last = np.full(len(count), -1, dtype=np.int64), np.zeros(len(count), dtype=np.int64)
+    shapes = np.zeros((len(count), 6))
+    for k in range(n):
+        if first[pieces[k]] < 0:
+            first[pieces[k]] = k
+        last[pieces[k]] = k
+    for p in range(len(count)):
+        f, l = first[p], last[p]
+        ux, uy = points[l, 0] - points[f, 0], points[l, 1] - points[f, 1]
+        chord = np.hypot(ux, uy)
+        low, high = points[f].copy(), points[f].copy()
+        for k in range(f, l + 1):
+            if pieces[k] == p:
+                low, high = np.minimum(low, points[k]), np.maximum(high, points[k])
+                off = (points[k, 0] - points[f, 0]) * uy - (points[k, 1] - points[f, 1]) * ux
+                off /= max(chord, 1e-6)
+                shapes[p, 2] = max(shapes[p, 2], min(off, WIDE))
+                shapes[p, 3] = max(shapes[p, 3], min(-off, WIDE))
+        shapes[p, 0] = min(np.hypot(high[0] - low[0], high[1] - low[1]), LONG)
+        shapes[p, 1] = min(chord, LONG)
+        # Single readings beside it are no edge of anything.
+        before, beyond = f - 1, l + 1
+        while before > 0 and count[pieces[before]] == 1.0:
+            before -= 1
+        while beyond < n - 1 and count[pieces[beyond]] == 1.0:
+            beyond += 1
+        left = min(max(ranges[before] - ranges[f], -FAR), FAR) if before >= 0 else NOTHING_BESIDE
+        right = min(max(ranges[beyond] - ranges[l], -FAR), FAR) if beyond < n else NOTHING_BESIDE
+        shapes[p, 4], shapes[p, 5] = min(left, right), max(left, right)
+    return shapes, first, last
+
+
+def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
+    """How far the points are behind what scan b saw, and whether that is new there or stood before."""
+    b, there = begun.b, _moved(begun.a.points, begun.registration.transform)
+    around = 2.0 * np.pi / abs(b.step)
+    beam = (np.arctan2(there[:, 1], there[:, 0]) - b.angle_min) / b.step
+    beam = np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
+    inside = beam < len(b.ranges)
+    number = np.full(len(b.ranges) + 1, -1)
+    number[b.beams] = np.arange(len(b))
+    other = number[np.where(inside, beam, len(b.ranges))]
+    seen = other >= 0
+    fresh = np.where(seen, begun.fresh[np.maximum(other, 0)], -1)
+    depth = np.zeros(len(beam))
+    depth[seen] = np.hypot(*there[seen].T) - b.ranges[b.beams[other[seen]]]
+    depth = np.clip(depth, -FAR, FAR)
+    return {
+        "depth": depth,
+        "mean depth": pieces.mean(depth),
+        "out of view": pieces.mean((~inside).astype(np.float64)),
+        "hidden by new": pieces.mean(hidden * ((fresh == FREE) | (fresh == CLEAR))),
+    }
+
+
+def _said(a: Beams, clusters: NDArray[np.int64], probability: Array, pieces: _Pieces) -> dict[str, Array]:
+    """What the joint inference says of the points and their pieces, and how far it is to what moves."""
+    moving = clusters > 0
+    away = np.full(len(a), FAR)
+    if moving.any():
+        away = np.minimum(cKDTree(a.points[moving]).query(a.points)[0], FAR)
+    nearest = np.full(len(pieces.count), FAR)
+    np.minimum.at(nearest, a.pieces, away)
+    return {
+        "probability": probability,
+        "mean probability": pieces.mean(probability),
+        "outliers": pieces.mean((clusters < 0).astype(np.float64)),
+        "to mover": away,
+        "piece to mover": nearest[a.pieces],
+    }
+
+
+def _of_cluster(clusters: NDArray[np.int64], seen: dict[str, Array]) -> dict[str, Array]:
+    """How b sees the other points of the cluster of each point."""
+    own = np.maximum(clusters, 0)
+    count = np.maximum(np.bincount(own), 1)
+    return {
+        f"cluster {name}": np.where(clusters > 0, (np.bincount(own, values) / count)[own], -1.0)
+        for name, values in seen.items()
+        if name != "hidden"
+    }
+
+
+def _of_motion(begun: Start, problem: Problem, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
+    """How the motion that explains most of each piece explains it, and the group that it came from."""
+    names = NAMES[NAMES.index("piece agrees moved") :]
+    n, objects = len(begun.a), len(problem.motions) - 1
+    columns = {name: np.full(n, -1.0) for name in names}
+    if objects <= 0:
+        return columns
+    active, starts = problem.active[:, 1:], problem.starts[:, 1:]
+    agrees = ((problem.sight[:, 1:] == AGREES) & active).astype(np.float64)
+    through = ((problem.sight[:, 1:] == FREE) & active).astype(np.float64)
+    votes = np.array(
+        [pieces.total(agrees[:, k] - through[:, k] + 2.0 * starts[:, k]) for k in range(objects)]
+    )
+    near = np.array([pieces.total(active[:, k].astype(np.float64)) for k in range(objects)]) > 0.0
+    best = np.where(near, votes, -np.inf).argmax(axis=0)[begun.a.pieces]
+    told = np.asarray(near.any(axis=0))[begun.a.pieces]
+    point = np.arange(n)
+    found = {
+        "piece agrees moved": pieces.mean(agrees[point, best]),
+        "piece through moved": pieces.mean(through[point, best]),
+        "piece in group": pieces.mean(starts[point, best].astype(np.float64)),
+    }
+    found |= {
+        name: values[best] for name, values in _of_groups(begun, problem, seen, agrees, through).items()
+    }
+    for name, values in found.items():
+        columns[name][told] = values[told]
+    return columns
+
+
+def _of_groups(
+    begun: Start, problem: Problem, seen: dict[str, Array], agrees: Array, through: Array
+) -> dict[str, Array]:
+    """Of each object (D - 1,): its displacement against the background, and what it explains of its group."""
+    starts = problem.starts[:, 1:].astype(np.float64)
+    size = np.maximum(starts.sum(axis=0), 1.0)
+    middles = (starts.T @ begun.a.points) / size[:, None]
+    shifts = [
+        np.hypot(*(_moved(middle[None], motion) - _moved(middle[None], problem.motions[0]))[0])
+        for middle, motion in zip(middles, problem.motions[1:], strict=True)
+    ]
+    gains = np.array([group.gain for group in begun.found])
+    return {
+        "shift": np.array(shifts),
+        "turn": np.abs(problem.motions[1:, 2] - problem.motions[0, 2]),
+        "gain per point": gains / size,
+        "group agrees moved": (starts * agrees).sum(axis=0) / size,
+        "group through moved": (starts * through).sum(axis=0) / size,
+        "group stood": starts.T @ seen["agreeing"] / size,
+    }
+
+
+def _moved(points: Array, motion: Array) -> Array:
+    c, s = np.cos(motion[2]), np.sin(motion[2])
+    return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])

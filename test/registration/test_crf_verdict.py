@@ -1,0 +1,135 @@
+"""The last word on what moves: against the truth of simulations, and that what it changes stays of a piece."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from registration import Scan
+from registration.crf import JointModel
+from registration.crf.estimate import JointEstimate
+from registration.crf.evidence import NAMES, evidence
+from registration.crf.finish import finish
+from registration.crf.inference import infer_labels
+from registration.crf.setup import problem_of, start, starts_of
+from registration.crf.verdict import decided
+from registration.crf.window import vote
+from whereabouts.experiments.crf import f1_of
+from whereabouts.experiments.crf_metrics import scores
+from whereabouts.simulation import Lidar, random_room
+from whereabouts.simulation.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
+from whereabouts.simulation.movers import crowd, outlines
+from whereabouts.simulation.pairs import free_pose
+from whereabouts.simulation.shapes import joined
+
+LIDAR = Lidar(361, 2.0 * np.pi * 360 / 361)
+
+
+@pytest.fixture(scope="module")
+def model() -> JointModel:
+    return JointModel.load()
+
+
+@pytest.fixture(scope="module")
+def pairs() -> list[LabelledPair]:
+    return random_labelled_pairs(np.random.default_rng(78), "crowd", 12, lidar=LIDAR)
+
+
+def test_in_a_crowd_it_finds_what_the_chains_miss(model: JointModel, pairs: list[LabelledPair]) -> None:
+    chains = replace(model, verdict=None)
+    with_it, without = (
+        f1_of([scores(pair, each.infer(pair.scan_a, pair.scan_b)).counts for pair in pairs])
+        for each in (model, chains)
+    )
+    assert with_it[0] > without[0] + 0.01
+    assert with_it[2] > without[2] + 0.03
+    assert with_it[1] > 0.93
+
+
+def test_people_and_boxes_that_stand_do_not_move(model: JointModel) -> None:
+    rng = np.random.default_rng(5)
+    said = []
+    for _ in range(6):
+        room = random_room(rng)
+        pose = free_pose(room, rng, 2.0)
+        place = joined([room, outlines(crowd(rng, pose[:2], 5, (1.0, 3.0)), 0.0).owned_by(0)])
+        pair = labelled(place, [], (pose, pose + np.array([0.1, 0.05, 0.05])), (0.0, 0.5), LIDAR, rng)
+        said.append(np.mean(model.infer(pair.scan_a, pair.scan_b).moving[pair.valid]))
+    assert np.mean(said) < 0.01
+
+
+def test_every_cluster_has_beams_a_motion_and_a_covariance(
+    model: JointModel, pairs: list[LabelledPair]
+) -> None:
+    for pair in pairs:
+        estimate = model.infer(pair.scan_a, pair.scan_b)
+        assert_array_equal(
+            np.unique(estimate.clusters[estimate.clusters > 0]), np.arange(1, len(estimate.motions))
+        )
+        assert estimate.covariances.shape == (len(estimate.motions), 3, 3)
+        assert (estimate.clusters[~pair.valid] == -1).all()
+        assert (estimate.clusters[estimate.associations >= 0] >= 0).all()
+        partners = estimate.associations[estimate.associations >= 0]
+        assert pair.scan_b.valid[partners].all()
+        assert (estimate.probabilities[estimate.clusters > 0] >= 0.5).all()
+
+
+def test_it_does_not_matter_how_the_scanner_is_mounted(model: JointModel, pairs: list[LabelledPair]) -> None:
+    def turned(scan: Scan) -> Scan:
+        return replace(scan, angle_min=scan.angle_min + 0.7)
+
+    agreeing = []
+    for pair in pairs[:6]:
+        straight = model.infer(pair.scan_a, pair.scan_b)
+        askew = model.infer(turned(pair.scan_a), turned(pair.scan_b))
+        agreeing.append(np.mean((straight.moving == askew.moving)[pair.valid]))
+    assert np.mean(agreeing) > 0.97
+
+
+def test_decisions_join_the_object_beside_or_become_one(model: JointModel, pairs: list[LabelledPair]) -> None:
+    pair = pairs[0]
+    begun = start(pair.scan_a, pair.scan_b)
+    problem = problem_of(begun, begun.motions, starts_of(begun), model.data, model.outlier)
+    estimate = finish(begun, problem, infer_labels(problem, model.weights))
+    beams = begun.a.beams
+    said = estimate.clusters[beams]
+    assert (said > 0).any()
+    assert_array_equal(decided(begun, said, said > 0), said)
+    assert decided(begun, said, np.zeros(len(said), dtype=bool)).max() == 0
+    everything = decided(begun, said, np.ones(len(said), dtype=bool))
+    assert (everything > 0).all()
+    assert_array_equal(everything[said > 0], said[said > 0])
+    for piece in np.unique(begun.a.pieces):
+        of_piece = said[begun.a.pieces == piece]
+        if len(np.unique(of_piece[of_piece > 0])) == 1:
+            assert (everything[begun.a.pieces == piece] == of_piece.max()).all()
+    rows = evidence(begun, problem, said, estimate.probabilities[beams])
+    assert rows.shape == (len(begun.a), len(NAMES))
+    assert np.isfinite(rows).all()
+
+
+def test_a_model_keeps_its_verdict(model: JointModel, pairs: list[LabelledPair], tmp_path: Path) -> None:
+    model.save(tmp_path / "model.json")
+    again = JointModel.load(tmp_path / "model.json")
+    first, second = (each.infer(pairs[1].scan_a, pairs[1].scan_b) for each in (model, again))
+    assert_array_equal(first.clusters, second.clusters)
+    replace(model, verdict=None).save(tmp_path / "chains.json")
+    assert JointModel.load(tmp_path / "chains.json").verdict is None
+
+
+def test_a_beam_without_partner_has_a_vote_between() -> None:
+    def says(cluster: int, probability: float) -> JointEstimate:
+        one = np.full(1, cluster)
+        return JointEstimate(one, one, np.zeros((2, 3)), 0.0, np.zeros((2, 3, 3)), np.full(1, probability))
+
+    def mean(*estimates: JointEstimate) -> float:
+        votes = vote(estimates, 1)
+        return float(votes.total[0] / max(votes.count[0], 1))
+
+    moves, stands = says(1, 0.9), says(0, 0.0)
+    assert mean(says(-1, 0.0)) == mean(stands) < mean(says(-1, 0.5)) < mean(says(-1, 1.0)) == mean(moves)
+    assert mean(moves, says(-1, 0.1)) < mean(moves, says(-1, np.nan)) == mean(moves)
