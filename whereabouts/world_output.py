@@ -92,6 +92,17 @@ def write_events(model: WorldModel, path: Path | None) -> None:
             writer.writerows((run, f"{stamp:.6f}", event, name) for stamp, event, name in rows)
 
 
+def write_looked_back(model: WorldModel, path: Path | None) -> None:
+    """Object of each detection of a moving sensor, as all that was seen says, as CSV: stamp, index in its look, id."""
+    if path is None:
+        return
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("stamp", "detection", "id"))
+        for stamp, names in model.look_back():
+            writer.writerows((f"{stamp:.6f}", index, name or "") for index, name in enumerate(names))
+
+
 def settings_from(params: Path | None, places: Path | None, store: Path | None) -> WorldModelParameters:
     """The settings of a parameter file and of options. Raises InputError naming what is wrong."""
     given: dict[str, Any] = {}

@@ -208,8 +208,8 @@ class Corrections(Grouping):
         symbols = []
         for look, tracks in zip(self.hindsight.looks, owners, strict=True):
             names = [
-                self.tracks[now].id if now in self.tracks and now != before else symbol
-                for now, before, symbol in zip(tracks, look.owners, look.symbols, strict=True)
+                (self.tracks[now].id if now in self.tracks else None) or symbol
+                for now, symbol in zip(tracks, look.symbols, strict=True)
             ]
             symbols.append((look.stamp, tuple(names)))
             look.owners, look.symbols = tracks, tuple(names)

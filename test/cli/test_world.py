@@ -99,6 +99,25 @@ def test_from_bag_to_states_events_store_and_answers(recorded: tuple[Path, Path]
     assert json.loads(figures.read_text())["runs"] == 2
 
 
+def test_looking_back_names_also_the_first_detections(tmp_path: Path) -> None:
+    """Where false ones are frequent, an object has no symbol at its first detection; in the end that is its own."""
+    bag, corrected, rng = tmp_path / "moving.mcap", tmp_path / "corrected.csv", np.random.default_rng(4)
+    params = tmp_path / "world.yaml"
+    params.write_text(yaml.safe_dump({"/**": {"ros__parameters": {**SETTINGS, "clutter_per_frame": 20.0}}}))
+    with EvidenceWriter(bag) as writer:
+        for k in range(60):
+            pose = (4.0, 1.0 + 0.05 * k, 1.2, np.pi)
+            objects = [seen(ON_TABLE, "cup", "red", rng), seen(ON_COUNTER, "bowl", "green", rng)]
+            writer.write(
+                WorldEvidence(objects, {"pose": pose, "range": 9.0, "angle": 6.28}), 1000.0 + 0.05 * k
+            )
+    run(bag, "--params", params, "--look-back", corrected)
+    rows = list(csv.DictReader(corrected.open()))
+    assert [row["stamp"] for row in rows[:2]] == ["1000.000000"] * 2
+    assert {(row["detection"], row["id"]) for row in rows} == {("0", "cup-1"), ("1", "bowl-1")}
+    assert len(rows) == 120
+
+
 def test_the_past_can_be_asked_for_without_keeping_a_store(recorded: tuple[Path, Path]) -> None:
     bag, params = recorded
     output = run(bag, "--params", params, "--places", HOME, "--class", "cup", "--at", 1005.0)

@@ -42,6 +42,14 @@ def world(
     places: Annotated[
         Path | None, typer.Option("--places", metavar="home.yaml", help="Rooms and furniture.")
     ] = None,
+    look_back: Annotated[
+        Path | None,
+        typer.Option(
+            "--look-back",
+            metavar="corrected.csv",
+            help="At the end explain what a moving sensor saw anew, and write which object each detection was of.",
+        ),
+    ] = None,
     learn: Annotated[
         Path | None,
         typer.Option(
@@ -75,15 +83,15 @@ def world(
     asked, one line per object, the most probable first.
     """
     from estimation.errors import InputError
-    from whereabouts.world_output import moment, settings_from, write_events
+    from whereabouts.world_output import moment, settings_from, write_events, write_looked_back
     from world_model.store_file import is_store
 
     settings = settings_from(params, places, store)
     moment(at, 0.0)  # what cannot be understood is said before anything is read
     figures: dict[str, Any] = {"source": str(source)}
     if source.is_file() and is_store(source):
-        if out or learn or store:
-            raise InputError("--out, --learn and --store need evidence; IN is a store")
+        if out or learn or store or look_back:
+            raise InputError("--out, --learn, --look-back and --store need evidence; IN is a store")
         with _asked_store(source, settings) as model:
             _answer(model, class_name, predicate, region, object_id, at, min_probability, figures)
             write_events(model, events)
@@ -92,6 +100,7 @@ def world(
     else:
         with _model(settings, events is not None or bool(at)) as model:
             _take_in(source, settings, model, out, figures)
+            write_looked_back(model, look_back)
             _answer(model, class_name, predicate, region, object_id, at, min_probability, figures)
             write_events(model, events)
     write_figures(json_file, figures)
