@@ -14,10 +14,10 @@ from whereabouts.progress import track
 from whereabouts.simulation.outdoor import Neighbourhood, SpinningLidar, random_neighbourhood, round_trip
 
 Array = NDArray[np.float64]
-PLACES = 3
-MAPPED = 160  # clouds of the map, along 165 m
-STARTS = (10, 60, 110)  # clouds at which the drives begin
-LENGTH = 16  # clouds of each, a metre apart
+PLACES = 2
+MAPPED = 120  # clouds of the map, along 124 m
+STARTS = (10, 70)  # clouds at which the drives begin
+LENGTH = 12  # clouds of each, a metre apart
 LIDAR = SpinningLidar()
 BACK = np.diag([-1.0, -1.0, 1.0, 1.0])  # turned round on the spot
 
