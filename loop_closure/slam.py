@@ -34,7 +34,7 @@ from loop_closure.slam_config import SlamConfig
 from loop_closure.spatial import LEAF, as_cloud, polished_step, thinned
 from loop_closure.steps import StepDoubt
 from loop_closure.thinning import Thinning
-from loop_closure.uncertainty import Uncertainty
+from loop_closure.uncertainty import Uncertainty, apart
 from loop_closure.visits import Visits
 from registration.scan import Scan
 
@@ -363,9 +363,7 @@ class Slam:
         return made
 
     def _spread(self, i: int, j: npt.NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        paths = self.keyframes.paths
-        away = np.minimum(np.abs(paths[i] - paths[j]), 30.0)
-        return np.hypot(0.03 + 0.01 * away, self.keyframes.slack(i, j)), 0.01 + 0.001 * away
+        return apart(self.keyframes, self._uncertainty, self.graph.poses, i, j)
 
     # What is known twice.
 

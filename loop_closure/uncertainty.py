@@ -6,17 +6,21 @@ Any other path could only make it better, so this errs on the safe side, and it 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from estimation.checks import FloatArray
 from loop_closure.graph import Edge
+from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar, positions
 
 ARM = (
     5.0  # metres at which the turn error of an edge is weighed against its position error in choosing a path
 )
+SLACK = 0.1  # metres that guessed steps add to a distance from which on it is asked whether closures say more
+WHOLE = 30.0  # metres of path from which on more path adds nothing: odometry bends, and closures hold it
 
 
 class Uncertainty:
@@ -92,6 +96,22 @@ def _walk(order, previous, places, firsts, starts, spread):  # type: ignore[no-u
             lever += places[n, a] * (places[n, a] * sums[n, 1] - 2.0 * sums[n, 3 + a])
         sigma[n], turn[n] = np.sqrt(max(sums[n, 0] + lever, 0.0)), np.sqrt(sums[n, 1])
     return sigma, turn
+
+
+def apart(
+    keyframes: Keyframes, uncertainty: Uncertainty, poses: FloatArray, i: int, j: npt.NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations (M,) m and rad between keyframe `i` and each of `j`, for those along the path around it.
+
+    By the path, with the steps in it that were guessed; or by closures, where these have tied together since what
+    guessed steps leave open.
+    """
+    paths = keyframes.paths
+    away = np.minimum(np.abs(paths[i] - paths[j]), WHOLE)
+    slack = keyframes.slack(i, j)
+    if slack.max(initial=0.0) > SLACK:
+        slack = np.minimum(slack, uncertainty.around(poses, i)[0][j])
+    return np.hypot(0.03 + 0.01 * away, slack), 0.01 + 0.001 * away
 
 
 def _variances(edges: list[Edge]) -> list[tuple[float, float]]:

@@ -11,6 +11,7 @@ from estimation.poses import between, compound, inverse, pose_to_matrix
 from loop_closure.graph import Edge
 from loop_closure.hypotheses import MOST, Guess, Hypotheses, consistent
 from loop_closure.keyframes import Keyframes
+from loop_closure.uncertainty import Uncertainty, apart
 from registration import Scan
 
 FAR = 30  # keyframes, 1 m apart, of a straight path that is driven twice
@@ -90,6 +91,30 @@ def test_guessed_steps_add_up_between_keyframes() -> None:
     assert keyframes.broken(2)
     assert not keyframes.broken(3)
     assert keyframes.window(3, 10.0, 10.0) == (2, 3)
+
+
+def test_closures_tie_together_what_a_guessed_step_left_open() -> None:
+    """Two rounds with a guessed step between: a third round may lie on both at once only after they were closed."""
+    keyframes, uncertainty = Keyframes(), Uncertainty()
+    tight, loose = 1e-4 * np.eye(3), np.diag([4.0, 4.0, 1e-4])
+    edges = []
+    for k in range(2 * FAR):
+        keyframes.add_scan(Scan(np.full(90, 3.0), -1.5, 3.0 / 90.0), POSES[k], 25.0, float(k))
+        if k:
+            step = between(POSES[k - 1], POSES[k])
+            edges.append(Edge(k - 1, k, step, loose if k == FAR else tight))
+    keyframes.breaks[FAR] = 2.0
+    others = np.array([6, FAR + 4, FAR + 6])
+    uncertainty.learn(edges)
+    before, _ = apart(keyframes, uncertainty, POSES, 5, others)
+    assert before[0] < 0.1
+    np.testing.assert_allclose(before[1:], 2.0, atol=0.1)
+    edges.append(Edge(5, FAR + 5, between(POSES[5], POSES[FAR + 5]), tight, True))
+    uncertainty.learn(edges)
+    after, _ = apart(keyframes, uncertainty, POSES, 5, others)
+    assert after[0] == before[0]
+    # By way of the closure and one step: two edges of a centimetre; what the path itself adds is up to 0.33 m.
+    assert after[1:].max() < 0.35
 
 
 def test_many_keyframes_on_the_spot_do_not_push_out_the_path_before_them() -> None:
