@@ -128,6 +128,12 @@ class Graph:
         )
         return sorted(set(report.inputs))
 
+    def on_demand(self, spec: NodeSpec) -> dict[str, int]:
+        """Messages received so far on the topics that a node takes in on demand and does not acknowledge."""
+        report = self._connections[spec.full_name]
+        counts = dict(zip(report.inputs, report.received, strict=True))
+        return {topic: counts[topic] for topic in report.on_demand}
+
     def type_of(self, topic: str) -> str:
         """Type of a topic, as the graph knows it."""
 
