@@ -45,7 +45,7 @@ COMMON = (
         "out",
         "~/processed",
         "whereabouts_msgs/Processed",
-        "each input message it is done with",
+        "each input message it is done with, but for those it takes in on demand",
         "report_processed",
     ),
     _I(
