@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
@@ -20,6 +20,9 @@ MARGIN = 2.0  # of the same: how far in front of, or behind, what a beam saw bef
 NEARER = 0.7  # of the median range: what is near
 EMPTY = 5  # beams in a row without return, around one, that say that nothing near is there
 LONGEST = 0.5  # metres of outline taken to run on between two beams
+MOST_OFF = 0.1  # metres off an outline that may be noise, before it is known
+TOUCHING = 1.0001  # the same, where only the label is asked for
+WIDE = 3.0  # times what may be noise: how far a distance off an outline is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +33,7 @@ class Beams:
     clear : (B,) metres up to which a beam without return says that nothing is there, 0 where it does not.
     beams : (n,) which beams returned. points : (n, 2) their end points. spacing : (n,) metres between beams on a
     surface faced head-on there, at least the scanner's own noise. pieces : (n,) number of the connected piece.
-    around : beams of a full turn.
+    number : (B,) of each beam's point in `points`, -1 without a return.
     """
 
     xy: Array
@@ -40,6 +43,7 @@ class Beams:
     points: Array
     spacing: Array
     pieces: NDArray[np.int64]
+    number: NDArray[np.int64]
     angle_min: float
     step: float
 
@@ -47,9 +51,19 @@ class Beams:
         return len(self.beams)
 
 
-@lru_cache(maxsize=8)  # a scan is compared with several others
+# A scan is compared with several others, the first a second before the last: it is made ready once in its life.
+_ready: WeakKeyDictionary[Scan, Beams] = WeakKeyDictionary()
+
+
 def beams_of(scan: Scan) -> Beams:
     """`Beams` of a scan; not to be written to."""
+    made = _ready.get(scan)
+    if made is None:
+        made = _ready[scan] = _made_ready(scan)
+    return made
+
+
+def _made_ready(scan: Scan) -> Beams:
     valid = scan.valid
     ranges = np.where(valid, scan.ranges, np.inf)
     bearings = scan.bearings
@@ -57,6 +71,8 @@ def beams_of(scan: Scan) -> Beams:
     xy[valid, 0] = ranges[valid] * np.cos(bearings[valid])
     xy[valid, 1] = ranges[valid] * np.sin(bearings[valid])
     beams = np.flatnonzero(valid)
+    number = np.full(len(scan), -1, dtype=np.int64)
+    number[beams] = np.arange(len(beams))
     points = np.ascontiguousarray(xy[beams])
     step = scan.angle_increment if len(scan) > 1 else 1e-3
     spacing = np.maximum(abs(step) * ranges[beams], 0.02)
@@ -68,6 +84,7 @@ def beams_of(scan: Scan) -> Beams:
         points,
         spacing,
         _pieces(points, beams, abs(step)),
+        number,
         scan.angle_min,
         step,
     )
@@ -79,7 +96,15 @@ def _clear(ranges: Array) -> Array:
     if lost.all() or not lost.any():
         return np.zeros(len(ranges))
     run = np.convolve(lost, np.ones(EMPTY), mode="same") >= EMPTY
+    if not run.any():
+        return np.zeros(len(ranges))
     return np.where(run, NEARER * float(np.median(ranges[~lost])), 0.0)
+
+
+@njit(cache=True, inline="always")
+def length(x, y):  # type: ignore[no-untyped-def]
+    """As `math.hypot`, which also minds overflow and takes several times as long."""
+    return math.sqrt(x * x + y * y)
 
 
 @njit(cache=True, inline="always")
@@ -92,8 +117,8 @@ def _aligned(ux, uy, vx, vy):  # type: ignore[no-untyped-def]
 def _joined(points, beams, step, i, j, fresh):  # type: ignore[no-untyped-def]
     """Whether point j goes on where point i left off; `fresh`: i has nothing before it on its piece."""
     dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-    gap = math.hypot(dx, dy)
-    near = min(math.hypot(points[i, 0], points[i, 1]), math.hypot(points[j, 0], points[j, 1]))
+    gap = length(dx, dy)
+    near = min(length(points[i, 0], points[i, 1]), length(points[j, 0], points[j, 1]))
     across = min(beams[j] - beams[i], 6) * step * near
     if gap <= min(max(0.1, 4.0 * across), 1.5):
         return True
@@ -104,7 +129,7 @@ def _joined(points, beams, step, i, j, fresh):  # type: ignore[no-untyped-def]
         return True
     if j + 1 < len(points):
         ex, ey = points[j + 1, 0] - points[j, 0], points[j + 1, 1] - points[j, 1]
-        return math.hypot(ex, ey) < 1.5 * gap and _aligned(ex, ey, dx, dy)
+        return length(ex, ey) < 1.5 * gap and _aligned(ex, ey, dx, dy)
     return False
 
 
@@ -146,7 +171,7 @@ def _off_segment(x, y, ax, ay, bx, by):  # type: ignore[no-untyped-def]
     share = 0.0
     if square > 0.0:
         share = min(max(((x - ax) * dx + (y - ay) * dy) / square, 0.0), 1.0)
-    return math.hypot(x - ax - share * dx, y - ay - share * dy)
+    return length(x - ax - share * dx, y - ay - share * dy)
 
 
 @njit(cache=True, inline="always")
@@ -164,7 +189,7 @@ def off_outline(x, y, radius, xy, ranges, angle_min, step):  # type: ignore[no-u
     stride = abs(step)
     around = round(2.0 * math.pi / stride)
     centre = beam_at(x, y, angle_min, step)
-    distance = math.hypot(x, y)
+    distance = length(x, y)
     best = radius
     for away in range(around // 2 + 1):
         # Beams outwards from the one that looks there, until none can be nearer than what was found.
@@ -181,40 +206,29 @@ def off_outline(x, y, radius, xy, ranges, angle_min, step):  # type: ignore[no-u
                 j += around
             if j < 0 or j >= count or not ranges[j] < math.inf or abs(ranges[j] - distance) > best + LONGEST:
                 continue
-            best = min(best, math.hypot(x - xy[j, 0], y - xy[j, 1]))
+            best = min(best, length(x - xy[j, 0], y - xy[j, 1]))
             after = j + 1
             if after < count and ranges[after] < math.inf:
-                length = math.hypot(xy[after, 0] - xy[j, 0], xy[after, 1] - xy[j, 1])
+                long = length(xy[after, 0] - xy[j, 0], xy[after, 1] - xy[j, 1])
                 # Only surfaces run on between beams, not jumps from one thing to the next.
-                if length < max(0.08, min(6.0 * stride * min(ranges[j], ranges[after]), LONGEST)):
+                if long < max(0.08, min(6.0 * stride * min(ranges[j], ranges[after]), LONGEST)):
                     best = min(best, _off_segment(x, y, xy[j, 0], xy[j, 1], xy[after, 0], xy[after, 1]))
     return best
 
 
-TOUCHING = 1.0001
-
-
-@njit(cache=True)
-def sight(x, y, near, xy, ranges, clear, angle_min, step, wide=3.0):  # type: ignore[no-untyped-def]
-    """(label, distance off the outline): how a scan sees the spot (x, y).
-
-    wide : the distance is told up to so many times `near`; the label needs no more than `TOUCHING`.
-
-    AGREES: on its outline; FREE: it saw through there; HIDDEN: behind what it saw; UNSEEN: no beam tells; CLEAR:
-    near, and nothing came back from there.
-    """
-    radius = wide * near
-    off = off_outline(x, y, radius, xy, ranges, angle_min, step)
+@njit(cache=True, inline="always")
+def _label(x, y, off, near, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+    """How a scan sees the spot (x, y), which is `off` its outline; see `sight`."""
     if off <= near:
-        return AGREES, off
+        return AGREES
     count = len(ranges)
     around = round(2.0 * math.pi / abs(step))
     centre = beam_at(x, y, angle_min, step)
     if centre < 0 or centre >= count:
-        return UNSEEN, off
-    distance = math.hypot(x, y)
+        return UNSEEN
+    distance = length(x, y)
     if not ranges[centre] < math.inf:
-        return (CLEAR if distance < clear[centre] else UNSEEN), off
+        return CLEAR if distance < clear[centre] else UNSEEN
     nearest, farthest = math.inf, 0.0
     for k in range(-1, 2):
         j = (centre + k) % around
@@ -222,14 +236,27 @@ def sight(x, y, near, xy, ranges, clear, angle_min, step, wide=3.0):  # type: ig
             nearest = min(nearest, ranges[j])
             farthest = max(farthest, ranges[j])
     if distance < nearest - MARGIN * near:
-        return FREE, off
+        return FREE
     if distance > farthest + MARGIN * near:
-        return HIDDEN, off
-    return UNSEEN, off
+        return HIDDEN
+    return UNSEEN
 
 
 @njit(cache=True)
-def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wide=3.0):  # type: ignore[no-untyped-def]
+def sight(x, y, near, xy, ranges, clear, angle_min, step, wide=WIDE):  # type: ignore[no-untyped-def]
+    """(label, distance off the outline): how a scan sees the spot (x, y).
+
+    wide : the distance is told up to so many times `near`; the label needs no more than `TOUCHING`.
+
+    AGREES: on its outline; FREE: it saw through there; HIDDEN: behind what it saw; UNSEEN: no beam tells; CLEAR:
+    near, and nothing came back from there.
+    """
+    off = off_outline(x, y, wide * near, xy, ranges, angle_min, step)
+    return _label(x, y, off, near, xy, ranges, clear, angle_min, step), off
+
+
+@njit(cache=True)
+def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wide=WIDE):  # type: ignore[no-untyped-def]
     """`sight` of points (n, 2) moved by pose (3,): labels (n,) and distances off the outline (n,).
 
     Points that are not `wanted` (n,) are taken to be unseen and far off.
@@ -246,14 +273,25 @@ def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wi
     return labels, offs
 
 
-def seen_by(a: Beams, b: Beams, pose: Array, noise: float) -> tuple[NDArray[np.int64], Array]:
+def seen_by(
+    a: Beams, b: Beams, pose: Array, noise: float, wide: float = WIDE
+) -> tuple[NDArray[np.int64], Array]:
     """How scan b sees the points of a moved by pose (3,): labels (n,), metres off b's outline (n,).
 
-    noise : metres, standard deviation of points off the other scan's outline (`noise_between`).
+    noise : metres, standard deviation of points off the other scan's outline (`first_look`). wide : see `sight`.
     """
     near = nearness(a, noise)
     found: tuple[NDArray[np.int64], Array] = sightings(
-        a.points, near, np.ones(len(a), dtype=np.bool_), pose, b.xy, b.ranges, b.clear, b.angle_min, b.step
+        a.points,
+        near,
+        np.ones(len(a), dtype=np.bool_),
+        pose,
+        b.xy,
+        b.ranges,
+        b.clear,
+        b.angle_min,
+        b.step,
+        wide,
     )
     return found
 
@@ -263,11 +301,43 @@ def nearness(a: Beams, noise: float) -> Array:
     return np.maximum(max(NEAR, SIGMAS * noise), 0.3 * a.spacing)
 
 
-def noise_between(a: Beams, b: Beams, pose: Array) -> float:
-    """Standard deviation, metres, of the points of a off the outline of b under pose (3,), 0.005 to 0.05."""
-    near = np.full(len(a), 0.1)
-    labels, offs = sightings(
-        a.points, near, np.ones(len(a), dtype=np.bool_), pose, b.xy, b.ranges, b.clear, b.angle_min, b.step
-    )
-    agreeing = offs[labels == AGREES]
-    return float(np.clip(1.48 * np.median(agreeing), 0.005, 0.05)) if len(agreeing) >= 10 else 0.02
+@njit(cache=True)
+def _offs(points, radius, pose, xy, ranges, angle_min, step):  # type: ignore[no-untyped-def]
+    """(n,) metres off a scan's outline, `radius` at the most, of points (n, 2) moved by pose (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    offs = np.empty(len(points))
+    for k in range(len(points)):
+        x = pose[0] + c * points[k, 0] - s * points[k, 1]
+        y = pose[1] + s * points[k, 0] + c * points[k, 1]
+        offs[k] = off_outline(x, y, radius, xy, ranges, angle_min, step)
+    return offs
+
+
+@njit(cache=True)
+def _labels(points, near, wide, offs, pose, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+    """As `sightings` for points of which it is known how far they are off the outline, `offs` (n,), cut in place."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    labels = np.empty(len(points), dtype=np.int64)
+    for k in range(len(points)):
+        x = pose[0] + c * points[k, 0] - s * points[k, 1]
+        y = pose[1] + s * points[k, 0] + c * points[k, 1]
+        offs[k] = min(offs[k], wide * near[k])
+        labels[k] = _label(x, y, offs[k], near[k], xy, ranges, clear, angle_min, step)
+    return labels
+
+
+def first_look(a: Beams, b: Beams, pose: Array) -> tuple[float, NDArray[np.int64], Array]:
+    """Noise of the points of a off the outline of b under pose (3,), and how b sees them then (`seen_by`).
+
+    The noise is a standard deviation, metres, 0.005 to 0.05. Outlines are searched once for both.
+    """
+    offs = _offs(a.points, WIDE * MOST_OFF, pose, b.xy, b.ranges, b.angle_min, b.step)
+    agreeing = offs[offs <= MOST_OFF]
+    noise = float(np.clip(1.48 * np.median(agreeing), 0.005, 0.05)) if len(agreeing) >= 10 else 0.02
+    near = nearness(a, noise)
+    if len(near) and near.max() > MOST_OFF:
+        return noise, *seen_by(a, b, pose, noise)
+    labels = _labels(
+        a.points, near, WIDE, offs, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step
+    )  # fmt: skip
+    return noise, labels, offs

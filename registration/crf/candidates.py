@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import Beams, beam_at, half_window
+from registration.crf.beams import Beams, beam_at, half_window, length
 from registration.motion import Array
 
 MOST = 8  # candidates of a point, without the outlier
@@ -25,7 +25,7 @@ def _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squ
     beams = len(ranges)
     around = round(2.0 * math.pi / abs(step))
     centre = beam_at(x, y, angle_min, step)
-    half = half_window(math.hypot(x, y), radius, step, around // 2)
+    half = half_window(length(x, y), radius, step, around // 2)
     count = 0
     for k in range(-half, half + 1):
         j = centre + k
@@ -76,8 +76,23 @@ def candidates(a: Beams, b: Beams, motions: Array, active: NDArray[np.bool_]) ->
 
     motions : (D, 3). active : (n, D) which motions are considered for which point.
     """
-    number = np.full(len(b.ranges), -1, dtype=np.int64)
-    number[b.beams] = np.arange(len(b))
     states = np.empty((len(a), MOST), dtype=np.int64)
-    _candidates(a.points, a.spacing, motions, active, b.xy, b.ranges, number, b.angle_min, b.step, states)
+    _candidates(a.points, a.spacing, motions, active, b.xy, b.ranges, b.number, b.angle_min, b.step, states)
     return states
+
+
+@njit(cache=True)
+def _one_nearest(points, radius, xy, ranges, number, angle_min, step):  # type: ignore[no-untyped-def]
+    nearest = np.full(len(points), -1, dtype=np.int64)
+    found, squares = np.empty(1, dtype=np.int64), np.empty(1)
+    for i in range(len(points)):
+        if _nearest(
+            points[i, 0], points[i, 1], radius, 1, xy, ranges, number, angle_min, step, found, squares
+        ):
+            nearest[i] = found[0]
+    return nearest
+
+
+def nearest_points(b: Beams, points: Array, radius: float) -> NDArray[np.int64]:
+    """(n,) point of b (numbers in `b.points`) nearest to each of the points (n, 2) within `radius` metres, or -1."""
+    return np.asarray(_one_nearest(points, radius, b.xy, b.ranges, b.number, b.angle_min, b.step))

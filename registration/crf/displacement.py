@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from registration.crf.beams import AGREES, FREE, TOUCHING, UNSEEN, beam_at, sight
+from registration.crf.beams import AGREES, FREE, TOUCHING, UNSEEN, beam_at, length, sight
 from registration.crf.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements
@@ -43,7 +43,7 @@ def _peaks(votes, reach, most):  # type: ignore[no-untyped-def]
             for p in range(-1, 2):
                 for q in range(-1, 2):
                     total += votes[u + p, v + q] * (1.0 if p == 0 and q == 0 else 0.5)
-            away = math.hypot((u + 0.5) * CELL - reach, (v + 0.5) * CELL - reach)
+            away = length((u + 0.5) * CELL - reach, (v + 0.5) * CELL - reach)
             smooth[u, v] = total * (1.0 - 0.3 * away / reach)
     found = np.zeros((most, 2))
     count = 0
@@ -239,9 +239,9 @@ def best_motion(  # type: ignore[no-untyped-def]
             points, near, standing, trial, fresh, claimed, xy, ranges, clear, worth, angle_min, step
         )
         away = (
-            math.hypot(trial[0] - background[0], trial[1] - background[1])
+            length(trial[0] - background[0], trial[1] - background[1])
             if k == len(peaks)
-            else math.hypot(peaks[k, 0], peaks[k, 1])
+            else length(peaks[k, 0], peaks[k, 1])
         )
         score = on - through + 0.7 * hits - DISTANCE_COST * away
         if score > best:

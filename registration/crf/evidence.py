@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, Beams, nearness
 from registration.crf.potentials import Problem
@@ -158,12 +157,22 @@ def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
     }
 
 
+@njit(cache=True)
+def _to_nearest(points, others):  # type: ignore[no-untyped-def]
+    """(n,) metres from points (n, 2) to the nearest of the others (m, 2), `FAR` at the most."""
+    away = np.empty(len(points))
+    for i in range(len(points)):
+        best = FAR * FAR
+        for j in range(len(others)):
+            dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
+            best = min(best, dx * dx + dy * dy)
+        away[i] = np.sqrt(best)
+    return away
+
+
 def _said(a: Beams, clusters: NDArray[np.int64], probability: Array, pieces: _Pieces) -> dict[str, Array]:
     """What the joint inference says of the points and their pieces, and how far it is to what moves."""
-    moving = clusters > 0
-    away = np.full(len(a), FAR)
-    if moving.any():
-        away = np.minimum(cKDTree(a.points[moving]).query(a.points)[0], FAR)
+    away = _to_nearest(a.points, a.points[clusters > 0])
     nearest = np.full(len(pieces.count), FAR)
     np.minimum.at(nearest, a.pieces, away)
     return {

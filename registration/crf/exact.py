@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.potentials import Potentials
+from registration.crf.potentials import OUT_OF_REACH, Potentials
 from registration.motion import Array
 
 NEVER = -1e30
@@ -29,12 +29,24 @@ def _viterbi(association, clustering, links, association_edges, clustering_edges
     for c in range(c_count):
         for k in range(a_count):
             best[c, k] = clustering[0, c] + association[0, k] + links[0, c, k]
+    # What a motion that is out of reach would explain is not looked at.
+    here, count = np.empty(c_count, dtype=np.int64), 0
+    before, known = np.empty(c_count, dtype=np.int64), 0
+    for c in range(c_count):
+        if clustering[0, c] > OUT_OF_REACH:
+            before[known] = c
+            known += 1
     for i in range(1, n):
-        # First the best cluster before for every (cluster now, association before), then the best association.
+        count = 0
         for c in range(c_count):
+            if clustering[i, c] > OUT_OF_REACH:
+                here[count] = c
+                count += 1
+        # First the best cluster before for every (cluster now, association before), then the best association.
+        for c in here[:count]:
             for k in range(a_count):
                 top, at = -np.inf, 0
-                for e in range(c_count):
+                for e in before[:known]:
                     value = best[e, k] + clustering_edges[i - 1, e, c]
                     if value > top:
                         top, at = value, e
@@ -45,7 +57,7 @@ def _viterbi(association, clustering, links, association_edges, clustering_edges
                 from_a[i, :, k] = 0
                 from_c[i, :, k] = 0
                 continue
-            for c in range(c_count):
+            for c in here[:count]:
                 top, at = -np.inf, 0
                 for m in range(a_count):
                     value = half[c, m] + association_edges[i - 1, m, k]
@@ -53,9 +65,10 @@ def _viterbi(association, clustering, links, association_edges, clustering_edges
                         top, at = value, m
                 best[c, k] = top + clustering[i, c] + association[i, k] + links[i, c, k]
                 from_a[i, c, k], from_c[i, c, k] = at, source[c, at]
+        before, here, known = here, before, count
     associations, clusters = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     top = -np.inf
-    for c in range(c_count):
+    for c in before[:known]:
         for k in range(a_count):
             if best[c, k] > top:
                 top = best[c, k]

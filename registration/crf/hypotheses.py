@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from estimation.poses import inverse
 from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, nearness, sightings
+from registration.crf.candidates import nearest_points
 from registration.crf.displacement import best_motion, explained
 from registration.crf.grouping import groups_of
 from registration.motion import Array
@@ -27,6 +27,7 @@ ROUND = 0.6  # metres; what is smaller shows no rotation
 ROUND_SIGMA = 0.02  # radians it is then taken to turn
 MOST = 8  # objects
 BUSY = 0.25  # of a point, one that lies where something else stands
+OWNED = 0.6  # metres to the nearest point of an outline that another scan agrees with
 WHOLE = 0.6  # of a piece, from which all that a motion explains of it moves with it
 
 
@@ -86,8 +87,10 @@ def _one_way(
     # What agrees with the background may be a mover in the place of another, or in its own.
     weights = np.where(new, 1.0, np.where(fresh == AGREES, 0.25, 0.5))
     near = np.maximum(2.0 * nearness(a, noise), 0.5 * a.spacing)
-    search = _Search(a, b, background, labels, new, weights, near, reach, _owners(a, b, background, fresh))
     waiting = [(groups == number, False) for number in np.unique(groups[groups >= 0])]
+    if not waiting:
+        return []
+    search = _Search(a, b, background, labels, new, weights, near, reach, _owners(a, b, background, fresh))
     tried: list[_Tried] = []
     found: list[Hypothesis] = []
     while waiting or tried:
@@ -114,7 +117,7 @@ def _owners(a: Beams, b: Beams, background: Array, fresh: NDArray[np.int64]) -> 
     owners = np.full(len(b), -1, dtype=np.int64)
     agrees = np.flatnonzero(fresh == AGREES)
     if len(agrees) and len(a):
-        owners[agrees] = cKDTree(a.points).query(_moved(b.points[agrees], inverse(background)))[1]
+        owners[agrees] = nearest_points(a, _moved(b.points[agrees], inverse(background)), OWNED)
     return owners
 
 

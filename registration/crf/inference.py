@@ -95,8 +95,9 @@ def infer_labels(problem: Problem, weights: Array, schedule: str = "exact", most
         associations, clusters = now
         if settled:
             break
-        problem.look()
-    potentials = problem.potentials(weights, potentials)
+        problem.look(before)
+    if not settled or potentials is None:
+        potentials = problem.potentials(weights, potentials)
     beliefs = _conditionals(potentials, associations, clusters)
     return Labelling(associations, clusters, beliefs, potentials.score(associations, clusters), turn, settled)
 

@@ -20,6 +20,7 @@ from estimation.boosting import AdaBoost
 from estimation.errors import InputError
 from estimation.gradient_boosting import GradientBoosting
 from registration.crf.background import without_movers
+from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate, nothing, unchanged
 from registration.crf.finish import finish, standing
 from registration.crf.inference import infer_labels
@@ -108,11 +109,13 @@ class JointModel:
             return unchanged(scan_a.valid)
         return self._conclude(scan_a, scan_b, start(scan_a, scan_b, registration), schedule)
 
-    def movers(self, scan_a: Scan, scan_b: Scan, registration: Registration) -> JointEstimate:
+    def movers(
+        self, scan_a: Scan, scan_b: Scan, registration: Registration, background: bool = True
+    ) -> JointEstimate:
         """As `infer`, for who wants labels of what moves and knows from elsewhere how the sensor moved.
 
         The chains are asked only where something left its place: else all that agrees stands, and there are no
-        associations.
+        associations. background : whether its motion is to be refined without what moves.
         """
         poor = _too_few(scan_a, scan_b)
         if poor is not None:
@@ -120,9 +123,11 @@ class JointModel:
         begun = start(scan_a, scan_b, registration, trusted=True)
         if begun.registration.converged and not begun.found and not begun.gone:
             return standing(begun)
-        return self._conclude(scan_a, scan_b, begun, "exact")
+        return self._conclude(scan_a, scan_b, begun, "exact", background)
 
-    def _conclude(self, scan_a: Scan, scan_b: Scan, begun: Start, schedule: str) -> JointEstimate:
+    def _conclude(
+        self, scan_a: Scan, scan_b: Scan, begun: Start, schedule: str, refined: bool = True
+    ) -> JointEstimate:
         if not begun.registration.converged:
             return nothing(len(scan_a), begun.registration.reason)
         starts = starts_of(begun)
@@ -131,6 +136,8 @@ class JointModel:
         estimate = finish(begun, problem, labelling)
         if self.verdict is not None:
             estimate = overruled(estimate, begun, problem, self.verdict)
+        if not refined:
+            return estimate
         background = without_movers(
             scan_a, scan_b, begun.registration, estimate.associations, estimate.moving
         )
@@ -139,7 +146,7 @@ class JointModel:
 
 
 def _too_few(scan_a: Scan, scan_b: Scan) -> JointEstimate | None:
-    count = min(int(scan_a.valid.sum()), int(scan_b.valid.sum()))
+    count = min(len(beams_of(scan_a)), len(beams_of(scan_b)))
     if count < LEAST_RETURNS:
         return nothing(len(scan_a), f"{count} returns, {LEAST_RETURNS} are needed")
     return None

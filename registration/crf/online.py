@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from estimation.poses import between, inverse, inverse_jacobian
-from registration.align import among_movers
+from estimation.poses import between, compound, inverse, inverse_jacobian
 from registration.crf.estimate import UNKNOWN, JointEstimate
+from registration.crf.expected import near_expected
 from registration.crf.model import JointModel
 from registration.crf.pace import Duration
 from registration.crf.window import FARTHEST, decide, vote
@@ -169,11 +169,14 @@ class ScanSegmenter:
             if not self.fits(limit - (before - begun)):
                 break
             tried += 1
-            registration = among_movers(self._outline(scan), kept.outline, between(kept.pose, pose))
+            # The background's motion is told by the first pair; the others need it only to see what left its place.
+            first = not found
+            registration = near_expected(self._outline(scan), kept.outline, between(kept.pose, pose), first)
             if registration.converged:
-                estimate = self._model.movers(scan, kept.scan, registration)
+                estimate = self._model.movers(scan, kept.scan, registration, first)
                 if estimate.converged:
                     found.append((estimate, stamp - kept.stamp))
+                pose = compound(kept.pose, registration.transform)
             self._duration.took(self._clock() - before)
         if not tried:
             self.skipped += 1
@@ -211,14 +214,16 @@ def _combined(scan: Scan, found: list[tuple[JointEstimate, float]]) -> Segmented
     if not found:
         return _unknown(scan)
     first, interval = found[0]
+    known = np.any([estimate.clusters >= 0 for estimate, _ in found], axis=0)
+    labels = np.where(known, 0, -1)
+    probabilities = np.mean([np.nan_to_num(each.probabilities) for each, _ in found], axis=0)
+    probabilities[~scan.valid] = np.nan
+    segments = [_segment(0, first.motions[0], first.covariances[0], interval, 0.0)]
+    if not any(_some_moves(estimate) for estimate, _ in found):
+        return Segmented(labels, probabilities, segments)
     moving = first.clusters > 0
     if len(found) > 1:
         moving = decide(scan, vote([estimate for estimate, _ in found], len(scan))) > 0
-    known = np.any([estimate.clusters >= 0 for estimate, _ in found], axis=0)
-    labels = np.where(known, 0, -1)
-    probabilities = np.nanmean([np.nan_to_num(each.probabilities) for each, _ in found], axis=0)
-    probabilities[~scan.valid] = np.nan
-    segments = [_segment(0, first.motions[0], first.covariances[0], interval, 0.0)]
     rest = moving.copy()
     for estimate, seconds in found:
         for k in range(1, len(estimate.motions)):
@@ -239,6 +244,11 @@ def _combined(scan: Scan, found: list[tuple[JointEstimate, float]]) -> Segmented
             labels[rest] = len(segments)
             segments.append(_segment(len(segments), first.motions[0], UNKNOWN, interval, 0.5))
     return Segmented(labels, probabilities, segments)
+
+
+def _some_moves(estimate: JointEstimate) -> bool:
+    """Whether anything moves, or is more likely to than not."""
+    return bool((estimate.clusters > 0).any() or (estimate.probabilities > 0.5).any())
 
 
 def _segment(

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import AGREES, FREE, Beams, sightings
+from registration.crf.beams import AGREES, FREE, Beams, length, sightings
 from registration.motion import Array
 
 WEIGHTS = (
@@ -69,6 +69,7 @@ class Problem:
     grain : (n,) metres between associated points that are noise and the beams' spacing.
     motions : (D, 3), updated in line.
     first : (n,) state of each point's nearest candidate at the start, K without.
+    seen : (n,) and (n,) how b sees the points under the background's motion, where it is known already.
     sight, off : (n, D) how b sees each point under each motion.
     """
 
@@ -84,18 +85,25 @@ class Problem:
     motions: Array
     first: NDArray[np.int64]
     linked: bool = True
+    seen: tuple[NDArray[np.int64], Array] | None = None
     sight: NDArray[np.int64] = field(init=False)
     off: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        self.look()
-
-    def look(self) -> None:
-        """Recompute what depends on the motions."""
         count = len(self.motions)
         self.sight = np.empty((len(self.a), count), dtype=np.int64)
         self.off = np.empty((len(self.a), count))
-        for d in range(count):
+        before = np.full(self.motions.shape, np.nan)
+        if self.seen is not None:
+            self.sight[:, 0], self.off[:, 0] = self.seen
+            before[0] = self.motions[0]
+        self.look(before)
+
+    def look(self, before: Array | None = None) -> None:
+        """Recompute what depends on the motions; those that are as `before` (D, 3) show the same."""
+        count = len(self.motions)
+        changed = np.ones(count, dtype=bool) if before is None else (self.motions != before).any(axis=1)
+        for d in np.flatnonzero(changed):
             self.sight[:, d], self.off[:, d] = sightings(
                 self.a.points, self.near, self.active[:, d], self.motions[d],
                 self.b.xy, self.b.ranges, self.b.clear, self.b.angle_min, self.b.step,
@@ -116,7 +124,9 @@ class Problem:
             made.association, made.clustering,
         )  # fmt: skip
         if self.linked:
-            _links(weights, self.a.points, self.b.points, self.states, self.motions, self.grain, made.links)
+            _links(
+                weights, self.a.points, self.b.points, self.states, self.active, self.motions, self.grain, made.links
+            )  # fmt: skip
         if earlier is not None:
             made.association_edges = earlier.association_edges
         else:
@@ -125,7 +135,7 @@ class Problem:
             np.sign(self.a.step * self.b.step), made.association_edges,
         )  # fmt: skip
         _clustering_edges(
-            weights, self.a.points, self.b.points, self.states, self.motions, self.grain, self.first,
+            weights, self.a.points, self.b.points, self.states, self.active, self.motions, self.grain, self.first,
             made.clustering_edges,
         )  # fmt: skip
         return made
@@ -158,19 +168,22 @@ def _local(w, states, data, outlier, starts, active, near, sight, off, associati
 
 
 @njit(cache=True)
-def _links(w, points, others, states, motions, near, links):  # type: ignore[no-untyped-def]
+def _links(w, points, others, states, active, motions, near, links):  # type: ignore[no-untyped-def]
     n, most = states.shape
     count = len(motions)
     for d in range(count):
         c, s = math.cos(motions[d, 2]), math.sin(motions[d, 2])
         for i in range(n):
+            if not active[i, d]:
+                continue
             x = motions[d, 0] + c * points[i, 0] - s * points[i, 1]
             y = motions[d, 1] + s * points[i, 0] + c * points[i, 1]
             for k in range(most):
                 j = states[i, k]
-                if j >= 0:
-                    square = (x - others[j, 0]) ** 2 + (y - others[j, 1]) ** 2
-                    links[i, d, k] = -w[2] * min(square / (near[i] * near[i]), CUT) / CUT
+                if j < 0:
+                    break
+                square = (x - others[j, 0]) ** 2 + (y - others[j, 1]) ** 2
+                links[i, d, k] = -w[2] * min(square / (near[i] * near[i]), CUT) / CUT
             links[i, d, most] = -w[4]
     for i in range(n):
         for k in range(most):
@@ -185,14 +198,14 @@ def _association_edges(w, points, others, beams, states, background, near, direc
     for i in range(n - 1):
         dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
         tx, ty = c * dx - s * dy, s * dx + c * dy
-        gap = math.hypot(dx, dy)
+        gap = length(dx, dy)
         scale = near[i] + near[i + 1]
         for k in range(most):
             j = states[i, k]
             for m in range(most):
                 q = states[i + 1, m]
                 if j < 0 or q < 0:
-                    continue
+                    break
                 ux, uy = others[q, 0] - others[j, 0], others[q, 1] - others[j, 1]
                 value = 0.0
                 ahead = direction * (beams[q] - beams[j])
@@ -200,8 +213,8 @@ def _association_edges(w, points, others, beams, states, background, near, direc
                     value += w[5]
                 elif ahead == 0 or ahead == 2:
                     value += w[6]
-                value -= w[9] * min(abs(gap - math.hypot(ux, uy)) / scale, 3.0) / 3.0
-                value -= w[10] * min(math.hypot(ux - tx, uy - ty) / scale, 3.0) / 3.0
+                value -= w[9] * min(abs(gap - length(ux, uy)) / scale, 3.0) / 3.0
+                value -= w[10] * min(length(ux - tx, uy - ty) / scale, 3.0) / 3.0
                 edges[i, k, m] = value
             edges[i, k, most] = -w[8]
             edges[i, most, k] = -w[8]
@@ -209,18 +222,18 @@ def _association_edges(w, points, others, beams, states, background, near, direc
 
 
 @njit(cache=True)
-def _clustering_edges(w, points, others, states, motions, near, associations, edges):  # type: ignore[no-untyped-def]
+def _clustering_edges(w, points, others, states, active, motions, near, associations, edges):  # type: ignore[no-untyped-def]
     n, most = states.shape
     count = len(motions)
     first, second = np.empty((count, 2)), np.empty((count, 2))
     for i in range(n - 1):
-        gap = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+        gap = length(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
         scale = near[i] + near[i + 1]
         stiff = 0.0
         k, m = associations[i], associations[i + 1]
         if k < most and m < most and states[i, k] >= 0 and states[i + 1, m] >= 0:
             j, q = states[i, k], states[i + 1, m]
-            other = math.hypot(others[q, 0] - others[j, 0], others[q, 1] - others[j, 1])
+            other = length(others[q, 0] - others[j, 0], others[q, 1] - others[j, 1])
             stiff = math.exp(-abs(gap - other) / scale)
         same = w[17] + w[18] * math.exp(-gap / 0.3) + w[19] * stiff
         for d in range(count):
@@ -233,8 +246,8 @@ def _clustering_edges(w, points, others, states, motions, near, associations, ed
             for e in range(count):
                 if d == e:
                     edges[i, d, e] = same
-                else:
-                    apart = math.hypot(second[e, 0] - first[d, 0], second[e, 1] - first[d, 1])
+                elif active[i, d] and active[i + 1, e]:
+                    apart = length(second[e, 0] - first[d, 0], second[e, 1] - first[d, 1])
                     edges[i, d, e] = -w[20] * min(abs(apart - gap) / scale, 3.0) / 3.0
             edges[i, d, count] = -w[21]
             edges[i, count, d] = -w[21]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimation.boosting import AdaBoost
 from estimation.poses import inverse
 from registration.align import align, among_movers, search
-from registration.crf.beams import AGREES, Beams, beams_of, nearness, noise_between, seen_by
+from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, nearness, seen_by
 from registration.crf.candidates import candidates
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses
@@ -72,21 +72,20 @@ def start(
     if not trusted:
         registration = told_by_the_rest(scan_a, scan_b, a, b, registration, guessed)
     background = registration.transform
-    noise = noise_between(a, b, background)
-    seen = seen_by(a, b, background, noise)
-    fresh, _ = seen_by(b, a, inverse(background), noise)
+    noise, sight, off = first_look(a, b, background)
+    fresh, _ = seen_by(b, a, inverse(background), noise, TOUCHING)
     standing = (
-        min(float(np.mean(seen[0] == AGREES)), float(np.mean(fresh == AGREES))) if len(a) and len(b) else 0.0
+        min(float(np.mean(sight == AGREES)), float(np.mean(fresh == AGREES))) if len(a) and len(b) else 0.0
     )
     if registration.converged and standing < LEAST_STANDING:
         reason = f"only {standing:.0%} of the beams stand in both scans"
         registration = replace(registration, converged=False, reason=reason)
     groups: list[Hypothesis] = []
     if registration.converged:
-        groups = hypotheses(a, b, background, seen[0], fresh, reach_of(scan_a, scan_b), noise)
+        groups = hypotheses(a, b, background, sight, fresh, reach_of(scan_a, scan_b), noise)
     found = [group for group in groups if group.matched]
     gone = [group for group in groups if not group.matched]
-    return Start(a, b, registration, noise, *seen, fresh, found, gone)
+    return Start(a, b, registration, noise, sight, off, fresh, found, gone)
 
 
 def _register(scan_a: Scan, scan_b: Scan) -> Registration:
@@ -117,14 +116,28 @@ def problem_of(
     active = _near_starts(a, starts)
     states = candidates(a, b, motions, active)
     near = nearness(a, begun.noise)
+    seen = (begun.sight, begun.off) if np.array_equal(motions[0], begun.registration.transform) else None
     scores, doubts = np.zeros(states.shape), np.zeros(len(a))
     features, hints = boosting_features(begun, motions, starts, states)
     first = np.where((states >= 0).any(axis=1), features[:, :, -1].argmin(axis=1), states.shape[1])
     if data is not None and outlier is not None:
-        scores = data.score(features.reshape(-1, features.shape[2])).reshape(states.shape) - 0.5
+        some = states >= 0
+        scores[some] = data.score(features[some]) - 0.5
+        scores[~some] = -0.5
         doubts = outlier.score(hints) - 0.5
     return Problem(
-        a, b, states, scores, doubts, starts, active, near, near + 0.5 * a.spacing, motions.copy(), first
+        a,
+        b,
+        states,
+        scores,
+        doubts,
+        starts,
+        active,
+        near,
+        near + 0.5 * a.spacing,
+        motions.copy(),
+        first,
+        seen=seen,
     )
 
 

@@ -74,11 +74,12 @@ def _linked(points: Array, pieces: NDArray[np.int64], loose: NDArray[np.int64]) 
 
 
 def _background_partners(begun: Start, problem: Problem) -> NDArray[np.int64]:
-    """(n,) beam of b that each point is if it stands, -1 where none is near."""
+    """(n,) beam of b that each point is if it stands, -1 where none is near: of its states the first."""
     c, s = np.cos(problem.motions[0, 2]), np.sin(problem.motions[0, 2])
     there = begun.a.points @ np.array([[c, s], [-s, c]]) + problem.motions[0, :2]
-    away, nearest = cKDTree(begun.b.points).query(there)
-    return np.where(away < problem.grain, begun.b.beams[nearest], -1)
+    nearest = problem.states[:, 0]
+    away = np.hypot(*(there - begun.b.points[nearest]).T)
+    return np.where((nearest >= 0) & (away < problem.grain), begun.b.beams[nearest], -1)
 
 
 def _renumbered(

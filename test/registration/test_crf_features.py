@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
 from registration import Scan
-from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, beams_of, seen_by
-from registration.crf.candidates import candidates
+from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, beams_of, first_look, seen_by
+from registration.crf.candidates import candidates, nearest_points
 from registration.crf.rigid import rigid_motion
 from registration.crf.shape_features import NAMES, pair_features
 from whereabouts.experiments.crf_metrics import edit_distance, renumbered
@@ -75,6 +75,33 @@ def test_candidates_are_the_nearest_points() -> None:
     moved = a.points @ np.array([[c, s], [-s, c]]) + motion[0, :2]
     nearest = cKDTree(b.points).query(moved)[1]
     assert_allclose(states[:, 0], nearest)
+
+
+def test_the_nearest_point_is_found_without_a_tree() -> None:
+    b = beams_of(scan_at((0.2, 0.1, 0.1), box(0.5, 0.5, (1.5, 0.0, 0.0))))
+    points = np.random.default_rng(4).uniform(-4.0, 4.0, (300, 2))
+    away, nearest = cKDTree(b.points).query(points)
+    found = nearest_points(b, points, 0.6)
+    assert 50 < np.sum(found >= 0) < 300
+    assert_allclose(found, np.where(away <= 0.6, nearest, -1))
+
+
+def test_the_first_look_finds_the_noise_and_what_it_shows() -> None:
+    rng = np.random.default_rng(5)
+    for sigma in (0.008, 0.015, 0.05):
+        lidar = Lidar(361, 2.0 * np.pi * 360 / 361, sigma=sigma)
+        a, b = (
+            beams_of(lidar.scan(joined([ROOM, *things]), np.zeros(3), rng).scan)
+            for things in ([box(0.5, 0.5, (1.5, 0.0, 0.0))], [])
+        )
+        noise, labels, off = first_look(a, b, np.zeros(3))
+        # Off a line between two readings as noisy as the point itself.
+        assert 0.8 * sigma < noise < 1.6 * sigma
+        again = seen_by(a, b, np.zeros(3), noise)
+        assert np.mean(labels == again[0]) > 0.99
+        assert_allclose(off, again[1], atol=1e-9)
+    near = a.ranges[a.beams] < 2.0
+    assert np.mean(labels[near] == FREE) > 0.9
 
 
 def test_shape_features_are_differences_of_patterns() -> None:
