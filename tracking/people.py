@@ -24,6 +24,7 @@ from tracking.background import Background
 from tracking.legs import FEATURES, Clusters, clusters_of
 from tracking.occlusion import seen_shares
 from tracking.people_association import WIDE, Seen, associate
+from tracking.people_changes import Changes, Past
 from tracking.people_company import Company
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
@@ -94,6 +95,7 @@ class PeopleTracker:
         self.background = Background()
         self._own = OwnBody()
         self._walking = Walking()
+        self._changes = Changes()
         self.stamp: float | None = None
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
@@ -150,14 +152,14 @@ class PeopleTracker:
         names = self.tracks.names
         moment = Moment(float(stamp), dt, self._steady)
         update(self.tracks, seen, owners, scores, shares, places, moment, self.config)
-        self._walking.learn(
-            self.tracks, *_of_owners(seen, owners, len(self.tracks)), len(seen), float(stamp), dt
-        )
+        now = Past.of(scan, sweep, place, float(stamp))
+        self._walk(now, clusters, seen, owners, dt)
         self._find_doubles(seen, owners, dt)
-        self._start(seen, owners, moment)
+        whose = self._start(seen, owners, moment)
         self.company.meet(self.tracks, dt)
         self._tidy()
         self._remember(scan, sweep, float(stamp), clusters, seen, owners, names, own)
+        self._changes.remember(now.given(clusters, seen, whose))
         return self._reported()
 
     def _associate(
@@ -262,6 +264,17 @@ class PeopleTracker:
         shares, places = seen_shares(scan, centres, spreads, self.config.max_range)
         return shares, places @ turn
 
+    def _walk(self, now: Past, clusters: Clusters, seen: Seen, owners: IntArray, dt: float) -> None:
+        """What those seen now say about walking."""
+        tracks = self.tracks
+        moved: FloatArray | float = 0.0
+        if self._walking.due(dt) and math.isfinite(self._walking.robot):
+            wall = np.append(clusters.widths > LARGEST, False)[clusters.labels]
+            given = now.given(clusters, seen, _names_of(tracks, owners))
+            moved = self._changes.walking(tracks.names, given, wall, self._walking.robot)
+        free, old = _of_owners(seen, owners, len(tracks))
+        self._walking.learn(tracks, free, old, len(seen), now.stamp, dt, moved)
+
     def _find_doubles(self, seen: Seen, owners: IntArray, dt: float) -> None:
         """Two that walk together with one leg each are one person; of two people one now and then shows both legs."""
         tracks = self.tracks
@@ -276,8 +289,9 @@ class PeopleTracker:
                     alone[younger] = False
         tracks.doubled[alone & (legs > 0)] = np.maximum(tracks.doubled[alone & (legs > 0)] - APART * dt, 0.0)
 
-    def _start(self, seen: Seen, owners: IntArray, moment: Moment) -> None:
-        """New potential people from clusters that are nobody's, two near ones being one person."""
+    def _start(self, seen: Seen, owners: IntArray, moment: Moment) -> IntArray:
+        """New potential people from clusters that are nobody's, two near ones being one person; whose each is now."""
+        whose = _names_of(self.tracks, owners)
         free = np.flatnonzero((owners < 0) & (seen.shape > -3.0) & (seen.old < 0.7))
         taken = np.zeros(len(seen), dtype=bool)
         groups = []
@@ -300,7 +314,7 @@ class PeopleTracker:
             places = places[clear]
             groups = [group for group, keep in zip(groups, clear, strict=True) if keep]
         if not groups:
-            return
+            return whose
         n = len(groups)
         means = np.hstack((places, np.zeros((n, 2))))
         variances = np.array([0.1 if len(group) == 2 else self.config.leg_noise for group in groups]) ** 2
@@ -314,6 +328,8 @@ class PeopleTracker:
         for k, group in enumerate(groups):
             learn(self.tracks, first + k, seen, np.array(group), replace(moment, dt=0.1))
             self.tracks.oldness[first + k] = seen.old[group].mean()
+            whose[group] = born.names[k]
+        return whose
 
     def _tidy(self) -> None:
         """Drop what is not there, join what is one person, and decide who is reported."""
@@ -408,6 +424,11 @@ def _one_leg_each(tracks: Tracks, a: int, b: int) -> bool:
     if speed < 0.2 or relative > 3.0 * speed:
         return False
     return abs(apart[0] * way[1] - apart[1] * way[0]) < ABREAST * speed
+
+
+def _names_of(tracks: Tracks, owners: IntArray) -> IntArray:
+    """Names of the tracks that own clusters, (K,); -1 of those that are nobody's."""
+    return np.where(owners >= 0, tracks.names[owners] if len(tracks) else -1, -1)
 
 
 def _of_owners(seen: Seen, owners: IntArray, count: int) -> tuple[FloatArray, FloatArray]:

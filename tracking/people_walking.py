@@ -25,6 +25,7 @@ FREE = 0.15  # metres in front of the surroundings at both ends: what is seen is
 FALSE_FREE, FALSE_CUT, FALSE_CROWD, FALSE_DRIVING = 0.0005, 0.0025, 0.03, 0.9
 WALKERS = 0.9  # share of people who walk that show it
 FAST = 0.8  # m/s and rad/s together: as fast as the robots at which FALSE_DRIVING was measured
+STOOD_A_LITTLE = 0.2  # oldness of a thing that may have stood there all the time
 STOOD, MOVING = 0.5, 0.25  # oldness of what surely is a thing, and m/s at which it seems to walk
 MEMORY, FEW = 10.0, 100.0  # seconds for which that counts, and looks at things before it tells much
 WORSE = 3.0  # how much more what is seen for the first time seems to move
@@ -58,13 +59,30 @@ class Walking:
             rate = min(float(np.hypot(step[0], step[1]) + abs(step[2])) / dt, 5.0)
             self._robot += (1.0 - math.exp(-dt / 0.3)) * (rate - self._robot)
 
+    def due(self, dt: float) -> bool:
+        """Whether `learn`, `dt` seconds after it was last called, looks at anybody."""
+        return self._since + dt >= APART
+
+    @property
+    def robot(self) -> float:
+        """Speed of the robot, m/s and rad/s together; infinite while nobody knows."""
+        return self._robot if self._known else math.inf
+
     def learn(
-        self, tracks: Tracks, free: FloatArray, old: FloatArray, around: int, stamp: float, dt: float
+        self,
+        tracks: Tracks,
+        free: FloatArray,
+        old: FloatArray,
+        around: int,
+        stamp: float,
+        dt: float,
+        moved: FloatArray | float = 0.0,
     ) -> None:
         """Evidence of walking for those seen now.
 
         free (T,) : metres by which the clusters of each stand in front of the surroundings, the lesser of both ends;
         nan of who is not seen. old (T,) : share of them where something stood. around : clusters in view.
+        moved (T,) : log-likelihood ratio of having come and gone (`people_changes`).
         """
         self._since += dt
         if self._since < APART:
@@ -79,8 +97,11 @@ class Walking:
         self._count(int(np.sum(speeds[things] > MOVING)), len(things), min(since, 1.0))
         tracks.walking *= math.exp(-min(since, 1.0) / FORGETTING)
         shares = np.clip((speeds - SLOWEST) / (SURELY - SLOWEST), 0.0, 1.0) * (1.0 - old)
-        for t in np.flatnonzero(shares > 0.0).tolist():
-            ratio = shares[t] * self._likelihood_ratio(float(free[t]), around)
+        seen = np.zeros(len(tracks))
+        seen[looking] = 1.0
+        moved = moved * seen * np.maximum(1.0 - np.maximum(old, tracks.oldness) / STOOD_A_LITTLE, 0.0)
+        for t in np.flatnonzero((shares > 0.0) | (moved > 0.0)).tolist():
+            ratio = max(shares[t] * self._likelihood_ratio(float(free[t]), around), moved[t])
             tracks.walking[t] = max(tracks.walking[t], ratio)
             # What walked but for a moment is forgotten, who walked for longer never.
             earned = tracks.motion[t] + ratio * min(since, 1.0) / PROVEN
