@@ -28,6 +28,7 @@ from world_model.look import Look
 from world_model.occlusion import hide
 from world_model.predictions import Path
 from world_model.quantities import Quantities
+from world_model.sensor_bias import CONSTANT
 from world_model.sensor_errors import SensorErrors
 from world_model.state import WorldObject
 from world_model.touching import Touching, sharing, touched_by
@@ -57,7 +58,9 @@ class Anchoring(Corrections):
         self.unseen = Unseen(config)
         self.touching = Touching(detection)
         self.hindsight = Hindsight()
-        self.bias = SensorErrors(np.array(config.sensor_bias, dtype=float))
+        known_bias = np.zeros(CONSTANT)
+        known_bias[: len(config.sensor_bias)] = config.sensor_bias
+        self.bias = SensorErrors(known_bias)
         self.reset()
 
     def reset(self) -> None:
@@ -126,7 +129,7 @@ class Anchoring(Corrections):
         symbols = tuple(self._symbol(track) for track in owners)
         if self.config.learn_sensor_bias and raw.sensor is not None and owners:
             likelihood = self.vocabulary.likelihoods(raw.attributes) if verified else look.likelihood
-            self.hindsight.add(raw, likelihood, stamp - lag, owners, symbols, self.bias.moved)
+            self.hindsight.add(raw, likelihood, stamp - lag, owners, symbols, self.bias)
         return symbols
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimation.checks import as_finite
 from estimation.errors import InputError
+from world_model.sensor_bias import CONSTANT, NAMES
 from world_model.state import Box
 
 MODELS = ("static", "constant_velocity")
@@ -142,10 +143,12 @@ class WorldModelConfig:
         default=True, metadata={"description": "whether one detection may stem from two touching movers"}
     )
     sensor_bias: Sequence[float] = field(
-        default=(0.0, 0.0, 0.0, 0.0),
+        default=(0.0,) * CONSTANT,
         metadata={
-            "description": "systematic errors of detections at distance d and bearing b off the axis: offset + "
-            "scale d + depth d b²/2 along the line of sight, m, and turn d across it; where learning starts from"
+            "description": "systematic errors of detections at distance d and bearing b off the axis, (offset, scale, "
+            "depth, turn, lean, stretch, bend, delay) or the first of them: offset + scale d + depth d b²/2 + lean d b "
+            "along the line of sight, m, turn d + stretch d b + bend d b² across it, and their age at their stamp, s; "
+            "where learning starts from"
         },
     )
     learn_sensor_bias: bool = field(
@@ -172,8 +175,11 @@ class WorldModelConfig:
                 raise InputError(f"{name} must be a list of names, not {values!r}")
             if len(set(values)) != len(values):
                 raise InputError(f"{name} must not repeat a name: {values!r}")
-        if as_finite("sensor_bias", self.sensor_bias).shape != (4,):
-            raise InputError(f"sensor_bias must be (offset, scale, depth, turn), not {self.sensor_bias!r}")
+        shape = as_finite("sensor_bias", self.sensor_bias).shape
+        if len(shape) != 1 or not 4 <= shape[0] <= CONSTANT:
+            raise InputError(
+                f"sensor_bias must be 4 to {CONSTANT} numbers, {', '.join(NAMES)}, not {self.sensor_bias!r}"
+            )
         region = as_finite("region", self.region)
         if (
             region.shape != (3, 2)

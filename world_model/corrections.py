@@ -45,7 +45,7 @@ class Corrections(Grouping):
             return measured
         positions = measured.positions.copy()
         errors = np.concatenate([self.bias.values, self.bias.shared])
-        positions[:, :2] -= error_basis(positions, pose) @ errors
+        positions[:, :2] -= error_basis(positions, pose, self.bias.rate) @ errors
         return replace(measured, positions=positions)
 
     def _resting(self, numbers: Iterable[int]) -> dict[int, int]:
@@ -95,8 +95,8 @@ class Corrections(Grouping):
             height = (look.positions[:, 2] - leaves.rest[slot, 2]) ** 2 / spread
             unlike[bias.ids[number]] = height - 2.0 * np.log(np.array(factor) + 1e-12)
         z, R = raw.positions[:, :2], raw.covariances[:, :2, :2]
-        J = error_basis(raw.positions, raw.sensor.pose)
-        said = bias.worlds.look(Detections(z, R, J, -2.0 * (otherwise - level), unlike))
+        J = error_basis(raw.positions, raw.sensor.pose, bias.rate)
+        said = bias.worlds.look(Detections(z, R, J, -2.0 * (otherwise - level), unlike, float(bias.rate[2])))
         names = {name: number for number, name in bias.ids.items()}
         surely = ~movers & (leaves.behavior[look.chosen, REST] > 0.5)
         for j, name in enumerate(said):
@@ -116,14 +116,14 @@ class Corrections(Grouping):
         resting = set(self._resting({number for look in looks for number in look.owners}))
         for look in looks:
             self.bias.worlds.predict(look.stamp)
-            self._witness(look.measured, look.owners, resting)
+            self._witness(look.measured, look.owners, resting, look.rate)
 
-    def _witness(self, raw: Measurements, owners: list[int], resting: set[int]) -> None:
-        """What resting objects say about the sensor, owners (M,) being whose detections are."""
+    def _witness(self, raw: Measurements, owners: list[int], resting: set[int], rate: FloatArray) -> None:
+        """What resting objects say about the sensor, owners (M,) being whose detections are, at its rate (3,)."""
         assert raw.sensor is not None
         mine = [j for j, number in enumerate(owners) if number in resting]
         numbers = [owners[j] for j in mine]
-        self.bias.add(numbers, raw.positions[mine, :2], raw.covariances[mine, :2, :2], raw.sensor.pose)
+        self.bias.add(numbers, raw.positions[mine, :2], raw.covariances[mine, :2, :2], raw.sensor.pose, rate)
 
     def _learn_bias(self, raw: Measurements, owners: list[int], said: list[int] | None) -> None:
         """Take in what resting objects say about the sensor, and move all of them accordingly."""
@@ -137,7 +137,7 @@ class Corrections(Grouping):
             return
         resting = self._resting({*owners, *bias.ids})
         if said is None:
-            self._witness(raw, owners, set(resting))
+            self._witness(raw, owners, set(resting), bias.rate)
         else:
             bias.name(said, owners, set(resting))
         bias.limit(owners)

@@ -15,6 +15,8 @@ SLOW = np.array([0.02, 0.02])
 """Standard deviations of the slow part, of range (m) and turn (rad)."""
 QUICK = np.array([0.01, 0.006])
 """The same of what changes with every look."""
+JITTER = 0.02
+"""The same of how old a look's detections are, s."""
 STEPS = np.linspace(-2.0, 2.0, 9)
 """Turns that are tried, in standard deviations."""
 RANGES = np.linspace(-1.5, 1.5, 5)

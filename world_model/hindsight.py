@@ -10,7 +10,9 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.evidence import Measurements
 from world_model.leaves import IntArray, Leaves
-from world_model.revision import Explanation, Sightings, explain, wrapped
+from world_model.revision import Explanation, Sightings, explain
+from world_model.sensor_bias import within
+from world_model.sensor_errors import SensorErrors
 
 FIRST_LOOKS = 100
 MOST_LOOKS = 4000
@@ -20,13 +22,14 @@ MOST_LOOKS = 4000
 @dataclass
 class Look:
     """stamp, s; measured : M detections as they came; likelihood (M, A); owners (M,) : numbers of tracks;
-    symbols (M,) : what was said of each detection then."""
+    symbols (M,) : what was said of each detection then; rate (3,) : how fast the sensor moved, m/s and rad/s."""
 
     stamp: float
     measured: Measurements
     likelihood: FloatArray
     owners: list[int]
     symbols: tuple[str | None, ...]
+    rate: FloatArray
 
 
 def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
@@ -39,7 +42,7 @@ def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
     across = np.stack([-along[:, 1], along[:, 0]], -1)
     spread = measured.covariances[:, :2, :2]
     sigma = [np.sqrt(np.einsum("ni,nij,nj->n", line, spread, line)) for line in (along, across)]
-    bearing = wrapped(np.arctan2(off[:, 1], off[:, 0]) - pose[3])
+    bearing = within(np.arctan2(off[:, 1], off[:, 0]) - pose[3])
     return np.stack([distance, bearing], -1), np.stack([sigma[0], sigma[1] / distance], -1)
 
 
@@ -60,14 +63,14 @@ class Hindsight:
         stamp: float,
         owners: list[int],
         symbols: tuple[str | None, ...],
-        moved: bool = True,
+        sensor: SensorErrors,
     ) -> None:
-        """Keep a look, measured as it came. moved : whether the sensor has; of one that has not, few are kept."""
+        """Keep a look, measured as it came. Of a sensor that has not moved, few are kept."""
         if measured.sensor is None or not owners:
             return
-        if not moved and len(self.looks) >= FIRST_LOOKS:
+        if not sensor.moved and len(self.looks) >= FIRST_LOOKS:
             self.looks.popleft()
-        self.looks.append(Look(stamp, measured, likelihood, list(owners), symbols))
+        self.looks.append(Look(stamp, measured, likelihood, list(owners), symbols, sensor.rate))
 
     def explained(
         self,
@@ -80,7 +83,7 @@ class Hindsight:
     ) -> tuple[Explanation, list[list[int]]]:
         """Explain all looks by the resting objects `numbers` (K,), leaves `slots`; returns it, and tracks by look.
 
-        Detections of `movers` stay theirs. known (4,) : calibration.
+        Detections of `movers` stay theirs. known (8,) : calibration.
         """
         column = {number: k for k, number in enumerate(numbers)}
         mine = [[j for j, owner in enumerate(look.owners) if owner not in movers] for look in self.looks]
@@ -100,6 +103,7 @@ class Hindsight:
             np.concatenate([seen[which] for (seen, _), which in zip(views, mine, strict=True)]),
             np.concatenate([sigma[which] for (_, sigma), which in zip(views, mine, strict=True)]),
             np.maximum(unlike, 0.0),
+            np.array([look.rate for look in self.looks]),
         )
         owner = np.array([column.get(look.owners[j], -1) for look, which in parts for j in which])
         begun = Explanation(leaves.rest[slots, :2].copy(), known.copy(), np.zeros((len(mine), 2)), owner)

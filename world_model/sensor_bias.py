@@ -1,9 +1,11 @@
 """Systematic errors of a moving sensor, estimated from what it says about resting objects from different places.
 
 A detection of an object at distance d (m) and bearing b (rad, off the sensor's axis) is taken to be off by
-`scale d + offset + depth d b² / 2` along the line of sight and by `turn d` across it. depth is -1 where a detector
-reports depth for distance; what sees farther to the side than `ASIDE` does not. `sensor_filter` estimates objects and
-the four numbers together: only what changes with the place of the sensor says something.
+`scale d + offset + depth d b² / 2 + lean d b` along the line of sight and by `turn d + stretch d b + bend d b²` across
+it. depth is -1 where a detector reports depth for distance, lean the angle by which its image plane is turned then;
+stretch and bend are of lenses; what sees farther to the side than `ASIDE` has none of these four. `delay` (s) is how
+old a detection is at its stamp: it is off by what the sensor moved meanwhile. `sensor_filter` estimates objects and
+the eight numbers together: only what changes with the place of the sensor says something.
 """
 
 from __future__ import annotations
@@ -12,12 +14,19 @@ import numpy as np
 
 from estimation.checks import FloatArray
 
-PRIOR = np.array([0.1, 0.05, 1.0, 0.02])
-"""Standard deviations of offset (m), scale, depth and turn (rad) before anything is known."""
+NAMES = ("offset", "scale", "depth", "turn", "lean", "stretch", "bend", "delay")
+CONSTANT = len(NAMES)
+PRIOR = np.array([0.1, 0.05, 1.0, 0.02, 0.03, 0.03, 0.05, 0.05])
+"""Standard deviations of offset (m), scale, depth, turn, lean (rad), stretch, bend (1/rad) and delay (s) before
+anything is known."""
 PARALLAX = 0.5
 """m: a sensor that has not moved farther than this cannot tell its errors from the objects' places."""
 ASIDE = 1.2
 """rad: no camera reports depth of what is farther off its axis."""
+SOONEST, LATEST = 0.01, 0.6
+"""s: how fast a sensor moves is known from poses this far apart."""
+QUICKEST = np.array([5.0, 5.0, 6.0])
+"""m/s and rad/s: what is faster is no motion of a sensor."""
 
 
 def depth_share(bearing: FloatArray) -> FloatArray:
@@ -25,16 +34,38 @@ def depth_share(bearing: FloatArray) -> FloatArray:
     return np.where(np.abs(bearing) < ASIDE, 0.5 * bearing**2, 0.0)
 
 
-def basis(positions: FloatArray, pose: FloatArray) -> FloatArray:
-    """Displacements (M, 2, 4) per unit of offset, scale, depth and turn of positions (M, 3) seen from a pose (4,)."""
+def within(angle: FloatArray) -> FloatArray:
+    """Angles within half a turn."""
+    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)), dtype=np.float64)
+
+
+def rates(poses: FloatArray, before: FloatArray, elapsed: FloatArray) -> FloatArray:
+    """Velocity and yaw rate (..., 3) of poses (..., 4) since `before`, `elapsed` (...) s ago; 0 where not known."""
+    off = np.stack([*np.moveaxis(poses - before, -1, 0)[:2], within(poses[..., 3] - before[..., 3])], -1)
+    known = (elapsed > SOONEST) & (elapsed < LATEST)
+    out = off / np.where(known, elapsed, 1.0)[..., None]
+    known = known & (np.abs(out) < QUICKEST).all(-1)
+    return np.where(known[..., None], out, 0.0)
+
+
+def basis(positions: FloatArray, pose: FloatArray, rate: FloatArray | None = None) -> FloatArray:
+    """Displacements (M, 2, 8) per unit of each error of positions (M, 2 or 3) seen from a pose (4,).
+
+    rate (3,) : the sensor's velocity (m/s) and yaw rate (rad/s), world axes; None for one that stands.
+    """
     off = positions[:, :2] - pose[:2]
+    across = np.stack([-off[:, 1], off[:, 0]], -1)
     distance = np.maximum(np.hypot(off[:, 0], off[:, 1]), 1e-6)
-    along = off / distance[:, None]
-    bearing = np.arctan2(off[:, 1], off[:, 0]) - pose[3]
-    bearing -= 2.0 * np.pi * np.round(bearing / (2.0 * np.pi))
-    out = np.empty((len(positions), 2, 4))
-    out[:, :, 0] = along
+    bearing = within(np.arctan2(off[:, 1], off[:, 0]) - pose[3])
+    aside = np.where(np.abs(bearing) < ASIDE, bearing, 0.0)[:, None]
+    out = np.zeros((len(positions), 2, CONSTANT))
+    out[:, :, 0] = off / distance[:, None]
     out[:, :, 1] = off
     out[:, :, 2] = depth_share(bearing)[:, None] * off
-    out[:, 0, 3], out[:, 1, 3] = -off[:, 1], off[:, 0]
+    out[:, :, 3] = across
+    out[:, :, 4] = aside * off
+    out[:, :, 5] = aside * across
+    out[:, :, 6] = aside**2 * across
+    if rate is not None:
+        out[:, :, 7] = rate[:2] + rate[2] * across
     return out

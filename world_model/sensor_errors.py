@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.sensor_bias import PARALLAX, PRIOR
+from world_model.sensor_bias import CONSTANT, PARALLAX, PRIOR, rates
 from world_model.sensor_evidence import SensorEvidence
-from world_model.sensor_filter import ERRORS, error_basis
+from world_model.sensor_filter import SHARED, error_basis
 from world_model.sensor_worlds import SensorWorlds
 
-SIGNIFICANT = 20.0
+SIGNIFICANT = 28.0
 """Squared length of the constant errors' estimate, in its standard deviations, from which they are
-significant; 4 are usual for a sensor without errors."""
+significant; 8 are usual for a sensor without errors, 28 are exceeded in one of 2,000."""
 OUTLIER = 16.0
 """Squared Mahalanobis distance from which a detection is no witness, while objects are given their detections without
 regard to the sensor's errors."""
@@ -56,26 +56,30 @@ class SensorErrors:
         self.since = -np.inf
         self._start: FloatArray | None = None
         self._last: tuple[FloatArray, float] | None = None
+        self.rate = np.zeros(3)
 
     @property
     def values(self) -> FloatArray:
-        """Constant errors (4,) as far as they are significant."""
-        return self.worlds.best.x[:4] if self.in_use else self.known
+        """Constant errors (8,) as far as they are significant."""
+        return self.worlds.best.x[:CONSTANT] if self.in_use else self.known
 
     @property
     def shared(self) -> FloatArray:
         """Errors of range (m) and turn (rad) that the next look is expected to share."""
-        return self.worlds.best.x[4:ERRORS] if self.in_use else np.zeros(2)
+        return self.worlds.best.x[SHARED] if self.in_use else np.zeros(2)
 
     def follow(self, pose: FloatArray, stamp: float) -> bool:
         """To a new look; whether it is taken in: the sensor has moved far enough to tell its errors from the objects'
         places."""
         if self._last is not None:
-            far, elapsed = float(np.hypot(*(pose[:2] - self._last[0]))), max(stamp - self._last[1], 0.0)
+            far, elapsed = float(np.hypot(*(pose[:2] - self._last[0][:2]))), max(stamp - self._last[1], 0.0)
+            rate = rates(pose, self._last[0], np.asarray(elapsed))
             if far > PARALLAX + FASTEST * elapsed:
                 # That is another sensor: what was learned is not its.
                 self.reset()
-        self._last = pose[:2].copy(), stamp
+                rate = np.zeros(3)
+            self.rate = rate
+        self._last = pose.copy(), stamp
         if self._start is None:
             self._start, self.since = pose[:2].copy(), stamp
         self.moved = self.moved or bool(np.hypot(*(pose[:2] - self._start)) > PARALLAX)
@@ -94,8 +98,15 @@ class SensorErrors:
         for hypothesis in self.worlds.hypotheses:
             hypothesis.filter.remember(self.ids[number], place, spread)
 
-    def add(self, numbers: list[int], z: FloatArray, R: FloatArray, pose: FloatArray) -> None:
-        """Detections (n, 2) of the objects `numbers` from pose (4,), before the errors are in use."""
+    def add(
+        self,
+        numbers: list[int],
+        z: FloatArray,
+        R: FloatArray,
+        pose: FloatArray,
+        rate: FloatArray | None = None,
+    ) -> None:
+        """Detections (n, 2) of the objects `numbers` from pose (4,), rate (3,), before the errors are in use."""
         filter = self.worlds.best
         at = {name: k for k, name in enumerate(filter.numbers)}
         known = np.array([at.get(self.ids.get(number, -1), -1) for number in numbers], np.int64)
@@ -104,7 +115,7 @@ class SensorErrors:
         # that stands would seem to tell its errors.
         at_place = z.copy()
         at_place[old] = filter.places[known[old]]
-        J = error_basis(at_place, pose)
+        J = error_basis(at_place, pose, rate)
         if len(old):
             y, S, _ = filter.innovation(known[old], z[old], R[old], J[old])
             blocks = S.reshape(len(old), 2, len(old), 2)[range(len(old)), :, range(len(old))]
@@ -113,7 +124,9 @@ class SensorErrors:
             fits &= np.hypot(*off.T) < MOVED
             for k, j in enumerate(old.tolist()):
                 if fits[k]:
-                    self.evidence.weigh(numbers[j], z[j] - J[j, :, :4] @ self.known, R[j], off[k], blocks[k])
+                    self.evidence.weigh(
+                        numbers[j], z[j] - J[j, :, :CONSTANT] @ self.known, R[j], off[k], blocks[k]
+                    )
             old = old[fits]
         if len(old):
             filter.correct(known[old], z[old], R[old], J[old])
@@ -121,9 +134,9 @@ class SensorErrors:
             if number not in self.ids:
                 self.ids[number] = self.worlds.number()
                 filter.begin(self.ids[number], z[j], R[j], J[j])
-                self.evidence.begin(number, z[j] - J[j, :, :4] @ self.known, R[j])
-        apart = filter.x[:4] - self.known
-        significant = bool(apart @ np.linalg.solve(filter.P[:4, :4], apart) > SIGNIFICANT)
+                self.evidence.begin(number, z[j] - J[j, :, :CONSTANT] @ self.known, R[j])
+        apart = filter.x[:CONSTANT] - self.known
+        significant = bool(apart @ np.linalg.solve(filter.P[:CONSTANT, :CONSTANT], apart) > SIGNIFICANT)
         self.in_use = self.evidence.enough(significant)
 
     def name(self, said: list[int], owners: list[int], resting: set[int]) -> None:
@@ -154,13 +167,13 @@ class SensorErrors:
             self.keep_only(set(list(self.ids)[-MOST:]))
 
     def take(self, constant: FloatArray, shared: FloatArray, places: dict[int, FloatArray]) -> None:
-        """Start anew from what explains all that was seen: errors (4,), (2,), and places (2,) by track."""
+        """Start anew from what explains all that was seen: errors (8,), (2,), and places (2,) by track."""
         stamp = self.worlds.best.stamp
         self.worlds.reset()
         filter = self.worlds.best
         filter.stamp = stamp
         filter.x[:] = np.concatenate([constant, shared])
-        filter.P[range(4), range(4)] = (TAKEN * PRIOR) ** 2
+        filter.P[range(CONSTANT), range(CONSTANT)] = (TAKEN * PRIOR) ** 2
         self.ids = {}
         for number, place in places.items():
             self.ids[number] = self.worlds.number()

@@ -1,6 +1,6 @@
 """What a moving sensor gets wrong and where resting objects are, estimated together: an extended Kalman filter.
 
-Its state are four constant errors (`sensor_bias.basis`), two that all detections of a look share and that change slowly
+Its state are constant errors (`sensor_bias.basis`), two that all detections of a look share and that change slowly
 (`drift`), and the places of objects. All detections from about the same place are off alike: taken for independent,
 they would pull objects after these errors, and objects that stand close together would be mixed up. What is common to
 them stays common here, in the covariances between places and errors.
@@ -11,24 +11,32 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.drift import QUICK, SECONDS, SLOW
+from world_model.drift import JITTER, QUICK, SECONDS, SLOW
 from world_model.leaves import IntArray
-from world_model.sensor_bias import PRIOR, basis
+from world_model.sensor_bias import CONSTANT, PRIOR, basis
 
-ERRORS = 6
-"""Length of the part of the state before the places: offset, scale, depth, turn; shared range and turn."""
-STATE = [0, 1, 2, 3, 0, 3]
+ERRORS = CONSTANT + 2
+"""Length of the part of the state before the places: constant errors; shared range and turn."""
+STATE = [*range(CONSTANT), 0, 3]
 """Columns of `basis` by error of the state."""
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
-def error_basis(positions: FloatArray, pose: FloatArray) -> FloatArray:
-    """Displacements (M, 2, 6) per unit of each error of positions (M, 2) seen from a pose (4,)."""
-    return basis(positions, pose)[:, :, STATE]
+SHARED = slice(CONSTANT, ERRORS)
+NEWLY = slice(CONSTANT - 1, ERRORS)
+"""Errors that have a part that changes with every look: delay, shared range and turn."""
+SPREAD = np.array([JITTER, *QUICK])
+"""Its standard deviations."""
+
+
+def error_basis(positions: FloatArray, pose: FloatArray, rate: FloatArray | None = None) -> FloatArray:
+    """Displacements (M, 2, 10) per unit of each error of positions (M, 2) seen from a pose (4,) that moves at a rate
+    (3,)."""
+    return basis(positions, pose, rate)[:, :, STATE]
 
 
 class SensorFilter:
-    """x (6 + 2 K,), P : errors, and places (m) of the objects `numbers` (K,). Never changed in place but by `predict`,
+    """x (10 + 2 K,), P : errors, and places (m) of the objects `numbers` (K,). Never changed in place but by `predict`,
     so that a copy is cheap."""
 
     def __init__(self, known: FloatArray) -> None:
@@ -50,9 +58,9 @@ class SensorFilter:
 
     @property
     def prior(self) -> FloatArray:
-        """Covariance (6, 6) of the errors of a look."""
+        """Covariance (10, 10) of the errors of a look."""
         prior = self.P[:ERRORS, :ERRORS].copy()
-        prior[[4, 5], [4, 5]] += QUICK**2
+        prior.flat[(CONSTANT - 1) * (ERRORS + 1) :: ERRORS + 1] += SPREAD**2
         return prior
 
     def own(self, which: IntArray) -> FloatArray:
@@ -66,10 +74,10 @@ class SensorFilter:
         self.stamp = stamp if self.stamp is None else max(stamp, self.stamp)
         fade = float(np.exp(-elapsed / SECONDS))
         scale = np.ones(len(self.x))
-        scale[4:ERRORS] = fade
+        scale[SHARED] = fade
         self.x = self.x * scale
         self.P = self.P * scale[:, None] * scale
-        self.P[[4, 5], [4, 5]] += (1.0 - fade**2) * SLOW**2
+        self.P[[ERRORS - 2, ERRORS - 1], [ERRORS - 2, ERRORS - 1]] += (1.0 - fade**2) * SLOW**2
 
     def remember(self, number: int, place: FloatArray, spread: FloatArray) -> None:
         """An object known otherwise than by this sensor."""
@@ -83,21 +91,21 @@ class SensorFilter:
         self.numbers = (*self.numbers, number)
 
     def begin(self, number: int, z: FloatArray, R: FloatArray, J: FloatArray) -> None:
-        """A place from its first detection (2,), J (2, 6): off as the sensor is."""
+        """A place from its first detection (2,), J (2, 10): off as the sensor is."""
         place = z - J @ self.x[:ERRORS]
         self._grow(number, place, -J @ self.P[:ERRORS], J @ self.prior @ J.T + R)
 
     def innovation(
         self, which: IntArray, z: FloatArray, R: FloatArray, J: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What is left (2 n,) of detections (n, 2), with R (n, 2, 2) and J (n, 2, 6), of objects `which` (n,), its
+        """What is left (2 n,) of detections (n, 2), with R (n, 2, 2) and J (n, 2, 10), of objects `which` (n,), its
         covariance, and that of the state with it (D, 2 n)."""
         n = len(which)
         columns = (ERRORS + 2 * which[:, None] + np.arange(2)).ravel()
         across = J.reshape(2 * n, ERRORS)
         PH = self.P[:, :ERRORS] @ across.T + self.P[:, columns]
         S = across @ PH[:ERRORS] + PH[columns]
-        quick = np.einsum("aij,j,bkj->aibk", J[:, :, 4:], QUICK**2, J[:, :, 4:])
+        quick = np.einsum("aij,j,bkj->aibk", J[:, :, NEWLY], SPREAD**2, J[:, :, NEWLY])
         for a in range(n):
             quick[a, :, a] += R[a]
         y = z.ravel() - across @ self.x[:ERRORS] - self.x[columns]

@@ -13,9 +13,9 @@ import numpy as np
 
 from estimation.assignment import cheapest
 from estimation.checks import FloatArray
-from world_model.drift import RANGES, STEPS
+from world_model.drift import JITTER, RANGES, STEPS
 from world_model.leaves import IntArray
-from world_model.sensor_filter import ERRORS, LOG_2PI, SensorFilter
+from world_model.sensor_filter import ERRORS, LOG_2PI, SHARED, SensorFilter
 
 MOST = 8
 """Hypotheses that are kept."""
@@ -46,14 +46,16 @@ class Hypothesis:
 
 @dataclass
 class Detections:
-    """M detections as they came: z (M, 2), R (M, 2, 2), J (M, 2, 6); new (M,) : -2 log density of being of nothing
-    known that rests. unlike (M,) by number of an object : -2 log of how well its attributes and height fit."""
+    """M detections as they came: z (M, 2), R (M, 2, 2), J (M, 2, 10); new (M,) : -2 log density of being of nothing
+    known that rests. unlike (M,) by number of an object : -2 log of how well its attributes and height fit.
+    turning : yaw rate of the sensor, rad/s."""
 
     z: FloatArray
     R: FloatArray
     J: FloatArray
     new: FloatArray
     unlike: dict[int, FloatArray]
+    turning: float = 0.0
 
 
 def candidates(filter: SensorFilter, seen: Detections) -> list[tuple[IntArray, FloatArray]]:
@@ -66,8 +68,8 @@ def candidates(filter: SensorFilter, seen: Detections) -> list[tuple[IntArray, F
         return nothing
     places, own = filter.places[near], filter.own(near)
     unlike = np.stack([seen.unlike.get(filter.numbers[k], np.zeros(M)) for k in near.tolist()], 1)
-    sigma = np.sqrt(filter.prior.diagonal()[4:])
-    shifts = np.einsum("mij,sj->smi", seen.J[:, :, 4:], sigma * GRID)
+    sigma = np.sqrt(filter.prior.diagonal()[SHARED] + np.array([0.0, (JITTER * seen.turning) ** 2]))
+    shifts = np.einsum("mij,sj->smi", seen.J[:, :, SHARED], sigma * GRID)
     off = (flat[:, None] - places)[None] - shifts[:, :, None]
     narrow = _costs(off, own[None] + seen.R[:, None]) + unlike
     broad = _costs(off, own[None] + WIDE * seen.R[:, None]) + unlike + SELDOM

@@ -240,7 +240,8 @@ class WorldModel:
 
     @property
     def sensor_bias(self) -> tuple[float, ...]:
-        """What the sensor's systematic errors are found to be: offset (m), scale, depth, turn (rad)."""
+        """What the sensor's systematic errors are found to be: offset (m), scale, depth, turn, lean (rad), stretch,
+        bend (1/rad), delay (s)."""
         return tuple(self._anchors.bias.values.tolist())
 
     @property

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.drift import QUICK, SECONDS, SLOW
+from world_model.drift import JITTER, QUICK, SECONDS, SLOW
 from world_model.revision import Explanation, Sightings, assign, explain, misfit, solve
 
 PLACES = np.array([[2.0 + 0.2 * (k % 5), 1.2 * (k // 5)] for k in range(10)])
@@ -37,6 +39,7 @@ def looks(count: int, seed: int) -> tuple[Sightings, np.ndarray, np.ndarray]:
         np.array(seen),
         np.tile(SIGMA, (N, 1)),
         np.zeros((N, len(PLACES))),
+        np.zeros((count, 3)),
     )
     return data, np.array(whose), shared
 
@@ -44,47 +47,55 @@ def looks(count: int, seed: int) -> tuple[Sightings, np.ndarray, np.ndarray]:
 def test_one_step_is_the_least_squares_of_everything() -> None:
     """Against a dense system with numerical derivatives, at the solution."""
     data, whose, _ = looks(12, 0)
-    found = Explanation(PLACES.copy(), np.zeros(4), np.zeros((12, 2)), whose)
+    rng = np.random.default_rng(9)
+    data = replace(data, rates=rng.normal(0.0, [0.2, 0.2, 0.5], (12, 3)))
+    found = Explanation(PLACES.copy(), np.zeros(8), np.zeros((12, 2)), whose)
     for _ in range(6):
-        found = solve(data, found, np.zeros(4))
+        found = solve(data, found, np.zeros(8))
     K, F = len(PLACES), len(data.stamps)
 
     def errors(x: np.ndarray) -> np.ndarray:
         places, constant, parts = (
             x[: 2 * K].reshape(K, 2),
-            x[2 * K : 2 * K + 4],
-            x[2 * K + 4 :].reshape(2, 2, F),
+            x[2 * K : 2 * K + 8],
+            x[2 * K + 8 :].reshape(2, 2, F),
         )
         off = places[whose] - data.poses[data.look, :2]
         d, b = np.hypot(*off.T), np.arctan2(off[:, 1], off[:, 0]) - data.poses[data.look, 3]
         common = parts.sum(1)[:, data.look]
-        r = data.seen[:, 0] - d * (1 + constant[1]) - constant[0] - 0.5 * b**2 * d * constant[2] - common[0]
-        a = data.seen[:, 1] - b - constant[3] - common[1]
+        offset, scale, depth, turn, lean, stretch, bend, delay = constant
+        vx, vy, w = data.rates[data.look].T
+        # A delay: where the object was from the sensor then.
+        nearer = delay * (vx * off[:, 0] + vy * off[:, 1]) / d
+        turned = delay * ((vy * off[:, 0] - vx * off[:, 1]) / d**2 + w)
+        r = data.seen[:, 0] - d * (1 + scale + 0.5 * b**2 * depth + b * lean) - offset - nearer - common[0]
+        a = data.seen[:, 1] - b * (1 + stretch + b * bend) - turn - turned - common[1]
         out = [
             r / SIGMA[0],
             a / SIGMA[1],
-            constant / [0.1, 0.05, 1.0, 0.02],
+            constant / [0.1, 0.05, 1.0, 0.02, 0.03, 0.03, 0.05, 0.05],
             1e-3 * (places - PLACES).ravel(),
         ]
         fade = np.exp(-np.diff(data.stamps) / SECONDS)
         for kind in range(2):
             slow, quick = parts[kind]
-            out += [slow[:1] / SLOW[kind], quick / QUICK[kind]]
+            jitter = JITTER * data.rates[:, 2] if kind else np.zeros(F)
+            out += [slow[:1] / SLOW[kind], quick / np.hypot(QUICK[kind], jitter)]
             out.append((slow[1:] - fade * slow[:-1]) / (SLOW[kind] * np.sqrt(1.0 - fade**2)))
         return np.concatenate(out)
 
     from scipy.optimize import least_squares
 
-    start = np.concatenate([PLACES.ravel(), np.zeros(4 + 4 * F)])
+    start = np.concatenate([PLACES.ravel(), np.zeros(8 + 4 * F)])
     dense = least_squares(errors, start, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12).x
     seen = np.unique(whose)
     assert found.places[seen] == pytest.approx(dense[: 2 * K].reshape(K, 2)[seen], abs=3e-3)
-    assert found.shared == pytest.approx(dense[2 * K + 4 :].reshape(2, 2, F).sum(1).T, abs=3e-3)
+    assert found.shared == pytest.approx(dense[2 * K + 8 :].reshape(2, 2, F).sum(1).T, abs=3e-3)
 
 
 def test_each_object_explains_one_detection_of_a_look() -> None:
     data, whose, shared = looks(40, 1)
-    owner = assign(data, Explanation(PLACES, np.zeros(4), shared, whose))
+    owner = assign(data, Explanation(PLACES, np.zeros(8), shared, whose))
     assert (owner == whose).mean() > 0.99
     for f in range(40):
         mine = owner[(data.look == f) & (owner >= 0)]
@@ -97,8 +108,8 @@ def test_all_is_explained_from_places_that_are_off() -> None:
     wrong = whose.copy()
     some = rng.random(len(whose)) < 0.15
     wrong[some] = rng.integers(0, len(PLACES), some.sum())
-    begun = Explanation(PLACES + rng.normal(0.0, 0.04, PLACES.shape), np.zeros(4), np.zeros((200, 2)), wrong)
-    found = explain(data, begun, np.zeros(4))
+    begun = Explanation(PLACES + rng.normal(0.0, 0.04, PLACES.shape), np.zeros(8), np.zeros((200, 2)), wrong)
+    found = explain(data, begun, np.zeros(8))
     assert (found.owner == whose).mean() > 0.985
     assert misfit(data, found) < misfit(data, begun)
     # What is common to all looks is the constant error's or everything's, not to be told apart.

@@ -8,7 +8,7 @@ import pytest
 from estimation.errors import InputError
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.drift import QUICK, SECONDS, SLOW
-from world_model.sensor_bias import PRIOR, basis
+from world_model.sensor_bias import CONSTANT, PRIOR, basis, rates
 from world_model.sensor_errors import SensorErrors
 from world_model.sensor_evidence import SensorEvidence
 from world_model.sensor_filter import SensorFilter, error_basis
@@ -27,9 +27,10 @@ def measured(pose: np.ndarray, errors: np.ndarray, rng: np.random.Generator) -> 
         bearing = (angle - pose[3] + np.pi) % (2.0 * np.pi) - np.pi
         if abs(bearing) > 0.6 or distance > 6.0:
             continue
-        offset, scale, depth, turn = errors
-        reported = distance * (1.0 + scale + 0.5 * depth * bearing**2) + offset + rng.normal(0.0, 0.01)
-        angle += turn + rng.normal(0.0, 0.003)
+        offset, scale, depth, turn, lean, stretch, bend = errors
+        share = scale + 0.5 * depth * bearing**2 + lean * bearing
+        reported = distance * (1.0 + share) + offset + rng.normal(0.0, 0.01)
+        angle += turn + stretch * bearing + bend * bearing**2 + rng.normal(0.0, 0.003)
         seen.append(k)
         out.append([pose[0] + reported * np.cos(angle), pose[1] + reported * np.sin(angle), 0.0])
     return seen, np.array(out).reshape(-1, 3)
@@ -44,22 +45,45 @@ def round_trip(step: int) -> np.ndarray:
 def test_basis_is_the_derivative_of_what_a_sensor_reports() -> None:
     """Numerical derivative of (range, bearing) to position by each error."""
     pose, place = np.array([0.3, -0.2, 0.0, 0.7]), np.array([[2.0, 1.1, 0.0]])
-    off = place[0, :2] - pose[:2]
-    distance, angle = np.hypot(*off), np.arctan2(off[1], off[0])
+    rate = np.array([0.2, -0.3, 0.4])
 
-    def reported(offset: float, scale: float, depth: float, turn: float) -> np.ndarray:
-        r = distance * (1.0 + scale + 0.5 * depth * (angle - pose[3]) ** 2) + offset
-        return pose[:2] + r * np.array([np.cos(angle + turn), np.sin(angle + turn)])
+    def reported(
+        offset: float,
+        scale: float,
+        depth: float,
+        turn: float,
+        lean: float,
+        stretch: float,
+        bend: float,
+        delay: float,
+    ) -> np.ndarray:
+        # What was read when the sensor was where it was `delay` ago, put where it is now.
+        then = pose[:2] - delay * rate[:2], pose[3] - delay * rate[2]
+        off = place[0, :2] - then[0]
+        distance, b = np.hypot(*off), np.arctan2(off[1], off[0]) - then[1]
+        r = distance * (1.0 + scale + 0.5 * depth * b**2 + lean * b) + offset
+        angle = pose[3] + b + turn + stretch * b + bend * b**2
+        return pose[:2] + r * np.array([np.cos(angle), np.sin(angle)])
 
     step = 1e-6
-    columns = [(reported(*e) - reported(*-e)) / (2.0 * step) for e in step * np.eye(4)]
-    assert basis(place, pose)[0] == pytest.approx(np.column_stack(columns), abs=1e-8)
+    columns = [(reported(*e) - reported(*-e)) / (2.0 * step) for e in step * np.eye(8)]
+    assert basis(place, pose, rate)[0] == pytest.approx(np.column_stack(columns), abs=1e-8)
+
+
+def test_rates_are_of_poses_that_are_near_in_time() -> None:
+    before = np.array([1.0, 2.0, 0.0, 3.1])
+    pose = np.array([1.02, 1.98, 0.0, -3.1])
+    assert rates(pose, before, np.asarray(0.1)) == pytest.approx([0.2, -0.2, (2.0 * np.pi - 6.2) / 0.1])
+    for elapsed in (0.0, 0.001, 2.0):
+        assert not rates(pose, before, np.asarray(elapsed)).any()
+    # What jumps has been put somewhere else.
+    assert not rates(pose + np.array([3.0, 0.0, 0.0, 0.0]), before, np.asarray(0.1)).any()
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_errors_are_found_from_different_places(seed: int) -> None:
     """Also what was taken for another object before they were known is one in the end."""
-    errors, rng = np.array([0.12, 0.03, -0.8, 0.01]), np.random.default_rng(seed)
+    errors, rng = np.array([0.12, 0.03, -0.8, 0.01, 0.04, 0.0, -0.05]), np.random.default_rng(seed)
     model = WorldModel(
         WorldModelConfig(
             region=REGION,
@@ -78,7 +102,7 @@ def test_errors_are_found_from_different_places(seed: int) -> None:
         )
         state = model.update(given, 0.2 * step)
     # Constant errors and those that change slowly are told apart by time alone.
-    assert model.sensor_bias == pytest.approx(errors, abs=0.04)
+    assert model.sensor_bias[:7] == pytest.approx(errors, abs=0.04)
     found = np.array([item.position for item in state.objects])
     assert len(found) == len(LANDMARKS)
     # As they are reported they are 0.2 m off.
@@ -88,13 +112,13 @@ def test_errors_are_found_from_different_places(seed: int) -> None:
 
 def test_filter_is_the_regression_on_everything() -> None:
     """Against Gaussian regression of all detections on places, constant errors and those that looks share."""
-    rng, filter = np.random.default_rng(5), SensorFilter(np.zeros(4))
+    rng, filter = np.random.default_rng(5), SensorFilter(np.zeros(8))
     for k, landmark in enumerate(LANDMARKS):
         filter.remember(k, landmark[:2] + 0.1, 0.3**2 * np.eye(2))
     K, R, lines, right, stamps = len(LANDMARKS), 0.02**2 * np.eye(2), [], [], []
     for step in range(0, 60, 2):
         pose = round_trip(step)
-        seen, positions = measured(pose, np.array([0.05, 0.02, -0.3, 0.01]), rng)
+        seen, positions = measured(pose, np.array([0.05, 0.02, -0.3, 0.01, 0.02, 0.01, 0.0]), rng)
         if not seen:
             continue
         filter.predict(float(step))
@@ -106,33 +130,34 @@ def test_filter_is_the_regression_on_everything() -> None:
             lines.append((len(stamps) - 1, k, slope))
             right.append(spot - LANDMARKS[k, :2] - 0.1)
     F = len(stamps)
-    prior = np.zeros((4 + 2 * K + 2 * F, 4 + 2 * K + 2 * F))
-    prior[:4, :4] = np.diag(PRIOR**2)
-    prior[4 : 4 + 2 * K, 4 : 4 + 2 * K] = 0.3**2 * np.eye(2 * K)
+    C = CONSTANT
+    prior = np.zeros((C + 2 * K + 2 * F, C + 2 * K + 2 * F))
+    prior[:C, :C] = np.diag(PRIOR**2)
+    prior[C : C + 2 * K, C : C + 2 * K] = 0.3**2 * np.eye(2 * K)
     fade = np.exp(-np.abs(np.subtract.outer(stamps, stamps)) / SECONDS)
     A = np.zeros((2 * len(lines), len(prior)))
     for kind in range(2):
-        at = 4 + 2 * K + kind * F + np.arange(F)
+        at = C + 2 * K + kind * F + np.arange(F)
         prior[np.ix_(at, at)] = SLOW[kind] ** 2 * fade + QUICK[kind] ** 2 * np.eye(F)
         for row, (f, _, slope) in enumerate(lines):
-            A[2 * row : 2 * row + 2, at[f]] = slope[:, 4 + kind]
+            A[2 * row : 2 * row + 2, at[f]] = slope[:, C + kind]
     for row, (_, k, slope) in enumerate(lines):
-        A[2 * row : 2 * row + 2, :4] = slope[:, :4]
-        A[2 * row : 2 * row + 2, 4 + 2 * k : 6 + 2 * k] = np.eye(2)
+        A[2 * row : 2 * row + 2, :C] = slope[:, :C]
+        A[2 * row : 2 * row + 2, C + 2 * k : C + 2 + 2 * k] = np.eye(2)
     S = A @ prior @ A.T + 0.02**2 * np.eye(len(A))
     mean = prior @ A.T @ np.linalg.solve(S, np.concatenate(right))
-    assert filter.x[:4] == pytest.approx(mean[:4], abs=1e-6)
+    assert filter.x[:C] == pytest.approx(mean[:C], abs=1e-6)
     assert filter.places == pytest.approx(
-        LANDMARKS[:, :2] + 0.1 + mean[4 : 4 + 2 * K].reshape(K, 2), abs=1e-6
+        LANDMARKS[:, :2] + 0.1 + mean[C : C + 2 * K].reshape(K, 2), abs=1e-6
     )
     spread = prior - prior @ A.T @ np.linalg.solve(S, A @ prior)
-    assert filter.P[:4, 6:] == pytest.approx(spread[:4, 4 : 4 + 2 * K], abs=1e-6)
+    assert filter.P[:C, C + 2 :] == pytest.approx(spread[:C, C : C + 2 * K], abs=1e-6)
 
 
 def test_new_place_is_as_one_that_was_not_known_at_all() -> None:
     pose, z = np.array([0.0, 0.0, 0.0, 0.4]), np.array([[2.0, 1.0]])
     R, J = 0.02**2 * np.eye(2)[None], error_basis(z, pose)
-    one, other = SensorFilter(np.zeros(4)), SensorFilter(np.zeros(4))
+    one, other = SensorFilter(np.zeros(8)), SensorFilter(np.zeros(8))
     one.begin(1, z[0], R[0], J[0])
     other.remember(1, np.array([1.5, 0.5]), 1e5 * np.eye(2))
     other.correct(np.array([0]), z, R, J)
@@ -142,8 +167,8 @@ def test_new_place_is_as_one_that_was_not_known_at_all() -> None:
 
 def neighbours() -> tuple[SensorWorlds, np.ndarray]:
     """Three objects 18 cm apart, known well, 4 m ahead; and their numbers' places."""
-    worlds, places = SensorWorlds(np.zeros(4)), np.array([[4.0, -0.18], [4.0, 0.0], [4.0, 0.18]])
-    worlds.best.P[:4, :4] = 1e-8 * np.eye(4)
+    worlds, places = SensorWorlds(np.zeros(8)), np.array([[4.0, -0.18], [4.0, 0.0], [4.0, 0.18]])
+    worlds.best.P[:8, :8] = 1e-8 * np.eye(8)
     worlds.predict(0.0)
     for place in places:
         worlds.best.remember(worlds.number(), place, 0.005**2 * np.eye(2))
@@ -163,7 +188,7 @@ def test_detections_of_a_look_are_turned_together() -> None:
     turned = places @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     assert np.linalg.norm(turned[:, None] - places[None], axis=2).argmin(1).tolist() == [1, 2, 2]
     assert worlds.look(ahead(turned)) == list(worlds.best.numbers)
-    assert worlds.best.x[5] == pytest.approx(turn, abs=0.005)
+    assert worlds.best.x[9] == pytest.approx(turn, abs=0.005)
 
 
 def test_later_looks_decide_whose_a_detection_was() -> None:
@@ -186,12 +211,12 @@ def test_sensor_without_errors_is_left_alone() -> None:
         if step == 100:
             spots[0, :2] += (0.4, 0.3)
         pose = round_trip(step)
-        seen, _ = measured(pose, np.zeros(4), rng)
+        seen, _ = measured(pose, np.zeros(7), rng)
         objects = [ObjectEvidence(spots[k] + rng.normal(0.0, 0.01, 3), 0.01**2 * np.eye(3)) for k in seen]
         state = model.update(
             WorldEvidence(objects, {"pose": tuple(pose.tolist()), "range": 6.0, "angle": 1.2}), 0.2 * step
         )
-    assert model.sensor_bias == pytest.approx(np.zeros(4), abs=0.03)
+    assert model.sensor_bias == pytest.approx(np.zeros(8), abs=0.03)
     for item in state.objects:
         assert np.linalg.norm(spots - item.position, axis=1).min() < 0.03
 
@@ -222,21 +247,21 @@ def drive(stated: float, seed: int, learn: bool) -> tuple[WorldModel, list[tuple
 def test_watching_changes_nothing_for_a_sensor_without_errors(stated: float) -> None:
     """Whatever covariances it states, and although things are carried about."""
     model, said = drive(stated, 7, learn=True)
-    assert model.sensor_bias == (0.0, 0.0, 0.0, 0.0)
+    assert model.sensor_bias == (0.0,) * 8
     assert said == drive(stated, 7, learn=False)[1]
 
 
 def test_sensor_that_stands_tells_nothing_about_its_errors() -> None:
     """Next to nothing: noise of bearings far off the axis is no change of place."""
-    rng, errors = np.random.default_rng(1), SensorErrors(np.zeros(4))
+    rng, errors = np.random.default_rng(1), SensorErrors(np.zeros(8))
     places, pose = np.array([[1.0, -0.5], [1.0, 0.4], [1.5, 0.5]]), np.zeros(4)
     R = np.tile(0.03**2 * np.eye(2), (3, 1, 1))
     for step in range(300):
         errors.worlds.predict(0.05 * step)
         errors.add([1, 2, 3], places + rng.normal(0.0, 0.03, (3, 2)), R, pose)
-    spread = errors.worlds.best.P.diagonal()[:4]
+    spread = errors.worlds.best.P.diagonal()[:8]
     assert (np.sqrt(spread) > 0.4 * PRIOR).all()
-    assert (np.abs(errors.worlds.best.x[:4]) < PRIOR).all()
+    assert (np.abs(errors.worlds.best.x[:8]) < PRIOR).all()
     assert not errors.in_use
 
 
@@ -270,7 +295,7 @@ def test_one_witness_is_not_enough() -> None:
 
 
 def test_resting_sensor_is_left_alone() -> None:
-    errors = SensorErrors(np.zeros(4))
+    errors = SensorErrors(np.zeros(8))
     assert not errors.follow(np.array([1.0, 2.0, 0.0, 0.0]), 0.0)
     assert not errors.follow(np.array([1.2, 2.0, 0.0, 3.0]), 0.1)
     assert errors.follow(np.array([1.6, 2.0, 0.0, 0.0]), 0.2)

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from whereabouts.experiments.anchoring_recorded import landmark_run, tracking_run
+from whereabouts.experiments.anchoring_landmarks import LandmarkWorld
+from whereabouts.experiments.anchoring_recorded import LandmarkRun, anchored, landmark_run, tracking_run
 from whereabouts.experiments.anchoring_scenes import AntRun, ants, known, play, scenes
 from whereabouts.experiments.anchoring_table import cups, cups_in_words, dynamic_table
 from whereabouts.experiments.report import Options, Report, Table
@@ -42,6 +43,7 @@ def run(options: Options) -> Report:
     _table(options, report)
     _cups(options, report)
     _ants(options, report)
+    _simulated_landmarks(options, report)
     if options.data is None:
         report.notes.append("no recordings: landmarks and vehicles are left out")
     else:
@@ -181,6 +183,37 @@ def _draw_counts(folder: Path, run: AntRun) -> Path:
     path = folder / "figure-2-11-ants.png"
     figure.savefig(path, dpi=120)
     return path
+
+
+HELD_OUT = 20
+"""Seed of the first simulated world of landmarks that no setting was chosen on."""
+
+
+def _simulated_landmarks(options: Options, report: Report) -> None:
+    """Worlds with and without errors of the camera, each with learning and without."""
+    rows: list[list[Any]] = []
+    for errors in (True, False):
+        found: dict[bool, list[LandmarkRun]] = {True: [], False: []}
+        for k in range(1 if options.quick else 3):
+            world = LandmarkWorld(options.seed + HELD_OUT + k, 3.0 if options.quick else 15.0, errors)
+            for learn, runs in found.items():
+                runs.append(anchored(world.sightings(), learn=learn))
+        shares = [
+            [round(100 * r.right, 1) for r in found[False]],
+            [round(100 * r.right, 1) for r in found[True]],
+            [round(100 * r.corrected, 1) for r in found[True]],
+        ]
+        kind = "with errors" if errors else "without"
+        rows.append([kind, *(", ".join(map(str, share)) for share in shares)])
+        report.figures[f"simulated landmarks {kind} right_percent"] = float(np.mean(shares[1]))
+        report.figures[f"simulated landmarks {kind} corrected_percent"] = float(np.mean(shares[2]))
+    columns = [
+        "camera",
+        "with the right landmark at once, nothing learned, %",
+        "at once, %",
+        "looking back, %",
+    ]
+    report.tables.append(Table("Landmarks, simulated", columns, rows, "15 minutes each"))
 
 
 def _landmarks(options: Options, report: Report, folder: Path) -> None:

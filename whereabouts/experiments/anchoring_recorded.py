@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +32,13 @@ class LandmarkRun:
 
 def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.05, 0.015)) -> LandmarkRun:
     """One robot's sightings of a MRCLAM recording from its true poses; sigma: of range (m) and bearing (rad)."""
+    return anchored(mrclam.sightings(folder, robot), sigma)
+
+
+def anchored(
+    sightings: Iterable[mrclam.Sighting], sigma: tuple[float, float] = (0.05, 0.015), learn: bool = True
+) -> LandmarkRun:
+    """Sightings without their barcodes, from known poses. learn : whether the sensor's errors are learned."""
     config = WorldModelConfig(
         classes=("landmark", "robot"),
         region=((-2.0, 6.0), (-7.0, 7.0), (-0.5, 0.5)),
@@ -43,11 +50,12 @@ def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.05, 0
             "landmark": {"model": "static", "moved_per_second": 0.0},
             "robot": {"model": "constant_velocity", "accel_sigma": 0.2},
         },
+        learn_sensor_bias=learn,
     )
     model = WorldModel(config)
     pairs: Counter[tuple[int, str | None]] = Counter()
-    given: list[list[int]] = []
-    for seen in mrclam.sightings(folder, robot):
+    given: list[tuple[list[int], tuple[str | None, ...]]] = []
+    for seen in sightings:
         evidence, subjects = [], []
         turn = np.array(
             [[np.cos(seen.pose[2]), -np.sin(seen.pose[2])], [np.sin(seen.pose[2]), np.cos(seen.pose[2])]]
@@ -64,10 +72,12 @@ def landmark_run(folder: Path, robot: int, sigma: tuple[float, float] = (0.05, 0
         sensor = {"pose": (*seen.pose[:2], 0.0, seen.pose[2]), "range": 6.0, "angle": 1.1}
         state = model.update(WorldEvidence(evidence, sensor), seen.stamp)
         if subjects:
-            given.append(subjects)
+            given.append((subjects, state.associations))
         pairs.update(_of_landmarks(subjects, state.associations))
     after: Counter[tuple[int, str | None]] = Counter()
-    for subjects, (_, names) in zip(given, model.look_back(), strict=True):
+    # Nothing is kept to look back at unless errors are learned.
+    final = [names for _, names in model.look_back()] if learn else [names for _, names in given]
+    for (subjects, _), names in zip(given, final, strict=True):
         after.update(_of_landmarks(subjects, names))
     return LandmarkRun(pairs.total(), _right(pairs), _right(after), len({subject for subject, _ in pairs}))
 
