@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.poses import between
+from estimation.poses import between, inverse
 from registration.align import among_movers
 from registration.crf.beams import AGREES, Beams, seen_by
 from registration.motion import Array
@@ -27,6 +27,7 @@ SAME = 0.03  # metres and radians between two answers that are one
 BETTER = 0.02  # share of the rest that has to agree more for another answer
 LEAST = 0.6  # share of the rest that has to agree with an answer that it does not give itself
 LEAST_FILLED = 0.6  # and with one that it gives, where most of the scan is filled
+FOLLOWED = 0.7  # share of a near thing that agrees with an answer that it may have decided
 MUCH = 0.4  # of the beams of a scan, from which the rest has to say in which direction the sensor went
 
 
@@ -69,10 +70,16 @@ def told_by_the_rest(
         least = LEAST_FILLED if np.mean(big) > 0.5 else 0.0
     else:
         least = LEAST
-    if registration.converged and agreed < least:
+    if registration.converged and agreed < least and _follows(a, b, registration.transform, big, other):
         reason = f"what fills {np.mean(big):.0%} of the scan fits, but only {agreed:.0%} of the rest"
         return replace(registration, converged=False, reason=reason)
     return registration
+
+
+def _follows(a: Beams, b: Beams, pose: Array, big: NDArray[np.bool_], other: NDArray[np.bool_]) -> bool:
+    """Whether what is near in either scan, (n,) and (m,), agrees with an answer; else it has not decided it."""
+    shares = (_agreeing(a, b, pose, big), _agreeing(b, a, inverse(pose), other))
+    return max(shares) > FOLLOWED
 
 
 def _agreeing(a: Beams, b: Beams, pose: Array, wanted: NDArray[np.bool_]) -> float:

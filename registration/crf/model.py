@@ -26,7 +26,7 @@ from registration.crf.finish import finish, standing
 from registration.crf.inference import infer_labels
 from registration.crf.potentials import WEIGHTS
 from registration.crf.setup import Start, problem_of, start, starts_of
-from registration.crf.verdict import overruled
+from registration.crf.verdict import Verdict, overruled
 from registration.motion import Array
 from registration.result import Registration
 from registration.scan import Scan
@@ -47,6 +47,7 @@ class JointModel:
     outlier: AdaBoost | None = None
     card: dict[str, Any] = field(default_factory=dict)
     verdict: GradientBoosting | None = None
+    _verdict: Verdict | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> JointModel:
@@ -135,7 +136,9 @@ class JointModel:
         labelling = infer_labels(problem, self.weights, schedule)
         estimate = finish(begun, problem, labelling)
         if self.verdict is not None:
-            estimate = overruled(estimate, begun, problem, self.verdict)
+            if self._verdict is None or self._verdict.trees is not self.verdict:
+                self._verdict = Verdict(self.verdict)
+            estimate = overruled(estimate, begun, problem, self._verdict)
         if not refined:
             return estimate
         background = without_movers(

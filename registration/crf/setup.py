@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from estimation.boosting import AdaBoost
 from estimation.poses import inverse
-from registration.align import align, among_movers, search
+from registration.align import REACH, TURN, align, among_movers, search
 from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, nearness, seen_by
 from registration.crf.candidates import candidates
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses
 from registration.crf.potentials import Problem
 from registration.crf.shape_features import outlier_features, pair_features
-from registration.judgement import LENIENT
+from registration.judgement import LENIENT, Asked
 from registration.motion import Array
 from registration.outline import outline_of
 from registration.result import Registration
@@ -25,6 +25,7 @@ from registration.scan import Scan
 FAR, FAR_TURN = 2.0, np.deg2rad(60.0)  # metres and radians searched where nothing fits near
 FAST = 3.0  # m/s the sensor may go, where stamps tell the interval
 NEAR_REACH = 0.8  # metres `align` searches
+CROWDED = Asked(0.65, 0.36, 1.15, -np.inf, False)  # of the nearest answer where there is no better one
 FAR_FITNESS = 0.85  # what is found there has to fit better than most
 LEAST_STANDING = (
     0.33  # share of either scan's beams that agree with the other: outlines say less where one is filled
@@ -89,17 +90,23 @@ def start(
 
 
 def _register(scan_a: Scan, scan_b: Scan) -> Registration:
-    """The background's motion: near first, then farther, as far as a fast robot goes between the two."""
+    """The background's motion: near first, then farther, as far as a fast robot goes between the two.
+
+    Where neither is enough, less is asked of what is near: in a crowd little of the outlines stands.
+    """
     moving, still = outline_of("scan_a", scan_a), outline_of("scan_b", scan_b)
     near = among_movers(moving, still, np.zeros(3))
-    reach = min(FAR, FAST * abs(scan_b.stamp - scan_a.stamp))
-    if near.converged or reach < NEAR_REACH:
+    if near.converged:
         return near
-    far = search(moving, still, np.zeros(3), reach, FAR_TURN, LENIENT)
-    if not far.converged and "settle" in far.reason:
-        again = align(scan_a, scan_b, far.transform, "point_to_line")
-        far = again if again.converged else far
-    return far if far.converged and far.fitness > FAR_FITNESS else near
+    reach = min(FAR, FAST * abs(scan_b.stamp - scan_a.stamp))
+    if reach >= NEAR_REACH:
+        far = search(moving, still, np.zeros(3), reach, FAR_TURN, LENIENT)
+        if not far.converged and "settle" in far.reason:
+            again = align(scan_a, scan_b, far.transform, "point_to_line")
+            far = again if again.converged else far
+        if far.converged and far.fitness > FAR_FITNESS:
+            return far
+    return search(moving, still, np.zeros(3), REACH, TURN, CROWDED)
 
 
 def reach_of(scan_a: Scan, scan_b: Scan) -> float:

@@ -19,7 +19,7 @@ from registration.crf.setup import Start, boosting_features, problem_of, start, 
 from registration.motion import Array
 from registration.scan import Scan
 
-TREES, DEPTH = 150, 4
+TREES, DEPTH = 150, 6
 MOST_POINTS = 400  # of a pair, that the trees learn from
 SAME = 0.3  # overlap of members from which a group is a true object
 

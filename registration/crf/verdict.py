@@ -22,18 +22,46 @@ from registration.crf.potentials import Problem
 from registration.crf.setup import Start
 from registration.motion import Array
 
-MOVES = 2.0  # log odds, both equally likely beforehand, from which a point moves
+MOVES = 2.2  # log odds, both equally likely beforehand, from which a point moves
 JOINS = 0.3  # metres to an object within which what moves is part of it
 LINK = 0.45  # metres between parts of one thing: two legs
+FIRST = 20  # trees that every point is shown to
+STANDS = -1.5  # log odds by those below which the others are not asked: they would only say the same, surer
+SURER = 2.4  # times what the first trees say: what all would
 
 
-def overruled(
-    estimate: JointEstimate, begun: Start, problem: Problem, verdict: GradientBoosting
-) -> JointEstimate:
+class Verdict:
+    """Boosted trees in two parts; most points of a scan are settled by the first.
+
+    trees : all of them.
+    """
+
+    def __init__(self, trees: GradientBoosting) -> None:
+        self.trees = trees
+        content = trees.to_dict()
+        self._first, self._rest = (
+            GradientBoosting.from_dict(content | {"trees": part}) if part else None
+            for part in (content["trees"][:FIRST], content["trees"][FIRST:])
+        )
+
+    def odds(self, rows: Array) -> Array:
+        """Log odds (n,) that the points with evidence `rows` (n, len(NAMES)) move."""
+        assert self._first is not None
+        odds = self._first.decision(rows)
+        if self._rest is None:
+            return odds
+        doubtful = odds > STANDS
+        odds[~doubtful] *= SURER
+        if doubtful.any():
+            odds[doubtful] += self._rest.decision(rows[doubtful])
+        return odds
+
+
+def overruled(estimate: JointEstimate, begun: Start, problem: Problem, verdict: Verdict) -> JointEstimate:
     """The estimate with what moves decided anew."""
     beams = begun.a.beams
     said = estimate.clusters[beams]
-    odds = verdict.decision(evidence(begun, problem, said, estimate.probabilities[beams]))
+    odds = verdict.odds(evidence(begun, problem, said, estimate.probabilities[beams]))
     clusters = decided(begun, said, odds > MOVES)
     associations = estimate.associations[beams]
     associations[(clusters != said) & (clusters != 0)] = -1

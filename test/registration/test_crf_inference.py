@@ -11,6 +11,7 @@ from registration import Scan, align, align_globally
 from registration.crf import JointEstimate, JointModel
 from registration.crf.baselines import free_space
 from registration.crf.online import ScanSegmenter, SegmenterConfig
+from registration.crf.setup import start
 from registration.crf.window import segment
 from whereabouts.datasets import data_directory
 from whereabouts.experiments.crf import f1_of
@@ -47,7 +48,7 @@ def test_the_texts_protocol(model: JointModel) -> None:
     true = np.mean([each.true_outliers for each in found])
     assert np.mean([each.outliers_association for each in found]) == pytest.approx(true, abs=0.02)
     assert np.nanmean([each.found_association for each in found]) > 0.75
-    objects = [error for each in found for error in each.objects]
+    objects = [error for each in found for error in each.objects.values()]
     assert len(objects) > 0.6 * sum(len(pair.movers) for pair in pairs)
     rotation, translation = np.mean(objects, axis=0)
     assert rotation < 0.03
@@ -221,6 +222,18 @@ def test_a_near_box_that_moves_is_not_taken_for_the_world(model: JointModel) -> 
         assert abs(away[2]) < 0.05, seed
     assert filled >= 5
     assert told >= 15
+
+
+def test_few_crowds_are_too_much_and_none_gives_a_wrong_motion() -> None:
+    refused, wrong = 0, 0
+    for seed in (12, 13, 14):
+        for pair in random_labelled_pairs(np.random.default_rng([seed, 7]), "crowd", 40):
+            begun = start(pair.scan_a, pair.scan_b).registration
+            away = begun.transform - pair.motions[0]
+            refused += not begun.converged
+            wrong += begun.converged and (np.hypot(*away[:2]) > 0.1 or abs(away[2]) > 0.05)
+    assert refused <= 6  # of 120, and 11 where little of the outlines was not enough
+    assert wrong == 0
 
 
 def test_what_comes_nearer_is_found_though_nothing_shows_through_where_it_was(model: JointModel) -> None:

@@ -16,7 +16,7 @@ from registration.crf.evidence import NAMES, evidence
 from registration.crf.finish import finish
 from registration.crf.inference import infer_labels
 from registration.crf.setup import problem_of, start, starts_of
-from registration.crf.verdict import decided
+from registration.crf.verdict import MOVES, Verdict, decided
 from registration.crf.window import vote
 from whereabouts.experiments.crf import f1_of
 from whereabouts.experiments.crf_metrics import scores
@@ -110,6 +110,25 @@ def test_decisions_join_the_object_beside_or_become_one(model: JointModel, pairs
     rows = evidence(begun, problem, said, estimate.probabilities[beams])
     assert rows.shape == (len(begun.a), len(NAMES))
     assert np.isfinite(rows).all()
+
+
+def test_the_first_trees_settle_most_points_as_all_would(
+    model: JointModel, pairs: list[LabelledPair]
+) -> None:
+    assert model.verdict is not None
+    verdict, settled = Verdict(model.verdict), []
+    for pair in pairs[:12]:
+        begun = start(pair.scan_a, pair.scan_b)
+        problem = problem_of(begun, begun.motions, starts_of(begun), model.data, model.outlier)
+        estimate = finish(begun, problem, infer_labels(problem, model.weights))
+        beams = begun.a.beams
+        rows = evidence(begun, problem, estimate.clusters[beams], estimate.probabilities[beams])
+        odds, every = verdict.odds(rows), model.verdict.decision(rows)
+        settled.append(np.mean(np.abs(odds - every) > 1e-9))
+        assert_array_equal(odds > MOVES, every > MOVES)
+        likely, all_say = 1.0 / (1.0 + np.exp(MOVES - odds)), 1.0 / (1.0 + np.exp(MOVES - every))
+        assert np.abs(likely - all_say).mean() < 0.01
+    assert 0.3 < np.mean(settled) < 0.95
 
 
 def test_a_model_keeps_its_verdict(model: JointModel, pairs: list[LabelledPair], tmp_path: Path) -> None:

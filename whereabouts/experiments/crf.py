@@ -114,7 +114,7 @@ def _table_of_motions(found: dict[str, list[Scores]], report: Report) -> None:
     rows: list[list[object]] = []
     for name in MODELS:
         backgrounds = [each.background for each in found[name]]
-        right = [error for each in found[name] for error in each.objects]
+        right = [error for each in found[name] for error in each.objects.values()]
         everything = [error for each in found[name] for error in each.all_objects]
         kinds = {"text": right + backgrounds, "objects": right, "all": everything + backgrounds}
         row: list[object] = [name, len(right)]
@@ -124,14 +124,32 @@ def _table_of_motions(found: dict[str, list[Scores]], report: Report) -> None:
             report.figures[f"motion {name} {kind} rotation"] = float(rotation)
             report.figures[f"motion {name} {kind} translation"] = float(translation)
         report.figures[f"motion {name} objects right"] = float(len(right))
+        own, joint = _on_the_same(found[name], found[MODELS[3]])
+        for whose, error in (("same", own), ("same, joint", joint)):
+            row.append(round(error, 4))
+            report.figures[f"motion {name} {whose} translation"] = error
         rows.append([*row, *THEIRS_III[name]])
     total = sum(len(each.all_objects) for each in found[MODELS[3]])
     columns = ["technique", "objects right"]
     for kind in ("right and background", "right objects", "all objects and background"):
         columns += [f"{kind}: rad", "m"]
+    columns += ["right here and in the joint model, and background: m", "the joint model there: m"]
     columns += ["text: rad", "m"]
     note = f"mean error of motions, translation where the object is; {total} objects, those not found taken to stand"
     report.tables.append(Table("Table III: motions", columns, rows, note))
+
+
+def _on_the_same(every: Sequence[Scores], joint: Sequence[Scores]) -> tuple[float, float]:
+    """Mean error (m) of a technique and of the joint model over the objects both have right, and the background.
+
+    Each alone has it easy where it only has right what is easy.
+    """
+    errors = []
+    for mine, theirs in zip(every, joint, strict=True):
+        errors.append((mine.background[1], theirs.background[1]))
+        errors += [(mine.objects[k][1], theirs.objects[k][1]) for k in mine.objects if k in theirs.objects]
+    own, other = np.mean(errors, axis=0)
+    return float(own), float(other)
 
 
 def _mean(every: Sequence[Scores], name: str) -> float:

@@ -21,8 +21,9 @@ class Scores:
     """One pair: shares, edit distances, and errors (rotation rad, translation m) of correctly clustered objects.
 
     association, clustering : accuracy. outliers_*: share said to be outliers; found_*: share of the true ones found.
-    translation is that of the object's middle. all_objects : the same of every true object, where those not found are
-    taken to stand with the background. counts : true positive, false positive, false negative moving beams.
+    translation is that of the object's middle. objects : by the number of the true one. all_objects : the same of every
+        true object, where those not found are taken to stand with the background.
+    counts : true positive, false positive, false negative moving beams.
     """
 
     association: float
@@ -34,7 +35,7 @@ class Scores:
     outliers_clustering: float
     found_clustering: float
     true_outliers: float
-    objects: list[tuple[float, float]]
+    objects: dict[int, tuple[float, float]]
     all_objects: list[tuple[float, float]]
     background: tuple[float, float]
     counts: tuple[int, int, int]
@@ -93,7 +94,7 @@ def scores(pair: LabelledPair, estimate: JointEstimate) -> Scores:
         float(np.mean(clusters < 0)),
         _share(clusters < 0, outlier),
         float(np.mean(outlier)),
-        list(right.values()),
+        right,
         [right.get(k, missed[k]) for k in range(1, len(pair.motions))],
         _error(np.zeros(2), estimate.motions[0], pair.motions[0]),
         (int(np.sum(moving & said)), int(np.sum(~moving & said)), int(np.sum(moving & ~said))),
