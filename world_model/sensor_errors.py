@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.sensor_bias import CONSTANT, PARALLAX, PRIOR, rates
+from world_model.sensor_bias import CONSTANT, LATEST, PARALLAX, PRIOR, rates
 from world_model.sensor_evidence import SensorEvidence
 from world_model.sensor_filter import SHARED, error_basis
 from world_model.sensor_worlds import SensorWorlds
@@ -20,6 +20,8 @@ FASTEST = 5.0
 """m/s: no sensor moves faster."""
 MOVED = 0.3
 """m: what is seen this far from where it was expected was carried, or is another."""
+BASELINE = 0.1
+"""s: poses this far apart say how fast the sensor moves, if there are any."""
 MOST = 100
 """Places that are kept; of more, those not seen for longest go back to being independent."""
 TAKEN = 0.1
@@ -57,6 +59,7 @@ class SensorErrors:
         self._start: FloatArray | None = None
         self._last: tuple[FloatArray, float] | None = None
         self.rate = np.zeros(3)
+        self._trail: list[tuple[FloatArray, float]] = []
 
     @property
     def values(self) -> FloatArray:
@@ -72,19 +75,26 @@ class SensorErrors:
         """To a new look; whether it is taken in: the sensor has moved far enough to tell its errors from the objects'
         places."""
         if self._last is not None:
-            far, elapsed = float(np.hypot(*(pose[:2] - self._last[0][:2]))), max(stamp - self._last[1], 0.0)
-            rate = rates(pose, self._last[0], np.asarray(elapsed))
+            far, elapsed = float(np.hypot(*(pose[:2] - self._last[0]))), max(stamp - self._last[1], 0.0)
             if far > PARALLAX + FASTEST * elapsed:
                 # That is another sensor: what was learned is not its.
                 self.reset()
-                rate = np.zeros(3)
-            self.rate = rate
-        self._last = pose.copy(), stamp
+        self._pace(pose, stamp)
+        self._last = pose[:2].copy(), stamp
         if self._start is None:
             self._start, self.since = pose[:2].copy(), stamp
         self.moved = self.moved or bool(np.hypot(*(pose[:2] - self._start)) > PARALLAX)
         self.looks += self.moved
         return self.watching
+
+    def _pace(self, pose: FloatArray, stamp: float) -> None:
+        """How fast the sensor moves, from poses far enough apart in time that their own errors do not matter."""
+        self._trail = [(then, when) for then, when in self._trail if stamp - LATEST < when <= stamp]
+        before = next((one for one in reversed(self._trail) if stamp - one[1] >= BASELINE), None)
+        if before is None and self._trail:
+            before = self._trail[0]
+        self.rate = np.zeros(3) if before is None else rates(pose, before[0], np.asarray(stamp - before[1]))
+        self._trail.append((pose.copy(), stamp))
 
     @property
     def watching(self) -> bool:

@@ -80,6 +80,17 @@ def test_rates_are_of_poses_that_are_near_in_time() -> None:
     assert not rates(pose + np.array([3.0, 0.0, 0.0, 0.0]), before, np.asarray(0.1)).any()
 
 
+def test_pace_is_of_more_than_two_poses_where_they_come_fast() -> None:
+    """Poses that are off by a millimetre each, 100 times a second, do not make a sensor dart to and fro."""
+    errors = SensorErrors(np.zeros(8))
+    for step in range(40):
+        jump = 0.001 * (-1.0) ** step
+        errors.follow(np.array([0.002 * step + jump, 0.0, 0.0, 0.005 * step]), 0.01 * step)
+    assert errors.rate == pytest.approx([0.2, 0.0, 0.5], abs=0.03)
+    errors.follow(np.array([0.1, 0.0, 0.0, 0.2]), 10.0)
+    assert not errors.rate.any()
+
+
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_errors_are_found_from_different_places(seed: int) -> None:
     """Also what was taken for another object before they were known is one in the end."""
