@@ -150,7 +150,7 @@ class PeopleTracker:
         owners, scores = self._associate(seen, place, before)
         shares, places = self._shares(scan, place)
         names = self.tracks.names
-        moment = Moment(float(stamp), dt, self._steady)
+        moment = Moment(float(stamp), dt, self._steady, self._walking.times)
         update(self.tracks, seen, owners, scores, shares, places, moment, self.config)
         now = Past.of(scan, sweep, place, float(stamp))
         self._walk(now, clusters, seen, owners, dt)

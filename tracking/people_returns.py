@@ -83,6 +83,8 @@ def _take(tracks: Tracks, person: int, thing: int) -> None:
         "cruises",
         "bodies",
         "spots",
+        "wholes",
+        "part",
     ):
         getattr(tracks, name)[person] = getattr(tracks, name)[thing]
     tracks.existence[person] = min(max(tracks.existence[person], 0.0) + tracks.existence[thing], SURE)

@@ -14,8 +14,10 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 SURE = 8.0  # log-odds, the most that is believed of anything
+SMOOTHLY = 0.15  # share of the usual acceleration with which somebody who walks does so out of sight
+WALKS = 3.0  # log-likelihood ratio of having walked from which somebody is known to
 GOES_ON = 2.5  # seconds out of sight after which somebody slows down
-TRAIL = 8  # places remembered of everybody
+TRAIL = 16  # places remembered of everybody
 
 
 @dataclass
@@ -31,8 +33,9 @@ class Tracks:
     walking : the same from having walked just now, which fades.
     bodies (T, 3) : half the width and the depth of one round body, m, and how much of the time it is one.
     cruises (T, 2) : velocity over the last steps, m/s. spots (T, 2) : where it was when it was last seen, m.
+    wholes (T, 2) : where it was when nothing hid a part of it, m; part : seconds since then.
     arrived : share of its first half second in which it stood where it was empty before.
-    trails (T, TRAIL, 2) : where it was in the last half second, the newest last, nan before it was there.
+    trails (T, TRAIL, 2) : where it was in the last one and a half seconds, the newest last, nan before it was there.
     public : label once reported, -1 before. shown : whether it is reported now.
     """
 
@@ -59,6 +62,8 @@ class Tracks:
     bodies: FloatArray
     cruises: FloatArray
     spots: FloatArray
+    wholes: FloatArray
+    part: FloatArray
     arrived: FloatArray
 
     def __len__(self) -> int:
@@ -92,6 +97,8 @@ class Tracks:
             np.zeros((n, 3)),
             np.zeros((n, 2)),
             means[:, :2].copy(),
+            means[:, :2].copy(),
+            np.zeros(n),
             np.zeros(n),
         )
 
@@ -121,13 +128,15 @@ class Tracks:
         Q[0, 2] = Q[2, 0] = Q[1, 3] = Q[3, 1] = dt**2 / 2.0
         Q[2, 2] = Q[3, 3] = dt
         # Out of sight people mostly go on as they did.
-        q = np.where(self.hidden > 0.25, 0.5 * acceleration, acceleration) ** 2
+        smoothly = np.where(self.motion > WALKS, SMOOTHLY, 0.5)
+        q = np.where(self.hidden > 0.25, smoothly * acceleration, acceleration) ** 2
         self.means = self.means @ F.T
         self.covariances = F @ self.covariances @ F.T + q[:, None, None] * Q
         # Who is out of sight goes on for a while, but not for ever.
         slower = np.where(self.hidden > GOES_ON, math.exp(-dt / 1.5), 1.0)
         self.means[:, 2:] *= slower[:, None]
         self.age += dt
+        self.part += dt
         survival = math.exp(-dt / memory)
         known = 1.0 / (1.0 + np.exp(-self.existence))
         stays = np.where(self.hidden > 0.0, known * survival, known)
@@ -141,6 +150,7 @@ class Tracks:
         self.means[:, 2:] = self.means[:, 2:] @ turn
         self.cruises[:] = self.cruises @ turn
         self.origins[:] = self.origins @ turn + motion[:2]
+        self.wholes[:] = self.wholes @ turn + motion[:2]
         self.spots[:] = self.spots @ turn + motion[:2]
         self.trails[:] = self.trails @ turn + motion[:2]
         both = np.kron(np.eye(2), turn.T)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,12 +12,18 @@ from tracking.occlusion import WEIGHTS
 from tracking.people_association import WIDE, Seen
 from tracking.people_config import PeopleConfig
 from tracking.people_middle import learn_body, middle
-from tracking.people_tracks import SURE, IntArray, Tracks
+from tracking.people_tracks import SURE, TRAIL, WALKS, IntArray, Tracks
 
 FULL = 8  # returns with which a cluster shows its shape
 LAG = 1.5  # seconds over which walking shows
 COASTING = 0.35  # seconds after which somebody not seen is taken to be hidden
 STEPS, SWING = 0.8, 0.6  # seconds over which a walk is known, and m/s by which a leg swings off it
+STRAIGHT, SHORTEST, FEWEST = 0.025, 0.35, 5  # metres off a straight way, and seconds and places that make one
+STEADY = 0.15  # m/s, how well several steps tell the velocity
+PARTLY, SWAYS = (
+    0.8,
+    0.5,
+)  # seconds partly hidden, and metres, for which where he was when seen wholly tells more
 SURPRISE, TURNED = (
     6.0,
     1.0,
@@ -28,11 +34,15 @@ SLIDING = 0.25  # m/s, slower than that is not walking
 
 @dataclass(frozen=True)
 class Moment:
-    """stamp : of the scan, s. dt : since the last one, s. steady : whether the frame has held."""
+    """stamp : of the scan, s. dt : since the last one, s. steady : whether the frame has held.
+
+    times : stamps of the places in the trails of tracks, s, nan for none.
+    """
 
     stamp: float
     dt: float
     steady: bool = True
+    times: FloatArray = field(default_factory=lambda: np.full(TRAIL, np.nan))
 
 
 def update(
@@ -57,7 +67,7 @@ def update(
             # The next thing to show of somebody who was hidden is a part of a leg: easily missed.
             rate = keeps if tracks.hidden[t] < COASTING else 0.3 * keeps
             if tracks.hidden[t] == 0.0 and float(WEIGHTS @ shares[t]) < 0.5:
-                _go_on(tracks, t)
+                _go_on(tracks, t, moment)
             _miss(tracks, t, shares[t], places[t], 1.0 - math.exp(-rate))
             tracks.hidden[t] += dt
             continue
@@ -70,11 +80,46 @@ def update(
         learn(tracks, t, seen, mine, moment)
 
 
-def _go_on(tracks: Tracks, t: int) -> None:
-    """Out of sight people go on as they did over the last steps; the last scan saw a leg swing, or half a body."""
-    change = tracks.cruises[t] - tracks.means[t, 2:]
-    if tracks.looks[t] > STEPS and math.hypot(change[0], change[1]) < SWING:
-        tracks.means[t, 2:] = tracks.cruises[t]
+def steady_velocity(trail: FloatArray, times: FloatArray) -> FloatArray | None:
+    """Velocity (2,) m/s of the longest straight way that ends a trail (H, 2) m at times (H,) s; None without."""
+    known = np.isfinite(times) & np.isfinite(trail[:, 0])
+    trail, times = trail[known], times[known]
+    for first in range(len(times) - FEWEST + 1):
+        when = times[first:] - times[first:].mean()
+        if times[-1] - times[first] < SHORTEST:
+            return None
+        velocity = when @ trail[first:] / (when @ when)
+        off = trail[first:] - trail[first:].mean(0) - when[:, None] * velocity
+        if np.mean(off**2) < STRAIGHT**2:
+            return np.asarray(velocity)
+    return None
+
+
+def _go_on(tracks: Tracks, t: int, moment: Moment) -> None:
+    """Out of sight people go on as they did over the last steps.
+
+    The last scans saw a leg swing, or half a body, and not where he was: that is known from when he was seen wholly.
+    """
+    known = None
+    if tracks.motion[t] > WALKS:
+        wholly = moment.times <= moment.stamp - tracks.part[t]
+        known = steady_velocity(tracks.trails[t, wholly], moment.times[wholly])
+    cruise = tracks.cruises[t] if known is None else known
+    change = cruise - tracks.means[t, 2:]
+    if known is None and (tracks.looks[t] <= STEPS or math.hypot(change[0], change[1]) >= SWING):
+        return
+    tracks.means[t, 2:] = cruise
+    if known is None:
+        return
+    place = tracks.wholes[t] + tracks.part[t] * cruise
+    off = place - tracks.means[t, :2]
+    if tracks.part[t] < PARTLY and math.hypot(off[0], off[1]) < SWAYS:
+        tracks.means[t, :2] = place
+    # Several steps tell the velocity better than the last one does.
+    P = tracks.covariances[t]
+    speed = math.sqrt(max(0.5 * (P[2, 2] + P[3, 3]), 1e-12))
+    scale = np.array([1.0, 1.0, *2 * [min(1.0, STEADY / speed)]])
+    tracks.covariances[t] = scale[:, None] * P * scale
 
 
 def _miss(tracks: Tracks, t: int, shares: FloatArray, places: FloatArray, detection: float) -> None:
@@ -138,8 +183,10 @@ def learn(tracks: Tracks, t: int, seen: Seen, mine: IntArray, moment: Moment) ->
     if tracks.looks[t] < FIRST:
         fresh = float(seen.fresh[mine].mean()) if moment.steady else 0.0
         tracks.arrived[t] += dt / (tracks.looks[t] + dt) * (fresh - tracks.arrived[t])
-    share_of_steps = dt / (min(tracks.looks[t], STEPS) + dt)
-    tracks.cruises[t] += share_of_steps * (tracks.means[t, 2:] - tracks.cruises[t])
+    if _whole(seen, mine):
+        share_of_steps = dt / (min(tracks.looks[t], STEPS) + dt)
+        tracks.cruises[t] += share_of_steps * (tracks.means[t, 2:] - tracks.cruises[t])
+        tracks.wholes[t], tracks.part[t] = tracks.means[t, :2], 0.0
     tracks.looks[t] += dt
     tracks.oldness[t] += min(1.0, dt / 1.0) * (float(seen.old[mine].mean()) - tracks.oldness[t])
     learn_body(tracks, t, seen, mine, dt)
@@ -149,6 +196,12 @@ def learn(tracks: Tracks, t: int, seen: Seen, mine: IntArray, moment: Moment) ->
     off = seen.places[mine] - tracks.means[t, :2]
     spread = off.T @ off / len(mine) + np.eye(2) * 0.06**2
     tracks.extents[t] += (0.2 if tracks.extents[t, 0, 0] else 1.0) * (spread - tracks.extents[t])
+
+
+def _whole(seen: Seen, mine: IntArray) -> bool:
+    """Whether nothing nearer hides what is next to somebody, to either side."""
+    first, last = mine[seen.index[mine].argmin()], mine[seen.index[mine].argmax()]
+    return not (seen.cut[first, 0] or seen.cut[last, 1])
 
 
 def _learn_motion(tracks: Tracks, t: int, fresh: float, old: float, moment: Moment) -> None:

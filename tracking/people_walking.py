@@ -42,7 +42,7 @@ MANY = 20  # things in view: as many as where it was measured; jerks need neighb
 
 
 class Walking:
-    """Remembers where everybody was in the last half second, and how fast the robot was."""
+    """Remembers where everybody was lately, and how fast the robot was."""
 
     def __init__(self) -> None:
         self.times = np.full(TRAIL, np.nan)

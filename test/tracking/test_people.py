@@ -19,7 +19,7 @@ from tracking.people_middle import depths
 from tracking.people_returns import come_back
 from tracking.people_sweep import Sweep
 from tracking.people_tracks import Tracks
-from tracking.people_update import _miss
+from tracking.people_update import Moment, _go_on, _miss, steady_velocity
 from tracking.people_walking import steady_speeds
 from whereabouts.datasets import recording
 from whereabouts.experiments.people_judging import (
@@ -317,6 +317,35 @@ def test_covariances_stay_definite_while_nobody_is_seen() -> None:
             shares = (places @ rng.standard_normal(2) > 0.0).astype(float)
             _miss(tracks, 0, shares, places - tracks.means[0, :2], 0.8)
             assert np.linalg.eigvalsh(tracks.covariances[0]).min() > 0.0
+
+
+def test_the_velocity_is_that_of_the_longest_straight_way() -> None:
+    times, rng = 0.1 * np.arange(16.0), np.random.default_rng(3)
+    # 1 s one way, then back at 1 m/s; and all the time straight on.
+    turned = np.column_stack((np.where(times < 0.8, times, 1.6 - times), np.zeros(16)))
+    straight = np.column_stack((0.6 * times, -0.8 * times))
+    velocity = steady_velocity(turned, times)
+    assert velocity is not None
+    assert velocity == pytest.approx([-1.0, 0.0], abs=0.1)
+    noisy = steady_velocity(straight + 0.015 * rng.standard_normal((16, 2)), times)
+    assert noisy == pytest.approx([0.6, -0.8], abs=0.03)
+    assert steady_velocity(straight[:3], times[:3]) is None
+    assert steady_velocity(np.full((16, 2), np.nan), times) is None
+
+
+@pytest.mark.parametrize("motion", [8.0, 0.0])
+def test_who_walked_goes_on_from_where_he_was_seen_wholly(motion: float) -> None:
+    # Seen wholly until 0.3 s ago; since then only one leg, that stood still.
+    tracks, times = standing([(0.0, 0.0)], [0.0], [3]), 0.1 * np.arange(16.0)
+    tracks.trails[0] = np.column_stack((np.minimum(times, 1.2), np.zeros(16)))
+    tracks.means[0] = (1.2, 0.0, 0.1, 0.0)
+    tracks.wholes[0], tracks.part[0], tracks.motion[0], tracks.looks[0] = (1.2, 0.0), 0.3, motion, 2.0
+    _go_on(tracks, 0, Moment(1.5, 0.1, True, times))
+    if motion > 0.0:
+        assert tracks.means[0] == pytest.approx([1.5, 0.0, 1.0, 0.0], abs=1e-6)
+        assert tracks.covariances[0, 2, 2] < 0.03
+    else:
+        assert tracks.means[0, 0] == pytest.approx(1.2)
 
 
 def test_what_was_there_before_or_is_too_far_off_is_not_who_was_hidden() -> None:
