@@ -267,11 +267,14 @@ class PeopleTracker:
     def _walk(self, now: Past, clusters: Clusters, seen: Seen, owners: IntArray, dt: float) -> None:
         """What those seen now say about walking."""
         tracks = self.tracks
-        moved: FloatArray | float = 0.0
+        moved = np.zeros(len(tracks))
         if self._walking.due(dt) and math.isfinite(self._walking.robot):
             wall = np.append(clusters.widths > LARGEST, False)[clusters.labels]
             given = now.given(clusters, seen, _names_of(tracks, owners))
             moved = self._changes.walking(tracks.names, given, wall, self._walking.robot)
+            # A leg of somebody who is known walks, too.
+            gaps = np.linalg.norm(tracks.means[:, None, :2] - tracks.means[None, tracks.shown, :2], axis=2)
+            moved[~tracks.shown & (gaps < STRIDE).any(1)] = 0.0
         free, old = _of_owners(seen, owners, len(tracks))
         self._walking.learn(tracks, free, old, len(seen), now.stamp, dt, moved)
 
