@@ -24,10 +24,13 @@ COMMON = 0.5  # share of all outline, likewise
 def near_expected(moving: Outline, still: Outline, expected: Array, covariance: bool = True) -> Registration:
     """As `among_movers`, which searches wide, for who knows the motion (3,) to a decimetre.
 
-    covariance : whether it is asked for; `UNKNOWN` is given in its place.
+    covariance : whether it is asked for, and millimetres matter. Without, `UNKNOWN` is given in its place, and
+        what moves is not left out.
     """
     refined = refine(moving.surface, still.target, expected.copy(), DOUBT)
-    refined, views = settle(moving, still, refined, agreements(moving, still, refined.pose))
+    views = agreements(moving, still, refined.pose)
+    if covariance:
+        refined, views = settle(moving, still, refined, views)
     if refined.open_directions in (1, 2):
         refined = replace(refined, pose=keep_open(refined, expected))
         views = agreements(moving, still, refined.pose)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,6 +71,20 @@ def standing(begun: Start) -> JointEstimate:
         0.0,
         registration.covariance[None].copy(),
         probabilities,
+    )
+
+
+def confirmed(begun: Start, members: NDArray[np.bool_], known: JointEstimate) -> JointEstimate:
+    """The estimate where only what is `known` to move left its place, `members` (n,): one cluster of unknown motion."""
+    estimate = standing(begun)
+    beams = begun.a.beams[members]
+    if not len(beams):
+        return estimate
+    estimate.clusters[beams] = 1
+    estimate.probabilities[beams] = known.probabilities[beams]
+    motions = np.repeat(estimate.motions, 2, axis=0)
+    return replace(
+        estimate, motions=motions, covariances=np.concatenate((estimate.covariances, UNKNOWN[None]))
     )
 
 

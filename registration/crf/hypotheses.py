@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from estimation.poses import inverse
@@ -73,6 +74,12 @@ def hypotheses(
     return [one for one in found if one.matched][:MOST] + [one for one in found if not one.matched]
 
 
+def left_their_place(a: Beams, labels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) number of the group that may have moved each point of a is in, -1 for none; labels (n,) by `seen_by`."""
+    groups = groups_of(a.points, a.pieces, labels, a.spacing, a.ranges[a.beams], LINK, SMALL, LARGEST)
+    return np.asarray(groups, dtype=np.int64)
+
+
 def _one_way(
     a: Beams, b: Beams, background: Array, labels: NDArray[np.int64], fresh: NDArray[np.int64], reach: float,
     noise: float, explained_here: NDArray[np.bool_], taken: NDArray[np.bool_],
@@ -81,7 +88,7 @@ def _one_way(
 
     explained_here : (n,) points of a that are explained already; those found are added. taken : (m,) likewise of b.
     """
-    groups = groups_of(a.points, a.pieces, labels, a.spacing, a.ranges[a.beams], LINK, SMALL, LARGEST)
+    groups = left_their_place(a, labels)
     groups[explained_here] = -1
     new = fresh == FREE
     # What agrees with the background may be a mover in the place of another, or in its own.
@@ -298,39 +305,55 @@ def _of_group(
     worth: Array,
 ) -> Hypothesis | None:  # fmt: skip
     """The best motion of one group, None where it stands."""
-    count = int(members.sum())
-    sure = int(np.sum(labels[members] == FREE))
-    free = sure + int(np.sum(labels[members] == CLEAR))
+    group = np.flatnonzero(members)
+    count = len(group)
     if count < 3:
         return None
-    points = np.ascontiguousarray(a.points[members])
-    extent = float(np.hypot(*np.ptp(points, axis=0)))
+    points, kinds = a.points[group], labels[group]
+    agrees = kinds == AGREES
+    sure, stood = int(np.count_nonzero(kinds == FREE)), int(np.count_nonzero(agrees))
+    free = sure + int(np.count_nonzero(kinds == CLEAR))
+    extent = float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
     sigma = ROUND_SIGMA if extent < ROUND else TURN_SIGMA
-    centre = _moved(points.mean(axis=0, keepdims=True), background)[0]
-    around = np.hypot(*(b.points - centre).T) < reach + extent
-    usable = around & ~taken
-    fresh = np.ascontiguousarray(b.points[usable & new])
-    targets = np.ascontiguousarray(b.points[usable])
-    stay = int(np.sum(labels[members] == AGREES)) - free
+    middle = points.sum(axis=0) / count
+    centre = _moved(middle, background)
+    targets, worths, fresh = _goals(b.points, taken, new, weights, centre, reach + extent)
+    stay = stood - free
     motion = background.copy()
     best = -np.inf
     if len(targets) >= 3:
         best = best_motion(
-            points, near[members], labels[members] == AGREES, a.spacing[members], background, targets,
-            weights[usable], fresh, reach, sigma, b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, motion,
+            points, near[group], agrees, a.spacing[group], background, targets, worths, fresh, reach, sigma,
+            b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, motion,
         )  # fmt: skip
     gain = best - stay
-    shift = float(np.hypot(*(_moved(points, motion) - _moved(points, background)).mean(axis=0)))
-    changed = int(np.sum(labels[members] != AGREES))
+    changed = count - stood
     enough = best >= max(3.0, 0.4 * count) and gain >= max(3.0, min(0.25 * count, 0.6 * changed))
     if enough and (free >= 2 or best > 0.7 * count):
-        if shift < 0.04:
+        if np.hypot(*(_moved(middle, motion) - centre)) < 0.04:
             return None
         on = _on_outline(a.points, near, members, motion, b) & members
         return Hypothesis(on, motion, gain, True)
     if sure >= 3 and sure >= 0.5 * count:
         return Hypothesis(members, background.copy(), float(free), False)
     return None
+
+
+@njit(cache=True)
+def _goals(points, taken, new, weights, centre, radius):  # type: ignore[no-untyped-def]
+    """Points (k, 2) of those (m, 2) that are not `taken` and lie around `centre` (2,), their weights, those `new`."""
+    found, worths, fresh = np.empty((len(points), 2)), np.empty(len(points)), np.empty((len(points), 2))
+    count = newer = 0
+    for j in range(len(points)):
+        dx, dy = points[j, 0] - centre[0], points[j, 1] - centre[1]
+        if taken[j] or dx * dx + dy * dy >= radius * radius:
+            continue
+        found[count, 0], found[count, 1], worths[count] = points[j, 0], points[j, 1], weights[j]
+        count += 1
+        if new[j]:
+            fresh[newer, 0], fresh[newer, 1] = points[j, 0], points[j, 1]
+            newer += 1
+    return found[:count], worths[:count], fresh[:newer]
 
 
 def _on_outline(

@@ -22,7 +22,7 @@ from estimation.gradient_boosting import GradientBoosting
 from registration.crf.background import without_movers
 from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate, nothing, unchanged
-from registration.crf.finish import finish, standing
+from registration.crf.finish import confirmed, finish, standing
 from registration.crf.inference import infer_labels
 from registration.crf.potentials import WEIGHTS
 from registration.crf.setup import Start, problem_of, start, starts_of
@@ -111,17 +111,28 @@ class JointModel:
         return self._conclude(scan_a, scan_b, start(scan_a, scan_b, registration), schedule)
 
     def movers(
-        self, scan_a: Scan, scan_b: Scan, registration: Registration, background: bool = True
+        self,
+        scan_a: Scan,
+        scan_b: Scan,
+        registration: Registration,
+        background: bool = True,
+        known: JointEstimate | None = None,
     ) -> JointEstimate:
         """As `infer`, for who wants labels of what moves and knows from elsewhere how the sensor moved.
 
         The chains are asked only where something left its place: else all that agrees stands, and there are no
-        associations. background : whether its motion is to be refined without what moves.
+        associations.
+
+        background : whether its motion is to be refined without what moves.
+        known : what another pair said of scan_a; where this one shows nothing else to have left its place, it
+            confirms that, and says nothing of motions.
         """
         poor = _too_few(scan_a, scan_b)
         if poor is not None:
             return poor
-        begun = start(scan_a, scan_b, registration, trusted=True)
+        begun = start(scan_a, scan_b, registration, True, None if known is None else known.moving)
+        if begun.again is not None and known is not None:
+            return confirmed(begun, begun.again, known)
         if begun.registration.converged and not begun.found and not begun.gone:
             return standing(begun)
         return self._conclude(scan_a, scan_b, begun, "exact", background)

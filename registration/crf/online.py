@@ -173,7 +173,8 @@ class ScanSegmenter:
             first = not found
             registration = near_expected(self._outline(scan), kept.outline, between(kept.pose, pose), first)
             if registration.converged:
-                estimate = self._model.movers(scan, kept.scan, registration, first)
+                known = None if first else found[0][0]
+                estimate = self._model.movers(scan, kept.scan, registration, first, known)
                 if estimate.converged:
                     found.append((estimate, stamp - kept.stamp))
                 pose = compound(kept.pose, registration.transform)

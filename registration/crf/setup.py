@@ -13,7 +13,7 @@ from registration.align import REACH, TURN, align, among_movers, search
 from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, nearness, seen_by
 from registration.crf.candidates import candidates
 from registration.crf.dominant import told_by_the_rest
-from registration.crf.hypotheses import Hypothesis, hypotheses
+from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
 from registration.crf.potentials import Problem
 from registration.crf.shape_features import outlier_features, pair_features
 from registration.judgement import LENIENT, Asked
@@ -30,6 +30,7 @@ FAR_FITNESS = 0.85  # what is found there has to fit better than most
 LEAST_STANDING = (
     0.33  # share of either scan's beams that agree with the other: outlines say less where one is filled
 )
+EXPLAINED = 0.7  # of a group that left its place, what is known to move
 MARGIN = 0.5  # metres around a group within which its motion is considered
 FASTEST = 12.0  # m/s, of anything, where stamps tell the interval
 LEAST_REACH, MOST_REACH = 0.8, 1.5  # metres a thing may have gone between the scans
@@ -40,7 +41,8 @@ class Start:
     """What is known before the first message: made ready scans, the background's motion, groups that may move.
 
     `gone` are groups that certainly left their place but have no counterpart in scan b. sight, off : (n,) how b sees
-    the points of a; fresh : (m,) how a sees those of b.
+    the points of a; fresh : (m,) how a sees those of b. again : (n,) points that left their place, where that
+    was known of all of them; nothing was looked for then.
     """
 
     a: Beams
@@ -52,6 +54,7 @@ class Start:
     fresh: NDArray[np.int64]
     found: list[Hypothesis]
     gone: list[Hypothesis]
+    again: NDArray[np.bool_] | None = None
 
     @property
     def motions(self) -> Array:
@@ -60,11 +63,17 @@ class Start:
 
 
 def start(
-    scan_a: Scan, scan_b: Scan, registration: Registration | None = None, trusted: bool = False
+    scan_a: Scan,
+    scan_b: Scan,
+    registration: Registration | None = None,
+    trusted: bool = False,
+    known: NDArray[np.bool_] | None = None,
 ) -> Start:
     """Register the background and find what does not follow it (InitialiseRT).
 
     trusted : the registration is not one that a near thing which fills much of the scans may have decided.
+    known : (N,) beams of scan_a that are known to move; where these are all that left its place, where it went is not
+        looked for.
     """
     a, b = beams_of(scan_a), beams_of(scan_b)
     guessed = registration is not None
@@ -81,12 +90,24 @@ def start(
     if registration.converged and standing < LEAST_STANDING:
         reason = f"only {standing:.0%} of the beams stand in both scans"
         registration = replace(registration, converged=False, reason=reason)
+    again = _as_known(a, sight, known) if registration.converged and known is not None else None
     groups: list[Hypothesis] = []
-    if registration.converged:
+    if registration.converged and again is None:
         groups = hypotheses(a, b, background, sight, fresh, reach_of(scan_a, scan_b), noise)
     found = [group for group in groups if group.matched]
     gone = [group for group in groups if not group.matched]
-    return Start(a, b, registration, noise, sight, off, fresh, found, gone)
+    return Start(a, b, registration, noise, sight, off, fresh, found, gone, again)
+
+
+def _as_known(a: Beams, sight: NDArray[np.int64], known: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    """(n,) points known to move that left their place; None where nothing did, or something else did as well."""
+    groups = left_their_place(a, sight)
+    own = known[a.beams]
+    size = np.bincount(groups + 1, minlength=1)[1:]
+    share = np.bincount(groups + 1, own, minlength=1)[1:] / np.maximum(size, 1)
+    if not size.any() or (share[size > 0] < EXPLAINED).any():
+        return None
+    return np.asarray(own & (groups >= 0))
 
 
 def _register(scan_a: Scan, scan_b: Scan) -> Registration:

@@ -29,7 +29,7 @@ def test_it_is_what_the_search_finds() -> None:
         assert_allclose(found.transform, searched.transform, atol=2e-3)
         assert_allclose(found.covariance, searched.covariance, rtol=0.3, atol=1e-7)
         quick = near_expected(moving, still, truth, covariance=False)
-        assert_allclose(quick.transform, searched.transform, atol=2e-3)
+        assert_allclose(quick.transform, searched.transform, atol=5e-3)
 
 
 def test_the_search_is_spared_where_odometry_is_right_and_not_where_it_is_wrong(

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from registration import Scan
 from registration.align import among_movers
-from registration.crf import JointModel
+from registration.crf import JointEstimate, JointModel, setup
+from registration.crf.hypotheses import hypotheses
 from registration.outline import outline_of
 from whereabouts.experiments.crf import f1_of
 from whereabouts.experiments.crf_metrics import scores
-from whereabouts.simulation import Lidar, random_room
+from whereabouts.simulation import Lidar, Mover, SimulatedScan, box, joined, outlines, random_room
 from whereabouts.simulation.labelled_pairs import protocol
 from whereabouts.simulation.pairs import free_pose
 
@@ -51,3 +55,41 @@ def test_too_few_returns_are_no_answer() -> None:
     found = JointModel.load().movers(Scan([1.0], 0.0, 0.1), scan, registration)
     assert not found.converged
     assert "returns" in found.reason
+
+
+def test_a_second_pair_confirms_what_the_first_said_and_looks_for_what_it_did_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A box on its way through a room: both earlier scans show that it left, and only it."""
+    model, rng = JointModel.load(), np.random.default_rng(2)
+    room, pose = box(8.0, 6.0), np.array([0.5, -0.3, 0.2])
+    mover = Mover("box", pose + np.array([1.2, 0.3, 0.4]), np.array([0.3, -0.6]), size=0.8)
+    now, before, earlier = (
+        LIDAR.scan(joined([room, outlines([mover], time)]), pose, rng, time) for time in (1.0, 0.5, 0.0)
+    )
+    asked = []
+
+    def counting(*given):  # type: ignore[no-untyped-def]
+        asked.append(given)
+        return hypotheses(*given)
+
+    monkeypatch.setattr(setup, "hypotheses", counting)
+
+    def against(other: SimulatedScan, known: JointEstimate | None = None) -> JointEstimate:
+        still = outline_of("b", other.scan)
+        registration = among_movers(outline_of("a", now.scan), still, np.zeros(3))
+        return model.movers(now.scan, other.scan, registration, known=known)
+
+    first = against(before)
+    truth = now.owners > 0
+    assert np.mean(first.moving[truth]) > 0.9
+    assert len(asked) == 1
+    second = against(earlier, first)
+    assert len(asked) == 1
+    assert np.mean(second.moving[truth]) > 0.9
+    assert not second.moving[~first.moving].any()
+    assert_array_equal(second.probabilities[second.moving], first.probabilities[second.moving])
+    assert second.motions.shape == (2, 3)
+    nobody = replace(first, clusters=np.where(first.moving, 0, first.clusters))
+    assert np.mean(against(earlier, nobody).moving[truth]) > 0.9
+    assert len(asked) == 2
