@@ -36,7 +36,7 @@ class PeopleConfig:
         0.1, "", "probability of being a person down to which one reported stays so", 0.01, 0.99
     )
     located: float = _setting(
-        0.1,
+        0.3,
         "",
         "probability of being within a metre of the estimate from which a hidden one is reported",
         0.0,
