@@ -28,7 +28,7 @@ NEAR_REACH = 0.8  # metres `align` searches
 CROWDED = Asked(0.65, 0.36, 1.15, -np.inf, False)  # of the nearest answer where there is no better one
 FAR_FITNESS = 0.85  # what is found there has to fit better than most
 LEAST_STANDING = (
-    0.33  # share of either scan's beams that agree with the other: outlines say less where one is filled
+    0.25  # share of either scan's beams that agree with the other: outlines say less where one is filled
 )
 EXPLAINED = 0.7  # of a group that left its place, what is known to move
 MARGIN = 0.5  # metres around a group within which its motion is considered
