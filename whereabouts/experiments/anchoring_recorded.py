@@ -44,8 +44,7 @@ def anchored(
         region=((-2.0, 6.0), (-7.0, 7.0), (-0.5, 0.5)),
         rate_hz=5.0,
         detection_probability=0.35,
-        # Chosen on simulated worlds 1 to 4 (`anchoring_landmarks`): a detector of barcodes is seldom wrong.
-        clutter_per_frame=0.02,
+        clutter_per_frame=0.1,
         missed_run_frames=10.0,
         motion={
             "landmark": {"model": "static", "moved_per_second": 0.0},
