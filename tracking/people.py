@@ -33,7 +33,7 @@ from tracking.people_parts import parts_of_people
 from tracking.people_returns import come_back
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
-from tracking.people_tracks import BoolArray, IntArray, Tracks
+from tracking.people_tracks import SURE, BoolArray, IntArray, Tracks
 from tracking.people_update import Moment, learn, update
 from tracking.people_walking import Walking
 from tracking.target import Target
@@ -271,7 +271,8 @@ class PeopleTracker:
         if self._walking.due(dt) and math.isfinite(self._walking.robot):
             wall = np.append(clusters.widths > LARGEST, False)[clusters.labels]
             given = now.given(clusters, seen, _names_of(tracks, owners))
-            moved = self._changes.walking(tracks.names, given, wall, self._walking.robot)
+            unsure = (tracks.hidden == 0.0) & ~(tracks.shown & (tracks.motion >= SURE))
+            moved[unsure] = self._changes.walking(tracks.names[unsure], given, wall, self._walking.robot)
             # A leg of somebody who is known walks, too.
             gaps = np.linalg.norm(tracks.means[:, None, :2] - tracks.means[None, tracks.shown, :2], axis=2)
             moved[~tracks.shown & (gaps < STRIDE).any(1)] = 0.0
