@@ -12,10 +12,12 @@ import time
 import numpy as np
 
 from registration.crf import JointModel
+from registration.crf.online import ScanSegmenter
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.labelled_pairs import labelled
-from whereabouts.simulation.movers import crowd
+from whereabouts.simulation.movers import crowd, outlines
 from whereabouts.simulation.pairs import free_pose
+from whereabouts.simulation.shapes import joined
 
 READY = """
 import time
@@ -41,6 +43,30 @@ def pairs_of(beams: int, movers: int, count: int) -> list:
     return pairs
 
 
+def online(beams: int, movers: int, runs: int) -> list[float]:
+    """Seconds that each scan of a robot that follows itself takes, eight a second, each against two earlier ones."""
+    rng = np.random.default_rng([beams, movers, 1])
+    lidar, segmenter = Lidar(beams, np.deg2rad(270.0)), ScanSegmenter(in_time=False)
+    seconds = []
+    for _ in range(runs):
+        segmenter.reset()
+        room = random_room(rng)
+        start = free_pose(room, rng, 2.0)
+        things = crowd(rng, start[:2], movers, (1.0, 3.0)) if movers else []
+        way = np.array([*rng.uniform(-0.3, 0.3, 2), rng.uniform(-0.2, 0.2)])
+        for stamp in np.arange(0.0, 4.0, 0.125):
+            pose = start + stamp * way
+            place = joined([room, outlines(things, stamp - 2.0)]) if things else room
+            scan = lidar.scan(place, pose, rng, float(stamp)).scan
+            begun = time.process_time()
+            segmenter.segment(scan, stamp, pose + rng.normal(0.0, [0.02, 0.02, 0.01]))
+            segmenter.keep(scan, stamp, pose)
+            # The first second has fewer to compare with.
+            if stamp > 1.0:
+                seconds.append(time.process_time() - begun)
+    return seconds
+
+
 def main() -> None:
     """A line per number of beams and movers: milliseconds of processor time."""
     model = JointModel.load()
@@ -56,6 +82,13 @@ def main() -> None:
                 begun = time.process_time()
                 model.infer(pair.scan_a, pair.scan_b)
                 seconds.append(time.process_time() - begun)
+            median, high = 1e3 * np.median(seconds), 1e3 * np.percentile(seconds, 99)
+            print(f"{beams:5d} beams, {movers} movers: median {median:6.1f}  p99 {high:6.1f}", flush=True)
+    print("the same per scan of a robot, against two earlier scans; 8 rooms each", flush=True)
+    for beams in (361, 1081):
+        for movers in (0, 1, 3, 8):
+            online(beams, movers, 2)
+            seconds = online(beams, movers, 8)
             median, high = 1e3 * np.median(seconds), 1e3 * np.percentile(seconds, 99)
             print(f"{beams:5d} beams, {movers} movers: median {median:6.1f}  p99 {high:6.1f}", flush=True)
     for kind in ("first", "second"):
