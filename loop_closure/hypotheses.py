@@ -20,6 +20,7 @@ from loop_closure.motions import compose, invert, motion, positions, turns
 
 LEAST = 4  # keyframes that have to agree
 PATH = (5.0, 15.0)  # metres of path along which they have to, at least and at most
+TOGETHER = 3  # of them, along the least of those paths: a pair agrees with what lies far off too easily
 FAR = (8, 20.0)  # keyframes and metres where nothing but looks led there
 PER_SIGMA = 2.0  # metres of path per metre of standard deviation
 RIVALRY = 0.6  # share of the best group's merit at which another group is a rival
@@ -61,14 +62,21 @@ class Hypotheses:
         """Nothing waits any more."""
         self._keep(np.zeros(len(self.waiting), dtype=bool))
 
-    def forget(self, paths: FloatArray, here: int) -> None:
-        """Drop what has waited for too long."""
+    def forget(self, paths: FloatArray, here: int) -> set[int]:
+        """Drop what has waited for too long; returns the keyframes that nothing waits for any more."""
+        before = self.keys
         keep = np.array([paths[here] - paths[guess.edge.b] <= MEMORY for guess in self.waiting], dtype=bool)
         self._keep(keep)
         if len(self.waiting) > MOST:
             # Where scans are kept on the spot many say the same; the path they cover must not shrink.
             self._keep(~self._said_better())
         self._keep(np.arange(len(self.waiting)) >= len(self.waiting) - MOST)
+        return before - self.keys
+
+    @property
+    def keys(self) -> set[int]:
+        """Keyframes that wait for a decision."""
+        return {guess.edge.b for guess in self.waiting}
 
     @property
     def needed(self) -> set[int]:
@@ -100,10 +108,13 @@ class Hypotheses:
         self._agree = grown
         self.waiting.append(guess)
 
-    def decide(self, paths: FloatArray, farthest: float = np.inf) -> list[Guess]:
+    def decide(
+        self, paths: FloatArray, farthest: float = np.inf, parts: npt.NDArray[np.int64] | None = None
+    ) -> list[Guess]:
         """The group that has won, or nothing; after a decision nothing waits.
 
-        farthest : metres of standard deviation beyond which the place says nothing.
+        farthest : metres of standard deviation beyond which the place says nothing. parts : (N,) numbers of the parts
+        of the path that guessed steps leave: what lies across such a step agrees too easily to hold up a part.
         """
         if len(self.waiting) < LEAST:
             return []
@@ -121,6 +132,9 @@ class Hypotheses:
         if float(np.mean([guess.fitness for guess in members])) < LEAST_FITNESS:
             return []
         if any(self._rival(group, best) for group in groups if not group & best):
+            return []
+        members = _supported(members, paths, np.zeros(len(paths)) if parts is None else parts)
+        if not members:
             return []
         self.clear()
         return sorted(members, key=lambda guess: (guess.edge.b, guess.edge.a))
@@ -155,6 +169,19 @@ class Hypotheses:
         rank = np.empty(len(merits), dtype=np.int64)
         rank[np.argsort(-merits, kind="stable")] = np.arange(len(merits))
         return np.asarray((self._agree & (keys[:, None] == keys) & (rank < rank[:, None])).any(axis=1))
+
+
+def _supported(members: list[Guess], paths: FloatArray, parts: npt.NDArray[np.int64]) -> list[Guess]:
+    """Those of a group in parts of the path that hold up alone: enough keyframes, none far from the others."""
+    keys = np.array(sorted({guess.edge.b for guess in members}))
+    held: set[int] = set()
+    for part in np.unique(parts[keys]):
+        some = keys[parts[keys] == part]
+        near = np.abs(paths[some][:, None] - paths[some]) <= PATH[0]
+        some = some[near.sum(axis=1) >= TOGETHER]
+        if len(some) >= LEAST and np.ptp(paths[some]) >= PATH[0]:
+            held |= set(some.tolist())
+    return [guess for guess in members if guess.edge.b in held]
 
 
 @njit(cache=True)

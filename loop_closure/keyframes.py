@@ -101,6 +101,12 @@ class Keyframes:
         summed = np.cumsum(steps)
         return np.asarray(np.sqrt(np.abs(summed[i] - summed[np.asarray(others)])))
 
+    def parts(self, slack: float) -> npt.NDArray[np.int64]:
+        """Number of the part of the path each keyframe is in, (N,); steps guessed to more than `slack` m part it."""
+        parted = np.zeros(len(self), dtype=np.int64)
+        parted[[k for k, sigma in self.breaks.items() if sigma > slack]] = 1
+        return np.cumsum(parted)
+
     def _path(self, odometry: FloatArray) -> float:
         if not self._frames:
             return 0.0

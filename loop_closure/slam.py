@@ -34,7 +34,7 @@ from loop_closure.slam_config import SlamConfig
 from loop_closure.spatial import LEAF, as_cloud, polished_step, thinned
 from loop_closure.steps import StepDoubt
 from loop_closure.thinning import Thinning
-from loop_closure.uncertainty import Uncertainty, apart
+from loop_closure.uncertainty import SLACK, Uncertainty, apart
 from loop_closure.visits import Visits
 from registration.scan import Scan
 
@@ -107,12 +107,14 @@ class Slam:
         self.keyframes = Keyframes()
         self.closures: list[Closure] = []
         self._hypotheses = Hypotheses()
+        self._hindsight = Hypotheses()  # of keyframes that were left undecided, seen from both sides
         self._uncertainty = Uncertainty()
         self._likeness = Likeness()
         self._visits = Visits(self._every_scan)
         self._thinning = Thinning(self.config.key_distance, self.config.key_turn)
         self._doubt = StepDoubt(self.config)
         self._queue: list[int] = []  # of those, what is to be looked at next
+        self._undecided: list[int] = []  # keyframes to look at in hindsight
         self._again: set[int] = set()  # keyframes worth another look, their place being better known now
         self._frame: FloatArray | None = None  # of the odometry of a resumed run, in the map
         self._new_run = False
@@ -203,9 +205,10 @@ class Slam:
         if not self._dirty:
             return
         self._dirty = False
+        self._again |= {*self._undecided, *self._hypotheses.keys, *self._hindsight.keys}
         for _ in range(3):
             again, self._again = sorted(self._again), set()
-            if not self._second_look(again):
+            if not self._second_look(again) and not self._look_back(again, Hypotheses()):
                 break
         self.graph.settle()
         self._drop_outliers()
@@ -279,23 +282,25 @@ class Slam:
         if paths[k] - paths[0] < self._search.apart:
             return []
         fits = self._look(k)
-        self._hypotheses.forget(paths, k)
-        accepted = self._take(fits)
-        accepted += self._decide()
+        self._undecided += sorted(self._hypotheses.forget(paths, k))
+        accepted = self._take(fits, self._hypotheses)
+        accepted += self._decide(self._hypotheses)
+        late = [self._undecided.pop(0) for _ in range(min(PER_KEYFRAME, len(self._undecided)))]
+        accepted += self._look_back(late, self._hindsight)
         if accepted:
             self._queue = sorted(self._again - {k})
         # A few at a time, so that no scan waits long; the latest first.
         turns = [self._queue.pop() for _ in range(min(PER_KEYFRAME, len(self._queue)))]
         accepted += self._second_look(turns)
-        if accepted:
+        if accepted or fits:
             self._dirty = True
         return accepted
 
-    def _look(self, k: int, both: bool = False) -> list[Fit]:
+    def _look(self, k: int, both: bool = False, only_certain: bool = True) -> list[Fit]:
         self._uncertainty.learn(self.graph.edges)
         poses = self.graph.poses
         gate = Gate(*self._uncertainty.around(poses, k))
-        search = replace(self._search, only_certain=True) if both else self._search
+        search = replace(self._search, only_certain=True) if both and only_certain else self._search
         likely: dict[int, float] = {}
         if self._recognise and not both and planar(poses) and lost(k, self.keyframes, poses, gate, search):
             likely = self._likeness.of(k, self.keyframes, self._search.apart)
@@ -304,7 +309,7 @@ class Slam:
             self._again.add(k)
         return fits
 
-    def _take(self, fits: list[Fit]) -> list[Closure]:
+    def _take(self, fits: list[Fit], waiting: Hypotheses) -> list[Closure]:
         """Accept what is certain, let the rest wait."""
         poses = self.graph.poses
         certain = [fit for fit in fits if fit.certain and fit.alone]
@@ -314,13 +319,15 @@ class Slam:
             guess = Guess(
                 fit.edge, fit.merit, fit.fitness, fit.likelihood, fit.sigma, fit.expected, fit.missed
             )
-            self._hypotheses.add(guess, poses, self._spread)
+            waiting.add(guess, poses, self._spread)
         return []
 
-    def _decide(self) -> list[Closure]:
-        won = self._hypotheses.decide(self.keyframes.paths, self.config.farthest)
+    def _decide(self, waiting: Hypotheses) -> list[Closure]:
+        waited = waiting.keys
+        won = waiting.decide(self.keyframes.paths, self.config.farthest, self.keyframes.parts(SLACK))
         if not won:
             return []
+        self._again |= waited - {guess.edge.b for guess in won}
         edges = [(guess.edge, guess) for guess in won]
         accepted = self._accept(edges, f"{len(won)} closures along the path agree")
         recent = [g.edge.b for g in won]
@@ -340,6 +347,16 @@ class Slam:
                 accepted += self._accept(
                     [(fit.edge, fit) for fit in fits], "at the expected place, in hindsight"
                 )
+        return accepted
+
+    def _look_back(self, keys: list[int], waiting: Hypotheses) -> list[Closure]:
+        """What stayed undecided, with the path on both sides of each keyframe; placements have to agree as before."""
+        accepted: list[Closure] = []
+        for k in keys:
+            self._again.discard(k)
+            self._again |= waiting.forget(self.keyframes.paths, k)
+            accepted += self._take(self._look(k, True, False), waiting)
+            accepted += self._decide(waiting)
         return accepted
 
     def _accept(self, edges: Sequence[tuple[Edge, Fit | Guess]], reason: str) -> list[Closure]:
@@ -369,7 +386,7 @@ class Slam:
 
     def _thin(self) -> None:
         """Look at keyframes that the path has left behind; take out what is not needed once there is enough."""
-        needed = self._hypotheses.needed | set(self._queue)
+        needed = self._hypotheses.needed | self._hindsight.needed | {*self._queue, *self._undecided}
         self._uncertainty.learn(self.graph.edges)
         for k in self._thinning.next(self.keyframes.paths):
             gate = Gate(*self._uncertainty.around(self.graph.poses, k))
@@ -398,6 +415,8 @@ class Slam:
             if stay[c.earlier] and stay[c.later]
         ]
         self._hypotheses.renumber(number)
+        self._hindsight.renumber(number)
+        self._undecided = [int(number[k]) for k in self._undecided if stay[k]]
         self._again = {int(number[k]) for k in self._again if stay[k]}
         self._queue = [int(number[k]) for k in self._queue if stay[k]]
         self._uncertainty.reset()

@@ -47,6 +47,30 @@ def test_too_short_a_path_decides_nothing() -> None:
     assert waiting([guess(k, 0.0) for k in range(4)]).decide(PATHS) == []
 
 
+def test_pairs_far_apart_prove_nothing_to_each_other() -> None:
+    """Two keyframes at either end of fifteen metres of path agree with each other within what odometry drifts."""
+    assert waiting([guess(k, 0.0) for k in (0, 1, 16, 17)]).decide(PATHS) == []
+    found = waiting([guess(k, 0.0) for k in (0, 1, 2, 14, 15, 16, 28)]).decide(PATHS)
+    assert [g.edge.a for g in found] == [0, 1, 2, 14, 15, 16]
+
+
+def test_a_few_beyond_a_guessed_step_are_not_believed_along_with_the_rest() -> None:
+    group = [guess(k, 0.0) for k in range(11)]
+    parts = (np.arange(2 * FAR) >= FAR + 8).astype(np.int64)
+    assert [g.edge.a for g in waiting(group).decide(PATHS, parts=parts)] == list(range(8))
+    assert [g.edge.a for g in waiting(group).decide(PATHS)] == list(range(11))
+    torn = np.arange(2 * FAR) // 3
+    assert waiting(group).decide(PATHS, parts=torn) == []
+
+
+def test_what_waited_for_too_long_is_named() -> None:
+    long = np.arange(2.0 * FAR) * 10.0
+    hypotheses = waiting([guess(k, 0.0) for k in range(4)])
+    assert hypotheses.keys == {FAR, FAR + 1, FAR + 2, FAR + 3}
+    assert hypotheses.forget(long, FAR + 8) == {FAR, FAR + 1}
+    assert hypotheses.keys == {FAR + 2, FAR + 3}
+
+
 def test_where_only_looks_led_it_takes_more() -> None:
     some = [guess(k, 0.0) for k in range(12)]
     assert waiting(some).decide(PATHS, farthest=2.0)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ import pytest
 from estimation.errors import InputError
 from estimation.metrics import absolute_trajectory_error, align_points
 from estimation.poses import between, compound
+from loop_closure import closing
+from loop_closure.closing import Fit
 from loop_closure.localization import Localizer
 from loop_closure.map_file import read_map, write_map
 from loop_closure.slam import Slam
@@ -91,6 +95,25 @@ def test_a_second_round_is_closed_and_the_drift_gone(same_way: tuple[Slam, np.nd
     assert max(wrong(slam, truth)) < 0.2
     for closure in slam.closures:
         assert np.linalg.eigvalsh(closure.covariance).min() > 0.0
+
+
+def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Placements found on the way can only speak against others here: the path on both sides has to do it."""
+
+    def undecided(*given: Any) -> list[Fit]:
+        in_hindsight = given[-1]
+        return [
+            replace(fit, certain=False, expected=in_hindsight and fit.expected)
+            for fit in closing.look(*given)
+        ]
+
+    monkeypatch.setattr("loop_closure.slam.look", undecided)
+    scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:2]]), 1, 0.004)
+    slam = mapped(scans, odometry)
+    assert slam.closures == []
+    slam.trajectory()
+    assert len(slam.closures) > 10
+    assert max(wrong(slam, truth)) < 0.2
 
 
 def test_the_way_back_is_closed_from_the_opposite_direction() -> None:
