@@ -133,7 +133,7 @@ class Hypotheses:
             return []
         if any(self._rival(group, best) for group in groups if not group & best):
             return []
-        members = _supported(members, paths, np.zeros(len(paths)) if parts is None else parts)
+        members = _supported(members, paths, np.zeros(len(paths), dtype=np.int64) if parts is None else parts)
         if not members:
             return []
         self.clear()
