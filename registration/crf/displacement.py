@@ -114,7 +114,7 @@ def explained(points, near, standing, motion, targets, claimed, xy, ranges, clea
     """(points on b's outline, points where b saw through, targets hit) under `motion`.
 
     A point that stood, `standing` (n,), and is out of view under `motion` speaks neither for nor against it. A point
-    counts as much as what the beam there saw is `worth` (B,).
+    counts as much as what the beam there saw is `worth` (B,). targets : (m, 2), by ascending x.
     """
     c, s = math.cos(motion[2]), math.sin(motion[2])
     on, through, hits = 0.0, 0, 0
@@ -132,10 +132,12 @@ def explained(points, near, standing, motion, targets, claimed, xy, ranges, clea
                 beam = beam_at(x, y, angle_min, step)
                 on += stride * (beam < 0 or beam >= len(ranges))
             through += stride * (label == FREE)
-        reach = (1.5 * near[i]) ** 2
-        for j in range(len(targets)):
-            dx = x - targets[j, 0]
-            if dx * dx < reach and not claimed[j] and dx**2 + (y - targets[j, 1]) ** 2 < reach:
+        reach = 1.5 * near[i]
+        for j in range(np.searchsorted(targets[:, 0], x - reach), len(targets)):
+            dx = targets[j, 0] - x
+            if dx > reach:
+                break
+            if not claimed[j] and dx**2 + (y - targets[j, 1]) ** 2 < reach * reach:
                 claimed[j] = True
     for j in range(len(targets)):
         hits += claimed[j]
@@ -203,6 +205,7 @@ def best_motion(  # type: ignore[no-untyped-def]
     c, s = math.cos(background[2]), math.sin(background[2])
     order = np.argsort(targets[:, 0])
     targets, weights = targets[order], weights[order]
+    fresh = fresh[np.argsort(fresh[:, 0])]
     moved = np.empty_like(points)
     for i in range(len(points)):
         moved[i, 0] = background[0] + c * points[i, 0] - s * points[i, 1]

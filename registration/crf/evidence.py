@@ -160,11 +160,20 @@ def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
 @njit(cache=True)
 def _to_nearest(points, others):  # type: ignore[no-untyped-def]
     """(n,) metres from points (n, 2) to the nearest of the others (m, 2), `FAR` at the most."""
+    others = others[np.argsort(others[:, 0])]
     away = np.empty(len(points))
     for i in range(len(points)):
         best = FAR * FAR
-        for j in range(len(others)):
+        middle = np.searchsorted(others[:, 0], points[i, 0])
+        for j in range(middle, len(others)):
             dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
+            if dx * dx >= best:
+                break
+            best = min(best, dx * dx + dy * dy)
+        for j in range(middle - 1, -1, -1):
+            dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
+            if dx * dx >= best:
+                break
             best = min(best, dx * dx + dy * dy)
         away[i] = np.sqrt(best)
     return away

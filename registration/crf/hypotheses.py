@@ -289,6 +289,7 @@ def _claim(
 ) -> None:
     """Mark in `claims` what is new in b and explained by a hypothesis: nothing else can have become it."""
     free = np.flatnonzero(new)
+    free = free[np.argsort(b.points[free, 0])]
     claimed = np.zeros(len(free), dtype=bool)
     members = hypothesis.members
     explained(
