@@ -20,10 +20,7 @@ COASTING = 0.35  # seconds after which somebody not seen is taken to be hidden
 STEPS, SWING = 0.8, 0.6  # seconds over which a walk is known, and m/s by which a leg swings off it
 STRAIGHT, SHORTEST, FEWEST = 0.025, 0.35, 5  # metres off a straight way, and seconds and places that make one
 STEADY = 0.15  # m/s, how well several steps tell the velocity
-PARTLY, SWAYS = (
-    0.8,
-    0.5,
-)  # seconds partly hidden, and metres, for which where he was when seen wholly tells more
+PARTLY, SWAYS = 0.8, 0.5  # s partly hidden, and m, up to which where he was when seen wholly tells more
 SURPRISE, TURNED = (
     6.0,
     1.0,

@@ -192,10 +192,11 @@ HELD_OUT = 20
 def _simulated_landmarks(options: Options, report: Report) -> None:
     """Worlds with and without errors of the camera, each with learning and without."""
     rows: list[list[Any]] = []
+    minutes = 3.0 if options.quick else 15.0
     for errors in (True, False):
         found: dict[bool, list[LandmarkRun]] = {True: [], False: []}
         for k in range(1 if options.quick else 3):
-            world = LandmarkWorld(options.seed + HELD_OUT + k, 3.0 if options.quick else 15.0, errors)
+            world = LandmarkWorld(options.seed + HELD_OUT + k, minutes, errors)
             for learn, runs in found.items():
                 runs.append(anchored(world.sightings(), learn=learn))
         shares = [
@@ -213,7 +214,7 @@ def _simulated_landmarks(options: Options, report: Report) -> None:
         "at once, %",
         "looking back, %",
     ]
-    report.tables.append(Table("Landmarks, simulated", columns, rows, "15 minutes each"))
+    report.tables.append(Table("Landmarks, simulated", columns, rows, f"{minutes:.0f} minutes each"))
 
 
 def _landmarks(options: Options, report: Report, folder: Path) -> None:
