@@ -106,6 +106,13 @@ def search(
     moving: Outline, still: Outline, start: Array, reach: float, turn: float, asked: Asked = STRICT
 ) -> Registration:
     """Best of the candidates within `reach` metres and `turn` radians of `start`."""
+    return judged(moving, still, *best_of(moving, still, start, reach, turn), asked)
+
+
+def best_of(
+    moving: Outline, still: Outline, start: Array, reach: float, turn: float
+) -> tuple[Refined | None, Array, tuple[Agreement, Agreement] | None]:
+    """Best of the candidates of `search`, `start` and how the outlines see each other then: not judged yet."""
     found = candidates(
         moving.surface.points, still.surface.points, start, reach, turn, most=CANDIDATES, points=SEARCHED
     )
@@ -115,13 +122,13 @@ def search(
         views = agreements(moving, still, refined.pose)
         ranked.append((_merit(views, refined.pose, start, reach), refined, views))
     if not ranked:
-        return judged(moving, still, None, start, None, asked)
+        return None, start, None
     _, refined, views = max(ranked, key=lambda entry: entry[0])
     refined, views = settle(moving, still, refined, views)
     if refined.open_directions in (1, 2):
         refined = replace(refined, pose=keep_open(refined, start))
         views = agreements(moving, still, refined.pose)
-    return judged(moving, still, refined, start, views, asked)
+    return refined, start, views
 
 
 def keep_open(refined: Refined, start: Array) -> Array:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from estimation.poses import between
 from registration.align import agreements
 from registration.crf.estimate import JointEstimate
+from registration.crf.outlines import outline_of_scan
 from registration.judgement import LENIENT, judged
-from registration.outline import outline_of
 from registration.refine import refine
 from registration.result import Registration
 from registration.scan import Scan
@@ -33,9 +33,8 @@ def without_movers(
         return registration
     left = np.zeros(len(scan_b), dtype=bool)
     left[associations[moving & (associations >= 0)]] = True
-    still_moving, still = outline_of("scan_a", scan_a), outline_of("scan_b", scan_b)
-    rest = still_moving.without(moving[scan_a.valid])
-    target = still.without(left[scan_b.valid])
+    rest = outline_of_scan(scan_a).without(moving[scan_a.valid])
+    target = outline_of_scan(scan_b).without(left[scan_b.valid])
     refined = refine(rest.surface, target.target, registration.transform.copy(), DOUBT)
     if (
         not refined.settled

@@ -183,18 +183,25 @@ def half_window(distance, radius, step, most):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def off_outline(x, y, radius, xy, ranges, angle_min, step):  # type: ignore[no-untyped-def]
-    """Distance from (x, y) to a scan's outline, `radius` where that is farther."""
+def off_outline(x, y, centre, radius, enough, xy, ranges, step):  # type: ignore[no-untyped-def]
+    """Distance from (x, y), at which beam `centre` looks, to a scan's outline; `radius` where that is farther.
+
+    enough : the search ends with the first distance that is not more.
+    """
     count = len(ranges)
     stride = abs(step)
     around = round(2.0 * math.pi / stride)
-    centre = beam_at(x, y, angle_min, step)
     distance = length(x, y)
     best = radius
     for away in range(around // 2 + 1):
         # Beams outwards from the one that looks there, until none can be nearer than what was found.
         angle = (away - 1.5) * stride
-        if angle > 0.0 and distance > best and (angle >= 0.5 * math.pi or distance * math.sin(angle) > best):
+        # Less than its sine, and cheaper: beams that are looked at in vain change nothing.
+        if (
+            angle > 0.0
+            and distance > best
+            and (angle >= 0.5 * math.pi or distance * angle * (1.0 - angle * angle / 6.0) > best)
+        ):
             break
         for side in range(2):
             if away == 0 and side == 1:
@@ -213,17 +220,18 @@ def off_outline(x, y, radius, xy, ranges, angle_min, step):  # type: ignore[no-u
                 # Only surfaces run on between beams, not jumps from one thing to the next.
                 if long < max(0.08, min(6.0 * stride * min(ranges[j], ranges[after]), LONGEST)):
                     best = min(best, _off_segment(x, y, xy[j, 0], xy[j, 1], xy[after, 0], xy[after, 1]))
+            if best <= enough:
+                return best
     return best
 
 
 @njit(cache=True, inline="always")
-def _label(x, y, off, near, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
-    """How a scan sees the spot (x, y), which is `off` its outline; see `sight`."""
+def _label(x, y, centre, off, near, ranges, clear, step):  # type: ignore[no-untyped-def]
+    """How a scan sees the spot (x, y), at which beam `centre` looks, which is `off` its outline; see `sight`."""
     if off <= near:
         return AGREES
     count = len(ranges)
     around = round(2.0 * math.pi / abs(step))
-    centre = beam_at(x, y, angle_min, step)
     if centre < 0 or centre >= count:
         return UNSEEN
     distance = length(x, y)
@@ -243,22 +251,21 @@ def _label(x, y, off, near, xy, ranges, clear, angle_min, step):  # type: ignore
 
 
 @njit(cache=True)
-def sight(x, y, near, xy, ranges, clear, angle_min, step, wide=WIDE):  # type: ignore[no-untyped-def]
-    """(label, distance off the outline): how a scan sees the spot (x, y).
-
-    wide : the distance is told up to so many times `near`; the label needs no more than `TOUCHING`.
+def sight(x, y, centre, near, xy, ranges, clear, step):  # type: ignore[no-untyped-def]
+    """How a scan sees the spot (x, y), at which its beam `centre` looks (`beam_at`).
 
     AGREES: on its outline; FREE: it saw through there; HIDDEN: behind what it saw; UNSEEN: no beam tells; CLEAR:
     near, and nothing came back from there.
     """
-    off = off_outline(x, y, wide * near, xy, ranges, angle_min, step)
-    return _label(x, y, off, near, xy, ranges, clear, angle_min, step), off
+    off = off_outline(x, y, centre, TOUCHING * near, near, xy, ranges, step)
+    return _label(x, y, centre, off, near, ranges, clear, step)
 
 
 @njit(cache=True)
 def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wide=WIDE):  # type: ignore[no-untyped-def]
     """`sight` of points (n, 2) moved by pose (3,): labels (n,) and distances off the outline (n,).
 
+    wide : the distance is told up to so many times `near`; the label alone needs no more than `TOUCHING`.
     Points that are not `wanted` (n,) are taken to be unseen and far off.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -269,7 +276,10 @@ def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wi
             continue
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        labels[k], offs[k] = sight(x, y, near[k], xy, ranges, clear, angle_min, step, wide)
+        centre = beam_at(x, y, angle_min, step)
+        enough = near[k] if wide <= TOUCHING else 0.0
+        offs[k] = off_outline(x, y, centre, wide * near[k], enough, xy, ranges, step)
+        labels[k] = _label(x, y, centre, offs[k], near[k], ranges, clear, step)
     return labels, offs
 
 
@@ -309,7 +319,7 @@ def _offs(points, radius, pose, xy, ranges, angle_min, step):  # type: ignore[no
     for k in range(len(points)):
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        offs[k] = off_outline(x, y, radius, xy, ranges, angle_min, step)
+        offs[k] = off_outline(x, y, beam_at(x, y, angle_min, step), radius, 0.0, xy, ranges, step)
     return offs
 
 
@@ -322,7 +332,7 @@ def _labels(points, near, wide, offs, pose, xy, ranges, clear, angle_min, step):
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
         offs[k] = min(offs[k], wide * near[k])
-        labels[k] = _label(x, y, offs[k], near[k], xy, ranges, clear, angle_min, step)
+        labels[k] = _label(x, y, beam_at(x, y, angle_min, step), offs[k], near[k], ranges, clear, step)
     return labels
 
 

@@ -27,23 +27,32 @@ def _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squ
     centre = beam_at(x, y, angle_min, step)
     half = half_window(length(x, y), radius, step, around // 2)
     count = 0
-    for k in range(-half, half + 1):
-        j = centre + k
-        if j >= around:
-            j -= around
-        elif j < 0:
-            j += around
-        if j < 0 or j >= beams or not ranges[j] < math.inf:
-            continue
-        square = (x - xy[j, 0]) ** 2 + (y - xy[j, 1]) ** 2
-        if square > radius * radius or (count == most and square >= squares[count - 1]):
-            continue
-        at = min(count, most - 1)
-        while at > 0 and squares[at - 1] > square:
-            squares[at], found[at] = squares[at - 1], found[at - 1]
-            at -= 1
-        squares[at], found[at] = square, number[j]
-        count = min(count + 1, most)
+    distance, farthest = length(x, y), radius
+    # Beams outwards from the one that looks there, until none can be nearer than those that were found.
+    for away in range(half + 1):
+        angle = (away - 0.5) * abs(step)
+        # Less than its sine.
+        if 0.0 < angle < 1.5 and distance * angle * (1.0 - angle * angle / 6.0) > farthest:
+            break
+        for side in range(1 if away == 0 else 2):
+            j = centre - away if side == 0 else centre + away
+            if j >= around:
+                j -= around
+            elif j < 0:
+                j += around
+            if j < 0 or j >= beams or not abs(ranges[j] - distance) <= farthest:
+                continue
+            square = (x - xy[j, 0]) ** 2 + (y - xy[j, 1]) ** 2
+            if square > radius * radius or (count == most and square >= squares[count - 1]):
+                continue
+            at = min(count, most - 1)
+            while at > 0 and squares[at - 1] > square:
+                squares[at], found[at] = squares[at - 1], found[at - 1]
+                at -= 1
+            squares[at], found[at] = square, number[j]
+            count = min(count + 1, most)
+            if count == most:
+                farthest = math.sqrt(squares[count - 1])
     return count
 
 

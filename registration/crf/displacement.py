@@ -7,29 +7,43 @@ import math
 import numpy as np
 from numba import njit
 
-from registration.crf.beams import AGREES, FREE, TOUCHING, UNSEEN, beam_at, length, sight
+from registration.crf.beams import AGREES, FREE, UNSEEN, beam_at, length, sight
 from registration.crf.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements
+PER_METRE = 1.0 / CELL
+SQUARE = 0.12  # metres of the squares in which the nearest target is looked for
 PEAKS = 4  # displacements that are refined
 LONG = 1.2  # metres, extent from which a thing may slide along itself unseen
 MANY = 240  # points of a group that are looked at
+HIT = 0.7  # points of evidence that something new in the second scan is, where a motion takes a point to it
 DISTANCE_COST = 4.0  # points of evidence a metre of displacement needs
 
 
 @njit(cache=True)
-def _votes(moved, targets, weights, reach, votes, last):  # type: ignore[no-untyped-def]
-    """Displacement histogram: each point of the group votes once per cell in which a target lies."""
+def _votes(moved, targets, weights, reach, votes):  # type: ignore[no-untyped-def]
+    """Displacement histogram: each point of the group votes once per cell in which a target lies.
+
+    targets : (m, 2), by ascending x.
+    """
     side = votes.shape[0]
-    votes[:, :] = 0.0
-    last[:, :] = -1
+    # With a border for what is too far: cheaper than to ask of each.
+    padded = np.zeros((side + 2) * (side + 2))
+    last = np.full(len(padded), -1, dtype=np.int64)
+    most = reach + 2.0 * CELL
     for i in range(len(moved)):
-        for j in range(len(targets)):
-            u = int((targets[j, 0] - moved[i, 0] + reach) / CELL)
-            v = int((targets[j, 1] - moved[i, 1] + reach) / CELL)
-            if 0 <= u < side and 0 <= v < side and last[u, v] != i:
-                last[u, v] = i
-                votes[u, v] += weights[j]
+        for j in range(np.searchsorted(targets[:, 0], moved[i, 0] - most), len(targets)):
+            dx, dy = targets[j, 0] - moved[i, 0], targets[j, 1] - moved[i, 1]
+            if dx > most:
+                break
+            u = min(max(int((dx + reach) * PER_METRE), -1), side)
+            v = min(max(int((dy + reach) * PER_METRE), -1), side)
+            cell = (u + 1) * (side + 2) + v + 1
+            padded[cell] += weights[j] * (last[cell] != i)
+            last[cell] = i
+    for u in range(side):
+        for v in range(side):
+            votes[u, v] = padded[(u + 1) * (side + 2) + v + 1]
 
 
 @njit(cache=True)
@@ -62,10 +76,60 @@ def _peaks(votes, reach, most):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fit_group(points, spacing, start, background, targets, weights, sigma, motion):  # type: ignore[no-untyped-def]
+def cells_of(targets, weights):  # type: ignore[no-untyped-def]
+    """Targets (m, 2) and their weights (m,) by the square they are in, row after row.
+
+    low : (2,) corner of the squares. heads : (rows, columns + 1) where each square begins, and the last one ends.
+    """
+    low = np.empty(2)
+    low[0], low[1] = targets[:, 0].min(), targets[:, 1].min()
+    columns = int((targets[:, 0].max() - low[0]) / SQUARE) + 1
+    rows = int((targets[:, 1].max() - low[1]) / SQUARE) + 1
+    heads = np.zeros((rows, columns + 1), dtype=np.int64)
+    flat = np.zeros(rows * columns + 1, dtype=np.int64)
+    square = np.empty(len(targets), dtype=np.int64)
+    for j in range(len(targets)):
+        column = int((targets[j, 0] - low[0]) / SQUARE)
+        square[j] = int((targets[j, 1] - low[1]) / SQUARE) * columns + column
+        flat[square[j] + 1] += 1
+    for k in range(rows * columns):
+        flat[k + 1] += flat[k]
+    for row in range(rows):
+        heads[row, :] = flat[row * columns : (row + 1) * columns + 1]
+    found, worths = np.empty_like(targets), np.empty_like(weights)
+    for j in range(len(targets)):
+        at = flat[square[j]]
+        found[at, 0], found[at, 1], worths[at] = targets[j, 0], targets[j, 1], weights[j]
+        flat[square[j]] += 1
+    return found, worths, low, heads
+
+
+@njit(cache=True, inline="always")
+def _nearest(x, y, reach, targets, low, heads):  # type: ignore[no-untyped-def]
+    """Squared distance to the nearest target within reach, and its number, -1 for none; see `cells_of`."""
+    rows, columns = heads.shape[0], heads.shape[1] - 1
+    best, found = reach * reach, -1
+    row, column = math.floor((y - low[1]) / SQUARE), math.floor((x - low[0]) / SQUARE)
+    half, most = 1, int(reach / SQUARE) + 1
+    while True:
+        first, last = max(column - half, 0), min(column + half, columns - 1) + 1
+        if first < last:
+            for r in range(max(row - half, 0), min(row + half, rows - 1) + 1):
+                for j in range(heads[r, first], heads[r, last]):
+                    square = (x - targets[j, 0]) ** 2 + (y - targets[j, 1]) ** 2
+                    if square < best:
+                        best, found = square, j
+        # What is farther out than these squares is no nearer.
+        if half >= most or best <= (half * SQUARE) ** 2:
+            return best, found
+        half = min(2 * half, most)
+
+
+@njit(cache=True)
+def fit_group(points, spacing, start, background, targets, weights, low, heads, sigma, motion):  # type: ignore[no-untyped-def]
     """Iterated closest points of a group from `start` (3,), written to `motion`; the rotation is held by a prior.
 
-    targets : (m, 2), by ascending x.
+    targets, weights, low, heads : see `cells_of`.
     """
     motion[:] = start
     sums = np.empty(SUMS)
@@ -76,15 +140,7 @@ def fit_group(points, spacing, start, background, targets, weights, sigma, motio
         for i in range(len(points)):
             x = motion[0] + c * points[i, 0] - s * points[i, 1]
             y = motion[1] + s * points[i, 0] + c * points[i, 1]
-            reach = max(radius, 1.5 * spacing[i])
-            best, found = reach * reach, -1
-            for j in range(np.searchsorted(targets[:, 0], x - reach), len(targets)):
-                dx = targets[j, 0] - x
-                if dx > reach:
-                    break
-                square = dx**2 + (y - targets[j, 1]) ** 2
-                if square < best:
-                    best, found = square, j
+            best, found = _nearest(x, y, max(radius, 1.5 * spacing[i]), targets, low, heads)
             if found >= 0:
                 width = 0.05 + spacing[i]
                 weight = weights[found] / (1.0 + best / (width * width))
@@ -96,10 +152,9 @@ def fit_group(points, spacing, start, background, targets, weights, sigma, motio
     return True
 
 
-@njit(cache=True)
-def _worth_at(x, y, xy, ranges, worth, angle_min, step):  # type: ignore[no-untyped-def]
-    """Worth of the beam that saw what is at (x, y), or next to it."""
-    centre = beam_at(x, y, angle_min, step)
+@njit(cache=True, inline="always")
+def _worth_at(x, y, centre, xy, ranges, worth):  # type: ignore[no-untyped-def]
+    """Worth of the beam that saw what is at (x, y), or next to it; `centre` looks there."""
     best, found = math.inf, 1.0
     for j in range(max(centre - 2, 0), min(centre + 3, len(ranges))):
         if ranges[j] < math.inf:
@@ -110,38 +165,63 @@ def _worth_at(x, y, xy, ranges, worth, angle_min, step):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def explained(points, near, standing, motion, targets, claimed, xy, ranges, clear, worth, angle_min, step):  # type: ignore[no-untyped-def]
-    """(points on b's outline, points where b saw through, targets hit) under `motion`.
-
-    A point that stood, `standing` (n,), and is out of view under `motion` speaks neither for nor against it. A point
-    counts as much as what the beam there saw is `worth` (B,). targets : (m, 2), by ascending x.
-    """
+def claim(points, near, motion, targets, claimed):  # type: ignore[no-untyped-def]
+    """Mark in `claimed` (m,) the targets (m, 2), by ascending x, that points (n, 2) hit under `motion`; how many."""
     c, s = math.cos(motion[2]), math.sin(motion[2])
-    on, through, hits = 0.0, 0, 0
     claimed[:] = False
-    # Every few points of what has many are enough.
-    stride = max(1, len(points) // MANY)
+    hits = 0
+    if len(targets) == 0:
+        return hits
     for i in range(len(points)):
         x = motion[0] + c * points[i, 0] - s * points[i, 1]
-        y = motion[1] + s * points[i, 0] + c * points[i, 1]
-        if i % stride == 0:
-            label, _ = sight(x, y, near[i], xy, ranges, clear, angle_min, step, TOUCHING)
-            if label == AGREES:
-                on += stride * _worth_at(x, y, xy, ranges, worth, angle_min, step)
-            if standing[i] and label == UNSEEN:
-                beam = beam_at(x, y, angle_min, step)
-                on += stride * (beam < 0 or beam >= len(ranges))
-            through += stride * (label == FREE)
         reach = 1.5 * near[i]
+        if x + reach < targets[0, 0] or x - reach > targets[-1, 0]:
+            continue
+        y = motion[1] + s * points[i, 0] + c * points[i, 1]
         for j in range(np.searchsorted(targets[:, 0], x - reach), len(targets)):
             dx = targets[j, 0] - x
             if dx > reach:
                 break
-            if not claimed[j] and dx**2 + (y - targets[j, 1]) ** 2 < reach * reach:
+            if not claimed[j] and dx * dx + (y - targets[j, 1]) ** 2 < reach * reach:
                 claimed[j] = True
-    for j in range(len(targets)):
-        hits += claimed[j]
-    return on, through, hits
+                hits += 1
+    return hits
+
+
+@njit(cache=True)
+def _explained(  # type: ignore[no-untyped-def]
+    points, near, standing, motion, times, hits, away, least, xy, ranges, clear, worth, angle_min, step
+):  # fmt: skip
+    """`times` what points on b's outline are worth under `motion`, less those where b saw through.
+
+    With `hits` on what is new there, less the cost of going `away` metres.
+
+    A point that stood, `standing` (n,), and is out of view under `motion` speaks neither for nor against it. A point
+    counts as much as what the beam there saw is `worth` (B,). -inf as soon as it cannot be more than `least`.
+    """
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    on, through = 0.0, 0
+    n, bonus = len(points), HIT * hits - DISTANCE_COST * away
+    # Every few points of what has many are enough.
+    stride = max(1, n // MANY)
+    count = (n + stride - 1) // stride
+    for k in range(count):
+        # No point is worth more than one.
+        if times * (on + (count - k) * stride - through) + bonus < least - 1e-6:
+            return -math.inf
+        # From both ends, where a motion along itself shows.
+        i = stride * (k // 2 if k % 2 == 0 else count - 1 - k // 2)
+        x = motion[0] + c * points[i, 0] - s * points[i, 1]
+        y = motion[1] + s * points[i, 0] + c * points[i, 1]
+        beam = beam_at(x, y, angle_min, step)
+        label = sight(x, y, beam, near[i], xy, ranges, clear, step)
+        if label == AGREES:
+            on += stride * _worth_at(x, y, beam, xy, ranges, worth)
+        elif label == FREE:
+            through += stride
+        elif standing[i] and label == UNSEEN:
+            on += stride * (beam < 0 or beam >= len(ranges))
+    return times * (on - through) + HIT * hits - DISTANCE_COST * away
 
 
 @njit(cache=True)
@@ -180,28 +260,35 @@ def _slide(  # type: ignore[no-untyped-def]
     few, few_near, few_standing = points[::stride], near[::stride] * 1.0, standing[::stride]
     best, chosen = -math.inf, 0
     trial = background.copy()
-    for k in range(-int(reach / CELL), int(reach / CELL) + 1):
+    for turn in range(2 * int(reach / CELL) + 1):
+        # Near ones first: they are most often right, and what cannot be better is soon left.
+        k = (turn + 1) // 2 * (1 if turn % 2 == 0 else -1)
         trial[0] = background[0] + k * CELL * math.cos(angle)
         trial[1] = background[1] + k * CELL * math.sin(angle)
-        on, through, hits = explained(
-            few, few_near, few_standing, trial, fresh, claimed, xy, ranges, clear, worth, angle_min, step
-        )
-        score = stride * (on - through) + 0.7 * hits - DISTANCE_COST * abs(k) * CELL
-        if score > best:
+        hits = claim(few, few_near, trial, fresh, claimed)
+        score = _explained(
+            few, few_near, few_standing, trial, stride, hits, abs(k) * CELL, best, xy, ranges, clear, worth,
+            angle_min, step,
+        )  # fmt: skip
+        if score > best or (score == best and k < chosen):
             best, chosen = score, k
             start[:] = trial
-    on, through, hits = explained(
-        points, near, standing, start, fresh, claimed, xy, ranges, clear, worth, angle_min, step
-    )
-    return on - through + 0.7 * hits - DISTANCE_COST * abs(chosen) * CELL
+    hits = claim(points, near, start, fresh, claimed)
+    return _explained(
+        points, near, standing, start, 1, hits, abs(chosen) * CELL, -math.inf, xy, ranges, clear, worth,
+        angle_min, step,
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def best_motion(  # type: ignore[no-untyped-def]
     points, near, standing, spacing, background, targets, weights, fresh, reach, sigma, xy, ranges, clear,
-    worth, angle_min, step, motion,
+    worth, angle_min, step, least, motion,
 ):  # fmt: skip
-    """Write the motion that explains most and return how much: points on the outline, less those seen through."""
+    """Write the motion that explains most and return how much: points on the outline, less those seen through.
+
+    -inf where none explains at least `least`.
+    """
     c, s = math.cos(background[2]), math.sin(background[2])
     order = np.argsort(targets[:, 0])
     targets, weights = targets[order], weights[order]
@@ -211,13 +298,14 @@ def best_motion(  # type: ignore[no-untyped-def]
         moved[i, 0] = background[0] + c * points[i, 0] - s * points[i, 1]
         moved[i, 1] = background[1] + s * points[i, 0] + c * points[i, 1]
     side = int(2.0 * reach / CELL) + 1
-    votes, last = np.empty((side, side)), np.empty((side, side), dtype=np.int64)
+    votes = np.empty((side, side))
     stride = max(1, len(points) // 40)
-    _votes(moved[::stride], targets, weights, reach, votes, last)
+    _votes(moved[::stride], targets, weights, reach, votes)
     peaks = _peaks(votes, reach, PEAKS)
+    targets, weights, low, heads = cells_of(targets, weights)
     start, trial = np.empty(3), np.empty(3)
     claimed = np.zeros(len(fresh), dtype=np.bool_)
-    best = -math.inf
+    best = least - 1e-6
     for k in range(len(peaks) + 1):
         start[:] = background
         if k < len(peaks):
@@ -235,19 +323,19 @@ def best_motion(  # type: ignore[no-untyped-def]
             elif score == -math.inf:
                 continue
         if not fit_group(
-            points[::stride], spacing[::stride], start, background, targets, weights, sigma, trial
+            points[::stride], spacing[::stride], start, background, targets, weights, low, heads, sigma, trial
         ):
             continue
-        on, through, hits = explained(
-            points, near, standing, trial, fresh, claimed, xy, ranges, clear, worth, angle_min, step
-        )
         away = (
             length(trial[0] - background[0], trial[1] - background[1])
             if k == len(peaks)
             else length(peaks[k, 0], peaks[k, 1])
         )
-        score = on - through + 0.7 * hits - DISTANCE_COST * away
+        hits = claim(points, near, trial, fresh, claimed)
+        score = _explained(
+            points, near, standing, trial, 1, hits, away, best, xy, ranges, clear, worth, angle_min, step
+        )
         if score > best:
             best = score
             motion[:] = trial
-    return best
+    return best if best >= least else -math.inf

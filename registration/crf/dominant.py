@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from estimation.poses import between, inverse
 from registration.align import among_movers
-from registration.crf.beams import AGREES, Beams, seen_by
+from registration.crf.beams import AGREES, TOUCHING, Beams, seen_by
+from registration.crf.outlines import outline_of_scan
 from registration.motion import Array
-from registration.outline import outline_of
 from registration.result import Registration
 from registration.scan import Scan
 
@@ -56,8 +56,7 @@ def told_by_the_rest(
     big, other = dominant(a), dominant(b)
     if not big.any() and not other.any():
         return registration
-    moving = outline_of("scan_a", scan_a).without(big)
-    still = outline_of("scan_b", scan_b).without(other)
+    moving, still = outline_of_scan(scan_a).without(big), outline_of_scan(scan_b).without(other)
     rest = among_movers(moving, still, registration.transform)
     share = max(float(np.mean(big)), float(np.mean(other)))
     if not guessed and share > MUCH and rest.converged and rest.reason:
@@ -84,4 +83,4 @@ def _follows(a: Beams, b: Beams, pose: Array, big: NDArray[np.bool_], other: NDA
 
 def _agreeing(a: Beams, b: Beams, pose: Array, wanted: NDArray[np.bool_]) -> float:
     """Share of the wanted points of a, (n,), on b's outline."""
-    return float(np.mean(seen_by(a, b, pose, NOISE)[0][wanted] == AGREES)) if wanted.any() else 0.0
+    return float(np.mean(seen_by(a, b, pose, NOISE, TOUCHING)[0][wanted] == AGREES)) if wanted.any() else 0.0

@@ -7,6 +7,7 @@ A motion is kept where it explains clearly more of both scans than standing stil
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from estimation.poses import inverse
 from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, nearness, sightings
 from registration.crf.candidates import nearest_points
-from registration.crf.displacement import best_motion, explained
+from registration.crf.displacement import best_motion, claim
 from registration.crf.grouping import groups_of
 from registration.motion import Array
 
@@ -194,7 +195,8 @@ def _came_from(
     """
     motion = inverse(group.motion)
     on = _on_outline(a.points, near, np.ones(len(a), dtype=bool), motion, b)
-    members = on & _among(_moved(a.points, motion), b.points[group.members], near + a.spacing)
+    members = on.copy()
+    members[on] = _among(_moved(a.points[on], motion), b.points[group.members], (near + a.spacing)[on])
     whole = np.bincount(a.pieces, members) > WHOLE * np.bincount(a.pieces)
     members &= whole[a.pieces] | (labels == FREE) | (labels == CLEAR)
     found = _not_standing(a, b, replace(group, members=members, motion=motion), background, labels, near)
@@ -210,9 +212,7 @@ def _not_standing(
     stands = np.flatnonzero(hypothesis.members & (labels == AGREES))
     if not len(stands):
         return hypothesis
-    there = _moved(a.points[stands], background)
-    away = np.hypot(*(there[:, None] - b.points[None]).transpose(2, 0, 1))
-    seen = b.points[away.argmin(axis=1)]
+    seen = b.points[nearest_points(b, _moved(a.points[stands], background), OWNED)]
     reach = near[stands] + a.spacing[stands]
     slid = _among(_moved(seen, inverse(hypothesis.motion)), a.points[hypothesis.members], reach)
     members = hypothesis.members.copy()
@@ -222,10 +222,20 @@ def _not_standing(
 
 def _among(points: Array, others: Array, reach: Array) -> NDArray[np.bool_]:
     """(n,) which points (n, 2) have one of the others (m, 2) within reach (n,)."""
-    if not len(points) or not len(others):
-        return np.zeros(len(points), dtype=bool)
-    away = np.hypot(*(points[:, None] - others[None]).transpose(2, 0, 1))
-    return np.asarray(away.min(axis=1) < reach)
+    return np.asarray(_to_nearest(points, others) < reach)
+
+
+@njit(cache=True)
+def _to_nearest(points, others):  # type: ignore[no-untyped-def]
+    """(n,) metres from points (n, 2) to the nearest of the others (m, 2), inf without any."""
+    away = np.empty(len(points))
+    for i in range(len(points)):
+        best = math.inf
+        for j in range(len(others)):
+            dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
+            best = min(best, dx * dx + dy * dy)
+        away[i] = math.sqrt(best)
+    return away
 
 
 def _merged(a: Beams, found: list[Hypothesis]) -> list[Hypothesis]:
@@ -246,7 +256,7 @@ def _merged(a: Beams, found: list[Hypothesis]) -> list[Hypothesis]:
 def _belongs(points: Array, part: Hypothesis, others: Array, whole: Hypothesis) -> bool:
     if not len(points) or not len(others):
         return False
-    apart = float(np.min(np.hypot(*(points[:, None] - others[None]).transpose(2, 0, 1))))
+    apart = float(_to_nearest(points, others).min())
     if apart > 0.8:
         return False
     if not part.matched:
@@ -292,11 +302,7 @@ def _claim(
     free = free[np.argsort(b.points[free, 0])]
     claimed = np.zeros(len(free), dtype=bool)
     members = hypothesis.members
-    explained(
-        a.points[members], near[members], np.zeros(int(members.sum()), dtype=bool), hypothesis.motion,
-        np.ascontiguousarray(b.points[free]), claimed,
-        b.xy, b.ranges, b.clear, np.ones(len(b.ranges)), b.angle_min, b.step,
-    )  # fmt: skip
+    claim(a.points[members], near[members], hypothesis.motion, np.ascontiguousarray(b.points[free]), claimed)
     claims[free[claimed]] = True
 
 
@@ -319,22 +325,20 @@ def _of_group(
     middle = points.sum(axis=0) / count
     centre = _moved(middle, background)
     targets, worths, fresh = _goals(b.points, taken, new, weights, centre, reach + extent)
-    stay = stood - free
+    stay, changed = stood - free, count - stood
+    least = max(3.0, 0.4 * count, stay + max(3.0, min(0.25 * count, 0.6 * changed)))
     motion = background.copy()
     best = -np.inf
     if len(targets) >= 3:
         best = best_motion(
             points, near[group], agrees, a.spacing[group], background, targets, worths, fresh, reach, sigma,
-            b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, motion,
+            b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, least, motion,
         )  # fmt: skip
-    gain = best - stay
-    changed = count - stood
-    enough = best >= max(3.0, 0.4 * count) and gain >= max(3.0, min(0.25 * count, 0.6 * changed))
-    if enough and (free >= 2 or best > 0.7 * count):
+    if best >= least and (free >= 2 or best > 0.7 * count):
         if np.hypot(*(_moved(middle, motion) - centre)) < 0.04:
             return None
         on = _on_outline(a.points, near, members, motion, b) & members
-        return Hypothesis(on, motion, gain, True)
+        return Hypothesis(on, motion, best - stay, True)
     if sure >= 3 and sure >= 0.5 * count:
         return Hypothesis(members, background.copy(), float(free), False)
     return None

@@ -143,7 +143,7 @@ class JointModel:
         if not begun.registration.converged:
             return nothing(len(scan_a), begun.registration.reason)
         starts = starts_of(begun)
-        problem = problem_of(begun, begun.motions, starts, self.data, self.outlier)
+        problem = problem_of(begun, begun.motions, starts, self.data, self.outlier, self.weights)
         labelling = infer_labels(problem, self.weights, schedule)
         estimate = finish(begun, problem, labelling)
         if self.verdict is not None:

@@ -20,10 +20,10 @@ from estimation.poses import between, compound, inverse, inverse_jacobian
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.expected import near_expected
 from registration.crf.model import JointModel
+from registration.crf.outlines import outline_of_scan
 from registration.crf.pace import Duration
 from registration.crf.window import FARTHEST, decide, vote
 from registration.motion import Array
-from registration.outline import Outline, outline_of
 from registration.scan import Scan
 
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
@@ -106,7 +106,6 @@ class Segmented:
 @dataclass(frozen=True, eq=False)
 class _Kept:
     scan: Scan
-    outline: Outline
     stamp: float
     pose: Array
 
@@ -134,7 +133,6 @@ class ScanSegmenter:
     def reset(self) -> None:
         """Forget all scans."""
         self._kept: deque[_Kept] = deque()
-        self._made: tuple[Scan, Outline] | None = None
         self._duration = Duration()
         self.labelled = self.skipped = 0
 
@@ -143,7 +141,7 @@ class ScanSegmenter:
         if self._kept and stamp <= self._kept[-1].stamp:
             return
         if not self._kept or stamp - self._kept[-1].stamp >= SPACING:
-            self._kept.append(_Kept(scan, self._outline(scan), stamp, pose.copy()))
+            self._kept.append(_Kept(scan, stamp, pose.copy()))
         longest = self.config.segment_interval * (self.config.segment_references + 0.5)
         while len(self._kept) > 1 and stamp - self._kept[1].stamp > longest:
             self._kept.popleft()
@@ -171,7 +169,9 @@ class ScanSegmenter:
             tried += 1
             # The background's motion is told by the first pair; the others need it only to see what left its place.
             first = not found
-            registration = near_expected(self._outline(scan), kept.outline, between(kept.pose, pose), first)
+            registration = near_expected(
+                outline_of_scan(scan), outline_of_scan(kept.scan), between(kept.pose, pose), first
+            )
             if registration.converged:
                 known = None if first else found[0][0]
                 estimate = self._model.movers(scan, kept.scan, registration, first, known)
@@ -185,12 +185,6 @@ class ScanSegmenter:
             return _unknown(scan)
         self.labelled += 1
         return _combined(scan, found)
-
-    def _outline(self, scan: Scan) -> Outline:
-        """Outline of a scan, made once: it is compared with several, and kept."""
-        if self._made is None or self._made[0] is not scan:
-            self._made = (scan, outline_of("scan", scan))
-        return self._made[1]
 
     def _references(self, stamp: float, pose: Array) -> list[_Kept]:
         """Earlier scans to compare with, one per multiple of the interval."""

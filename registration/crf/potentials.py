@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import AGREES, FREE, Beams, length, sightings
+from registration.crf.beams import AGREES, FREE, WIDE, Beams, length, sightings
 from registration.motion import Array
 
 WEIGHTS = (
@@ -29,6 +29,7 @@ SIGNED = frozenset(
     ("pairwise outlier", "pairwise outlier entry", "cluster outlier", "background", "cluster outlier entry",
      "cluster outlier pair")
 )  # fmt: skip
+DISTANCE = WEIGHTS.index("cluster distance")
 OUT_OF_REACH = -100.0  # log potential of a motion that is not considered for a point
 CUT = 9.0  # squared distances, in tolerances, beyond which a point fits no worse
 
@@ -70,6 +71,7 @@ class Problem:
     motions : (D, 3), updated in line.
     first : (n,) state of each point's nearest candidate at the start, K without.
     seen : (n,) and (n,) how b sees the points under the background's motion, where it is known already.
+    wide : how far `off` is told, see `beams.sightings`; `TOUCHING` is enough where no weight asks for it.
     sight, off : (n, D) how b sees each point under each motion.
     """
 
@@ -86,6 +88,7 @@ class Problem:
     first: NDArray[np.int64]
     linked: bool = True
     seen: tuple[NDArray[np.int64], Array] | None = None
+    wide: float = WIDE
     sight: NDArray[np.int64] = field(init=False)
     off: Array = field(init=False)
 
@@ -106,7 +109,7 @@ class Problem:
         for d in np.flatnonzero(changed):
             self.sight[:, d], self.off[:, d] = sightings(
                 self.a.points, self.near, self.active[:, d], self.motions[d],
-                self.b.xy, self.b.ranges, self.b.clear, self.b.angle_min, self.b.step,
+                self.b.xy, self.b.ranges, self.b.clear, self.b.angle_min, self.b.step, self.wide,
             )  # fmt: skip
 
     def potentials(self, weights: Array, earlier: Potentials | None = None) -> Potentials:
@@ -154,7 +157,7 @@ def _local(w, states, data, outlier, starts, active, near, sight, off, associati
                 clustering[i, d] = OUT_OF_REACH
                 continue
             u = off[i, d] / near[i]
-            value = -w[11] * min(u * u, CUT) / CUT
+            value = -w[DISTANCE] * min(u * u, CUT) / CUT
             if sight[i, d] == FREE:
                 value -= w[13]
             elif sight[i, d] != AGREES:

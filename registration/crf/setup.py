@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from estimation.boosting import AdaBoost
 from estimation.poses import inverse
-from registration.align import REACH, TURN, align, among_movers, search
-from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, nearness, seen_by
+from registration.align import REACH, TURN, align, best_of, search
+from registration.crf.beams import AGREES, TOUCHING, WIDE, Beams, beams_of, first_look, nearness, seen_by
 from registration.crf.candidates import candidates
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
-from registration.crf.potentials import Problem
+from registration.crf.outlines import outline_of_scan
+from registration.crf.potentials import DISTANCE, Problem
 from registration.crf.shape_features import outlier_features, pair_features
-from registration.judgement import LENIENT, Asked
+from registration.judgement import LENIENT, Asked, judged
 from registration.motion import Array
-from registration.outline import outline_of
 from registration.result import Registration
 from registration.scan import Scan
 
@@ -26,6 +26,7 @@ FAR, FAR_TURN = 2.0, np.deg2rad(60.0)  # metres and radians searched where nothi
 FAST = 3.0  # m/s the sensor may go, where stamps tell the interval
 NEAR_REACH = 0.8  # metres `align` searches
 CROWDED = Asked(0.65, 0.36, 1.15, -np.inf, False)  # of the nearest answer where there is no better one
+SAME = 0.02  # metres between two answers that are one
 FAR_FITNESS = 0.85  # what is found there has to fit better than most
 LEAST_STANDING = (
     0.25  # share of either scan's beams that agree with the other: outlines say less where one is filled
@@ -115,19 +116,22 @@ def _register(scan_a: Scan, scan_b: Scan) -> Registration:
 
     Where neither is enough, less is asked of what is near: in a crowd little of the outlines stands.
     """
-    moving, still = outline_of("scan_a", scan_a), outline_of("scan_b", scan_b)
-    near = among_movers(moving, still, np.zeros(3))
+    moving, still = outline_of_scan(scan_a), outline_of_scan(scan_b)
+    nearest = best_of(moving, still, np.zeros(3), REACH, TURN)
+    near = judged(moving, still, *nearest, LENIENT)
     if near.converged:
         return near
     reach = min(FAR, FAST * abs(scan_b.stamp - scan_a.stamp))
     if reach >= NEAR_REACH:
         far = search(moving, still, np.zeros(3), reach, FAR_TURN, LENIENT)
-        if not far.converged and "settle" in far.reason:
+        # What comes back to where the nearest answer was is no other one.
+        elsewhere = np.hypot(*(far.transform - near.transform)[:2]) > SAME
+        if not far.converged and elsewhere and "settle" in far.reason:
             again = align(scan_a, scan_b, far.transform, "point_to_line")
             far = again if again.converged else far
         if far.converged and far.fitness > FAR_FITNESS:
             return far
-    return search(moving, still, np.zeros(3), REACH, TURN, CROWDED)
+    return judged(moving, still, *nearest, CROWDED)
 
 
 def reach_of(scan_a: Scan, scan_b: Scan) -> float:
@@ -137,9 +141,17 @@ def reach_of(scan_a: Scan, scan_b: Scan) -> float:
 
 
 def problem_of(
-    begun: Start, motions: Array, starts: NDArray[np.bool_], data: AdaBoost | None, outlier: AdaBoost | None
+    begun: Start,
+    motions: Array,
+    starts: NDArray[np.bool_],
+    data: AdaBoost | None,
+    outlier: AdaBoost | None,
+    weights: Array | None = None,
 ) -> Problem:
-    """The problem under `motions` (D, 3) with `starts` (n, D); without boosting its scores are zero."""
+    """The problem under `motions` (D, 3) with `starts` (n, D); without boosting its scores are zero.
+
+    weights : (23,) under which it will be solved, where they are known.
+    """
     a, b = begun.a, begun.b
     active = _near_starts(a, starts)
     states = candidates(a, b, motions, active)
@@ -166,6 +178,7 @@ def problem_of(
         motions.copy(),
         first,
         seen=seen,
+        wide=WIDE if weights is None or weights[DISTANCE] else TOUCHING,
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import Beams
+from registration.crf.beams import Beams, length
 from registration.motion import Array
 
 NAMES = (
@@ -49,7 +49,7 @@ def _compare(points, patterns, others, others_patterns, states, chosen, features
         c, s = math.cos(chosen[i, 2]), math.sin(chosen[i, 2])
         x = chosen[i, 0] + c * points[i, 0] - s * points[i, 1]
         y = chosen[i, 1] + s * points[i, 0] + c * points[i, 1]
-        own = math.hypot(x, y)
+        own = length(x, y)
         for k in range(states.shape[1]):
             j = states[i, k]
             if j < 0:
@@ -58,9 +58,9 @@ def _compare(points, patterns, others, others_patterns, states, chosen, features
             for m in range(9):
                 features[i, k, m] = min(abs(patterns[i, m] - others_patterns[j, m]), FAR)
             u, v = others[j, 0], others[j, 1]
-            features[i, k, 9] = min(abs(own - math.hypot(u, v)), FAR)
-            features[i, k, 10] = min(math.hypot(points[i, 0] - u, points[i, 1] - v), FAR)
-            features[i, k, 11] = min(math.hypot(x - u, y - v), FAR)
+            features[i, k, 9] = min(abs(own - length(u, v)), FAR)
+            features[i, k, 10] = min(length(points[i, 0] - u, points[i, 1] - v), FAR)
+            features[i, k, 11] = min(length(x - u, y - v), FAR)
 
 
 _known: WeakKeyDictionary[Beams, Array] = WeakKeyDictionary()

@@ -18,8 +18,8 @@ from registration.align import among_movers
 from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate
 from registration.crf.model import JointModel
+from registration.crf.outlines import outline_of_scan
 from registration.motion import Array
-from registration.outline import outline_of
 from registration.scan import Scan
 
 INTERVALS = (-1.0, -0.8, -0.6, -0.4, 0.4, 0.6, 0.8, 1.0)  # seconds to the scans compared with
@@ -103,9 +103,9 @@ def segment(
     """Labels (N,) of scan `index` of a recording with sensor poses (M, 3) by odometry; see `decide`."""
     scan = scans[index]
     estimates = []
-    moving = outline_of("scan", scan)
+    moving = outline_of_scan(scan)
     for other in partners(stamps, poses, index, intervals):
-        still = outline_of("other", scans[other])
+        still = outline_of_scan(scans[other])
         registration = among_movers(moving, still, between(poses[other], poses[index]))
         estimates.append(model.infer(scan, scans[other], registration if registration.converged else None))
     return decide(scan, vote(estimates, len(scan)))

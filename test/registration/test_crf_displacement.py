@@ -1,0 +1,61 @@
+"""Shortcuts of the search for motions of groups say what looking at everything would."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from registration.crf.beams import AGREES, FREE, beams_of, nearness, seen_by
+from registration.crf.displacement import _explained, _nearest, cells_of
+from registration.crf.hypotheses import _to_nearest
+from whereabouts.simulation.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
+
+
+@pytest.fixture(scope="module")
+def pair() -> LabelledPair:
+    return random_labelled_pairs(np.random.default_rng(7), "office", 1, lidar=SICK)[0]
+
+
+@pytest.mark.parametrize("reach", [0.12, 0.4, 0.9])
+def test_the_nearest_in_squares_is_the_nearest(reach: float) -> None:
+    rng = np.random.default_rng(3)
+    points, weights = rng.uniform(-2.0, 2.0, (150, 2)), rng.random(150)
+    targets, worths, low, heads = cells_of(points, weights)
+    tree = cKDTree(points)
+    outside = 0
+    for x, y in rng.uniform(-3.0, 3.0, (400, 2)):
+        away, number = tree.query((x, y))
+        square, found = _nearest(x, y, reach, targets, low, heads)
+        if away >= reach:
+            assert found < 0
+            outside += 1
+        else:
+            assert square == pytest.approx(away**2)
+            assert tuple(targets[found]) == tuple(points[number])
+            assert worths[found] == weights[number]
+    assert 20 < outside < 380
+
+
+def test_a_motion_is_given_up_only_where_it_cannot_be_good_enough(pair: LabelledPair) -> None:
+    a, b = beams_of(pair.scan_a), beams_of(pair.scan_b)
+    near, worth, standing = nearness(a, 0.01), np.ones(len(b.ranges)), np.zeros(len(a), dtype=bool)
+    group = np.flatnonzero(a.pieces == np.bincount(a.pieces).argmax())[:200]
+    scan = (b.xy, b.ranges, b.clear, worth, b.angle_min, b.step)
+    given_up = 0
+    for shift in np.linspace(-0.6, 0.6, 13):
+        motion = pair.motions[0] + [shift, 0.5 * shift, 0.0]
+        labels, _ = seen_by(a, b, motion, 0.01)
+        wanted = np.sum(labels[group] == AGREES) - np.sum(labels[group] == FREE) + 0.7 * 2 - 4.0 * 0.1
+        for least in (-1e9, wanted - 0.5, wanted + 0.5, 1e9):
+            found = _explained(a.points[group], near[group], standing[group], motion, 1, 2, 0.1, least, *scan)
+            assert found == pytest.approx(wanted) or (found == -np.inf and least > wanted)
+            given_up += found == -np.inf
+    assert given_up >= 13
+
+
+def test_distances_to_the_nearest() -> None:
+    rng = np.random.default_rng(5)
+    points, others = rng.uniform(-3.0, 3.0, (40, 2)), rng.uniform(-3.0, 3.0, (30, 2))
+    np.testing.assert_allclose(_to_nearest(points, others), cKDTree(others).query(points)[0])
+    assert np.isinf(_to_nearest(points, others[:0])).all()
