@@ -8,6 +8,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def online(beams: int, movers: int, runs: int) -> list[float]:
 def main() -> None:
     """A line per number of beams and movers: milliseconds of processor time."""
     model = JointModel.load()
-    print("processor time in ms, per pair of scans; 40 rooms each")
+    print("processor time in ms, per pair of new scans; 40 rooms each")
     for beams in (181, 361, 721, 1081):
         for movers in (0, 1, 3, 8):
             pairs = pairs_of(beams, movers, 40)
@@ -79,8 +80,10 @@ def main() -> None:
                 model.infer(pair.scan_a, pair.scan_b)
             seconds = []
             for pair in pairs:
+                # What is made ready once per scan counts: neither was seen before.
+                scan_a, scan_b = replace(pair.scan_a), replace(pair.scan_b)
                 begun = time.process_time()
-                model.infer(pair.scan_a, pair.scan_b)
+                model.infer(scan_a, scan_b)
                 seconds.append(time.process_time() - begun)
             median, high = 1e3 * np.median(seconds), 1e3 * np.percentile(seconds, 99)
             print(f"{beams:5d} beams, {movers} movers: median {median:6.1f}  p99 {high:6.1f}", flush=True)

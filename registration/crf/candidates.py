@@ -30,10 +30,11 @@ def _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squ
     distance, farthest = length(x, y), radius
     # Beams outwards from the one that looks there, until none can be nearer than those that were found.
     for away in range(half + 1):
-        angle = (away - 0.5) * abs(step)
-        # Less than its sine.
-        if 0.0 < angle < 1.5 and distance * angle * (1.0 - angle * angle / 6.0) > farthest:
-            break
+        if count == most:
+            angle = (away - 0.5) * abs(step)
+            # Less than its sine.
+            if 0.0 < angle < 1.5 and distance * angle * (1.0 - angle * angle / 6.0) > farthest:
+                break
         for side in range(1 if away == 0 else 2):
             j = centre - away if side == 0 else centre + away
             if j >= around:

@@ -15,7 +15,7 @@ from registration.crf.potentials import Potentials, Problem
 from registration.crf.rigid import SUMS, add_pair, motion_of
 from registration.motion import Array
 
-SWEEPS = 5
+SWEEPS = 3
 SETTLED = 1e-3  # metres and radians a motion may still change
 TURN_SIGMA, ROUND_SIGMA, ROUND = 0.12, 0.02, 0.6  # rad, rad, m: see `hypotheses`
 MOST_STEP = 0.15  # metres an object's motion may leave its start by in one recomputation

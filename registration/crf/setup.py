@@ -204,7 +204,9 @@ def _near_starts(a: Beams, starts: NDArray[np.bool_]) -> NDArray[np.bool_]:
         if len(members):
             low, high = members.min(axis=0) - MARGIN, members.max(axis=0) + MARGIN
             active[:, d] = ((a.points >= low) & (a.points <= high)).all(axis=1)
-            active[:, d] |= np.isin(a.pieces, np.unique(a.pieces[starts[:, d]]))
+            rooted = np.zeros(int(a.pieces.max()) + 1, dtype=bool)
+            rooted[a.pieces[starts[:, d]]] = True
+            active[:, d] |= rooted[a.pieces]
     return active
 
 
