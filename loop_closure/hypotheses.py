@@ -16,7 +16,8 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from loop_closure.graph import Edge
-from loop_closure.motions import compose, invert, motion, positions, turns
+from loop_closure.motions import compose, invert, length, motion, positions, turn, turns
+from registration.align_submaps import APART
 
 LEAST = 4  # keyframes that have to agree
 PATH = (5.0, 15.0)  # metres of path along which they have to, at least and at most
@@ -109,12 +110,18 @@ class Hypotheses:
         self.waiting.append(guess)
 
     def decide(
-        self, paths: FloatArray, farthest: float = np.inf, parts: npt.NDArray[np.int64] | None = None
+        self,
+        paths: FloatArray,
+        farthest: float = np.inf,
+        parts: npt.NDArray[np.int64] | None = None,
+        poses: FloatArray | None = None,
     ) -> list[Guess]:
         """The group that has won, or nothing; after a decision nothing waits.
 
         farthest : metres of standard deviation beyond which the place says nothing. parts : (N,) numbers of the parts
         of the path that guessed steps leave: what lies across such a step agrees too easily to hold up a part.
+        poses : (N, 3) or (N, 4, 4), the estimate; by it groups on earlier passes that are not tied together well
+        enough to agree, yet put the path at one place, are no rivals.
         """
         if len(self.waiting) < LEAST:
             return []
@@ -131,7 +138,8 @@ class Hypotheses:
             return []
         if float(np.mean([guess.fitness for guess in members])) < LEAST_FITNESS:
             return []
-        if any(self._rival(group, best) for group in groups if not group & best):
+        rivals = [group for group in groups if not group & best and self._rival(group, best)]
+        if any(poses is None or self._elsewhere(group, best, poses) for group in rivals):
             return []
         members = _supported(members, paths, np.zeros(len(paths), dtype=np.int64) if parts is None else parts)
         if not members:
@@ -147,6 +155,22 @@ class Hypotheses:
             missed = [float(np.median([self.waiting[k].missed for k in some])) for some in (group, best)]
             share = NEARER_RIVALRY if missed[0] < 0.5 * missed[1] - 0.3 else RIVALRY
         return self._merit(group) > share * self._merit(best)
+
+    def _elsewhere(self, group: set[int], best: set[int], poses: FloatArray) -> bool:
+        """Whether a group puts the path at another place than the best one does."""
+        here = max(self.waiting[k].edge.b for k in best)
+        away = motion(
+            *(self._placed([self.waiting[k].edge for k in some], here, poses) for some in (group, best))
+        )
+        return length(away) > APART[0] or turn(away) > APART[1]
+
+    def _placed(self, edges: list[Edge], here: int, poses: FloatArray) -> FloatArray:
+        """Pose of keyframe `here` by closures around it: the one nearest to their median."""
+        a, b = (np.array([getattr(edge, end) for edge in edges]) for end in ("a", "b"))
+        motions = np.array([edge.motion for edge in edges])
+        placed = compose(compose(poses[a], motions), motion(poses[b], poses[here]))
+        where = positions(placed)
+        return np.asarray(placed[np.argmin(np.linalg.norm(where - np.median(where, axis=0), axis=1))])
 
     def _merit(self, group: set[int]) -> float:
         """Outline that speaks for a group; of several closures of one keyframe the best counts."""

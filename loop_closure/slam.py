@@ -324,17 +324,19 @@ class Slam:
 
     def _decide(self, waiting: Hypotheses) -> list[Closure]:
         waited = waiting.keys
-        won = waiting.decide(self.keyframes.paths, self.config.farthest, self.keyframes.parts(SLACK))
+        paths = self.keyframes.paths
+        won = waiting.decide(paths, self.config.farthest, self.keyframes.parts(SLACK), self.graph.poses)
         if not won:
             return []
-        self._again |= waited - {guess.edge.b for guess in won}
+        recent = {guess.edge.b for guess in won}
+        self._again |= waited - recent
         edges = [(guess.edge, guess) for guess in won]
         accepted = self._accept(edges, f"{len(won)} closures along the path agree")
-        recent = [g.edge.b for g in won]
-        paths = self.keyframes.paths
         accepted += self._second_look(
             [k for k in sorted(self._again) if paths[k] >= paths[min(recent)] - 30.0]
         )
+        # The group lies on one earlier pass; others through the same place are found now as well.
+        self._again |= recent
         return accepted
 
     def _second_look(self, keys: list[int]) -> list[Closure]:
@@ -342,7 +344,12 @@ class Slam:
         accepted: list[Closure] = []
         for k in keys:
             self._again.discard(k)
-            fits = [fit for fit in self._look(k, True) if fit.certain and fit.alone]
+            known = [closure.earlier for closure in self.closures if closure.later == k]
+            fits = [
+                fit
+                for fit in self._look(k, True)
+                if fit.certain and fit.alone and not self._near_path(fit.edge.a, known)
+            ]
             if fits and agree(fits, self.graph.poses):
                 accepted += self._accept(
                     [(fit.edge, fit) for fit in fits], "at the expected place, in hindsight"
@@ -358,6 +365,11 @@ class Slam:
             accepted += self._take(self._look(k, True, False), waiting)
             accepted += self._decide(waiting)
         return accepted
+
+    def _near_path(self, k: int, others: Sequence[int]) -> bool:
+        """Whether one of `others` lies about where keyframe `k` does along the path."""
+        paths = self.keyframes.paths
+        return any(abs(paths[k] - paths[other]) < self._search.spread for other in others)
 
     def _accept(self, edges: Sequence[tuple[Edge, Fit | Guess]], reason: str) -> list[Closure]:
         self.graph.close([edge for edge, _ in edges])

@@ -89,6 +89,26 @@ def test_a_rival_that_agrees_with_odometry_takes_less(rivals: int, missed: float
     assert bool(waiting(best + others).decide(PATHS)) == wins
 
 
+@pytest.mark.parametrize(("shift", "wins"), [(0.1, True), (4.8, False)])
+def test_what_puts_the_path_at_the_same_place_is_no_rival(shift: float, wins: bool) -> None:
+    """Two earlier passes that nothing has tied together: what one says of the third the other may say as well."""
+
+    def untied(i: int, j: np.ndarray) -> tuple[np.ndarray, float]:
+        return np.where(i // FAR != j // FAR, 2.0, 0.03), 0.01
+
+    paths = np.arange(3.0 * FAR)
+    poses = np.array([[float(k % FAR), 0.1 * (k // FAR), 0.0] for k in range(3 * FAR)])
+    hypotheses = Hypotheses()
+    for k in range(8):
+        for earlier, along, merit in ((k, 0.0, 20.0), (k + FAR, shift, 18.0)):
+            motion = between(poses[earlier], poses[k + 2 * FAR]) + np.array([along, 0.0, 0.0])
+            edge = Edge(earlier, k + 2 * FAR, motion, 1e-3 * np.eye(3), True)
+            hypotheses.add(Guess(edge, merit, 0.97, 0.0, 1.0, True, 0.1), poses, untied)
+    assert hypotheses.decide(paths) == []
+    found = hypotheses.decide(paths, poses=poses)
+    assert [g.edge.a for g in found] == (list(range(8)) if wins else [])
+
+
 def test_what_the_estimate_forbids_cannot_win_but_speaks_against_others() -> None:
     outside = [replace(guess(k, 4.8), expected=False) for k in range(8)]
     assert waiting(outside).decide(PATHS) == []

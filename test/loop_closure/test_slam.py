@@ -116,6 +116,29 @@ def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.Monke
     assert max(wrong(slam, truth)) < 0.2
 
 
+def test_a_group_that_has_won_is_closed_with_other_passes_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the way placements on the first round alone are found, and have to wait; in hindsight others follow."""
+
+    def first_round_only(*given: Any) -> list[Fit]:
+        frames, in_hindsight = given[1], given[-1]
+        fits = closing.look(*given)
+        if in_hindsight:
+            return fits
+        return [replace(fit, certain=False) for fit in fits if frames[fit.edge.a].path < 40.0]
+
+    monkeypatch.setattr("loop_closure.slam.look", first_round_only)
+    scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS, *CORNERS[:3]]), 1, 0.004)
+    slam = mapped(scans, odometry)
+    slam.trajectory()
+    paths = slam.keyframes.paths
+    waited = {c.later for c in slam.closures if "along the path agree" in c.reason and paths[c.later] > 95.0}
+    again = {c.later for c in slam.closures if "hindsight" in c.reason and 46.0 < paths[c.earlier] < 90.0}
+    assert len(waited & again) > 5
+    pairs = [(c.earlier, c.later) for c in slam.closures]
+    assert len(set(pairs)) == len(pairs)
+    assert max(wrong(slam, truth)) < 0.2
+
+
 def test_the_way_back_is_closed_from_the_opposite_direction() -> None:
     scans, odometry, truth = recorded(drive_of([*CORNERS, CORNERS[2], CORNERS[1], CORNERS[0]]), 2, 0.003)
     slam = mapped(scans, odometry)
