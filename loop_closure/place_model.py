@@ -5,8 +5,9 @@
 
 First stage: a boosted classifier over all pairs, on the text's features and, in a wider model, the differences of
 signatures. Second stage: gradient boosting on how well the outlines can be laid on each other
-(`loop_closure.matching`), only for pairs that pass the gate, at most `most` per query. A model without second stage is
-the first alone; the text's plain method is such a model.
+(`loop_closure.matching`), only for pairs that pass the gate, at most `most` per query; of pairs that are one place for
+certain it puts the nearer ones first. A model without second stage is the first alone; the text's plain method is such
+a model.
 """
 
 from __future__ import annotations
@@ -28,20 +29,17 @@ from estimation.gradient_boosting import GradientBoosting
 from loop_closure.comparison import PlaceDatabase
 from loop_closure.context import contexts
 from loop_closure.features import PlaceFeatures
-from loop_closure.matching import NAMES, match_features
+from loop_closure.matching import match_features
 from loop_closure.outline_kernels import MATCH_FEATURES
 from loop_closure.pairs import Pairs
 from loop_closure.retrieval import Embedding
 
 FORMAT = "whereabouts.place_model"
-VERSION = 1
+# Version 1 had second stages trained without grades; models without second stage are the same in both.
+VERSION = 2
 # Pairs that did not pass the gate stay in the order of the first stage, below those that were looked at closely.
 REJECTED = 0.01
 PLAIN_WIDTH = {2: 44, 3: 41}
-# The second stage learns whether two places are within 2.5 m. Where they are, the placement says how far apart: log
-# odds fall by so much with every metre beyond NEAR, so that the nearer of two sure places comes first.
-PER_METRE, NEAR = 2.0, 1.0
-DISTANCE = NAMES.index("distance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +122,9 @@ class PlaceModel:
             places = passed if rows is None else rows[passed]
             outlines = [outline for place in places if (outline := database.outline(int(place))) is not None]
             laid, _ = match_features(query.outline, outlines)
-            odds = self.second.decision(second_features(F[passed], likelihood[passed], laid, self.dimension))
-            odds -= PER_METRE * (laid[:, DISTANCE] - NEAR)
-            found[passed] = 1.0 / (1.0 + np.exp(-odds))
+            found[passed] = self.second.score(
+                second_features(F[passed], likelihood[passed], laid, self.dimension)
+            )
         return found
 
     def score_pairs(self, places: Sequence[PlaceFeatures], pairs: Pairs) -> FloatArray:
@@ -186,8 +184,9 @@ class PlaceModel:
             raise InputError(f"path: {path} is not a JSON file") from error
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise InputError(f"path: {path} does not hold a {FORMAT} model")
-        if content.get("version") != VERSION:
-            raise InputError(f"path: {path} has version {content.get('version')}, readable is {VERSION}")
+        version = content.get("version")
+        if version != VERSION and not (version == 1 and content.get("second") is None):
+            raise InputError(f"path: {path} has version {version}, readable is {VERSION}: train it again")
         try:
             first, second = content["first"], content["second"]
             context = content.get("context")

@@ -93,7 +93,8 @@ class CascadeConfig:
     """How a cascade is trained.
 
     rule : of positive pairs. positives, negatives : pairs drawn from each recording at random. hard : further negative
-    pairs, those that look most alike among `pool`. recall : share of positive pairs that pass the gate.
+    pairs, those that look most alike among `pool`. recall : share of positive pairs that pass the gate. grades : what
+    the second stage learns of a positive pair is whether it is nearer than each of these shares of the rule's distance.
     """
 
     rule: PairRule = field(default_factory=lambda: PairRule(distance=2.5, apart=4.0))
@@ -102,6 +103,7 @@ class CascadeConfig:
     hard: int = 2500
     pool: int = 40_000
     recall: float = 0.97
+    grades: tuple[float, ...] = (0.4, 0.8, 1.0)
     first_rounds: int = 80
     second_rounds: int = 160
     dimension: int = 16
@@ -114,6 +116,7 @@ class Examples:
 
     F : (M, n) of the first stage. laid : (M, 28) of the placement. same : (M,). random : (M,) whether the pair was
     drawn at random, not because it was hard: only those tell error rates. differences : (M, S) signed, of signatures.
+    apart : (M,) metres between the two places.
     """
 
     name: str
@@ -124,6 +127,7 @@ class Examples:
     same: npt.NDArray[np.int8]
     random: npt.NDArray[np.bool_]
     differences: npt.NDArray[np.float32]
+    apart: FloatArray
 
     @cached_property
     def weights(self) -> FloatArray:
@@ -166,6 +170,7 @@ def examples(recording: Recording, config: CascadeConfig) -> Examples:
         pairs.same,
         np.arange(len(pairs)) < len(start),
         database.signatures[pairs.first] - database.signatures[pairs.second],
+        np.linalg.norm(recording.poses[pairs.first, :2] - recording.poses[pairs.second, :2], axis=1),
     )
 
 
@@ -173,7 +178,8 @@ def fit_cascade(sets: Sequence[Examples], config: CascadeConfig) -> PlaceModel:
     """The cascade trained on prepared examples.
 
     The gate, and the first stage's verdicts that the second stage learns from, come from first stages that were
-    trained without the environment in question: on its own training data a classifier is too sure of itself.
+    trained without the environment in question: on its own training data a classifier is too sure of itself. The second
+    stage sees each pair once for every grade, so that of two sure places the nearer one comes first.
     """
     F, y = np.concatenate([s.F for s in sets]), np.concatenate([s.same for s in sets])
     laid, weights = np.concatenate([s.laid for s in sets]), np.concatenate([s.weights for s in sets])
@@ -191,8 +197,12 @@ def fit_cascade(sets: Sequence[Examples], config: CascadeConfig) -> PlaceModel:
         verdict[inside] = other.score(F[inside])
     gate = _weighted_quantile(verdict[y == 1], weights[y == 1], 1.0 - config.recall)
     seen = verdict >= gate
+    apart = np.concatenate([s.apart for s in sets])[seen]
+    graded = [y[seen] * (apart < grade * config.rule.distance) for grade in config.grades]
     second = GradientBoosting(config.second_rounds, 4, 0.1, rows=0.5, columns=0.4, seed=config.seed).fit(
-        second_features(F[seen], verdict[seen], laid[seen], sets[0].dimension), y[seen], weights[seen]
+        np.tile(second_features(F[seen], verdict[seen], laid[seen], sets[0].dimension), (len(graded), 1)),
+        np.concatenate(graded),
+        np.tile(weights[seen], len(graded)),
     )
     differences = np.concatenate([s.differences[s.random] for s in sets])
     random = np.concatenate([s.random for s in sets])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
@@ -19,6 +21,7 @@ from loop_closure import (
     shipped_model,
 )
 from loop_closure.pairs import PairRule, path_lengths, sample_pairs
+from loop_closure.roc import roc
 from loop_closure.shipped import NAMES
 from loop_closure.training import (
     NEGATIVE_SHARE,
@@ -103,6 +106,25 @@ def test_pairs_below_the_gate_stay_below_and_the_rest_is_looked_at(model, record
     np.testing.assert_allclose(limited[best], full[best])
     others = np.setdiff1d(np.arange(len(places)), best)
     np.testing.assert_allclose(limited[others], 0.01 * first[others])
+
+
+def test_of_two_sure_places_the_nearer_one_comes_first(recordings) -> None:
+    graded = train_cascade(recordings, CONFIG)
+    alike = train_cascade(recordings, replace(CONFIG, grades=(1.0,)))
+    other = floor(5)
+    near = other.pairs(PairRule(0.8, 10.0, np.radians(45)), 0, 200)
+    far = other.pairs(PairRule(2.0, 10.0, np.radians(45)), 0, 400)
+    apart = np.linalg.norm(other.poses[far.first, :2] - other.poses[far.second, :2], axis=1)
+    far = far.take(apart > 1.6)
+    assert len(near) > 20
+    assert len(far) > 20
+
+    def sorted_rightly(model: PlaceModel) -> float:
+        same = np.repeat([1, 0], [len(near), len(far)])
+        scores = [model.score_pairs(other.places, pairs) for pairs in (near, far)]
+        return roc(np.concatenate(scores), same).area
+
+    assert sorted_rightly(graded) > max(0.7, sorted_rightly(alike))
 
 
 def test_a_long_history_is_searched_by_its_index(model, recordings) -> None:
@@ -196,5 +218,12 @@ def test_wrong_models_are_refused(model, recordings, tmp_path) -> None:
         (tmp_path / "model.json").write_text(text)
         with pytest.raises(InputError, match=message):
             PlaceModel.load(tmp_path / "model.json")
+    model.save(tmp_path / "model.json")
+    content = json.loads((tmp_path / "model.json").read_text())
+    (tmp_path / "model.json").write_text(json.dumps({**content, "version": 1}))
+    with pytest.raises(InputError, match="train it again"):
+        PlaceModel.load(tmp_path / "model.json")
+    (tmp_path / "model.json").write_text(json.dumps({**content, "version": 1, "second": None}))
+    assert PlaceModel.load(tmp_path / "model.json").second is None
     with pytest.raises(InputError, match="wide"):
         model.likelihoods(recordings[0].places[0], PlaceDatabase(recordings[0].places))

@@ -73,6 +73,7 @@ def train_on_logs(
     say("boosting")
     model = fit_cascade(sets, config)
     card = _card(recordings[: len(logs) + simulation], method, rule, local_map)
+    card["grades_m"] = [round(share * rule.distance, 6) for share in config.grades]
     finished(replace(model, card=card))
     if judged and len({s.environment for s in sets} - {SIMULATED}) > 2:
         say("judging by leaving out one place at a time")
@@ -104,8 +105,8 @@ def left_out(
     recordings: Sequence[Recording],
     config: CascadeConfig,
     distances: Sequence[float] = (1.0, 2.0, 3.0),
-    positives: int = 600,
-    negatives: int = 6000,
+    positives: int = 2000,
+    negatives: int = 12_000,
     jobs: int = 1,
 ) -> list[dict[str, Any]]:
     """D in % at 0, 0.1 and 1 % FA on each recording, by a model trained without its environment.
