@@ -26,6 +26,8 @@ NOISE = 0.025  # metres, of the scanner, at the most
 SAME = 0.03  # metres and radians between two answers that are one
 BETTER = 0.02  # share of the rest that has to agree more for another answer
 LEAST = 0.6  # share of the rest that has to agree with an answer that it does not give itself
+LITTLE = 0.2  # the same, where what is near fills too little to have decided: in a crowd much of the rest moves as well
+DECIDES = 0.47  # share of the returned beams, from which it may have
 LEAST_FILLED = 0.6  # and with one that it gives, where most of the scan is filled
 FOLLOWED = 0.7  # share of a near thing that agrees with an answer that it may have decided
 MUCH = 0.4  # of the beams of a scan, from which the rest has to say in which direction the sensor went
@@ -68,7 +70,7 @@ def told_by_the_rest(
     if rest.converged and np.abs(between(rest.transform, registration.transform)).max() < SAME:
         least = LEAST_FILLED if np.mean(big) > 0.5 else 0.0
     else:
-        least = LEAST
+        least = LEAST if np.mean(big) >= DECIDES else LITTLE
     if registration.converged and agreed < least and _follows(a, b, registration.transform, big, other):
         reason = f"what fills {np.mean(big):.0%} of the scan fits, but only {agreed:.0%} of the rest"
         return replace(registration, converged=False, reason=reason)

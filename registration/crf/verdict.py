@@ -23,7 +23,7 @@ from registration.crf.potentials import Problem
 from registration.crf.setup import Start
 from registration.motion import Array
 
-MOVES = 2.2  # log odds, both equally likely beforehand, from which a point moves
+MOVES = 2.1  # log odds, both equally likely beforehand, from which a point moves
 JOINS = 0.3  # metres to an object within which what moves is part of it
 LINK = 0.45  # metres between parts of one thing: two legs
 FIRST = 20  # trees that every point is shown to
