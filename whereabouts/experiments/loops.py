@@ -27,6 +27,7 @@ from whereabouts.experiments.loops_changes import dynamic_objects, likelihood_ma
 from whereabouts.experiments.loops_data import Reading, read_recording
 from whereabouts.experiments.loops_features import informative_features, repetitive_structure, training_rounds
 from whereabouts.experiments.loops_judging import Judgement, draw_curves
+from whereabouts.experiments.loops_readings import chosen_logs, readings
 from whereabouts.experiments.loops_retrieval import retrieval
 from whereabouts.experiments.report import Options, Report, Table
 from whereabouts.killian import bag_directory
@@ -74,6 +75,8 @@ def run(options: Options) -> Report:
         informative_features(options, report, recordings, rule_of)
         repetitive_structure(options, report, recordings, rule_of)
         across_places(options, report, recordings, rule_of)
+        readings(options, report, recordings, rule_of)
+        chosen_logs(options, report, recordings, rule_of)
         translation(options, report, recordings)
         likelihood_matrix(options, report, recordings)
         retrieval(options, report, recordings)
