@@ -232,7 +232,8 @@ def test_few_crowds_are_too_much_and_none_gives_a_wrong_motion() -> None:
             away = begun.transform - pair.motions[0]
             refused += not begun.converged
             wrong += begun.converged and (np.hypot(*away[:2]) > 0.1 or abs(away[2]) > 0.05)
-    assert refused <= 3  # of 120; 5 if what fills a third could have decided, 11 if little of the outlines was not enough
+    # Of 120; 5 if what fills a third could have decided, 11 if little of the outlines was not enough.
+    assert refused <= 3
     assert wrong == 0
 
 
