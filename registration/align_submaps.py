@@ -23,6 +23,8 @@ NOISE = 0.03  # metres, of a fused outline over metres of odometry
 FLOOR = np.array([0.02, 0.02, 0.002])  # m, m, rad: what bent local maps and their fusing leave
 CORRELATED = 30.0  # neighbouring points share their error: so many count as one
 FREE = np.array([3.0, 3.0, 1.0])  # m, m, rad: of a direction the lines leave open
+LOOSEST = 0.12  # metres, standard deviation in the direction a placement says least about
+WAVERING = 0.03  # metres that iterations may go to and fro about a placement without coming to rest
 LEAST_AGREEING = 4.0  # metres of outline, of the lesser side
 LEAST_FITNESS = 0.9
 LEAST_OVERLAP = 0.35  # agreeing share of the source's outline, looked at or not
@@ -123,24 +125,29 @@ def _placement(refined: Refined, forth: Verdict, back: Verdict) -> Placement:
         verdict.agreeing / max(verdict.agreeing + verdict.standing + verdict.unknown, 1e-9)
         for verdict in (forth, back)
     )
+    covariance = _covariance(refined)
     merit = both - 2.0 * (forth.standing + back.standing)
     reason = ""
     if refined.open_directions:
         reason = f"{refined.open_directions} of 3 directions are open"
-    elif not refined.settled:
+    elif refined.wavering > WAVERING:
         reason = "the iterations did not settle"
+    elif (loosest := float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))) > LOOSEST:
+        reason = f"one direction is only known to {loosest:.2f} m"
     elif agreeing < LEAST_AGREEING or overlap < LEAST_OVERLAP:
         reason = f"only {agreeing:.1f} m of outline ({overlap:.0%}) in common"
     elif fitness < LEAST_FITNESS:
         reason = f"only {fitness:.0%} of what both saw agrees"
     return Placement(
-        refined.pose, _covariance(refined), fitness, overlap, agreeing, merit, refined.open_directions, reason
+        refined.pose, covariance, fitness, overlap, agreeing, merit, refined.open_directions, reason
     )
 
 
 def _covariance(refined: Refined) -> Array:
     information = refined.information / CORRELATED + np.diag(FREE**-2.0)
     covariance = np.linalg.inv(information) + np.diag(FLOOR**2)
+    if refined.wavering <= WAVERING:
+        covariance += refined.wavering**2 * np.diag([1.0, 1.0, 0.0])
     return np.asarray(0.5 * (covariance + covariance.T))
 
 

@@ -22,6 +22,8 @@ from registration.surface import Surface
 TUKEY = 4.685  # 95 % efficiency at the normal distribution
 KERNEL = 0.012  # metres, noise the kernel narrows to
 LEAST_SPREAD = 0.002  # metres; residuals of a scan on itself are nothing, its noise is not
+TRAIL = 8  # iterations that tell whether one that never settles wavers about a place or slides
+SLIDE = 0.003  # metres between the means of the two halves of these from which on it slides
 EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
 AGREE = 0.6  # cosine between normals that may correspond
 
@@ -60,6 +62,7 @@ class Refined:
     matched: NDArray[np.int64]
     settled: bool
     iterations: int
+    wavering: float = 0.0
 
 
 @njit(cache=True)
@@ -237,6 +240,7 @@ def _refine(  # type: ignore[no-untyped-def]
     width = max(doubt, finest_width)
     opened, settled, turns = 3, False, 0
     moved = math.inf  # since the last matching
+    trail = np.full((TRAIL, 3), math.inf)
     spread = noise
     for turns in range(most):
         final = width <= finest_width
@@ -265,6 +269,9 @@ def _refine(  # type: ignore[no-untyped-def]
             pose[b] += step[b]
         change = abs(step[0]) + abs(step[1]) + arm * abs(step[2])
         moved += change
+        if final:
+            for b in range(3):
+                trail[turns % TRAIL, b] = pose[b] * (arm if b == 2 else 1.0)
         if final and change < 3e-4:
             settled = True
             break
@@ -272,7 +279,7 @@ def _refine(  # type: ignore[no-untyped-def]
             width = max(0.6 * width, finest_width)
     if opened == 1:
         _straighten(information, arm, target_normals, target_tilt, matched)
-    return pose, information, opened, spread, matched, settled, turns
+    return pose, information, opened, spread, matched, settled, turns, trail
 
 
 def refine(
@@ -293,10 +300,21 @@ def refine(
     floor : information (1/m²) below which a direction is open whatever the normals' noise.
     most : iterations.
     """
-    pose, information, opened, spread, matched, settled, turns = _refine(
+    pose, information, opened, spread, matched, settled, turns, trail = _refine(
         source.points, source.normals, source.tilt, source.spacing, source.trust,
         target.points, target.normals, target.tilt, target.heads, target.following,
         source.signed and target.signed, guess, doubt, finest, noise, floor, most,
     )  # fmt: skip
     pose[2] = math.atan2(math.sin(pose[2]), math.cos(pose[2]))
-    return Refined(pose, information, opened, spread, matched, settled, turns)
+    wavering = 0.0 if settled else _wavering(np.roll(trail, -(turns + 1) % TRAIL, axis=0))
+    return Refined(pose, information, opened, spread, matched, settled, turns, wavering)
+
+
+def _wavering(trail: Array) -> float:
+    """Metres that poses (TRAIL, 3), yaw in metres too, the latest last, go to and fro; inf where they move on."""
+    if not np.isfinite(trail).all():
+        return math.inf
+    half = TRAIL // 2
+    if np.abs(trail[:half].mean(axis=0) - trail[half:].mean(axis=0)).max() > SLIDE:
+        return math.inf
+    return float(np.ptp(trail, axis=0).max())
