@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from whereabouts.cli.demo import _figures
 from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, read_tum
+from whereabouts.replay_report import Replayed
 from whereabouts.simulation import Drive, Lidar, box, joined
 
 runner = CliRunner()
@@ -99,3 +101,14 @@ def test_experiments_are_listed_with_what_they_show() -> None:
     assert result.exit_code == 0
     for line in result.output.splitlines():
         assert len(line.split(maxsplit=1)[1]) > 10
+
+
+def test_the_demo_counts_what_any_node_dropped() -> None:
+    from whereabouts.nodes.replayer import ReplayAccount
+
+    said = {
+        "scan_registration": {"/scan dropped": "1", "/scan dropped, refused": "1"},
+        "loop_closure": {"/scan dropped": "2", "/scan dropped, no transform": "2", "/odometry dropped": "0"},
+    }
+    replayed = Replayed(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)), said)
+    assert _figures(ReplayAccount(), replayed)["dropped"] == 3

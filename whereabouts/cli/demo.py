@@ -245,7 +245,12 @@ def _figures(account: ReplayAccount, replayed: Replayed) -> dict[str, Any]:
         "latency_p99_ms": float(next((v for k, v in scan_keys.items() if "p99" in k), "nan")),
         "lost": account.total_lost,
         "unanswered": account.unanswered.total(),
-        "dropped": sum(int(value) for key, value in node.items() if key.endswith(" dropped")),
+        "dropped": sum(
+            int(value)
+            for values in replayed.figures.values()
+            for key, value in values.items()
+            if key.endswith(" dropped")
+        ),
     }
 
 
