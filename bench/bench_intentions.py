@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from evaluation.experiments.intentions import simulated_walks
 from tracking.intentions import IntentionConfig, IntentionModel
-from whereabouts.experiments.intentions import simulated_walks
 
 LEARNED = 500
 

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from evaluation.experiments.odometry import follow, simulated_floor
 from registration import Odometry, align, align_globally
 from whereabouts.datasets import recording
-from whereabouts.experiments.odometry import follow, simulated_floor
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
 from whereabouts.simulation.pairs import CROWDED, EASY, HARD, random_pair

@@ -25,13 +25,13 @@ import numpy as np
 from stone_soup_phd import StoneSoupPhd
 
 from estimation.metrics import ospa
+from evaluation.experiments.phd_recorded import SCENES, config_of
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
 from tracking.correction import CellStatistics, cell_log_factor
 from tracking.correction_kernels import centroid_log_likelihood
 from tracking.evaluation import positions
 from tracking.partitions import PartitionBuilder
 from whereabouts.datasets import recording
-from whereabouts.experiments.phd_recorded import SCENES, config_of
 
 NOISE = 20.0
 

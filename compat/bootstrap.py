@@ -194,7 +194,7 @@ def check_origin(cache):
 def install_package():
     command = [
         PYTHON, "-m", "pip", "install", "--disable-pip-version-check",
-        "--no-deps", "--no-build-isolation", "--editable", ".",
+        "--no-deps", "--no-build-isolation", "--editable", ".", "--editable", "./evaluation",
     ]  # fmt: skip
     run(command, STATE / "package.log", clean_environment())
 
@@ -234,7 +234,9 @@ def main(names):
             ]
             for build in builds:
                 build.result()
-        package_files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml")]
+        package_files = [
+            ROOT / name for name in ("setup.py", "setup.cfg", "package.xml", "evaluation/pyproject.toml")
+        ]
         step("package", package_files, install_package, extra=str(ROOT))
         libraries = [ROOT / name for name in COMPILED]
         step(

@@ -1,6 +1,6 @@
 """How much more a cluster looks like a person's leg, legs or trunk than like anything else.
 
-Boosted trees over the features of `tracking.legs`; `whereabouts/experiments/people_training.py` trained them and
+Boosted trees over the features of `tracking.legs`; `evaluation/experiments/people_training.py` trained them and
 `models/people_clusters_card.json` says on what.
 """
 

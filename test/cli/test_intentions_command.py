@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evaluation.experiments.intentions import simulated_walks
 from whereabouts.cli.main import app
-from whereabouts.experiments.intentions import simulated_walks
 
 runner = CliRunner()
 

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from estimation.conversion import condition_ratio, convert, convert_samples
-from whereabouts.experiments import Options
-from whereabouts.experiments import conversion as experiment
-from whereabouts.experiments import conversion_analysis as analysis
-from whereabouts.experiments import conversion_drive as driving
-from whereabouts.experiments import conversion_limits as limits
-from whereabouts.experiments import conversion_tracking as tracking
-from whereabouts.experiments.report import Report
+from evaluation.experiments import conversion as experiment
+from evaluation.experiments import conversion_analysis as analysis
+from evaluation.experiments import conversion_drive as driving
+from evaluation.experiments import conversion_limits as limits
+from evaluation.experiments import conversion_tracking as tracking
+from evaluation.report import Options, Report
 
 
 @pytest.mark.parametrize("method", analysis.METHODS)

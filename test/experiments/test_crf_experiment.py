@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.experiments.crf import FREE, MODELS, leave_one_out
+from evaluation.experiments.crf_filled import filled
+from evaluation.experiments.crf_metrics import scores
+from evaluation.report import Options, Report
 from registration.crf.baselines import free_space, icp_kmeans
-from whereabouts.experiments.crf import FREE, MODELS, leave_one_out
-from whereabouts.experiments.crf_filled import filled
-from whereabouts.experiments.crf_metrics import scores
-from whereabouts.experiments.report import Options, Report
 from whereabouts.simulation.labelled_pairs import protocol
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from evaluation.experiments import intentions_protocol as protocol
+from evaluation.experiments.intentions import simulated_walks
+from evaluation.experiments.intentions_days import simulated_day
 from whereabouts.datasets import recording
-from whereabouts.experiments import intentions_protocol as protocol
-from whereabouts.experiments.intentions import simulated_walks
-from whereabouts.experiments.intentions_days import simulated_day
 from whereabouts.logs.trajectories import read_trajectories
 
 

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 
 from estimation.gradient_boosting import GradientBoosting
+from evaluation.experiments import loops_across
+from evaluation.experiments.loops import THEIRS, within_recordings
+from evaluation.experiments.loops_across import across_places, shipped_models
+from evaluation.experiments.loops_changes import dynamic_objects
+from evaluation.experiments.loops_data import Reading, every, simulated
+from evaluation.experiments.loops_features import repetitive_structure, training_rounds
+from evaluation.experiments.loops_readings import READINGS, chosen_logs, readings
+from evaluation.experiments.loops_training import _curves
+from evaluation.report import Options, Report
 from loop_closure.pairs import PairRule
 from loop_closure.training import CascadeConfig, Recording, train_plain
-from whereabouts.experiments import loops_across
-from whereabouts.experiments.loops import THEIRS, within_recordings
-from whereabouts.experiments.loops_across import across_places, shipped_models
-from whereabouts.experiments.loops_changes import dynamic_objects
-from whereabouts.experiments.loops_data import Reading, every, simulated
-from whereabouts.experiments.loops_features import repetitive_structure, training_rounds
-from whereabouts.experiments.loops_readings import READINGS, chosen_logs, readings
-from whereabouts.experiments.loops_training import _curves
-from whereabouts.experiments.report import Options, Report
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whereabouts.experiments.people_judging import Expected
+from evaluation.experiments.people_judging import Expected
 
 
 def test_expected_are_those_in_view_for_long_until_hidden_for_long_and_then_anew() -> None:

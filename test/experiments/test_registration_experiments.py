@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.experiments import odometry, registration
+from evaluation.report import Options, Report
 from registration import align
 from whereabouts.datasets import recording
-from whereabouts.experiments import odometry, registration
-from whereabouts.experiments.report import Options, Report
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
 from whereabouts.simulation.pairs import EASY, random_pair

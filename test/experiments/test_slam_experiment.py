@@ -10,9 +10,9 @@ import pytest
 
 from estimation.metrics import relations_error
 from estimation.poses import compound
-from whereabouts.experiments.slam_as_node import Driven
-from whereabouts.experiments.slam_as_node import false_closures as false_of_node
-from whereabouts.experiments.slam_judging import (
+from evaluation.experiments.slam_as_node import Driven
+from evaluation.experiments.slam_as_node import false_closures as false_of_node
+from evaluation.experiments.slam_judging import (
     CLOSE,
     false_closures,
     jitter,

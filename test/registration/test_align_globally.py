@@ -5,9 +5,9 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.poses import wrap_angle
+from evaluation.experiments.registration_data import read_3dtk, read_ply
 from registration import align, align_globally
 from whereabouts.datasets import recording
-from whereabouts.experiments.registration_data import read_3dtk, read_ply
 from whereabouts.simulation import Lidar, box, corridor, random_room
 from whereabouts.simulation.pairs import EASY, free_pose, random_pair
 from whereabouts.simulation.robot import relative

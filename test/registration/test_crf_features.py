@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
+from evaluation.experiments.crf_metrics import edit_distance, renumbered
 from registration import Scan
 from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, beams_of, first_look, seen_by
 from registration.crf.candidates import candidates, nearest_points
 from registration.crf.rigid import rigid_motion
 from registration.crf.shape_features import NAMES, pair_features
-from whereabouts.experiments.crf_metrics import edit_distance, renumbered
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts.simulation.labelled_pairs import protocol, random_labelled_pairs
 

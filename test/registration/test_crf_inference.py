@@ -7,6 +7,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from estimation.errors import InputError
+from evaluation.experiments.crf import f1_of
+from evaluation.experiments.crf_metrics import scores
+from evaluation.experiments.crf_recordings import _counts, _pairs, read_recording
 from registration import Scan, align, align_globally
 from registration.crf import JointEstimate, JointModel
 from registration.crf.baselines import free_space
@@ -14,9 +17,6 @@ from registration.crf.online import ScanSegmenter, SegmenterConfig
 from registration.crf.setup import start
 from registration.crf.window import segment
 from whereabouts.datasets import data_directory
-from whereabouts.experiments.crf import f1_of
-from whereabouts.experiments.crf_metrics import scores
-from whereabouts.experiments.crf_recordings import _counts, _pairs, read_recording
 from whereabouts.simulation import Lidar, Mover, box, corridor, joined, outlines, random_room
 from whereabouts.simulation.labelled_pairs import LabelledPair, labelled, protocol, random_labelled_pairs
 from whereabouts.simulation.pairs import free_pose

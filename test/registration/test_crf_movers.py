@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from evaluation.experiments.crf import f1_of
+from evaluation.experiments.crf_metrics import scores
 from registration import Scan
 from registration.align import among_movers
 from registration.crf import JointEstimate, JointModel, setup
 from registration.crf.hypotheses import hypotheses
 from registration.outline import outline_of
-from whereabouts.experiments.crf import f1_of
-from whereabouts.experiments.crf_metrics import scores
 from whereabouts.simulation import Lidar, Mover, SimulatedScan, box, joined, outlines, random_room
 from whereabouts.simulation.labelled_pairs import protocol
 from whereabouts.simulation.pairs import free_pose

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from evaluation.experiments.crf import f1_of
+from evaluation.experiments.crf_metrics import scores
 from registration import Scan
 from registration.crf import JointModel
 from registration.crf.estimate import JointEstimate
@@ -18,8 +20,6 @@ from registration.crf.inference import infer_labels
 from registration.crf.setup import problem_of, start, starts_of
 from registration.crf.verdict import MOVES, Verdict, decided
 from registration.crf.window import vote
-from whereabouts.experiments.crf import f1_of
-from whereabouts.experiments.crf_metrics import scores
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
 from whereabouts.simulation.movers import crowd, outlines

@@ -10,6 +10,14 @@ from people_scans import STEP, scan_of, walk, wall, with_leg
 
 from estimation.errors import InputError
 from estimation.poses import compound
+from evaluation.experiments.people_judging import (
+    Constant,
+    crossing_kept,
+    follow_person,
+    hidden_kept,
+    judge_everybody,
+    judge_scene,
+)
 from registration import Scan
 from tracking import PeopleConfig, PeopleTracker
 from tracking.background import Background
@@ -22,14 +30,6 @@ from tracking.people_tracks import Tracks
 from tracking.people_update import Moment, _go_on, _miss, steady_velocity
 from tracking.people_walking import steady_speeds
 from whereabouts.datasets import recording
-from whereabouts.experiments.people_judging import (
-    Constant,
-    crossing_kept,
-    follow_person,
-    hidden_kept,
-    judge_everybody,
-    judge_scene,
-)
 from whereabouts.simulation import Lidar, circle
 from whereabouts.simulation.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
 from whereabouts.simulation.people_scenes import crossing, hidden

@@ -7,6 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from evaluation.experiments.phd_monte_carlo import crossing_kept, scored
+from evaluation.experiments.phd_recorded import config_of
 from tracking import ExtendedTargetPhd, PhdConfig
 from tracking.components import Components
 from tracking.evaluation import Score, clear_mot, labels_kept
@@ -14,8 +16,6 @@ from tracking.hypotheses import Hypotheses
 from tracking.phd_models import ConstantVelocityMotion, Labels
 from tracking.pmbm import PmbmRecursion
 from whereabouts.datasets import recording
-from whereabouts.experiments.phd_monte_carlo import crossing_kept, scored
-from whereabouts.experiments.phd_recorded import config_of
 from whereabouts.simulation.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]

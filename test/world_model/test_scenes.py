@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from whereabouts.experiments.anchoring_scenes import ALL_ROUND, HARD, ROOM, known
+from evaluation.experiments.anchoring_scenes import ALL_ROUND, HARD, ROOM, known
 from whereabouts.simulation.objects import ObjectScene, Seen, Thing, scattered
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 

@@ -10,7 +10,7 @@ import typer
 from whereabouts.cli.common import Dask, Jobs, JsonFile, write_figures
 
 if TYPE_CHECKING:
-    from whereabouts.experiments import Report, Table
+    from evaluation.report import Report, Table
 
 
 def experiment(
@@ -24,8 +24,8 @@ def experiment(
 ) -> None:
     """Run an experiment of the reference texts and print its tables."""
     from estimation.errors import InputError
+    from evaluation.report import Options
     from whereabouts.datasets import data_directory
-    from whereabouts.experiments import Options
     from whereabouts.parallel import cluster
 
     known = experiments()
@@ -54,7 +54,7 @@ def experiments() -> dict[str, Any]:
     import importlib
     import pkgutil
 
-    import whereabouts.experiments as package
+    import evaluation.experiments as package
 
     modules = {}
     for info in pkgutil.iter_modules(package.__path__):

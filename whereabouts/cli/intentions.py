@@ -45,8 +45,8 @@ def intentions(
     """
     from dataclasses import replace
 
+    from evaluation.experiments.intentions_run import learn_and_predict
     from tracking.intentions import IntentionConfig, IntentionModel
-    from whereabouts.experiments.intentions_run import learn_and_predict
     from whereabouts.logs.trajectories import read_trajectories
     from whereabouts.progress import progress_bar
 
@@ -81,7 +81,7 @@ def intentions(
     if save is not None:
         typer.echo(f"saved to {model.save(save)}")
     if picture is not None:
-        from whereabouts.experiments.intentions_run import draw
+        from evaluation.experiments.intentions_run import draw
 
         typer.echo(f"drawn to {draw(model, list(recorded.trajectories.values()), picture)}")
     write_figures(json_file, {"source": str(source), "method": model.config.method, **told.figures()})

@@ -80,8 +80,8 @@ def train(
 
     The cascade is trained on single scans (headings within 45°) and on local maps (up to --heading) alike.
     """
+    from evaluation.experiments.loops_training import train_on_logs
     from loop_closure.pairs import PairRule
-    from whereabouts.experiments.loops_training import train_on_logs
     from whereabouts.parallel import cluster
     from whereabouts.progress import progress_bar
 
@@ -148,9 +148,9 @@ def evaluate(
     """
     from dataclasses import replace
 
+    from evaluation.experiments.loops_data import Reading, read_recording
+    from evaluation.experiments.loops_judging import draw_curves, judge
     from loop_closure.pairs import PairRule
-    from whereabouts.experiments.loops_data import Reading, read_recording
-    from whereabouts.experiments.loops_judging import draw_curves, judge
     from whereabouts.parallel import cluster
     from whereabouts.progress import track
 
@@ -202,9 +202,9 @@ def inspect(
     Test 1: features chosen in the first five rounds. Test 2: features whose removal costs most. Then training and
     validation error by rounds, and the features that are alike at different places.
     """
+    from evaluation.experiments.loops_data import Reading, read_recording
+    from evaluation.experiments.loops_judging import look_into
     from loop_closure.pairs import PairRule
-    from whereabouts.experiments.loops_data import Reading, read_recording
-    from whereabouts.experiments.loops_judging import look_into
     from whereabouts.progress import track
 
     rule = PairRule(distance, path_gap, math.radians(heading), index_gap=index_gap)

@@ -53,7 +53,7 @@ def segment(
 
 
 def _train(out: Path, json_file: Path | None) -> None:
-    from whereabouts.experiments.crf_training import train_shipped
+    from evaluation.experiments.crf_training import train_shipped
 
     started = time.perf_counter()
     model = train_shipped()

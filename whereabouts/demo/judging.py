@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.experiments.people_judging import Expected, SceneJudgement, judge_people
 from whereabouts.demo.reading import Said, Thing, Truth
-from whereabouts.experiments.people_judging import Expected, SceneJudgement, judge_people
 
 Array = NDArray[np.float64]
 SAME = 0.4

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.experiments.people_judging import SceneJudgement
 from whereabouts.demo import pictures
 from whereabouts.demo.judging import (
     Identities,
@@ -21,7 +22,6 @@ from whereabouts.demo.judging import (
 )
 from whereabouts.demo.page import Page, Row
 from whereabouts.demo.reading import Said, Truth, read_said, read_truth
-from whereabouts.experiments.people_judging import SceneJudgement
 from whereabouts.process_usage import Usage
 from whereabouts.simulation.apartment import apartment
 from whereabouts.simulation.apartment_day import MOVED

@@ -1,0 +1,164 @@
+"""Scenes of objects on which anchoring is judged: what it is told, count and identities it ends with, and times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from evaluation.experiments.identities import IdentityScore
+from whereabouts.simulation.ants import AntScene
+from whereabouts.simulation.objects import ObjectScene, Thing, scattered
+from world_model import WorldModel, WorldModelConfig
+
+ROOM = ((-2.5, 2.5), (-2.5, 2.5), (0.0, 1.5))
+HALL = ((-5.0, 5.0), (-5.0, 5.0), (0.0, 1.5))
+FLOOR = ((-20.0, 20.0), (-20.0, 20.0), (0.0, 1.5))
+ALL_ROUND: dict[str, Any] = {"pose": (-3.0, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0 * np.pi}
+HARD: dict[str, Any] = {"detection": 0.6, "clutter": 3.0}
+
+
+def known(scene: ObjectScene, **more: Any) -> WorldModelConfig:
+    """What a deployment may know about a scene: rates, accuracy, region; not what is in it."""
+    return WorldModelConfig(
+        classes=scene.classes,
+        colors=scene.colors,
+        region=scene.region,  # type: ignore[arg-type]
+        rate_hz=scene.rate,
+        detection_probability=scene.detection,
+        clutter_per_frame=scene.clutter,
+        measurement_sigma=scene.sigma,
+        class_accuracy=scene.accuracy,
+        missed_run_frames=scene.missed_run,
+        **more,
+    )
+
+
+@dataclass(frozen=True)
+class Played:
+    """objects : at the end; true : that are there then and were in view once. switches : of identity.
+    mean_ms, worst_ms : of an update, without the first five."""
+
+    objects: int
+    true: int
+    switches: int
+    mean_ms: float
+    worst_ms: float
+
+
+def play(scene: ObjectScene, looks: int = 600, near: float = 0.14) -> Played:
+    """Run a scene through a new model."""
+    model = WorldModel(known(scene))
+    score = IdentityScore(near)
+    times, met = [], set()
+    for seen in scene.looks(looks):
+        begin = process_time()
+        state = model.update(seen.evidence, seen.stamp)
+        times.append(1e3 * (process_time() - begin))
+        met |= set(seen.sources)
+        positions = np.array([item.position for item in state.objects]).reshape(-1, 3)
+        score.add(seen.truth, [item.id for item in state.objects], positions)
+    true = len(met & set(seen.truth))
+    return Played(len(state.objects), true, score.switches, float(np.mean(times[5:])), max(times[5:]))
+
+
+def turning(count: int, in_view: int, region: Any, reach: float, seed: int, **detector: Any) -> ObjectScene:
+    """`count` objects around a sensor that turns and has `in_view` of them in view on average."""
+    rng = np.random.default_rng(seed)
+    things: list[Thing] = []
+    while len(things) < count:
+        (thing,) = scattered(1, rng, region)
+        near = all(np.linalg.norm(thing.position - other.position) >= 0.25 for other in things)
+        if near and np.hypot(*thing.position[:2]) < reach - 0.2:
+            things.append(thing)
+    angle = 2.0 * np.pi * in_view / count
+    sensor = {"pose": (0.0, 0.0, 1.0, 0.0), "range": reach, "angle": angle}
+    # Two turns in 30 s, so that everything is seen again.
+    return ObjectScene(things, region, sensor=sensor, turn=4.0 * np.pi / 30.0, seed=seed, **detector)
+
+
+def scenes(seed: int) -> dict[str, ObjectScene]:
+    """The scenes that WIRE was measured on, and what it could not do."""
+    rng = np.random.default_rng(seed)
+    made: dict[str, ObjectScene] = {}
+    for count in (10, 20, 30):
+        made[f"{count} objects"] = ObjectScene(scattered(count, rng, ROOM), ROOM, sensor=ALL_ROUND, seed=seed)
+    made["100 objects, 20 in view"] = turning(100, 20, HALL, 5.0, seed)
+    for count in (10, 20, 30):
+        things = scattered(count, rng, ROOM)
+        made[f"{count}, p_D 0.6, 3 false"] = ObjectScene(things, ROOM, sensor=ALL_ROUND, seed=seed, **HARD)
+    made["1,000 objects, 20 in view"] = turning(1000, 20, FLOOR, 20.0, seed)
+    twins = [Thing("cup", "red", np.array([x, y, 0.8])) for x, y in ((0.0, 0.0), (0.15, 0.0), (1.0, 1.0))]
+    made["twins 15 cm apart"] = ObjectScene(twins, ROOM, sensor=ALL_ROUND, seed=seed)
+    others = scattered(9, rng, ROOM)
+    leaving = Thing("cup", "red", np.array([0.0, 0.0, 0.8]), path=((20.0, None),))
+    made["one of 10 removed"] = ObjectScene([*others, leaving], ROOM, sensor=ALL_ROUND, seed=seed)
+    place = np.array([1.0, 1.0, 0.8])
+    carried = Thing("cup", "red", np.array([0.0, 0.0, 0.8]), path=((10.0, None), (15.0, place)))
+    apart = [t for t in others if np.linalg.norm(t.position - place) > 0.3 and t.kind != "cup"]
+    made["one carried"] = ObjectScene([*apart, carried], ROOM, sensor=ALL_ROUND, seed=seed)
+    return made
+
+
+@dataclass(frozen=True)
+class AntRun:
+    """mixed : ants that have another identity at the end than at the beginning. counts (K, 3) : expected, detected
+    and true number over time."""
+
+    mixed: int
+    corrected: int
+    merged: int
+    mean_ms: float
+    counts: np.ndarray
+
+
+def ants(scene: AntScene, looks: int) -> AntRun:
+    """Identities of ants, judged where they are alone; changes that were taken back count as corrected."""
+    half = 0.5 * scene.side + 0.005
+    config = WorldModelConfig(
+        colors=("brown",),
+        region=((-half, half), (-half, half), (-0.005, 0.005)),
+        rate_hz=scene.rate,
+        detection_probability=0.97,
+        clutter_per_frame=scene.clutter,
+        measurement_sigma=scene.sigma,
+        missed_run_frames=2.0,
+        new_objects_per_second=0.05,
+        initial_objects=float(scene.count),
+        motion={
+            "*": {
+                "model": "constant_velocity",
+                "accel_sigma": 0.5 * scene.speed,
+                "turn_sigma": scene.turning,
+            }
+        },
+        merged_detections=True,
+    )
+    model = WorldModel(config)
+    first: dict[int, str] = {}
+    now: dict[int, str] = {}
+    changes = merged = 0
+    times, counts = [], []
+    for index, seen in enumerate(scene.looks(looks)):
+        begin = process_time()
+        state = model.update(seen.evidence, seen.stamp)
+        times.append(1e3 * (process_time() - begin))
+        counts.append((state.expected_count, len(seen.evidence.objects), len(seen.truth)))
+        merged += sum(len(behind) > 1 for behind in seen.sources)
+        true = np.array(list(seen.truth.values()))
+        apart = np.linalg.norm(true[:, None] - true[None], axis=2) + np.eye(len(true))
+        found = np.array([item.position for item in state.objects]).reshape(-1, 3)
+        if index < 10 or not len(found):
+            continue
+        off = np.linalg.norm(true[:, None] - found[None], axis=2)
+        for ant in np.flatnonzero(apart.min(1) > 1.5 * scene.merge):
+            nearest = int(off[ant].argmin())
+            if off[ant, nearest] < 0.5 * scene.merge:
+                name = state.objects[nearest].id
+                changes += now.get(int(ant), name) != name
+                first.setdefault(int(ant), name)
+                now[int(ant)] = name
+    mixed = sum(now[ant] != first[ant] for ant in first)
+    return AntRun(mixed, changes - mixed, merged, float(np.mean(times[5:])), np.array(counts))

@@ -1,0 +1,238 @@
+"""Pairwise, global and spatial registration: success, accuracy, time and honesty beside other libraries.
+
+Simulated rooms (σ = 1 cm), zero initial guess; success is less than 5 cm and 1° off. The pairs are those of
+`whereabouts.simulation.pairs`: easy up to 0.2 m and 10°, hard up to 0.6 m and 35°, crowded as easy with 8 moving
+people and things. Recorded clouds (`scans_3d`) are registered from identity and after a random turn.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.metrics import anees_bounds
+from estimation.poses import wrap_angle
+from evaluation.experiments.registration_data import read_3dtk, read_ply
+from evaluation.experiments.registration_others import extruded_gicp, kiss_icp, open3d_point_to_plane
+from evaluation.report import Options, Report, Table
+from registration import Registration, Scan, align, align_globally
+from whereabouts.progress import track
+from whereabouts.simulation import Lidar, corridor, random_room
+from whereabouts.simulation.pairs import CROWDED, EASY, HARD, Pair, free_pose, random_pair
+from whereabouts.simulation.robot import relative
+
+LIDARS = {
+    "361 beams, 360°": Lidar(361, 2.0 * np.pi * 360 / 361),
+    "1081 beams, 270°": Lidar(1081, np.deg2rad(270.0)),
+}
+COMPARED = 60  # pairs of each kind that the other methods, most of them slower, are measured on
+DIFFICULTIES = {"easy": EASY, "hard": HARD, "movers": CROWDED}
+Aligner = Callable[[Scan, Scan], Registration]
+
+
+@dataclass
+class Tally:
+    """Errors of one method on one kind of pair: metres, radians, squares, seconds."""
+
+    away: list[float]
+    turn: list[float]
+    squares: list[float]
+    seconds: list[float]
+    converged: list[bool]
+
+    def row(self) -> list[float]:
+        away, turn = np.array(self.away), np.array(self.turn)
+        good = (away < 0.05) & (turn < np.deg2rad(1.0))
+        wrong = np.mean(np.array(self.converged) & ~good)
+        return [100.0 * good.mean(), 1e3 * np.median(away), 1e3 * np.median(self.seconds), 100.0 * wrong]
+
+
+def run(options: Options) -> Report:
+    """All tables; recordings are left out, and said so, where they are absent."""
+    report = Report("registration")
+    _pairs(options, report)
+    _honesty(options, report)
+    _globally(options, report)
+    if options.data is None or not (options.data / "scans_3d").exists():
+        report.notes.append("scans_3d is absent: no spatial registration")
+    else:
+        _spatial(options, report)
+    return report
+
+
+def methods() -> dict[str, Aligner]:
+    """Ours, the reference's own methods, and the libraries that are installed."""
+    ours: dict[str, Aligner] = {"robust": align}
+    for name in ("crf", "icp", "point_to_line", "ndt"):
+        ours[name] = lambda source, target, method=name: align(source, target, method=method)  # type: ignore[misc]
+    others = {
+        "small_gicp, extruded": extruded_gicp(),
+        "KISS-ICP": kiss_icp(),
+        "Open3D": open3d_point_to_plane(),
+    }
+    return ours | {name: aligner for name, aligner in others.items() if aligner is not None}
+
+
+def measure(aligner: Aligner, pairs: list[Pair]) -> Tally:
+    """Errors and times of one method."""
+    tally = Tally([], [], [], [], [])
+    aligner(pairs[0].source.scan, pairs[0].target.scan)  # compilation is no part of the time
+    for pair in pairs:
+        begun = time.perf_counter()
+        found = aligner(pair.source.scan, pair.target.scan)
+        tally.seconds.append(time.perf_counter() - begun)
+        error = found.transform - pair.motion
+        error[2] = wrap_angle(error[2])
+        tally.away.append(float(np.hypot(error[0], error[1])))
+        tally.turn.append(abs(float(error[2])))
+        tally.converged.append(found.converged)
+        if np.isfinite(found.covariance).all():
+            tally.squares.append(float(error @ np.linalg.solve(found.covariance, error)))
+    return tally
+
+
+def _pairs(options: Options, report: Report) -> None:
+    count = 60 if options.quick else 400
+    columns = ["method"] + [
+        f"{kind} {what}"
+        for kind in DIFFICULTIES
+        for what in ("success %", "median mm", "median ms", "wrong but sure %")
+    ]
+    for label, lidar in LIDARS.items():
+        rng = np.random.default_rng(options.seed)
+        sets = {
+            kind: [random_pair(rng, lidar, difficulty) for _ in range(count)]
+            for kind, difficulty in DIFFICULTIES.items()
+        }
+        rows = []
+        for name, aligner in track(methods().items(), label):
+            row: list[object] = [name]
+            for kind, pairs in sets.items():
+                numbers = measure(aligner, pairs if name == "robust" else pairs[:COMPARED]).row()
+                row += [round(number, 2) for number in numbers]
+                for what, number in zip(("success_percent", "median_mm", "median_ms"), numbers, strict=False):
+                    report.figures[f"{name} {label} {kind} {what}"] = float(number)
+            rows.append(row)
+        covered = np.mean(
+            [np.mean(scan.owners > 0) for pair in sets["movers"] for scan in (pair.source, pair.target)]
+        )
+        note = f"{count} pairs each, {COMPARED} for all but `robust`; movers cover {covered:.0%} of the beams"
+        report.tables.append(Table(f"Pairwise registration, {label}", columns, rows, note))
+
+
+def _honesty(options: Options, report: Report) -> None:
+    """NEES in rooms and corridors, and what becomes of scans of different rooms."""
+    count = 100 if options.quick else 500
+    rows: list[list[object]] = []
+    for label, lidar in LIDARS.items():
+        rng = np.random.default_rng(options.seed + 1)
+        cases: dict[str, tuple[list[Pair], int]] = {
+            kind: ([random_pair(rng, lidar, d) for _ in range(count)], 3)
+            for kind, d in (("rooms", EASY), ("rooms with movers", CROWDED))
+        }
+        cases["corridor"] = ([_corridor_pair(rng, lidar) for _ in range(count)], 3)
+        for kind, (pairs, dimension) in cases.items():
+            mean = float(np.mean(measure(align, pairs).squares)) / dimension
+            low, high = (bound / dimension for bound in anees_bounds(count, dimension))
+            rows.append([label, kind, round(mean, 3), round(low, 3), round(high, 3)])
+            report.figures[f"nees {label} {kind}"] = mean
+        strangers = [random_pair(rng, lidar, EASY).target.scan for _ in range(2 * count)]
+        believed = np.mean(
+            [align(a, b).converged for a, b in zip(strangers[::2], strangers[1::2], strict=True)]
+        )
+        report.figures[f"different rooms believed {label}"] = float(believed)
+        rows.append([label, "different rooms: converged, %", round(100.0 * float(believed), 2), 0.0, 0.0])
+    columns = ["scanner", "data", "NEES per dimension", "95 % from", "to"]
+    note = "the corridor's motion along it is drawn from the doubt stated for an unknown guess"
+    report.tables.append(Table("Are the covariances right?", columns, rows, note))
+
+
+def _corridor_pair(rng: np.random.Generator, lidar: Lidar) -> Pair:
+    """Two scans of an endless corridor; along it, motion is as uncertain as `align` says of a missing guess."""
+    first = np.array([0.0, rng.uniform(-0.6, 0.6), rng.uniform(-0.3, 0.3)])
+    along = float(np.clip(0.5 * rng.standard_normal(), -2.0, 2.0))
+    second = first + np.array([along, rng.uniform(-0.15, 0.15), rng.uniform(-0.15, 0.15)])
+    scans = [lidar.scan(corridor(), pose, rng) for pose in (first, second)]
+    return Pair(scans[0], scans[1], relative(first, second))
+
+
+def _globally(options: Options, report: Report) -> None:
+    count = 30 if options.quick else 200
+    rows = []
+    for label, lidar in LIDARS.items():
+        rng = np.random.default_rng(options.seed + 2)
+        good, sure, wrong, seconds = 0, 0, 0, []
+        for _ in track(range(count), f"global, {label}"):
+            room = random_room(rng)
+            poses = [free_pose(room, rng, 2.5) for _ in range(2)]
+            scans = [lidar.scan(room, pose, rng).scan for pose in poses]
+            begun = time.perf_counter()
+            found = align_globally(scans[1], scans[0])
+            seconds.append(time.perf_counter() - begun)
+            error = found.transform - relative(poses[0], poses[1])
+            right = np.hypot(*error[:2]) < 0.05 and abs(wrap_angle(error[2])) < np.deg2rad(1.0)
+            good, sure, wrong = good + right, sure + found.converged, wrong + (found.converged and not right)
+        numbers = [
+            100.0 * good / count,
+            100.0 * sure / count,
+            100.0 * wrong / count,
+            1e3 * float(np.median(seconds)),
+        ]
+        rows.append([label, *(round(number, 1) for number in numbers)])
+        report.figures[f"global {label} success_percent"] = numbers[0]
+        report.figures[f"global {label} wrong_but_sure_percent"] = numbers[2]
+    columns = ["scanner", "success %", "converged %", "wrong but sure %", "median ms"]
+    note = f"{count} pairs of places up to 3.5 m from the middle of one room, any direction"
+    report.tables.append(Table("Registration without a guess", columns, rows, note))
+
+
+def _spatial(options: Options, report: Report) -> None:
+    assert options.data is not None
+    folder = options.data / "scans_3d"
+    source, target = read_ply(folder / "source.ply"), read_ply(folder / "target.ply")
+    truth = np.loadtxt(folder / "T_target_source.txt")
+    rows: list[list[object]] = []
+    rng = np.random.default_rng(options.seed + 3)
+    cases = [("source.ply on target.ply", source, target, truth)]
+    scans = [read_3dtk(folder / "3dtk" / f"scan{k:03d}.3d.gz") for k in range(3)]
+    for k in (1, 2):
+        # Their poses are odometry: what is compared to is the registration from identity.
+        reference = align(scans[k], scans[k - 1]).transform
+        cases.append(
+            (f"3DTK {k} on {k - 1}, to its own result from identity", scans[k], scans[k - 1], reference)
+        )
+    for name, moving, still, expected in cases:
+        runs = [("identity", align(moving, still), expected)]
+        for _ in range(1 if options.quick else 5):
+            turn = _about_vertical(rng.uniform(-np.pi, np.pi))
+            found = align_globally(moving @ turn[:3, :3].T, still)
+            runs.append(("globally, turned", found, expected @ turn.T))
+        for how, found, wanted in runs:
+            off = np.linalg.inv(wanted) @ found.transform
+            angle = np.rad2deg(np.linalg.norm(_skew_part(off)))
+            away = 1e3 * float(np.linalg.norm(off[:3, 3]))
+            rows.append(
+                [name, how, round(away, 1), round(float(angle), 3), found.converged, round(found.fitness, 2)]
+            )
+            key = f"spatial {name} {how}"
+            report.figures[f"{key} mm"] = max(away, report.figures.get(f"{key} mm", 0.0))
+            report.figures[f"{key} deg"] = max(float(angle), report.figures.get(f"{key} deg", 0.0))
+    columns = ["clouds", "from", "mm off", "° off", "converged", "fitness"]
+    report.tables.append(Table("Clouds", columns, rows))
+
+
+def _about_vertical(yaw: float) -> np.ndarray:
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    return turn
+
+
+def _skew_part(motion: np.ndarray) -> np.ndarray:
+    """Rotation vector of a small rotation."""
+    rotation = motion[:3, :3]
+    return 0.5 * np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
