@@ -11,7 +11,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
 	@echo "make test    lint, type check and all tests"
-	@echo "make docs    rewrite the generated tables of README.md and the pages of docs/nodes"
+	@echo "make docs    write every figure and generated page anew, from results/ and the sources"
 	@echo "make colcon  build the workspace with colcon"
 	@echo "make bench   benchmarks; results go to bench/*.txt"
 	@echo "make clean   remove .venv and everything generated"
@@ -39,7 +39,7 @@ test: lint
 	$(BIN)/python -m pytest
 
 docs: setup-test
-	$(BIN)/python -m whereabouts.documentation
+	$(BIN)/python -m evaluation.pages
 
 # The whole workspace as colcon builds it, against the wheels instead of /opt/ros.
 colcon: setup-test

@@ -1,20 +1,17 @@
 # ruff: noqa: E501  (sentences of pages)
-"""Writes what the documentation says about parameters and interfaces: `python -m whereabouts.documentation`, `make docs`.
+"""What the documentation says about parameters and interfaces: a page for each node, and one with every message.
 
-The tables of README.md, a page for each node in docs/nodes/, docs/interfaces.md with every message, service and action, and
-docs/results.md with every experiment.
+`make docs` writes them, with the pages that hold figures.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
-from whereabouts.cli.experiment import experiments
-from whereabouts.interfaces import COMMON, NODE_INTERFACES, interfaces_of, markdown_table
+from whereabouts.interfaces import NODE_INTERFACES, interfaces_of, markdown_table
 from whereabouts.node_names import NODES
 from whereabouts.parameters.description import markdown_table as parameter_table
-from whereabouts.parameters.readme import model_of, with_tables
+from whereabouts.parameters.registry import model_of
 
 SUMMARIES = {
     "scan_registration": "Follows the robot by planar scans or clouds: odometry with covariance, tf, points of the static world, and which beams of a scan move.",
@@ -36,21 +33,6 @@ READING = {
     "world_maintenance": [("maintenance and search", "maintenance_and_search.md")],
     "object_search": [("maintenance and search", "maintenance_and_search.md")],
 }  # fmt: skip
-
-RESULTS_READING = {
-    "anchoring": [("the world model", "world_model.md#measured")],
-    "conversion": [("`bench/bench_estimation.txt`", "../bench/bench_estimation.txt")],
-    "crf": [("how it works and its limits", "crf.md")],
-    "intentions": [("motion prediction", "motion_prediction.md#measured")],
-    "loops": [("models of places", "loop_closure_models.md#how-good-they-are")],
-    "maintenance": [("maintenance and search", "maintenance_and_search.md")],
-    "odometry": [("`bench/bench_registration.txt`", "../bench/bench_registration.txt")],
-    "people": [("people in planar scans", "people.md")],
-    "phd": [("filters of extended targets", "tracking.md")],
-    "registration": [("`bench/bench_registration.txt`", "../bench/bench_registration.txt")],
-    "search": [("maintenance and search", "maintenance_and_search.md#search-where-to-look-for-what-is-lost")],
-    "slam": [("closing loops", "loop_closure.md")],
-}
 
 
 def node_page(node: str) -> str:
@@ -111,76 +93,7 @@ def interfaces_page(sources: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def with_interfaces(text: str) -> str:
-    """The page with each `<!-- interfaces: NODE -->` section filled anew; `all` is what every node has."""
-
-    def fill(match: re.Match[str]) -> str:
-        items = COMMON if match[1] == "all" else NODE_INTERFACES[match[1]]
-        return f"<!-- interfaces: {match[1]} -->\n{markdown_table(items)}\n<!-- end -->"
-
-    return re.sub(r"<!-- interfaces: (\w+) -->\n.*?<!-- end -->", fill, text, flags=re.DOTALL)
-
-
-def results_page(readme: str) -> str:
-    """Every experiment with its command and its tables, taken from what README.md has measured.
-
-    readme : the text of README.md; a paragraph that opens in bold belongs to the experiments whose commands it names.
-    """
-    measured = readme.partition("## Measured")[2].partition("\n## ")[0]
-    blocks = re.split(r"\n(?=\*\*[A-Z])", re.sub(r"<!-- (measured|end) -->\n", "", measured))[1:]
-    blocks = [block.strip().replace("](docs/", "](") for block in blocks]
-    used: set[int] = set()
-    parts = [
-        "<!-- Written by `make docs` from the section Measured of README.md. -->",
-        "# Results",
-        "Every experiment, what it shows, its command, and its figures beside the reference's. Tables are shortened: the "
-        "command prints all of them and draws the pictures, and `--json FILE` writes every figure. Where `--quick` "
-        "stands, the figures below were measured with fewer repetitions of the same protocol. Experiments on recordings "
-        "take the folder of recordings from `WHEREABOUTS_DATA`. `whereabouts experiment all --jobs 4`, or `--dask "
-        "ADDRESS`, runs everything.",
-    ]
-    for name, module in experiments().items():
-        own = [k for k, block in enumerate(blocks) if _names(block, name)]
-        quick = any(re.search(rf"experiment [\w|]*\b{name}\b[\w|]* --quick", blocks[k]) for k in own)
-        command = f"whereabouts experiment {name}{' --quick' if quick else ''}"
-        parts.append(f"## {name}\n\n{(module.__doc__ or '').splitlines()[0]}\n\n```\n{command}\n```")
-        for k in own:
-            parts.append(f"See [above](#{_first(blocks, k)})." if k in used else blocks[k])
-        used |= set(own)
-        parts.append(
-            "More: " + ", ".join(f"[{title}]({page})" for title, page in RESULTS_READING[name]) + "."
-        )
-    rest = [block for k, block in enumerate(blocks) if k not in used]
-    return "\n\n".join([*parts, "## Beyond the experiments", *rest]) + "\n"
-
-
-def _names(block: str, experiment: str) -> bool:
-    """Whether a paragraph names an experiment's command, also as one of several, `experiment a|b`."""
-    return re.search(rf"whereabouts experiment (\w+\|)*{experiment}\b", block) is not None
-
-
-def _first(blocks: list[str], k: int) -> str:
-    """The experiment under which a paragraph stands."""
-    return next(name for name in experiments() if _names(blocks[k], name))
-
-
 def pages(root: Path) -> dict[Path, str]:
-    """All written files of a checkout and what they should hold."""
-    readme = root / "README.md"
-    written = {readme: with_interfaces(with_tables(readme.read_text(encoding="utf-8")))}
-    written |= {root / "docs/nodes" / f"{node}.md": node_page(node) for node in NODES}
+    """Written files of a checkout and what they should hold."""
+    written = {root / "docs/nodes" / f"{node}.md": node_page(node) for node in NODES}
     return {**written, root / "docs/interfaces.md": interfaces_page(root / "whereabouts_msgs")}
-
-
-def main() -> None:
-    """Write them all; the results last, as they follow from README.md."""
-    root = Path(__file__).resolve().parents[1]
-    for path, text in pages(root).items():
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    readme = (root / "README.md").read_text(encoding="utf-8")
-    (root / "docs/results.md").write_text(results_page(readme), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from estimation.errors import InputError
 from whereabouts.node_names import NODES
 from whereabouts.parameters.description import explain
-from whereabouts.parameters.readme import model_of
+from whereabouts.parameters.registry import model_of
 
 
 class SuiteConfigError(InputError):

@@ -17,7 +17,7 @@ from estimation.metrics import anees_bounds
 from estimation.poses import wrap_angle
 from evaluation.experiments.registration_data import read_3dtk, read_ply
 from evaluation.experiments.registration_others import extruded_gicp, kiss_icp, open3d_point_to_plane
-from evaluation.report import Options, Report, Table
+from evaluation.report import Options, Part, Report, Table, slug
 from registration import Registration, Scan, align, align_globally
 from whereabouts.progress import track
 from whereabouts.simulation import Lidar, corridor, random_room
@@ -28,7 +28,7 @@ LIDARS = {
     "361 beams, 360°": Lidar(361, 2.0 * np.pi * 360 / 361),
     "1081 beams, 270°": Lidar(1081, np.deg2rad(270.0)),
 }
-COMPARED = 60  # pairs of each kind that the other methods, most of them slower, are measured on
+COMPARED = 60  # pairs of each kind in all that the other methods, most of them slower, are measured on
 DIFFICULTIES = {"easy": EASY, "hard": HARD, "movers": CROWDED}
 Aligner = Callable[[Scan, Scan], Registration]
 
@@ -48,19 +48,6 @@ class Tally:
         good = (away < 0.05) & (turn < np.deg2rad(1.0))
         wrong = np.mean(np.array(self.converged) & ~good)
         return [100.0 * good.mean(), 1e3 * np.median(away), 1e3 * np.median(self.seconds), 100.0 * wrong]
-
-
-def run(options: Options) -> Report:
-    """All tables; recordings are left out, and said so, where they are absent."""
-    report = Report("registration")
-    _pairs(options, report)
-    _honesty(options, report)
-    _globally(options, report)
-    if options.data is None or not (options.data / "scans_3d").exists():
-        report.notes.append("scans_3d is absent: no spatial registration")
-    else:
-        _spatial(options, report)
-    return report
 
 
 def methods() -> dict[str, Aligner]:
@@ -95,14 +82,14 @@ def measure(aligner: Aligner, pairs: list[Pair]) -> Tally:
 
 
 def _pairs(options: Options, report: Report) -> None:
-    count = 60 if options.quick else 400
+    count = options.share(400, 60)
     columns = ["method"] + [
-        f"{kind} {what}"
+        f"{kind}: {what}"
         for kind in DIFFICULTIES
-        for what in ("success %", "median mm", "median ms", "wrong but sure %")
+        for what in ("success, % ↑", "median, mm ↓", "median, ms ↓", "wrong but sure, % ↓")
     ]
     for label, lidar in LIDARS.items():
-        rng = np.random.default_rng(options.seed)
+        rng = np.random.default_rng([options.seed, 0])
         sets = {
             kind: [random_pair(rng, lidar, difficulty) for _ in range(count)]
             for kind, difficulty in DIFFICULTIES.items()
@@ -110,25 +97,34 @@ def _pairs(options: Options, report: Report) -> None:
         rows = []
         for name, aligner in track(methods().items(), label):
             row: list[object] = [name]
-            for kind, pairs in sets.items():
-                numbers = measure(aligner, pairs if name == "robust" else pairs[:COMPARED]).row()
-                row += [round(number, 2) for number in numbers]
-                for what, number in zip(("success_percent", "median_mm", "median_ms"), numbers, strict=False):
-                    report.figures[f"{name} {label} {kind} {what}"] = float(number)
+            for pairs in sets.values():
+                row += measure(
+                    aligner, pairs if name == "robust" else pairs[: options.share(COMPARED, COMPARED)]
+                ).row()
             rows.append(row)
         covered = np.mean(
             [np.mean(scan.owners > 0) for pair in sets["movers"] for scan in (pair.source, pair.target)]
         )
-        note = f"{count} pairs each, {COMPARED} for all but `robust`; movers cover {covered:.0%} of the beams"
-        report.tables.append(Table(f"Pairwise registration, {label}", columns, rows, note))
+        note = f"Movers cover {covered:.0%} of the beams. Success: less than 5 cm and 1° off."
+        report.tables.append(
+            Table(
+                f"Pairwise registration, {label}",
+                columns,
+                rows,
+                note,
+                f"pairs-{slug(label)}",
+                data="simulated",
+            )
+        )
 
 
 def _honesty(options: Options, report: Report) -> None:
     """NEES in rooms and corridors, and what becomes of scans of different rooms."""
-    count = 100 if options.quick else 500
+    count = options.share(500, 100)
     rows: list[list[object]] = []
+    strange: list[list[object]] = []
     for label, lidar in LIDARS.items():
-        rng = np.random.default_rng(options.seed + 1)
+        rng = np.random.default_rng([options.seed, 1])
         cases: dict[str, tuple[list[Pair], int]] = {
             kind: ([random_pair(rng, lidar, d) for _ in range(count)], 3)
             for kind, d in (("rooms", EASY), ("rooms with movers", CROWDED))
@@ -137,17 +133,25 @@ def _honesty(options: Options, report: Report) -> None:
         for kind, (pairs, dimension) in cases.items():
             mean = float(np.mean(measure(align, pairs).squares)) / dimension
             low, high = (bound / dimension for bound in anees_bounds(count, dimension))
-            rows.append([label, kind, round(mean, 3), round(low, 3), round(high, 3)])
-            report.figures[f"nees {label} {kind}"] = mean
+            rows.append([label, kind, mean, f"{low:.2f} to {high:.2f}"])
         strangers = [random_pair(rng, lidar, EASY).target.scan for _ in range(2 * count)]
         believed = np.mean(
             [align(a, b).converged for a, b in zip(strangers[::2], strangers[1::2], strict=True)]
         )
-        report.figures[f"different rooms believed {label}"] = float(believed)
-        rows.append([label, "different rooms: converged, %", round(100.0 * float(believed), 2), 0.0, 0.0])
-    columns = ["scanner", "data", "NEES per dimension", "95 % from", "to"]
-    note = "the corridor's motion along it is drawn from the doubt stated for an unknown guess"
-    report.tables.append(Table("Are the covariances right?", columns, rows, note))
+        strange.append([label, 100.0 * float(believed)])
+    columns = ["scanner", "data", "NEES per dimension", "95 % of the time within"]
+    note = "1 is right. The corridor's motion along it is drawn from the doubt stated for an unknown guess."
+    report.tables.append(
+        Table(
+            "Are the covariances right?", columns, rows, note, "covariances", data="simulated", samples=count
+        )
+    )
+    report.tables.append(
+        Table(
+            "Scans of different rooms", ["scanner", "believed, % ↓"], strange, "", "strangers",
+            data="simulated", samples=count,
+        )
+    )  # fmt: skip
 
 
 def _corridor_pair(rng: np.random.Generator, lidar: Lidar) -> Pair:
@@ -160,10 +164,10 @@ def _corridor_pair(rng: np.random.Generator, lidar: Lidar) -> Pair:
 
 
 def _globally(options: Options, report: Report) -> None:
-    count = 30 if options.quick else 200
+    count = options.share(200, 30)
     rows = []
     for label, lidar in LIDARS.items():
-        rng = np.random.default_rng(options.seed + 2)
+        rng = np.random.default_rng([options.seed, 2])
         good, sure, wrong, seconds = 0, 0, 0, []
         for _ in track(range(count), f"global, {label}"):
             room = random_room(rng)
@@ -175,18 +179,20 @@ def _globally(options: Options, report: Report) -> None:
             error = found.transform - relative(poses[0], poses[1])
             right = np.hypot(*error[:2]) < 0.05 and abs(wrap_angle(error[2])) < np.deg2rad(1.0)
             good, sure, wrong = good + right, sure + found.converged, wrong + (found.converged and not right)
-        numbers = [
-            100.0 * good / count,
-            100.0 * sure / count,
-            100.0 * wrong / count,
-            1e3 * float(np.median(seconds)),
-        ]
-        rows.append([label, *(round(number, 1) for number in numbers)])
-        report.figures[f"global {label} success_percent"] = numbers[0]
-        report.figures[f"global {label} wrong_but_sure_percent"] = numbers[2]
-    columns = ["scanner", "success %", "converged %", "wrong but sure %", "median ms"]
-    note = f"{count} pairs of places up to 3.5 m from the middle of one room, any direction"
-    report.tables.append(Table("Registration without a guess", columns, rows, note))
+        rows.append(
+            [
+                label,
+                100.0 * good / count,
+                100.0 * sure / count,
+                100.0 * wrong / count,
+                1e3 * float(np.median(seconds)),
+            ]
+        )
+    columns = ["scanner", "success, % ↑", "believed, % ↑", "wrong but sure, % ↓", "median, ms ↓"]
+    note = "Pairs of places up to 3.5 m from the middle of one room, any direction."
+    report.tables.append(
+        Table("Registration without a guess", columns, rows, note, "global", data="simulated", samples=count)
+    )
 
 
 def _spatial(options: Options, report: Report) -> None:
@@ -195,7 +201,7 @@ def _spatial(options: Options, report: Report) -> None:
     source, target = read_ply(folder / "source.ply"), read_ply(folder / "target.ply")
     truth = np.loadtxt(folder / "T_target_source.txt")
     rows: list[list[object]] = []
-    rng = np.random.default_rng(options.seed + 3)
+    rng = np.random.default_rng(3)
     cases = [("source.ply on target.ply", source, target, truth)]
     scans = [read_3dtk(folder / "3dtk" / f"scan{k:03d}.3d.gz") for k in range(3)]
     for k in (1, 2):
@@ -214,14 +220,9 @@ def _spatial(options: Options, report: Report) -> None:
             off = np.linalg.inv(wanted) @ found.transform
             angle = np.rad2deg(np.linalg.norm(_skew_part(off)))
             away = 1e3 * float(np.linalg.norm(off[:3, 3]))
-            rows.append(
-                [name, how, round(away, 1), round(float(angle), 3), found.converged, round(found.fitness, 2)]
-            )
-            key = f"spatial {name} {how}"
-            report.figures[f"{key} mm"] = max(away, report.figures.get(f"{key} mm", 0.0))
-            report.figures[f"{key} deg"] = max(float(angle), report.figures.get(f"{key} deg", 0.0))
-    columns = ["clouds", "from", "mm off", "° off", "converged", "fitness"]
-    report.tables.append(Table("Clouds", columns, rows))
+            rows.append([name, how, round(away, 3), round(float(angle), 5), found.converged, found.fitness])
+    columns = ["clouds", "from", "off, mm ↓", "turned, ° ↓", "believed", "fitness ↑"]
+    report.tables.append(Table("Clouds", columns, rows, "", "clouds", data="left out"))
 
 
 def _about_vertical(yaw: float) -> np.ndarray:
@@ -236,3 +237,11 @@ def _skew_part(motion: np.ndarray) -> np.ndarray:
     return 0.5 * np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )
+
+
+PARTS = {
+    "pairs": Part(_pairs),
+    "covariances": Part(_honesty),
+    "without a guess": Part(_globally),
+    "clouds": Part(_spatial, random=False, needs=("scans_3d/**/*",)),
+}

@@ -26,7 +26,7 @@ ALLOWED = {
     "evaluation": {*LIBRARIES, "whereabouts"},
 }
 # What of the product may use the evaluation, which has a wheel of its own.
-WITH_EVALUATION = ("whereabouts/cli", "whereabouts/demo", "whereabouts/documentation.py")
+WITH_EVALUATION = ("whereabouts/cli", "whereabouts/demo")
 ROS = re.compile(
     r"(rclpy|rosidl\w*|ament_\w+|\w+_msgs|\w+_interfaces|std_srvs|tf2_ros|launch|launch_ros|rosbag2_py)(\.|$)"
 )
@@ -105,7 +105,7 @@ def test_every_node_has_executable_parameter_file_and_launch_file() -> None:
 
 
 def test_parameter_files_state_the_defaults() -> None:
-    from whereabouts.parameters.readme import model_of
+    from whereabouts.parameters.registry import model_of
 
     for path in sorted((ROOT / "config").glob("*.yaml")):
         given = yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from whereabouts.documentation import READING, pages
 from whereabouts.node_names import NODES
-from whereabouts.parameters.readme import model_of
+from whereabouts.parameters.registry import model_of
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`whereabouts experiment`: the reference's tables and figures, theirs beside ours."""
+"""`whereabouts experiment`: measures every figure of the pages, and compares two results."""
 
 from __future__ import annotations
 
@@ -10,24 +10,41 @@ import typer
 from whereabouts.cli.common import Dask, Jobs, JsonFile, write_figures
 
 if TYPE_CHECKING:
-    from evaluation.report import Report, Table
+    from collections.abc import Mapping
+
+    from evaluation.results import Result
+
+OUT = Path("experiments-out")
 
 
 def experiment(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the experiment, `all`, or `list`.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder for pictures.")] = Path("experiments-out"),
-    seed: Annotated[int, typer.Option("--seed", help="Seed of all random draws.")] = 0,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="An experiment, `all`, `list`, or `compare`.")],
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[OLD NEW]", help="For `compare`: two folders or files of results."),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder for NAME.json and its pictures.")] = OUT,
+    seed: Annotated[int, typer.Option("--seed", help="First of five seeds.")] = 0,
     jobs: Jobs = 1,
     dask: Dask = "",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repetitions of the same protocol.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where a run was interrupted.")] = False,
+    left_out: Annotated[
+        bool, typer.Option("--left-out", help="Only what is judged on data that had no part in any choice.")
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Run an experiment of the reference texts and print its tables."""
+    """Run an experiment, print its tables and write its figures; or compare two results."""
     from estimation.errors import InputError
-    from evaluation.report import Options
+    from evaluation.running import Run, experiments, run
     from whereabouts.datasets import data_directory
     from whereabouts.parallel import cluster
 
+    if name == "compare":
+        _compare(folders or [])
+        return
+    if folders:
+        raise InputError(f"experiment {name}: unexpected {folders[0]}; only `compare` takes folders")
     known = experiments()
     if name == "list":
         for key, module in known.items():
@@ -35,66 +52,94 @@ def experiment(
         return
     if name != "all" and name not in known:
         raise InputError(f"no experiment is called {name}; there are: {', '.join(known)}, all")
+    out.mkdir(parents=True, exist_ok=True)
     figures: dict[str, float] = {}
     with cluster(dask):
         for key in known if name == "all" else [name]:
-            folder = out / key
-            folder.mkdir(parents=True, exist_ok=True)
-            report = known[key].run(Options(folder, seed, jobs, quick, data_directory()))
-            _print(report)
-            figures |= {
-                f"{key}.{figure}" if name == "all" else figure: value
-                for figure, value in report.figures.items()
-            }
+            asked = Run(key, out, quick, resume, jobs, seed, data_directory())
+            if name == "all" and resume and asked.finished():
+                typer.echo(f"{key}: done before")
+                continue
+            result = run(asked)
+            _print(result, left_out)
+            prefix = f"{key}." if name == "all" else ""
+            figures |= {prefix + figure: known["value"] for figure, known in result.figures.items()}
     write_figures(json_file, figures)
 
 
-def experiments() -> dict[str, Any]:
-    """Experiment modules by name: those of the package that have a `run`."""
-    import importlib
-    import pkgutil
+def _print(result: Result, left_out: bool) -> None:
+    from evaluation.markdown import cell
 
-    import evaluation.experiments as package
-
-    modules = {}
-    for info in pkgutil.iter_modules(package.__path__):
-        if "_" in info.name or info.name == "report":
-            continue
-        module = importlib.import_module(f"{package.__name__}.{info.name}")
-        if hasattr(module, "run"):
-            modules[info.name] = module
-    return modules
-
-
-def _print(report: Report) -> None:
-    from rich.console import Console
-
-    # Wide enough for every table when the output is a file or a pipe.
-    console = Console(width=None if Console().is_terminal else 160)
-    for table in report.tables:
-        _print_table(console, table)
-    for note in report.notes:
+    console = _console()
+    for table in result.tables:
+        rows = [row for row in table["rows"] if not left_out or _is_left_out(row, result)]
+        if rows:
+            _draw(console, table, [[cell(each, result.figures) for each in row] for row in rows])
+    for note in result.content["notes"]:
         console.print(f"- {note}", markup=False)
-    for picture in report.pictures:
-        console.print(f"picture: {picture}", markup=False)
-
-
-def _print_table(console: Any, table: Table) -> None:
-    from rich.table import Table as RichTable
-
-    drawn = RichTable(
-        title=table.title, title_justify="left", caption=table.note or None, caption_justify="left"
+    console.print(
+        f"{result.path}: {len(result.figures)} figures, {len(result.content['pictures'])} pictures",
+        markup=False,
     )
-    for index, column in enumerate(table.columns):
-        drawn.add_column(column, justify="left" if index == 0 else "right")
-    for row in table.rows:
-        drawn.add_row(*(_cell(value) for value in row))
+
+
+def _is_left_out(row: list[Any], result: Result) -> bool:
+    """Whether a row has a figure that is judged on data which took part in no choice."""
+    keys = [cell["figure"] for cell in row if isinstance(cell, dict) and "figure" in cell]
+    return any(result.figures[key].get("data") == "left out" for key in keys)
+
+
+def _draw(console: Any, table: Mapping[str, Any], rows: list[list[str]]) -> None:
+    from rich.table import Table
+
+    from evaluation.markdown import column_heading
+
+    drawn = Table(
+        title=table["title"], title_justify="left", caption=table["note"] or None, caption_justify="left"
+    )
+    for index, column in enumerate(table["columns"]):
+        drawn.add_column(column_heading(column), justify="left" if index == 0 else "right")
+    for row in rows:
+        drawn.add_row(*row)
     console.print(drawn)
 
 
-def _cell(value: Any) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return str(value)
+def _compare(folders: list[Path]) -> None:
+    """Print which figures left their spread; exit status 1 where one is worse."""
+    from rich.table import Table
+
+    from estimation.errors import InputError
+    from evaluation.compare import VERDICTS, compare, load, ordered, warnings
+
+    if len(folders) != 2:
+        raise InputError(
+            "compare takes two folders or files of results: whereabouts experiment compare OLD NEW"
+        )
+    old, new = (load(folder) for folder in folders)
+    console = _console()
+    for text in warnings(old, new):
+        console.print(f"- {text}", markup=False)
+    changes = ordered(compare(old, new))
+    drawn = Table(title="Figures that left their spread", title_justify="left")
+    for title in ("", "experiment", "figure", "old", "new", "spread", "unit", "judged on"):
+        drawn.add_column(title, justify="right" if title in ("old", "new", "spread") else "left")
+    for change in changes:
+        numbers = (
+            "-" if value is None else f"{value:.4g}" for value in (change.old, change.new, change.spread)
+        )
+        drawn.add_row(change.verdict, change.experiment, change.key, *numbers, change.unit, change.data)
+    if changes:
+        console.print(drawn)
+    verdicts = [change.verdict for change in changes]
+    counts = {word: verdicts.count(word) for word in VERDICTS}
+    figures = sum(len(new[name].figures) for name in new if name in old)
+    console.print(f"of {figures} figures: " + ", ".join(f"{count} {word}" for word, count in counts.items()))
+    if counts["worse"]:
+        raise typer.Exit(1)
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    # Wide enough for every table when the output is a file or a pipe.
+    return Console(width=None if Console().is_terminal else 200)

@@ -1,0 +1,176 @@
+"""Writes every page that holds figures, and those about nodes and messages: `make docs`, `python -m evaluation.pages`.
+
+A figure stands in a page between marks, and is written anew from `results/`:
+
+    <!-- figure EXPERIMENT:KEY -->0.31 m<!-- end -->          `EXPERIMENT:KEY spread` with the spread
+    <!-- results EXPERIMENT:TABLE -->...<!-- end -->          a whole table
+    <!-- headlines -->...<!-- end -->                         the table of README.md
+
+A figure whose sources, models, recordings or pictures have changed since is marked.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+
+from estimation.errors import InputError
+from evaluation import markdown
+from evaluation.digest import ROOT
+from evaluation.headlines import HEADLINES
+from evaluation.results import Result, read_all
+from evaluation.running import experiments
+from whereabouts import documentation
+from whereabouts.datasets import data_directory
+
+BEFORE = "before the last change"
+SPREAD = (
+    "What draws at random is repeated over five seeds: the mean, and in brackets the smallest and the largest. "
+    "↓ and ↑ say which direction is better."
+)
+OVERVIEW = """\
+Each experiment writes a file, `results/NAME.json`, with every figure, its unit, its spread over the seeds, and whether
+the data that judges it took part in any choice. These pages are written from those files.
+`whereabouts experiment all --out results/` measures everything anew, `--resume` goes on after an interrupt, and
+`whereabouts experiment compare OLD NEW` says which figures left their spread."""
+MARK = re.compile(r"<!-- (figure|results|headlines)\b ?([^>]*?) ?-->(.*?)<!-- end -->", re.DOTALL)
+FENCE = re.compile(r"(```.*?```|`[^`\n]*`)", re.DOTALL)
+
+
+class Book:
+    """Results, and which of them are from before the last change."""
+
+    def __init__(self, results: Mapping[str, Result], data: Path | None = None) -> None:
+        self.results = results
+        self._data = data
+
+    @cached_property
+    def stale(self) -> frozenset[str]:
+        """Experiments whose figures are marked."""
+        return frozenset(name for name, result in self.results.items() if result.stale(self._data))
+
+    def result(self, name: str) -> Result:
+        """The results of an experiment."""
+        if name not in self.results:
+            raise InputError(
+                f"there is no results/{name}.json: run `whereabouts experiment {name} --out results/`"
+            )
+        return self.results[name]
+
+    def figure(self, reference: str, spread: bool = False) -> str:
+        """What stands for `EXPERIMENT:KEY`; a hyphen where the figure is not there."""
+        name, _, key = reference.partition(":")
+        known = self.result(name).figures.get(key)
+        if known is None:
+            return markdown.ABSENT
+        text = markdown.with_unit(known, spread)
+        return f"{text} ({BEFORE})" if name in self.stale else text
+
+    def table(self, reference: str) -> str:
+        """A table `EXPERIMENT:TABLE` with its note."""
+        name, _, key = reference.partition(":")
+        result = self.result(name)
+        table = result.table(key)
+        parts = [markdown.table(table, result.figures)]
+        notes = [table["note"]] if table["note"] else []
+        if name in self.stale:
+            notes.append(f"Measured {BEFORE}.")
+        return "\n\n".join([*parts, *(f"*{note}*" for note in notes)])
+
+    def headlines(self) -> str:
+        """The table of README.md."""
+        rows = [
+            [line.what, self.figure(line.ours, True), line.peer(self.figure), f"`{line.command}`"]
+            for line in HEADLINES
+        ]
+        return markdown.pipes(["", "here (spread)", "beside it", "command"], rows)
+
+
+def filled(text: str, book: Book) -> str:
+    """A page with every mark filled anew; what stands in code is left alone."""
+
+    def fill(match: re.Match[str]) -> str:
+        kind, reference = match[1], match[2]
+        if kind == "headlines":
+            return f"<!-- headlines -->\n{book.headlines()}\n<!-- end -->"
+        if kind == "results":
+            return f"<!-- results {reference} -->\n\n{book.table(reference)}\n\n<!-- end -->"
+        key, _, how = reference.partition(" ")
+        return f"<!-- figure {reference} -->{book.figure(key, how == 'spread')}<!-- end -->"
+
+    return "".join(part if part.startswith("`") else MARK.sub(fill, part) for part in FENCE.split(text))
+
+
+def results_page(name: str, summary: str, book: Book) -> str:
+    """Everything that one experiment has found."""
+    result = book.result(name)
+    content = result.content
+    length = "Quick run, with fewer repetitions of the same protocol," if content["quick"] else "Whole run"
+    parts = [
+        "<!-- Written by `make docs` from the file of results. -->",
+        f"# {name}",
+        summary,
+        f"```\n{content['command']}\n```",
+        f"{length} of {content['finished']}; {content['seconds']:.0f} s on {content['processor']}. {SPREAD}",
+    ]
+    if name in book.stale:
+        parts.append(f"**These figures are from {BEFORE} of what they measure.**")
+    for table in result.tables:
+        parts += [f"## {table['title']}", markdown.table(table, result.figures)]
+        parts += [table["note"]] if table["note"] else []
+    if content["notes"]:
+        parts.append("\n".join(["## Notes", "", *(f"* {note}" for note in content["notes"])]))
+    parts += [f"![{Path(file).stem}](../../results/{file})" for file in content["pictures"]]
+    return "\n\n".join(parts) + "\n"
+
+
+def overview(summaries: Mapping[str, str], book: Book) -> str:
+    """The page that lists all experiments."""
+    rows = [
+        [
+            f"[{name}](results/{name}.md)", summary, "quick" if book.result(name).content["quick"] else "whole",
+            str(len(book.result(name).figures)),
+        ]
+        for name, summary in summaries.items()
+        if name in book.results
+    ]  # fmt: skip
+    missing = [name for name in summaries if name not in book.results]
+    parts = [
+        "<!-- Written by `make docs`. -->",
+        "# Results",
+        OVERVIEW,
+        markdown.pipes(["experiment", "what it shows", "run", "figures"], rows),
+    ]
+    if missing:
+        parts.append("Not measured yet: " + ", ".join(missing) + ".")
+    return "\n\n".join(parts) + "\n"
+
+
+def pages(root: Path = ROOT) -> dict[Path, str]:
+    """All written files of a checkout and what they should hold."""
+    book = Book(read_all(root / "results"), data_directory())
+    summaries = {name: (module.__doc__ or "").splitlines()[0] for name, module in experiments().items()}
+    written = dict(documentation.pages(root))
+    written[root / "docs/results.md"] = overview(summaries, book)
+    for name, summary in summaries.items():
+        if name in book.results:
+            written[root / "docs/results" / f"{name}.md"] = results_page(name, summary, book)
+    for path in [root / "README.md", *sorted((root / "docs").glob("*.md"))]:
+        if path not in written:
+            written[path] = filled(path.read_text(encoding="utf-8"), book)
+    return written
+
+
+def main() -> None:
+    """Write them all."""
+    for path, text in pages().items():
+        path.parent.mkdir(exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+            print(f"written: {path.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()
