@@ -6,7 +6,7 @@ BIN := .venv/bin
 # The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint setup setup-test docs colcon bench clean
+.PHONY: help peers demo test lint setup setup-test docs colcon bench clean
 
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
@@ -14,6 +14,7 @@ help:
 	@echo "make docs    write every figure and generated page anew, from results/ and the sources"
 	@echo "make colcon  build the workspace with colcon"
 	@echo "make bench   benchmarks; results go to bench/*.txt"
+	@echo "make peers   an environment for peers that need other versions of libraries, for the experiment peers"
 	@echo "make clean   remove .venv and everything generated"
 
 define bootstrap
@@ -47,9 +48,14 @@ colcon: setup-test
 		--cmake-args -G Ninja -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" \
 		-DCMAKE_PROJECT_INCLUDE="$(CURDIR)/compat/ros_wheels.cmake"
 
+# Peers that cannot live in one environment with the suite.
+peers:
+	$(PYTHON) -m venv .venv-peers
+	.venv-peers/bin/pip install --disable-pip-version-check -q -r requirements/peers.txt
+
 bench: setup-test
 	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf .venv build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
+	rm -rf .venv .venv-peers build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

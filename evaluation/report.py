@@ -114,12 +114,14 @@ class Report:
 class Part:
     """A part of an experiment: a function that adds its tables to a report.
 
-    random : whether it draws at random; it is then repeated over the seeds. needs : recordings it reads, as patterns
+    random : whether it draws at random; it is then repeated over the seeds. quick_seeds : over how many of them in a
+    quick run, where one repetition is long. needs : recordings it reads, as patterns
     below the folder of recordings; where they are absent the part is left out, and the report says so.
     """
 
     run: Callable[[Options, Report], None]
     random: bool = True
+    quick_seeds: int = SEEDS
     needs: tuple[str, ...] = ()
 
 

@@ -97,7 +97,7 @@ def run(asked: Run) -> results.Result:
     chosen = parts_of(asked.name)
     digest = source_digest(results.module_of(asked.name))
     content = _described(asked, chosen, digest)
-    calls = [(key, seed) for key, part in chosen.items() for seed in _seeds(part, asked.seed)]
+    calls = [(key, seed) for key, part in chosen.items() for seed in _seeds(part, asked)]
     found: dict[str, list[dict[str, Any]]] = {}
     with progress_bar() as bar:
         task = bar.add_task(asked.name, total=len(calls))
@@ -150,8 +150,9 @@ def _described(asked: Run, chosen: Mapping[str, Part], digest: str) -> dict[str,
     }
 
 
-def _seeds(part: Part, first: int) -> range:
-    return range(first, first + (SEEDS if part.random else 1))
+def _seeds(part: Part, asked: Run) -> range:
+    count = 1 if not part.random else part.quick_seeds if asked.quick else SEEDS
+    return range(asked.seed, asked.seed + count)
 
 
 def _absent(part: Part, data: Path | None) -> bool:
@@ -173,9 +174,7 @@ def _kept_or_run(asked: Run, key: str, part: Part, seed: int, digest: str) -> di
         folder = asked.out / asked.name if seed == asked.seed else Path(aside)
         folder.mkdir(parents=True, exist_ok=True)
         report = Report(asked.name)
-        part.run(
-            Options(folder, seed, asked.jobs, asked.quick, asked.data, SEEDS if part.random else 1), report
-        )
+        part.run(Options(folder, seed, asked.jobs, asked.quick, asked.data, len(_seeds(part, asked))), report)
     if seed != asked.seed:
         report.pictures = []
     record = results.record(report) | {"mark": mark, "seconds": round(time.perf_counter() - begun, 1)}

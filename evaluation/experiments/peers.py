@@ -1,4 +1,4 @@
-"""Speed and quality beside other libraries in the same run: small_gicp, KISS-ICP, scikit-learn, LightGBM, Stone Soup.
+"""Speed and quality beside other libraries in the same run: small_gicp, KISS-ICP, KISS-SLAM, and others.
 
 Repetitions are interleaved, ours and theirs in turn, in processor time, so that what else a machine does meets both;
 the ratio is the median over the repetitions. A library that is not installed is left out, and the report says so
@@ -24,17 +24,21 @@ from estimation.poses import between
 from evaluation.experiments.odometry import simulated_floor
 from evaluation.experiments.phd_recorded import config_of
 from evaluation.experiments.registration_data import read_ply
+from evaluation.kiss_slam_peer import installed, kiss_slam
 from evaluation.report import Options, Part, Report, Table
 from evaluation.stone_soup_phd import StoneSoupPhd
 from loop_closure import features_2d, pair_features
+from loop_closure.slam import Slam
 from registration import Odometry, OdometryConfig, align
 from tracking import ExtendedTargetPhd
 from tracking.evaluation import positions
 from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.outdoor import SpinningLidar, random_neighbourhood, round_trip
 from whereabouts.simulation.pairs import free_pose
 from whereabouts.simulation.rooms import random_room
 
 Array = NDArray[np.float64]
+ROUND = "200 clouds along 206 m. The local maps of KISS-SLAM are 100 m long by default, so it has few to close loops with."
 COLUMNS = ["what", "ours, ms ↓", "peer, ms", "peer's time over ours, × ↑"]
 NOISY_LABELS = 0.05
 """Share of labels that are turned round, so that no stump separates the classes."""
@@ -103,6 +107,29 @@ def _scans(options: Options, report: Report) -> None:
         ["scan to odometry, KISS-ICP", *least, least[1] / least[0], errors["local_map"], errors["kiss_icp"]]
     ]
     _add(report, "Odometry of planar scans: ATE, mm", "scans", rows, "simulated", "")
+
+
+def _clouds_around(options: Options, report: Report) -> None:
+    """A simulated outdoor round, closed at its end."""
+    if not installed():
+        report.notes.append("KISS-SLAM is not installed: left out; `make peers` installs it")
+        return
+    rng = np.random.default_rng([options.seed, 12])
+    world, poses, lidar = random_neighbourhood(rng), round_trip(), SpinningLidar()
+    clouds = [lidar.cloud(world, pose, rng) for pose in poses]
+    truth = (np.linalg.inv(poses[0]) @ poses)[:, :3, 3]
+    odometry, slam = Odometry(), Slam()
+    begun = time.process_time()
+    for number, cloud in enumerate(clouds):
+        slam.process(cloud, odometry.register(cloud, 0.5 * number), odometry.covariance, 0.5 * number)
+    ours = slam.trajectory()[:, 1:4]
+    taken = [1e3 * (time.process_time() - begun) / len(clouds)]
+    theirs, seconds, closures = kiss_slam(clouds)
+    taken.append(1e3 * seconds / len(clouds))
+    errors = [absolute_trajectory_error(each, truth).rmse for each in (ours, theirs[:, :3, 3])]
+    row = ["clouds to map, KISS-SLAM", *taken, taken[1] / taken[0], *errors, len(slam.closures), closures]
+    columns = [*COLUMNS, "ours: ATE, m ↓", "peer: ATE, m ↓", "ours: closures", "peer: closures"]
+    report.tables.append(Table("A round of clouds", columns, [row], ROUND, "round", data="simulated"))
 
 
 def _places(seed: int, count: int) -> tuple[Array, Array]:
@@ -214,6 +241,7 @@ def _installed(module: str, part: Callable[[Options, Report], None]) -> Callable
 PARTS = {
     "clouds": Part(_installed("small_gicp", _clouds), needs=("scans_3d/*.ply",)),
     "scans": Part(_installed("kiss_icp", _scans)),
+    "round of clouds": Part(_clouds_around, quick_seeds=1),
     "classifiers": Part(_classifiers),
     "targets": Part(_installed("stonesoup", _targets), needs=("extended_targets/*.npz",)),
 }
