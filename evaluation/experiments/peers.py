@@ -38,7 +38,7 @@ from whereabouts.simulation.pairs import free_pose
 from whereabouts.simulation.rooms import random_room
 
 Array = NDArray[np.float64]
-ROUND = "200 clouds along 206 m. The local maps of KISS-SLAM are 100 m long by default, so it has few to close loops with."
+ROUND = "200 clouds along 206 m. Local maps of KISS-SLAM are 100 m long by default: there are few to close loops with."
 COLUMNS = ["what", "ours, ms ↓", "peer, ms", "peer's time over ours, × ↑"]
 NOISY_LABELS = 0.05
 """Share of labels that are turned round, so that no stump separates the classes."""
