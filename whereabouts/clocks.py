@@ -58,7 +58,8 @@ class SourceClock(Generic[Item]):
     message moves nobody's time. refused : messages that were found to be of no time.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, patience: int | None = None) -> None:
+        self._patience = patience
         self.refused = 0
         self.held: list[Message[Item]] = []
         self._gaps: deque[int] = deque(maxlen=20)
@@ -85,6 +86,8 @@ class SourceClock(Generic[Item]):
     def patience(self) -> int:
         """For how long its silence says nothing, ns."""
         gap = self.gap
+        if self._patience is not None:
+            return self._patience
         return TOLERANCE if gap is None else min(max(3 * gap, LEAST_PATIENCE), TOLERANCE)
 
     @property
@@ -162,15 +165,18 @@ class Clocks(Generic[Item]):
         ]
         return max(known, default=None)
 
-    def begin(self, stamp: int | None = None) -> list[Message[Item]]:
-        """Begin a new run, at `stamp` (ns) where that is known; returns what was held, which is lost."""
+    def begin(self, stamp: int | None = None, patience: int = TOLERANCE) -> list[Message[Item]]:
+        """Begin a new run, at `stamp` (ns) where that is known; returns what was held, which is lost.
+
+        patience : ns for which messages of another time have to go on until they are believed.
+        """
         lost = [message for clock in self.sources.values() for message in clock.release()]
         for clock in self.sources.values():
             clock.forget()
         self._taken = 0
         self.sources.pop(SAID, None)
         if stamp is not None:
-            said: SourceClock[Item] = SourceClock()
+            said: SourceClock[Item] = SourceClock(patience)
             said.take(stamp, None)
             self.sources[SAID] = said
         return lost

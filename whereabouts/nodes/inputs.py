@@ -157,6 +157,10 @@ class Input:
         """Time since the last message that was let in, ns."""
         return round((arrived - self._admitted) * NANOSECONDS) if self._admitted else 0
 
+    def behind(self, stamp: int) -> int:
+        """How far a stamp is behind what more than one message speaks for, ns; negative for one ahead."""
+        return (stamp if self._time.confirmed is None else self._time.confirmed) - stamp
+
     def admit(self, waiting: Waiting, late: bool = False) -> None:
         """Handle a message of the node's time, as soon as its transforms are there."""
         self._admitted = waiting.arrived

@@ -49,9 +49,9 @@ class Timekeeper:
             self._node.complain(text, (item.topic, "time"))
         self._obey(ruling)
 
-    def begin(self) -> None:
-        """The next message tells what time it is."""
-        self._refuse(self.clocks.begin())
+    def begin(self, remembered: int | None = None) -> None:
+        """The next message tells what time it is; two of them where that is far from what is remembered, ns."""
+        self._refuse(self.clocks.begin(remembered, patience=0))
 
     def mind_silence(self) -> None:
         """Nothing comes any more: neither transforms that are waited for nor what would confirm a stamp ahead.
