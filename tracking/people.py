@@ -97,6 +97,7 @@ class PeopleTracker:
         self._walking = Walking()
         self._changes = Changes()
         self.stamp: float | None = None
+        self._late: float | None = None  # stamp of the scan before, if it was late
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
         self._held = math.inf
@@ -189,11 +190,18 @@ class PeopleTracker:
         return others, other_scores
 
     def _interval(self, stamp: float) -> float | None:
-        """Seconds to predict over; None for a late scan."""
+        """Seconds to predict over; None for a late scan.
+
+        Two late ones that follow each other are not late: the stamp of the one before them was wrong.
+        """
         last, config = self.stamp, self.config
+        before, self._late = self._late, None
         if last is not None and -config.late_window <= stamp - last < 0.0:
             self.health.late += 1
-            return None
+            if before is None or not 0.0 < stamp - before <= config.max_gap:
+                self._late = stamp
+                return None
+            last = before
         if last is not None and not 0.0 <= stamp - last <= config.max_gap:
             self.health.restarts += 1
             self.reset()

@@ -46,7 +46,9 @@ class PeopleConfig:
         0.0,
         0.99,
     )
-    late_window: float = _setting(1.0, "s", "a stamp this far behind the last is skipped", 0.0, 60.0)
+    late_window: float = _setting(
+        1.0, "s", "a stamp this far behind the last is skipped, but for a second one in a row", 0.0, 60.0
+    )
     max_gap: float = _setting(5.0, "s", "a longer time between scans is a new run", 0.2, 600.0)
 
     def __post_init__(self) -> None:

@@ -82,6 +82,11 @@ class Anchoring(Corrections):
         self.bias.reset()
         self.hindsight.reset()
 
+    @property
+    def highest(self) -> dict[str, int]:
+        """The highest number in use by class."""
+        return dict(self._names)
+
     def learn_value(self, name: str, value: str) -> None:
         """A new value of an attribute whose values are not fixed."""
         column = self.vocabulary.add(name, value)
@@ -164,7 +169,7 @@ class Anchoring(Corrections):
         variances = measured.covariances.diagonal(axis1=1, axis2=2)
         spread = np.sqrt(variances.max(1)) if M else np.zeros(0)
         sensor, known = sensor_array(measured.sensor), measured.sensor is not None
-        silent = measured.silent or lag > 0.0
+        silent = measured.silent
         born, gap, clutter = self.unseen.look(
             measured.positions, np.sqrt(variances[:, 2]), sensor, known, silent, stamp
         )
@@ -178,6 +183,7 @@ class Anchoring(Corrections):
             leaves,
             active,
             stamp,
+            lag,
             measured.positions,
             spread,
             sensor,

@@ -23,12 +23,13 @@ OUT_OF_GATE = -60.0  # log density below which a detection is of something else
 
 @numba.njit(cache=True)
 def touch(  # type: ignore[no-untyped-def]
-    leaves, active, stamp, positions, spread, sensor, known, silent, motion, chosen, clear
+    leaves, active, stamp, lag, positions, spread, sensor, known, silent, motion, chosen, clear
 ):
     """Leaves that a look concerns: in view, near a detection, or of movers.
 
     active (N,) rows in use; spread (M,) largest standard deviation of each detection, m; sensor as in
-    `clearance`, used where `known`; `silent` where absence means nothing. Writes rows to `chosen` and to `clear`
+    `clearance`, used where `known`; `silent` where absence means nothing. A look made `lag` seconds ago says nothing
+    about the absence of what has been seen since, nor of what moves. Writes rows to `chosen` and to `clear`
     the probability that being there would have meant being in view; returns how many.
     """
     count = 0
@@ -54,7 +55,7 @@ def touch(  # type: ignore[no-untyped-def]
             variance = max(variance, v)
         sigma = np.sqrt(variance)
         view = 0.0
-        if not silent:
+        if not silent and (lag <= 0.0 or not (moving or leaves.last[i] > stamp - lag)):
             view = 1.0
             if known:
                 # What has settled must be surely inside: a wrong look would be repeated.

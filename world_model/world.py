@@ -22,6 +22,8 @@ from world_model.state import Box, WorldObject, WorldState
 from world_model.store import Store
 from world_model.warm_up import warm_up
 
+# s that may have passed between two runs.
+BETWEEN_RUNS = 60.0
 OUTCOMES = ("found", "occluded", "not_found")
 
 
@@ -44,6 +46,9 @@ class WorldModel:
         self.words = Words(places or Places())
         self.epoch = 0
         self.stamp = -np.inf
+        self.begun = np.inf  # first stamp of this run
+        self._earlier: list[WorldObject] = []
+        self._taken_names: Mapping[str, int] = {}
         self._anchors = Anchoring(self.config)
         self.habits = Habits(places or Places())
         if places:
@@ -59,9 +64,9 @@ class WorldModel:
         """Take one look into account; returns the most probable world.
 
         A stamp up to `late_window` behind the newest is late: its detections count where objects were then, its
-        absences do not. An older one starts a new epoch with an empty model. predictions : where movers go, {id: path}
-        (or paths of the nearest movers), a path being (T, 3) x, y, t in m and s or anything with `path` and
-        `covariances` (T, 2, 2) m², such as a `tracking.intentions.Prediction`; None withdraws one. It is the person
+        absences where nothing was seen since. An older one starts a new epoch with an empty model. predictions : where
+        movers go, {id: path} (or paths of the nearest movers), a path being (T, 3) x, y, t in m and s or anything with
+        `path` and `covariances` (T, 2, 2) m², such as a `tracking.intentions.Prediction`; None withdraws one. It is the person
         behaviour until it ends; without it movers go straight on. Raises InputError, before anything has changed,
         naming what is wrong with the evidence.
         """
@@ -79,6 +84,7 @@ class WorldModel:
             self._anchors.learn_value(name, value)
         lag = max(self.stamp - stamp, 0.0)
         self.stamp = max(stamp, self.stamp)
+        self._take_up()
         self._anchors.guide(paths)
         associations = self._anchors.look(measured, self.stamp, lag)
         return self._recorded(self._state(associations))
@@ -234,9 +240,45 @@ class WorldModel:
         """Forget all objects and start a new epoch."""
         self._anchors.reset()
         self.epoch += 1
-        self.stamp = -np.inf
+        self.stamp, self.begun = -np.inf, np.inf
+        self._earlier, self._taken_names = [], {}
         if self.store is not None:
             self.store.begin(self.epoch)
+
+    def next_run(self) -> None:
+        """Time went back: a new epoch, in which what rests is still believed in, as from an earlier run.
+
+        How long ago that was nobody knows. The objects come back with the next evidence, as if nobody had looked for
+        `BETWEEN_RUNS`, last seen before it; whoever moved is gone.
+        """
+        if np.isfinite(self.stamp):
+            then = self.stamp + BETWEEN_RUNS
+            self._earlier = [
+                replace(item, last_seen=item.last_seen - then, first_seen=item.first_seen - then)
+                for item in self._anchors.predicted(then)
+                if not item.behaviors.get("constant_velocity", 0.0) > 0.5
+            ]
+            self._taken_names = self._anchors.highest
+        earlier, names = self._earlier, self._taken_names
+        self.reset()
+        self._earlier, self._taken_names = earlier, names
+
+    def _take_up(self) -> None:
+        """What an earlier run knew, at the first stamp of this one."""
+        earlier, self._earlier = self._earlier, []
+        for item in earlier:
+            moved = replace(
+                item, last_seen=self.stamp + item.last_seen, first_seen=self.stamp + item.first_seen
+            )
+            self._anchors.remember(moved, self.stamp)
+        if earlier:
+            self._anchors.reserve(self._taken_names)
+        self.begun = min(self.begun, self.stamp)
+
+    @property
+    def of_earlier_runs(self) -> int:
+        """Objects believed in that have not been seen in this run."""
+        return sum(item.last_seen < self.begun for item in self._anchors.shown.values())
 
     @property
     def sensor_bias(self) -> tuple[float, ...]:

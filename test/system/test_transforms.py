@@ -97,6 +97,29 @@ def test_history_is_bounded_and_a_jump_back_clears_it() -> None:
     assert np.allclose(buffer.lookup("odom", "base_link", 1 * SECOND), np.eye(4))
 
 
+@pytest.mark.parametrize("off", [-1000.0, -4.0, 4.0, 3e7])
+def test_one_transform_of_another_time_costs_nothing(off: float) -> None:
+    buffer = TransformBuffer()
+    for k in range(100):
+        insert(buffer, "odom", "base_link", 2000 * SECOND + k * SECOND // 10, np.eye(4))
+        if k == 90:
+            insert(buffer, "odom", "base_link", 2009 * SECOND + round(off * SECOND), np.eye(4))
+    for k in range(100):
+        buffer.lookup("odom", "base_link", 2000 * SECOND + k * SECOND // 10)
+    with pytest.raises(TransformError, match=r"0\.050 s newer") as early:
+        buffer.lookup("odom", "base_link", 2009 * SECOND + 950 * SECOND // 1000)
+    assert early.value.later
+
+
+def test_history_goes_on_where_a_second_transform_confirms_a_leap() -> None:
+    buffer = TransformBuffer()
+    for start in (100, 50, 4000):
+        for k in range(20):
+            insert(buffer, "odom", "base_link", start * SECOND + k * SECOND // 10, np.eye(4))
+        assert buffer.newest("odom", "base_link") == start * SECOND + 19 * SECOND // 10
+        buffer.lookup("odom", "base_link", start * SECOND + SECOND // 20)
+
+
 def test_frame_may_get_another_parent() -> None:
     rng = np.random.default_rng(4)
     first, second = random_pose(rng), random_pose(rng)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from estimation.errors import InputError
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
+from world_model.store import Store
 
 REGION = ((-3.0, 3.0), (-3.0, 3.0), (0.0, 2.0))
 SENSOR = {"pose": (-4.0, 0.0, 1.0, 0.0), "range": 20.0, "angle": 2.0 * np.pi}
@@ -79,6 +81,45 @@ def test_late_detection_of_a_mover_is_put_where_it_was() -> None:
     assert len(late.objects) == 1
     assert late.associations == (state.objects[0].id,)
     assert late.objects[0].position[0] == pytest.approx(state.objects[0].position[0], abs=0.02)
+
+
+def test_a_detector_that_is_always_late_is_believed_in_what_it_sees_and_misses() -> None:
+    model = WorldModel(config(late_window=10.0))
+    seen = evidence((0.0, 0.0, 1.0))
+    for k in range(400):
+        # Another source has told the time, and says nothing about the cup.
+        model.update(WorldEvidence([], SENSOR, blocked=True), 100.0 + 0.1 * k)
+        state = model.update(seen if k < 100 else evidence(), 100.0 + 0.1 * k - 1.3)
+        if k == 99:
+            assert [item.id for item in state.objects] == ["cup-1"]
+            assert state.objects[0].existence > 0.9
+    assert state.epoch == 0
+    assert not state.objects or state.objects[0].existence < 0.1
+
+
+def test_what_rests_outlives_a_new_run_and_is_less_certain(tmp_path: Path) -> None:
+    model, before = watched(60)
+    model.store = Store(tmp_path / "world.sqlite")
+    model.update(evidence((0.0, 0.0, 1.0)), before.stamp + 0.05)
+    model.next_run()
+    after = model.update(WorldEvidence([], None), 1.0)
+    assert (after.epoch, after.stamp) == (before.epoch + 1, 1.0)
+    [cup], [known] = after.objects, before.objects
+    assert (cup.id, cup.most_probable("class")) == (known.id, known.most_probable("class"))
+    assert cup.existence < known.existence
+    assert cup.last_seen < 1.0
+    assert cup.first_seen <= cup.last_seen
+    assert model.of_earlier_runs == 1
+    # A restart finds it as well.
+    model.store.close()
+    again = WorldModel(config(), None, tmp_path / "world.sqlite")
+    assert [item.id for item in again.propagate(again.stamp).objects] == ["cup-1"]
+    # It is seen again, and something else is new.
+    for k in range(20):
+        after = model.update(evidence((0.0, 0.0, 1.0), (1.0, 1.0, 1.0)), 1.1 + 0.05 * k)
+    assert [item.id for item in after.objects] == ["cup-1", "cup-2"]
+    assert model.of_earlier_runs == 0
+    assert after.objects[0].existence > 0.99
 
 
 def test_older_stamp_starts_a_new_epoch() -> None:

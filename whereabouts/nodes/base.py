@@ -34,7 +34,7 @@ from whereabouts.nodes.footprint import keep_packed, release, settle
 from whereabouts.nodes.inputs import Frames, Handler, Input
 from whereabouts.nodes.outputs import QUIET, Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
-from whereabouts.nodes.stamps import NANOSECONDS
+from whereabouts.nodes.timekeeping import Timekeeper
 from whereabouts.nodes.transforms import TransformBuffer
 from whereabouts.parameters.base import NodeParameters
 from whereabouts_msgs.msg import Connections, Processed
@@ -59,7 +59,8 @@ class SuiteNode(LifecycleNode):
     ----------
     settings : the current parameters, an instance of `parameters_model`.
     active : whether the lifecycle state is active; inputs and timers rest otherwise.
-    epoch : number of the run; counts up when message time jumps back.
+    epoch : number of the run; counts up when time goes back. last_run : why the last one began.
+    time : what the stamps of all sensors tell.
     """
 
     parameters_model: ClassVar[type[NodeParameters]] = NodeParameters
@@ -74,7 +75,8 @@ class SuiteNode(LifecycleNode):
         self.complaints = 0
         self.last_complaint = ""
         self._silent_until: dict[Any, float] = {}
-        self._newest_stamp: int | None = None
+        self.last_run = ""
+        self.time = Timekeeper(self)
         self._created: list[tuple[Callable[[Any], object], Any]] = []
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
@@ -109,7 +111,11 @@ class SuiteNode(LifecycleNode):
         """Create inputs, outputs, timers and services."""
 
     def start_run(self) -> None:
-        """Forget live state: time jumped back, somebody asked for it, or the node starts."""
+        """Forget live state: somebody asked for it, or the node starts."""
+
+    def next_run(self) -> None:
+        """Time jumped back: forget live state, but for what is worth to be taken up again."""
+        self.start_run()
 
     def health(self) -> Health:
         """The node's own judgement of how it is doing."""
@@ -224,6 +230,12 @@ class SuiteNode(LifecycleNode):
         """A publisher for tf; give it lists of transforms in a TFMessage."""
         return self.add_output(TFMessage, "tf", TF_QOS)
 
+    def alarm(self, text: str) -> None:
+        """Warn, in the log and in diagnostics, each time."""
+        self.complaints += 1
+        self.last_complaint = text
+        self.get_logger().warning(text)
+
     def complain(self, text: str, key: Any = None, defect: bool = False) -> None:
         """Warn, at most once in a while for each key; count always."""
         self.complaints += 1
@@ -246,28 +258,17 @@ class SuiteNode(LifecycleNode):
             f"{where}: internal error: {type(error).__name__}: {error}\n{trace}", (where, "defect"), True
         )
 
-    def check_stamp(self, stamp: int, topic: str) -> bool:
-        """Follow message time; a jump back starts a new run. True for a stamp that is late but acceptable."""
-        newest = self._newest_stamp
-        if newest is None or stamp >= newest:
-            self._newest_stamp = stamp
-            return False
-        behind = (newest - stamp) / NANOSECONDS
-        if behind <= self.settings.late_window:
-            return True
-        self.get_logger().info(f"{topic}: time went back by {behind:.3f} s: a new run begins")
-        self.transforms.back_to(stamp)
-        self.begin_run()
-        self._newest_stamp = stamp
-        return False
+    def begin_run(self, reason: str, counted: bool = True) -> None:
+        """Time went back: a new epoch, with a warning. What is known for good stays."""
+        self._end_run(f"a new run begins: {reason}", counted)
+        self.next_run()
 
-    def begin_run(self) -> None:
-        """Start a new epoch: live state is forgotten, transforms and stored history stay."""
-        self.epoch += 1
-        self._newest_stamp = None
+    def _end_run(self, reason: str, counted: bool = True) -> None:
+        self.epoch += counted
+        self.last_run = reason
+        self.alarm(reason)
         for item in self.inputs:
             item.new_run()
-        self.start_run()
 
     # Lifecycle.
 
@@ -293,7 +294,7 @@ class SuiteNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._destroy_created()
-        self._newest_stamp = None
+        self.time.begin()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -310,9 +311,9 @@ class SuiteNode(LifecycleNode):
         self.transforms = TransformBuffer()
 
     def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
-        self.begin_run()
-        because = f" ({request.reason})" if request.reason else ""
-        self.get_logger().info(f"reset{because}")
+        self._end_run(f"reset: {request.reason or 'it was asked for'}")
+        self.time.begin()
+        self.start_run()
         response.code, response.message = Reset.Response.SUCCESS, "started afresh"
         return response
 
@@ -320,6 +321,8 @@ class SuiteNode(LifecycleNode):
         """All that is due now and then, in one timer: each wakes the node up."""
         self._check_supervisor()
         self._serve_waiting()
+        if self.active:
+            self.time.mind_silence()
         self._report_connections()
 
     def _check_supervisor(self) -> None:

@@ -47,8 +47,13 @@ class DiagnosticsPublisher:
             item.watch_publishers()
             before = self._received.get(item.topic, 0)
             self._received[item.topic] = item.counts.received
+            clock = self._node.time.clocks.sources.get(item.topic)
+            if clock is not None:
+                figures |= {f"{item.topic} behind [s]": clock.lag, f"{item.topic} held back": len(clock.held)}
             figures |= _input_figures(item, (item.counts.received - before) / max(interval, 1e-6))
         figures["new runs"] = self._node.epoch
+        if self._node.last_run:
+            figures["last new run"] = self._node.last_run
         figures["internal errors"] = self._node.defects
         if repairs.count:
             figures["covariances repaired after rounding"] = repairs.count

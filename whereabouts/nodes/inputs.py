@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import time
 import traceback
 from collections import Counter, deque
@@ -15,6 +16,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
+from whereabouts.clocks import SourceClock
 from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import TransformError
@@ -28,6 +30,7 @@ RELIABLE_DEPTH = 200
 LATENCY_WINDOW = 2000
 
 Handler = Callable[[Any, int], None]
+Pairs = tuple[tuple[str, str], ...]
 Frames = Callable[[Any], Sequence[tuple[str, str]]]
 
 
@@ -66,9 +69,9 @@ class Input:
     handler : called with the message and its stamp in nanoseconds; an `InputError` it raises is a refused
         message, counted and reported, any other exception a defect that is reported with its trace.
     frames : pairs (target, source) that must be in tf at the stamp before the handler is called. Until then
-        the message waits, and those behind it with it, so that order is kept.
-    sensor : whether it is a sensor's own topic: a stamp that jumps back then starts a new run of the node, and jumps in
-        the publisher's numbers and in stamps are losses. Several nodes publish tf, and its numbers say nothing.
+        the message waits, and newer ones that need the same frames with it, so that order is kept among these.
+    sensor : whether it is a sensor's own topic: its stamps then tell the node's time (`whereabouts.clocks`), and jumps
+        in the publisher's numbers and in stamps are losses. Several nodes publish tf, and its numbers say nothing.
     on_demand : whether messages may lie about until something else wakes the node up: for what is only looked at now
         and then. They are not acknowledged one by one, what the queue had no room for is not lost, and their latency
         counts from when they are taken in.
@@ -101,7 +104,9 @@ class Input:
         self._sequence = 0
         self._acknowledged = 0
         self._one_publisher: bool | None = None
-        self._waiting: deque[Waiting] = deque()
+        self._waiting: dict[Pairs, list[Waiting]] = {}  # by what they wait for, oldest stamp first
+        self._time: SourceClock[None] = SourceClock()
+        self._admitted = 0.0  # when the last message was let in
         self._periods: deque[int] = deque(maxlen=50)
         self._last_stamp: int | None = None
         self.counts = InputCounts()
@@ -122,7 +127,7 @@ class Input:
         self.topic = self.subscription.topic_name
 
     def _receive(self, message: Any, info: dict[str, Any]) -> None:
-        arrived = time.perf_counter()
+        arrived = self._node.time.heard_at = time.perf_counter()
         self.counts.received += 1
         sequence = int(info.get("publication_sequence_number") or 0)
         self._check_sequence(sequence)
@@ -142,17 +147,47 @@ class Input:
         self._acknowledge(stamp, sequence)
 
     def _accept(self, message: Any, stamp: int, arrived: float) -> None:
+        waiting = Waiting(message, stamp, arrived)
         if self._sensor and self._stamped:
-            if self._node.check_stamp(stamp, self.topic):
-                self.counts.late += 1
-            self._check_period(stamp)
-        if self._waiting or not self._ready(message, stamp):
-            if len(self._waiting) == WAITING_LIMIT:
-                self._waiting.popleft()
-                self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
-            self._waiting.append(Waiting(message, stamp, arrived))
-            return
-        self._handle(message, stamp, arrived)
+            self._node.time.follow(self, waiting)
+        else:
+            self.admit(waiting)
+
+    def silence(self, arrived: float) -> int:
+        """Time since the last message that was let in, ns."""
+        return round((arrived - self._admitted) * NANOSECONDS) if self._admitted else 0
+
+    def behind(self, stamp: int) -> int:
+        """How far a stamp is behind what more than one message speaks for, ns; negative for one ahead."""
+        return (stamp if self._time.confirmed is None else self._time.confirmed) - stamp
+
+    def admit(self, waiting: Waiting, late: bool = False) -> None:
+        """Handle a message of the node's time, as soon as its transforms are there."""
+        self._admitted = waiting.arrived
+        self.counts.late += late
+        if self._sensor and self._stamped:
+            self._check_period(waiting.stamp)
+        self._time.take(waiting.stamp, None)
+        needed = self._needed(waiting.message)
+        if needed not in self._waiting and self._ready(needed, waiting.stamp):
+            self._handle(waiting.message, waiting.stamp, waiting.arrived)
+        else:
+            if sum(map(len, self._waiting.values())) >= WAITING_LIMIT:
+                self._make_room()
+            bisect.insort(self._waiting.setdefault(needed, []), waiting, key=lambda item: item.stamp)
+        self.serve_waiting(reported=True)
+
+    def _make_room(self) -> None:
+        longest = max(self._waiting, key=lambda needed: len(self._waiting[needed]))
+        self._take_first(longest)
+        self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
+
+    def _take_first(self, needed: Pairs) -> Waiting:
+        queue = self._waiting[needed]
+        first = queue.pop(0)
+        if not queue:
+            del self._waiting[needed]
+        return first
 
     def _handle(self, message: Any, stamp: int, arrived: float) -> None:
         self.arrived = arrived
@@ -168,12 +203,13 @@ class Input:
         self.counts.used += 1
         self.latencies.append(time.perf_counter() - arrived)
 
-    def _ready(self, message: Any, stamp: int) -> bool:
+    def _needed(self, message: Any) -> Pairs:
+        return () if self._frames is None else tuple(self._frames(message))
+
+    def _ready(self, needed: Pairs, stamp: int) -> bool:
         """Whether all transforms are there; True also where waiting would not help: the handler then says why."""
-        if self._frames is None:
-            return True
         try:
-            for target, source in self._frames(message):
+            for target, source in needed:
                 self._node.transforms.lookup(target, source, stamp)
         except TransformError as error:
             return not error.later
@@ -184,31 +220,33 @@ class Input:
         """Whether messages wait for their transforms."""
         return bool(self._waiting)
 
-    def serve_waiting(self, reported: bool = False) -> None:
-        """Handle messages whose transforms have come, and drop those that have waited too long.
+    def serve_waiting(self, reported: bool = False, give_up: bool = False) -> None:
+        """Handle messages whose transforms have come, and drop those that time has left behind.
 
-        reported : whether the caller is about to say what the node has published.
+        Time is that of the topic's own further messages, not that of a machine that may be busy.
+
+        reported : whether the caller is about to say what the node has published. give_up : nothing more will come.
         """
-        timeout = self._node.settings.transform_timeout
-        while self._waiting:
-            first = self._waiting[0]
-            if self._ready(first.message, first.stamp):
-                self._waiting.popleft()
-                self._handle(first.message, first.stamp, first.arrived)
-                if not reported:
-                    # Said again, as there may be more output now.
-                    self._acknowledge(first.stamp, self._acknowledged)
-            elif time.perf_counter() - first.arrived > timeout:
-                self._waiting.popleft()
-                self.drop("no transform", self._missing(first))
-            else:
-                return
+        timeout = round(self._node.settings.transform_timeout * NANOSECONDS)
+        for needed in list(self._waiting):
+            while needed in self._waiting:
+                first = self._waiting[needed][0]
+                if self._ready(needed, first.stamp):
+                    self._take_first(needed)
+                    self._handle(first.message, first.stamp, first.arrived)
+                    if not reported:
+                        # Said again, as there may be more output now.
+                        self._acknowledge(first.stamp, self._acknowledged)
+                elif give_up or (self._time.confirmed or 0) > first.stamp + timeout:
+                    self._take_first(needed)
+                    self.drop("no transform", self._missing(needed, first.stamp))
+                else:
+                    break
 
-    def _missing(self, waiting: Waiting) -> str:
-        assert self._frames is not None
-        for target, source in self._frames(waiting.message):
+    def _missing(self, needed: Pairs, stamp: int) -> str:
+        for target, source in needed:
             try:
-                self._node.transforms.lookup(target, source, waiting.stamp)
+                self._node.transforms.lookup(target, source, stamp)
             except TransformError as error:
                 return f"no transform from '{source}' to '{target}': {error}; is it on tf or tf_static?"
         return "transform arrived too late"
@@ -226,8 +264,10 @@ class Input:
     def new_run(self) -> None:
         """Forget what belongs to the run before."""
         if self._waiting:
-            self.counts.drops["run ended while waiting"] += len(self._waiting)
+            self.counts.drops["run ended while waiting"] += sum(map(len, self._waiting.values()))
         self._waiting.clear()
+        self._time.forget()
+        self._admitted = 0.0
         self._periods.clear()
         self._last_stamp = None
 

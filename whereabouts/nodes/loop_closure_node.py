@@ -74,9 +74,10 @@ class LoopClosureNode(SuiteNode):
         self._created.append((self.destroy_subscription, said.subscription))
         warm_up()
         if settings.cloud_topic:
-            self.add_input(PointCloud2, settings.cloud_topic, self._take_cloud, frames=self._frames)
+            taken = self.add_input(PointCloud2, settings.cloud_topic, self._take_cloud, frames=self._frames)
         else:
-            self.add_input(LaserScan, settings.scan_topic, self._take_scan, frames=self._frames)
+            taken = self.add_input(LaserScan, settings.scan_topic, self._take_scan, frames=self._frames)
+        self._range_input = taken
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         self._path_output = self.add_output(PathMessage, "trajectory", LATCHED)
         self._map_output = self.add_output(GridMessage, "map", LATCHED)
@@ -91,10 +92,33 @@ class LoopClosureNode(SuiteNode):
             self.add_timer(settings.save_period, self._save_regularly)
 
     def start_run(self) -> None:
+        self._forget_live()
+        self._begin_map()
+        self._earlier: tuple[Slam, Localizer] | None = None
+        stem = self.settings.map_file
+        if stem and Path(f"{stem}.npz").exists():
+            self._begin_with(Path(f"{stem}.npz"), self.settings.localization_only, None)
+
+    def next_run(self) -> None:
+        """The map stays. One that was being made is made anew until the robot is found in the one before."""
+        slam, earlier = self._slam, self._earlier
+        looking, extend = self._localizer is not None, self._extend
+        self._forget_live()
+        if looking:
+            self._look_in(slam, extend)
+            return
+        if earlier is not None:
+            slam = earlier[0]
+        self._begin_map()
+        self._earlier = (slam, Localizer(slam.keyframes, slam.graph.poses)) if len(slam.keyframes) else None
+
+    def _begin_map(self) -> None:
         self._slam = Slam(self.settings.slam, thin=self.settings.thin)
         self._localizer: Localizer | None = None
         self._extend = True
         self._grid = MapGrid(self.settings.resolution)
+
+    def _forget_live(self) -> None:
         self._correction: Array | None = None  # (6,) of the odometry frame in the map
         self._located = True
         self._told = 0  # ns of the node's clock when the correction was last sent
@@ -106,9 +130,6 @@ class LoopClosureNode(SuiteNode):
         self._waiting = 0
         self._changed = self._moved = False
         self._slowest = 0.0
-        stem = self.settings.map_file
-        if stem and Path(f"{stem}.npz").exists():
-            self._begin_with(Path(f"{stem}.npz"), self.settings.localization_only, None)
 
     def health(self) -> Health:
         if not self.active or self._stamp is None:
@@ -121,6 +142,9 @@ class LoopClosureNode(SuiteNode):
         }
         if self._localizer is not None and not self._located:
             return Health("looking for the robot in the map", warning=True, figures=figures)
+        if self._earlier is not None:
+            figures["keyframes of the run before"] = len(self._earlier[0].keyframes)
+            return Health("mapping, and looking for the robot in the map of the run before", figures=figures)
         return Health("localising" if self._localizer is not None else "mapping", figures=figures)
 
     # Inputs.
@@ -138,6 +162,7 @@ class LoopClosureNode(SuiteNode):
 
     def _take_scan(self, message: LaserScan, stamp: int) -> None:
         begun = time.perf_counter()
+        self._check_order(stamp)
         scan = scan_from_message(message)
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
         base = pose_from_matrix(
@@ -158,12 +183,14 @@ class LoopClosureNode(SuiteNode):
         else:
             update = self._slam.process(scan, odometry, known, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
+            self._look_for_earlier(scan, odometry)
             self._correction = spatial(self._slam.correction)
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
     def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
         begun = time.perf_counter()
+        self._check_order(stamp)
         points, _ = points_from_message(message)
         settings = self.settings
         mounting = self.transforms.lookup(settings.base_frame, message.header.frame_id, stamp)
@@ -176,9 +203,15 @@ class LoopClosureNode(SuiteNode):
         else:
             update = self._slam.process(cloud, base, covariance, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
+            self._look_for_earlier(cloud, base)
             self._correction = pose_from_matrix(self._slam.correction)
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
+
+    def _check_order(self, stamp: int) -> None:
+        """A map is made along the path: what comes after others of a later stamp says nothing new."""
+        if self._range_input.behind(stamp) > 0:
+            raise InputError("it is older than what came before it")
 
     def _take_update(self, closures: list[Closure], kept: bool, waiting: int) -> None:
         self._waiting = waiting
@@ -205,6 +238,24 @@ class LoopClosureNode(SuiteNode):
             self.get_logger().info("the robot was found in the map. The map is extended from here")
             self._slam.resume(correction)
             self._localizer = None
+
+    def _look_for_earlier(self, scan: Scan | Array, odometry: Array) -> None:
+        """Go on with the map of the run before once the robot is found in it; give it up once this one is larger."""
+        if self._earlier is None:
+            return
+        slam, localizer = self._earlier
+        if localizer.process(scan, odometry).sure and localizer.correction is not None:
+            self.get_logger().info(
+                "the robot is found in the map of the run before; it is extended from here"
+            )
+            slam.resume(localizer.correction)
+            # The scan is the first of the map again, so that there is a pose.
+            slam.process(scan, odometry, None, None if self._stamp is None else self._stamp / NANOSECONDS)
+            self._slam, self._grid, self._earlier = slam, MapGrid(self.settings.resolution), None
+            self._changed = self._moved = True
+        elif len(self._slam.keyframes) > len(slam.keyframes):
+            self.complain("the robot is not in the map of the run before: that map is given up")
+            self._earlier = None
 
     def _take_initial_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
         if frame_name(message.header.frame_id) not in ("", frame_name(self.settings.map_frame)):
@@ -278,7 +329,8 @@ class LoopClosureNode(SuiteNode):
     # Services.
 
     def _save_regularly(self) -> None:
-        if len(self._slam.keyframes) and self._localizer is None:
+        # What is saved is not lost to the little that is known after a jump of time.
+        if len(self._slam.keyframes) and self._localizer is None and self._earlier is None:
             self._write(Path(self.settings.map_file))
 
     def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
@@ -327,17 +379,19 @@ class LoopClosureNode(SuiteNode):
             raise InputError(
                 f"{path}: a map of {kind} is needed to find the robot in it by {kind}; it has none, or is of {other}"
             )
+        self._earlier = None
+        self._look_in(slam, not localization_only, initial)
+        self.get_logger().info(f"{path}: {len(slam.keyframes)} keyframes; looking for the robot in them")
+        return len(slam.keyframes)
+
+    def _look_in(self, slam: Slam, extend: bool, initial: Array | None = None) -> None:
         self._slam = slam
         self._grid = MapGrid(self.settings.resolution)
         start = None if initial is None else compound(initial, self._mounting)
         self._localizer = Localizer(slam.keyframes, slam.graph.poses, start)
-        self._extend = not localization_only
+        self._extend = extend
         self._correction, self._located = None, False
         self._changed = True
-        self.get_logger().info(
-            f"{path}: {len(slam.keyframes)} keyframes; the robot is now searched in this map"
-        )
-        return len(slam.keyframes)
 
 
 def _stem(name: str) -> Path:

@@ -16,6 +16,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
+from estimation.errors import InputError
 from estimation.poses import (
     compound,
     compound_covariance,
@@ -44,6 +45,7 @@ from whereabouts.nodes.conversions import (
     wheel_pose,
 )
 from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.inputs import Input
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
 from whereabouts.parameters.scan_registration import ScanRegistrationParameters
@@ -76,8 +78,10 @@ class ScanRegistrationNode(SuiteNode):
         self._wheels = WheelHistory()
         self.listen_to_transforms()
         self.add_input(OdometryMessage, "wheel_odom", self._take_wheels)
+        self._cloud_inputs: dict[str, Input] = {}
         for topic in settings.clouds:
-            self.add_input(PointCloud2, topic, self._take_cloud, frames=self._frames)
+            taken = self.add_input(PointCloud2, topic, partial(self._take_cloud, topic), frames=self._frames)
+            self._cloud_inputs[topic] = taken
         if not settings.clouds:
             for rank, topic in enumerate(settings.scans):
                 handler = self._take_scan if rank == 0 else partial(self._keep_scan, topic)
@@ -122,7 +126,13 @@ class ScanRegistrationNode(SuiteNode):
     def _take_wheels(self, message: OdometryMessage, stamp: int) -> None:
         self._wheels.insert(stamp, wheel_pose(message))
 
+    def _check_age(self, item: Input, stamp: int) -> None:
+        """The robot has gone on since an old scan was taken."""
+        if item.behind(stamp) > OTHERS_AGE:
+            raise InputError(f"it is {item.behind(stamp) / NANOSECONDS:.3f} s older than what came before it")
+
     def _take_scan(self, message: LaserScan, stamp: int) -> None:
+        self._check_age(self._scan_input, stamp)
         scan = scan_from_message(message)
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
         level = level_pose(mounting)
@@ -193,7 +203,8 @@ class ScanRegistrationNode(SuiteNode):
             recent.append((scan, pose_to_matrix(spatial(inverse(motion))) @ mounting))
         return recent
 
-    def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
+    def _take_cloud(self, topic: str, message: PointCloud2, stamp: int) -> None:
+        self._check_age(self._cloud_inputs[topic], stamp)
         points, times = points_from_message(message)
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
         # Registered in the robot frame, so that several sensors share one map.

@@ -20,6 +20,8 @@ from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 Matrix = NDArray[np.float64]
 HISTORY = 10 * NANOSECONDS
 JUMP = 2 * NANOSECONDS
+# Transforms in the history of a pair that comes often; one that comes seldom may leap.
+FREQUENT = 5
 KEPT = 64
 
 
@@ -32,24 +34,58 @@ class TransformError(WhereaboutsError):
 
 
 class MovingTransform(TimeVaryingTransform):
-    """Stamped transforms of one frame pair over the last ten seconds, interpolated in between."""
+    """Stamped transforms of one frame pair over the last ten seconds, interpolated in between.
+
+    One whose stamp lies far from the others is kept apart from them: it may be wrong, or the first of another time, and
+    is only found at its own stamp. Once a second one confirms it, the history goes on from there.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name
         self.history: StampedHistory[Matrix] = StampedHistory(HISTORY)
+        self._apart: StampedHistory[Matrix] = StampedHistory(HISTORY)
 
     def insert(self, stamp: int, pose: Matrix) -> None:
-        """Add (7,) position and quaternion (w, x, y, z).
+        """Add (7,) position and quaternion (w, x, y, z)."""
+        if self._continues(stamp):
+            self.history.insert(stamp, pose)
+            self._apart.clear()
+            return
+        confirmed = self._apart.newest is not None and stamp >= self._apart.newest
+        if not confirmed:
+            self._apart.clear()
+        self._apart.insert(stamp, pose)
+        if confirmed:
+            self._go_on()
 
-        A stamp far behind the newest means that time jumped back: the history is forgotten.
-        """
-        if self.history.newest is not None and stamp < self.history.newest - JUMP:
-            self.history.clear()
-        self.history.insert(stamp, pose)
+    def _continues(self, stamp: int) -> bool:
+        if self.history.newest is None:
+            return True
+        ahead = JUMP if len(self.history) >= FREQUENT else HISTORY
+        return -JUMP <= stamp - self.history.newest <= ahead
+
+    def _go_on(self) -> None:
+        """Time is where the others were kept apart; over a short gap ahead it is the same history."""
+        before, self.history = self.history, self._apart
+        self._apart = StampedHistory(HISTORY)
+        if (
+            before.newest is not None
+            and self.history.oldest is not None
+            and before.newest < self.history.oldest
+        ):
+            for stamp, pose in before.latest(len(before)):
+                self.history.insert(stamp, pose)
+
+    def forget_after(self, stamp: int) -> None:
+        """Drop what is newer than `stamp`."""
+        self.history.forget_after(stamp)
+        self._apart.forget_after(stamp)
+        if not len(self.history):
+            self.history, self._apart = self._apart, self.history
 
     def as_matrix(self, query_time: Any) -> Matrix:
         """The transform at a stamp in nanoseconds, (4, 4)."""
-        found = self.history.around(query_time)
+        found = self.history.around(query_time) or self._apart.around(query_time)
         if found is None:
             raise self._out_of_range(query_time)
         before, after, share = found
@@ -154,7 +190,7 @@ class TransformBuffer:
         """Time jumped back to `stamp`: drop moving transforms of the time after it. Static ones stay."""
         self._found.clear()
         for child, transform in list(self._moving.items()):
-            transform.history.forget_after(stamp + JUMP)
+            transform.forget_after(stamp + JUMP)
             if not len(transform.history):
                 self._graph.remove_transform(child, self._parents.pop(child))
                 del self._moving[child]

@@ -110,7 +110,18 @@ class WorldModelNode(SuiteNode):
     def start_run(self) -> None:
         if self._configured:
             self.model.reset()
+        elif np.isfinite(self.model.stamp):
+            # What is remembered says when it was; one message that is far from that does not age it.
+            self.time.begin(round(self.model.stamp * NANOSECONDS))
         self._configured = True
+        self._forget_live()
+
+    def next_run(self) -> None:
+        """The world stays, as it was known in the run before."""
+        self.model.next_run()
+        self._forget_live()
+
+    def _forget_live(self) -> None:
         self._pose: tuple[int, Array] | None = None
         self._stamp = 0
         self._updates = 0
@@ -158,6 +169,7 @@ class WorldModelNode(SuiteNode):
             return Health("not configured")
         figures: dict[str, object] = dict(self._model.health)
         figures["run"] = self._model.epoch
+        figures["objects not seen in this run"] = self._model.of_earlier_runs
         figures["updates"] = self._updates
         figures["people in other evidence, ignored"] = self._left_out
         figures["detections with unknown words, ignored"] = self._refused
@@ -276,6 +288,9 @@ class WorldModelNode(SuiteNode):
         return kept, refused
 
     def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:
+        behind = self.model.stamp - stamp / NANOSECONDS
+        if behind > self.model.config.late_window:
+            self.begin_run(f"the world is remembered from {behind:.3f} s later")
         begun = time.perf_counter()
         predictions, self._predictions = self._predictions, {}
         state = self.model.update(evidence, stamp / NANOSECONDS, predictions)

@@ -32,15 +32,13 @@ class NodeParameters(BaseModel):
     autostart: bool = setting(
         True, "the node configures and activates itself; false leaves that to a lifecycle manager", fixed=True
     )
-    late_window: float = setting(
-        1.0,
-        "a stamp up to this much older than the newest is late and still used; an older one starts a new run",
+    transform_timeout: float = setting(
+        0.5,
+        "how far the stamps of a topic go on, by message time, before a message that still waits for its transform is "
+        "dropped",
         unit="s",
         ge=0.0,
-        le=60.0,
-    )
-    transform_timeout: float = setting(
-        0.5, "how long a message waits for its transform before it is dropped", unit="s", ge=0.0, le=10.0
+        le=10.0,
     )
     input_reliability: Literal["best_effort", "reliable"] = setting(
         "best_effort",

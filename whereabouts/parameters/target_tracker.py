@@ -7,10 +7,11 @@ from dataclasses import fields
 from pydantic import create_model
 
 from tracking.people_config import PeopleConfig
+from whereabouts.clocks import SECOND, TOLERANCE
 from whereabouts.parameters.base import NodeParameters, setting
 from whereabouts.parameters.from_config import settings_of
 
-# How late a scan may be, every node says itself.
+# How late a scan may be is the same for all nodes (`whereabouts.clocks`).
 _SETTINGS = {name: value for name, value in settings_of(PeopleConfig).items() if name != "late_window"}
 _WithPeople = create_model("_WithPeople", __base__=NodeParameters, **_SETTINGS)  # type: ignore[call-overload]
 
@@ -32,4 +33,7 @@ class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
     @property
     def people(self) -> PeopleConfig:
         """The library's settings."""
-        return PeopleConfig(**{item.name: getattr(self, item.name) for item in fields(PeopleConfig)})
+        given = {
+            item.name: getattr(self, item.name) for item in fields(PeopleConfig) if item.name in _SETTINGS
+        }
+        return PeopleConfig(late_window=TOLERANCE / SECOND, **given)

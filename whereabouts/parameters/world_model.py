@@ -10,12 +10,15 @@ from pydantic import create_model, field_validator, model_validator
 
 from estimation.errors import InputError
 from estimation.places import Places
+from whereabouts.clocks import SECOND, TOLERANCE
 from whereabouts.parameters.base import NodeParameters, setting
 from whereabouts.parameters.from_config import settings_of
 from world_model import WorldModelConfig
 from world_model.store import LIMIT
 from world_model.symbols import Symbols, default_symbols
 
+# s: what comes later than that is not of the node's time (`whereabouts.clocks`).
+LATEST = 2 * TOLERANCE / SECOND
 # Those that ROS cannot express as they are, or that all nodes have.
 _OTHERWISE = ("classes", "colors", "attributes", "region", "motion", "late_window", "sensor_bias")
 _taken = {name: made for name, made in settings_of(WorldModelConfig).items() if name not in _OTHERWISE}
@@ -106,7 +109,7 @@ class WorldModelParameters(_WithWorld):  # type: ignore[valid-type, misc]
             attributes=[name for name in self.attributes if name],
             region=((x0, x1), (y0, y1), (z0, z1)),
             motion=_yaml(self.behaviors_file) if self.behaviors_file else None,
-            late_window=self.late_window,
+            late_window=LATEST,
             **given,
         )
 
