@@ -44,6 +44,7 @@ from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
 WARNING_PERIOD = 5.0
+MOST_SILENCED = 1000  # kinds of complaints that are remembered
 HOUSEKEEPING_PERIOD = 0.2
 # s between two reports of connections in which nothing has changed.
 REPORT_PERIOD = 1.0
@@ -198,6 +199,8 @@ class SuiteNode(LifecycleNode):
                 return
             try:
                 callback()
+            except WhereaboutsError as error:
+                self.complain(str(error), key=callback)
             except Exception as error:
                 self.report_defect(f"timer {getattr(callback, '__name__', '')}", error)
 
@@ -215,6 +218,9 @@ class SuiteNode(LifecycleNode):
                 return callback(request, response)
             except WhereaboutsError as error:
                 response.code, response.message = response.REFUSED, str(error)
+            except OSError as error:
+                self.complain(f"service {name}: {error}", key=(name, "failed"))
+                response.code, response.message = response.FAILED, str(error)[:1000]
             except Exception as error:
                 self.report_defect(f"service {name}", error)
                 response.code, response.message = response.FAILED, f"{type(error).__name__}: {error}"
@@ -247,6 +253,8 @@ class SuiteNode(LifecycleNode):
         now = time.monotonic()
         if now < self._silent_until.get(key or text, 0.0):
             return
+        if len(self._silent_until) >= MOST_SILENCED:
+            self._silent_until.clear()
         self._silent_until[key or text] = now + WARNING_PERIOD
         logger = self.get_logger()
         if defect:
