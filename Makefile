@@ -6,11 +6,13 @@ BIN := .venv/bin
 # The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help peers demo test lint setup setup-test docs colcon bench clean
+.PHONY: help demo test test-bounds lint setup setup-test docs colcon bench chaos peers clean
 
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
 	@echo "make test    lint, type check and all tests"
+	@echo "make test-bounds  the libraries' tests with bounds checks in compiled code"
+	@echo "make chaos   generated, mutated and damaged inputs for MINUTES=10 (SEED=1); exit status 1 for any death"
 	@echo "make docs    write every figure and generated page anew, from results/ and the sources"
 	@echo "make colcon  build the workspace with colcon"
 	@echo "make bench   benchmarks; results go to bench/*.txt"
@@ -38,6 +40,15 @@ lint: setup-test
 
 test: lint
 	$(BIN)/python -m pytest
+
+# Compiled functions check every index here; what they compile to is kept apart from the ordinary cache.
+test-bounds: setup-test
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.venv/numba-bounds $(BIN)/python -m pytest --timeout=1200 $(foreach part,estimation registration loop_closure tracking world_model,test/$(part))
+
+MINUTES ?= 10
+SEED ?= 1
+chaos: setup-test
+	$(BIN)/python -m evaluation.chaos --minutes $(MINUTES) --seed $(SEED)
 
 docs: setup-test
 	$(BIN)/python -m evaluation.pages

@@ -23,6 +23,7 @@ OCCUPIED_OVER, FREE_BELOW = 0.6, -0.3  # log-odds; one hit is occupied, one look
 # Thresholds of the files. 205, the grey of unknown cells, is 0.19608: with map_saver's 0.25 it would be read as free.
 OCCUPIED_SHARE, FREE_SHARE = 0.65, 0.196
 ROOM = 64  # cells of spare room when the grid grows
+MOST_CELLS = 1 << 26  # of one grid, a quarter of a gigabyte
 
 
 class OccupancyGrid:
@@ -126,6 +127,9 @@ class OccupancyGrid:
         first, last = low_cell - ROOM, high_cell + ROOM
         if self.log_odds.size:
             first, last = np.minimum(first, 0), np.maximum(last, np.array(self.shape) - 1)
+        sides = np.asarray(last, dtype=np.float64) - first + 1.0
+        if not (sides > 0.0).all() or sides.prod() > MOST_CELLS:
+            raise InputError(f"a map of {sides[1]:g} x {sides[0]:g} cells is too large")
         grown = np.zeros(tuple(last - first + 1), dtype=np.float32)
         height, width = self.shape
         grown[-first[0] : height - first[0], -first[1] : width - first[1]] = self.log_odds if height else 0.0
@@ -140,7 +144,7 @@ class OccupancyGrid:
 
         Raises
         ------
-        InputError : wrong shapes, numbers that are not finite.
+        InputError : wrong shapes, numbers that are not finite, or too far away for a grid that has all in it.
         """
         sensor = as_vectors("pose", pose, 3)
         ends = as_points("points", points, 2)
@@ -208,7 +212,7 @@ class OccupancyGrid:
             f"occupied_thresh: {OCCUPIED_SHARE}\nfree_thresh: {FREE_SHARE}\n"
         )
         described = base.with_name(base.name + ".yaml")
-        write(described, text.encode("ascii"))
+        write(described, text.encode("utf-8"))
         return described
 
     @classmethod

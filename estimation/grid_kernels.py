@@ -43,7 +43,16 @@ def _mark_ray(marks, touched, count, x, y, ex, ey):  # type: ignore[no-untyped-d
 
 @njit(cache=True)
 def mark_scan(log_odds, start, ends, hit, miss, most):  # type: ignore[no-untyped-def]
-    """Add one scan from `start` (2,) to `ends` (N, 2), all inside; each cell changes once, a hit outweighs a pass."""
+    """Add one scan from `start` (2,) to `ends` (N, 2); each cell changes once, a hit outweighs a pass.
+
+    ValueError, and nothing is changed, where one of them is not inside the grid.
+    """
+    height, width = log_odds.shape
+    inside = 0.0 <= start[0] < width and 0.0 <= start[1] < height
+    for k in range(len(ends)):
+        inside &= 0.0 <= ends[k, 0] < width and 0.0 <= ends[k, 1] < height
+    if not inside:
+        raise ValueError("a scan that ends outside of the grid")
     low_i = high_i = math.floor(start[0])
     low_j = high_j = math.floor(start[1])
     for k in range(len(ends)):

@@ -328,7 +328,8 @@ def range_histograms(r, multiples, starts):  # type: ignore[no-untyped-def]
     for i in range(len(r)):
         # A product, not a quotient: ranges in whole centimetres fall on edges, and 0.7 * 20 is 14 while 0.7 / 0.05
         # is below it.
-        fine[min(int(r[i] * BINS_PER_METRE), finest - 1)] += 1
+        at = r[i] * BINS_PER_METRE
+        fine[max(int(at), 0) if at < finest - 1 else finest - 1] += 1
     counts = np.zeros(starts[-1])
     for h in range(len(multiples)):
         last = starts[h + 1] - 1

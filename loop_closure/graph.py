@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.errors import InputError
 from loop_closure.motions import compose, motion, planar, rotation
 
 ROBUST = 3.0  # deviations at which a closure counts half
@@ -82,7 +83,10 @@ class SmoothedGraph:
 
     def restore(self, poses: FloatArray, edges: list[Edge]) -> None:
         self._poses, self.edges, self._stacked = [pose.copy() for pose in poses], list(edges), None
-        self._restart()
+        try:
+            self._restart()
+        except RuntimeError as error:
+            raise InputError(f"a pose graph that determines no poses: {error}") from None
 
     def _start(self, pose: FloatArray) -> None:
         import gtsam

@@ -47,7 +47,7 @@ def thin(points, cell, limit):  # type: ignore[no-untyped-def]
     found = 0
     for p in range(len(points)):
         x, y = points[p, 0], points[p, 1]
-        if abs(x) >= limit or abs(y) >= limit:
+        if not (abs(x) < limit and abs(y) < limit):
             continue
         k = int((x + limit) / cell) * side + int((y + limit) / cell)
         if index[k] < 0:
@@ -104,7 +104,12 @@ def mark_free(free, seen, x, y, yaw):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def grids(points, packed):  # type: ignore[no-untyped-def]
-    """Fine grid (CELLS + 2 MARGIN, ..) and one of double cells, of outline points (K, 2) and packed free cells."""
+    """Fine grid (CELLS + 2 MARGIN, ..) and one of double cells, of outline points (K, 2) and packed free cells.
+
+    Points outside of RADIUS are left out. ValueError where there are fewer packed cells than the grid has.
+    """
+    if 8 * len(packed) < CELLS * CELLS:
+        raise ValueError("packed: too few free cells")
     fine = np.zeros((CELLS + 2 * MARGIN, CELLS + 2 * MARGIN), dtype=np.int8)
     for i in range(CELLS):
         for j in range(CELLS):
@@ -112,6 +117,8 @@ def grids(points, packed):  # type: ignore[no-untyped-def]
             if (packed[k >> 3] >> (7 - (k & 7))) & 1:
                 fine[i + MARGIN, j + MARGIN] = -1
     for p in range(len(points)):
+        if not (abs(points[p, 0]) < RADIUS and abs(points[p, 1]) < RADIUS):
+            continue
         i = int((points[p, 0] + RADIUS) / CELL) + MARGIN
         j = int((points[p, 1] + RADIUS) / CELL) + MARGIN
         for k in range(len(_A)):
@@ -140,6 +147,8 @@ def sharp_grid(points):  # type: ignore[no-untyped-def]
     """Obstacles of outline points (K, 2) in cells of SHARP, margin of two cells: up to 100 on a point, else 0."""
     sharp = np.zeros((SHARP_CELLS + 4, SHARP_CELLS + 4), dtype=np.int8)
     for p in range(len(points)):
+        if not (abs(points[p, 0]) < RADIUS and abs(points[p, 1]) < RADIUS):
+            continue
         i, j = int((points[p, 0] + RADIUS) / SHARP) + 2, int((points[p, 1] + RADIUS) / SHARP) + 2
         for k in range(len(_SA)):
             a, b = i + _SA[k], j + _SB[k]

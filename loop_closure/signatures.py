@@ -118,12 +118,12 @@ def _outline_signature(points, free, ring, cells):  # type: ignore[no-untyped-de
             dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
             apart = math.sqrt(dx * dx + dy * dy)
             k = int(scale * math.log(max(apart, _NEAREST) / _NEAREST))
-            out[min(k, SPACINGS - 1)] += 1.0
+            out[min(max(k, 0), SPACINGS - 1)] += 1.0
     scale = RINGS / math.log(RADIUS / _LEAST_RING)
     for i in range(len(points)):
         distance = math.sqrt(points[i, 0] ** 2 + points[i, 1] ** 2)
         k = int(scale * math.log(max(distance, _LEAST_RING) / _LEAST_RING))
-        out[SPACINGS + min(k, RINGS - 1)] += 1.0
+        out[SPACINGS + min(max(k, 0), RINGS - 1)] += 1.0
     for part in range(2):
         first = 0 if part == 0 else SPACINGS
         last = SPACINGS if part == 0 else SPACINGS + RINGS

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from estimation.errors import InputError
 from registration.motion import Array, Step
 
 MINIMUM_POINTS = 10
@@ -53,15 +54,19 @@ class KissTracker:
         """
         engine = self._engine
         if guess is not None:
-            engine.last_delta = guess
+            engine.last_delta = _rigid(guess)
         predicted = engine.last_delta
         if len(cloud) < MINIMUM_POINTS:
-            engine.last_pose = engine.last_pose @ predicted
+            engine.last_pose = _rigid(engine.last_pose @ predicted)
             reason = f"only {len(cloud)} points; at least {MINIMUM_POINTS} are needed: the pose is predicted"
             return Step(predicted.copy(), OPEN_VARIANCE * np.eye(6), False, reason, 0.0, cloud[:0])
         before, first = engine.last_pose, self._previous is None
         frame, source = engine.register_frame(cloud, np.empty(0) if times is None else times)
         frame, source = np.asarray(frame), np.asarray(source)
+        if not len(source):
+            engine.last_pose = _rigid(before @ predicted)
+            reason = "no point is within the longest range: the pose is predicted"
+            return Step(predicted.copy(), OPEN_VARIANCE * np.eye(6), False, reason, 0.0, cloud[:0])
         increment = np.linalg.inv(before) @ engine.last_pose
         if first:
             self._previous = cKDTree(source)
@@ -101,6 +106,21 @@ class KissTracker:
         if variances.max() > 0.25 * OPEN_VARIANCE:
             return covariance, "the points leave a direction of motion open"
         return covariance, ""
+
+
+def _rigid(matrix: Array) -> Array:
+    """A motion (4, 4) without what rounding has added; the engine ends the process for a rotation that is none.
+
+    Raises
+    ------
+    InputError : it is far from rigid.
+    """
+    left, scales, right = np.linalg.svd(matrix[:3, :3])
+    if not (np.abs(scales - 1.0) < 1e-3).all() or np.linalg.det(left @ right) < 0.0:
+        raise InputError("guess: a rotation and a translation expected")
+    made = matrix.copy()
+    made[:3, :3] = left @ right
+    return made
 
 
 def _in_voxels(points: Array, marked: Array, size: float) -> NDArray[np.bool_]:

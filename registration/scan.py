@@ -9,6 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimation.errors import InputError
 
+# Finest and widest step between beams, radians: whatever turns bearings into indices divides by it.
+FINEST, TURN = 1e-6, 2.0 * np.pi
+FARTHEST = 1e6  # metres; a reading beyond is none
+
 
 @dataclass(frozen=True, eq=False)
 class Scan:
@@ -19,14 +23,15 @@ class Scan:
     ranges : (N,) metres; no-returns may be NaN, ±inf, zero or anything outside [range_min, range_max).
         A reading at range_max is a no-return: scanners report their maximum when nothing answers.
     angle_min, angle_increment : bearing of the first beam and step between beams, radians.
-        A negative increment is a scanner mounted upside down or turning clockwise.
-    range_min, range_max : metres, valid readings lie in [range_min, range_max).
+        A negative increment is a scanner mounted upside down or turning clockwise. That of a single beam means nothing:
+        where it is none it becomes a full turn.
+    range_min, range_max : metres, valid readings lie in [range_min, range_max) and below FARTHEST.
     stamp : seconds, time of the first beam.
     time_increment : seconds between beams, 0 when unknown.
 
     Raises
     ------
-    InputError : ranges not one-dimensional, or a bound or angle not finite.
+    InputError : ranges not one-dimensional, a bound or angle not finite, or a step that is none.
     """
 
     ranges: NDArray[np.float64]
@@ -63,8 +68,12 @@ class Scan:
             object.__setattr__(self, name, float(value))
         if np.isnan(range_max) or range_max <= range_min:
             raise InputError(f"range_max: must exceed range_min = {range_min}, got {range_max}")
-        if len(values) > 1 and angle_increment == 0.0:
-            raise InputError("angle_increment: must not be zero for a scan of several beams")
+        if not FINEST <= abs(angle_increment) <= TURN:
+            if len(values) > 1:
+                raise InputError(
+                    f"angle_increment: {FINEST:g} to 2 pi expected of several beams, got {angle_increment:g}"
+                )
+            object.__setattr__(self, "angle_increment", TURN)
         object.__setattr__(self, "range_max", float(range_max))
         object.__setattr__(self, "ranges", values)
 
@@ -84,7 +93,7 @@ class Scan:
                 np.isfinite(self.ranges)
                 & (self.ranges > 0.0)
                 & (self.ranges >= self.range_min)
-                & (self.ranges < self.range_max)
+                & (self.ranges < min(self.range_max, FARTHEST))
             )
 
     def points(self) -> NDArray[np.float64]:

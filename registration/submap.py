@@ -124,6 +124,7 @@ def _seen_space(glances: Sequence[Glance], poses: Array) -> tuple[NDArray[np.boo
 def _see(seen, origin, cell, pose, ranges, angle_min, step, far, margin):  # type: ignore[no-untyped-def]
     """Mark cells beams pass on their way, ending `margin` metres in front of what they or their neighbours hit."""
     beams = len(ranges)
+    height, width = seen.shape
     for k in range(beams):
         reach = ranges[k]
         if not math.isfinite(reach):
@@ -139,9 +140,9 @@ def _see(seen, origin, cell, pose, ranges, angle_min, step, far, margin):  # typ
             away = n * 0.7 * cell
             if away > reach:
                 break
-            i = int((pose[0] + away * dx - origin[0]) / cell)
-            j = int((pose[1] + away * dy - origin[1]) / cell)
-            seen[j, i] = True
+            x, y = (pose[0] + away * dx - origin[0]) / cell, (pose[1] + away * dy - origin[1]) / cell
+            if 0.0 <= x < width and 0.0 <= y < height:
+                seen[int(y), int(x)] = True
 
 
 @dataclass(frozen=True)

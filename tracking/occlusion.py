@@ -81,10 +81,11 @@ def _seen(ranges, angle_min, step, limit, x, y):  # type: ignore[no-untyped-def]
     beams = max(1, int(half / abs(step)))
     turn = (math.atan2(y, x) - angle_min) * (1.0 if step > 0 else -1.0)
     middle = round((turn % (2.0 * math.pi)) / abs(step))
+    around = max(1, round(2.0 * math.pi / abs(step)))
     seen = 0.0
     for k in range(middle - beams, middle + beams + 1):
         # A scanner that sees all around continues at its other end.
-        beam = k % round(2.0 * math.pi / abs(step))
+        beam = k % around
         if beam >= len(ranges) or ranges[beam] < away - MARGIN:
             continue
         seen += AMBIGUOUS if ranges[beam] < away + MARGIN else 1.0

@@ -155,7 +155,7 @@ def _share(value: float, low: float, high: float) -> float:
 def _through(points, origin, first, step, ranges):  # type: ignore[no-untyped-def]
     """Whether a scan looked through each of some points (M, 2): the beam to it and its neighbours ended beyond."""
     found = np.zeros(len(points), dtype=np.bool_)
-    around = round(2.0 * math.pi / abs(step))
+    around = max(1, round(2.0 * math.pi / abs(step)))
     for k in range(len(points)):
         dx, dy = points[k, 0] - origin[0], points[k, 1] - origin[1]
         away = math.hypot(dx, dy)

@@ -76,7 +76,7 @@ class Relations:
 
         try:
             content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        except (OSError, yaml.YAMLError) as error:
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise InputError(f"{path}: cannot be read: {error}") from error
         if not isinstance(content, dict) or not isinstance(content.get("frames"), list):
             raise InputError(f"{path}: a mapping with a list `frames` expected")

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from fuzz import Fuzzer
 from harness import START, Graph, Robot, mounting, room, scan_message
 from lifecycle_msgs.msg import State
 from test_world_model import ON_COUNTER, ON_DESK, ON_TABLE, World, evidence, seen
 from tf2_msgs.msg import TFMessage
 
+from evaluation.chaos.generator import Fuzzer
 from whereabouts.cli.run import NODES
 from whereabouts.nodes.base import TF_STATIC_QOS
 from whereabouts.nodes.interfaces import message_class

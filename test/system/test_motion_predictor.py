@@ -202,7 +202,7 @@ def test_targets_in_another_frame_walls_and_bad_messages(graph: Graph) -> None:
     graph.until(
         lambda: people.figures().get("/targets dropped, refused") == "1", "the bad message is counted"
     )
-    assert "target 7" in graph.log(spec)
+    assert "targets[0] (7).position.x" in graph.log(spec)
     count = len(people.paths)
     people.clock += 0.2
     people.send({people.label: (2.9, 0.0)})

@@ -34,7 +34,7 @@ def test_the_stamp_is_read_without_unpacking(stamp: int) -> None:
 def test_the_other_order_of_bytes_is_read_too() -> None:
     given = packed(state(1_777_885_425_250_000_001)).data
     numbers = np.frombuffer(given[4:12], dtype="<u4").astype(">u4").tobytes()
-    assert Packed(WorldState, bytes([0, 0, 0, 0]) + numbers).stamp == 1_777_885_425_250_000_001
+    assert Packed(WorldState, bytes([0, 0, 0, 0]) + numbers + bytes(4)).stamp == 1_777_885_425_250_000_001
 
 
 def test_only_what_is_looked_at_is_read_and_nonsense_keeps_what_was_known() -> None:

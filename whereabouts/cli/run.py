@@ -127,7 +127,7 @@ def _run_live(config: SuiteConfig) -> None:
     from whereabouts.nodes.bring_up import bring_up, lifecycle_clients
     from whereabouts.nodes.supervisor import Supervisor
 
-    with Supervisor(config.logs, on_event=typer.echo) as supervisor:
+    with Supervisor(config.logs, on_event=typer.echo, patient=True) as supervisor:
         try:
             # Those that shall not configure themselves are somebody else's to bring up.
             managed = []

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from registration.scan import Scan
+from registration.scan import FARTHEST, Scan
 
 from .records import (
     CloudRecord,
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 # sensor_msgs/PointField: number of a type to numpy's letter for it.
 POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time")
+SLOWEST = 10.0  # s between beams; more is not meant
 PLANE = np.ix_((0, 1, 5), (0, 1, 5))
 
 
@@ -65,7 +66,7 @@ def _scan(message: Any, ranges: Array, topic: str) -> ScanRecord:
             float(message.range_min),
             float(message.range_max),
             stamp,
-            step if np.isfinite(step) else 0.0,
+            step if abs(step) <= SLOWEST else 0.0,
         )
     except InputError as error:
         raise UnusableMessageError(f"scan refused: {error}") from error
@@ -115,10 +116,14 @@ def _matrix(position: Any, orientation: Any) -> Array:
 
 
 def clouds(message: Any, topic: str) -> Iterator[CloudRecord]:
-    """sensor_msgs/PointCloud2 of any layout that has x, y and z; organised clouds are flattened."""
+    """sensor_msgs/PointCloud2 of any layout that has x, y and z; organised clouds are flattened.
+
+    Points that are not finite, or farther away than anything is, are left out.
+    """
     values = _rows(message)
     points = np.column_stack([values[axis].astype(np.float64) for axis in "xyz"])
-    finite = np.isfinite(points).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        finite = (np.abs(points) <= FARTHEST).all(axis=1)
     named = [name for name in TIME_FIELDS if name in (values.dtype.names or ())]
     times = values[named[0]].astype(np.float64)[finite] if named else None
     stamp = seconds(message.header.stamp)

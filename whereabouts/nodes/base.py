@@ -11,10 +11,12 @@ are coroutines that yield, so that a cancel, a look-up or a service call can alw
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 import traceback
 from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import rclpy
@@ -29,6 +31,7 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
+from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.footprint import keep_packed, release, settle
 from whereabouts.nodes.inputs import Frames, Handler, Input
@@ -41,11 +44,14 @@ from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
 WARNING_PERIOD = 5.0
+MOST_SILENCED = 1000  # kinds of complaints that are remembered
 HOUSEKEEPING_PERIOD = 0.2
 # s between two reports of connections in which nothing has changed.
 REPORT_PERIOD = 1.0
 # Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself.
 SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
+# A file that a node makes once it is active: from then on its death is no failure to start.
+ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -150,14 +156,21 @@ class SuiteNode(LifecycleNode):
     ) -> ActionServer:
         """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted."""
 
-        def judge(_: Any) -> GoalResponse:
+        inside = envelope(action_type.Goal)  # type: ignore[attr-defined]
+
+        def judge(goal: Any) -> GoalResponse:
+            try:
+                inside.check(goal)
+            except InputError as error:
+                self.complain(f"action {name}: goal refused: {error}", key=(name, "refused"))
+                return GoalResponse.REJECT
             return GoalResponse.ACCEPT if self.active else GoalResponse.REJECT
 
         async def run(handle: Any) -> Any:
             try:
                 return await execute(handle)
             except Exception as error:
-                self._report_defect(f"action {name}", error)
+                self.report_defect(f"action {name}", error)
                 handle.abort()
                 return action_type.Result(message=f"{type(error).__name__}: {error}")  # type: ignore[attr-defined]
 
@@ -192,8 +205,10 @@ class SuiteNode(LifecycleNode):
                 return
             try:
                 callback()
+            except WhereaboutsError as error:
+                self.complain(str(error), key=callback)
             except Exception as error:
-                self._report_defect(f"timer {getattr(callback, '__name__', '')}", error)
+                self.report_defect(f"timer {getattr(callback, '__name__', '')}", error)
 
         timer = self.create_timer(period, tick)
         self._created.append((self.destroy_timer, timer))
@@ -201,13 +216,19 @@ class SuiteNode(LifecycleNode):
     def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence, any other a failure."""
 
+        inside = envelope(service_type.Request)  # type: ignore[attr-defined]
+
         def answer(request: Any, response: Any) -> Any:
             try:
+                inside.check(request)
                 return callback(request, response)
             except WhereaboutsError as error:
                 response.code, response.message = response.REFUSED, str(error)
+            except OSError as error:
+                self.complain(f"service {name}: {error}", key=(name, "failed"))
+                response.code, response.message = response.FAILED, str(error)[:1000]
             except Exception as error:
-                self._report_defect(f"service {name}", error)
+                self.report_defect(f"service {name}", error)
                 response.code, response.message = response.FAILED, f"{type(error).__name__}: {error}"
             return response
 
@@ -244,6 +265,8 @@ class SuiteNode(LifecycleNode):
         now = time.monotonic()
         if now < self._silent_until.get(key or text, 0.0):
             return
+        if len(self._silent_until) >= MOST_SILENCED:
+            self._silent_until.clear()
         self._silent_until[key or text] = now + WARNING_PERIOD
         logger = self.get_logger()
         if defect:
@@ -251,9 +274,9 @@ class SuiteNode(LifecycleNode):
         else:
             logger.warning(text)
 
-    def _report_defect(self, where: str, error: Exception) -> None:
-        """An exception nobody expected: said with its trace, counted, survived."""
-        trace = traceback.format_exc(limit=-4)
+    def report_defect(self, where: str, error: Exception) -> None:
+        """An exception nobody expected: said with its trace, counted, survived. The executor calls it, too."""
+        trace = "".join(traceback.format_exception(error, limit=-4))
         self.complain(
             f"{where}: internal error: {type(error).__name__}: {error}\n{trace}", (where, "defect"), True
         )
@@ -281,11 +304,18 @@ class SuiteNode(LifecycleNode):
             self.get_logger().error(f"cannot configure: {error}")
             self._destroy_created()
             return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self.report_defect("configure", error)
+            self._destroy_created()
+            return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         result = super().on_activate(state)
         self.active = result == TransitionCallbackReturn.SUCCESS
+        mark = os.environ.get(ACTIVE_VARIABLE)
+        if self.active and mark:
+            Path(mark).touch()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -323,6 +353,8 @@ class SuiteNode(LifecycleNode):
         self._serve_waiting()
         if self.active:
             self.time.mind_silence()
+            for item in self.inputs:
+                item.serve_shed()
         self._report_connections()
 
     def _check_supervisor(self) -> None:
@@ -375,8 +407,10 @@ class SuiteNode(LifecycleNode):
 def run_node(node_type: type[NodeType]) -> int:
     """Run one node until it is told to stop; the body of every executable.
 
-    Returns the exit code: 0 after SIGINT or SIGTERM, 1 if it could not start, 2 for wrong parameters.
+    Returns the exit code: 0 after SIGINT or SIGTERM, 1 for an error, 2 for wrong parameters.
     """
+    # Started in the background it would ignore what the supervisor ends it with.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rclpy.init()
     keep_packed()
     node: NodeType | None = None
@@ -391,6 +425,9 @@ def run_node(node_type: type[NodeType]) -> int:
         return 2
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception:
+        traceback.print_exc()
+        return 1
     finally:
         if node is not None:
             node.destroy_node()

@@ -41,7 +41,7 @@ class DiagnosticsPublisher:
         now = time.perf_counter()
         interval, self._then = now - self._then, now
         # Every node has inputs from the moment it is configured; before that it has nothing to judge itself by.
-        health = self._node.health() if self._node.inputs else Health("not configured")
+        health = self._health()
         figures = dict(health.figures)
         for item in self._node.inputs:
             item.watch_publishers()
@@ -60,6 +60,15 @@ class DiagnosticsPublisher:
         message = DiagnosticArray(status=[self._status(health, figures)])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+    def _health(self) -> Health:
+        if not self._node.inputs:
+            return Health("not configured")
+        try:
+            return self._node.health()
+        except Exception as error:
+            self._node.report_defect("health", error)
+            return Health("cannot judge itself", warning=True)
 
     def _status(self, health: Health, figures: dict[str, object]) -> DiagnosticStatus:
         troubles = self._node.complaints

@@ -73,7 +73,8 @@ class NodeExecutor(SingleThreadedExecutor):
     thread: wait sets are kept, and a callback is called. Only what awaits something becomes a task, and does not keep
     others of its callback group waiting. Events of the middleware are looked at once a second. Subscriptions that the
     node names in `resting` wake nobody up: what they have is taken before anything else is done. With an rclpy that is
-    built otherwise it is the plain executor.
+    built otherwise it is the plain executor. What a callback raises goes to the node's `report_defect`, where it has
+    one, and no further.
     """
 
     def __init__(self, context: Context | None = None) -> None:
@@ -98,9 +99,12 @@ class NodeExecutor(SingleThreadedExecutor):
         """
         nodes = self.get_nodes()
         if len(nodes) != 1 or not self._fits:
-            super().spin_once(timeout_sec)
+            try:
+                super().spin_once(timeout_sec)
+            except Exception as error:
+                self._survive(nodes[0] if nodes else None, self, error)
             return
-        self._continue_tasks()
+        self._continue_tasks(nodes[0])
         try:
             ready = self._wait(nodes[0], FOREVER if timeout_sec is None else int(timeout_sec * NANOSECONDS))
         except ShutdownException:
@@ -108,16 +112,23 @@ class NodeExecutor(SingleThreadedExecutor):
         if ready:
             self._catch_up(nodes[0])
         for take, entity in ready:
-            self._call(take, entity)
+            self._call(nodes[0], take, entity)
+
+    def _survive(self, node: Any, where: Any, error: Exception) -> None:
+        """Tell the node what one of its callbacks has raised, if it wants to know; otherwise it goes on its way."""
+        report = getattr(node, "report_defect", None)
+        if report is None or isinstance(error, ExternalShutdownException | ShutdownException):
+            raise error
+        report(type(where).__name__.lower(), error)
 
     def _catch_up(self, node: Any) -> None:
         """Take in what lies about in subscriptions that rest."""
         for subscription in getattr(node, "resting", ()):
             for _ in range(AT_ONCE):
-                if not self._call(self._take_subscription, subscription):
+                if not self._call(node, self._take_subscription, subscription):
                     break
 
-    def _continue_tasks(self) -> None:
+    def _continue_tasks(self, node: Any) -> None:
         """Go on with what awaits something, in rclpy's order."""
         if not self._tasks:
             return
@@ -126,7 +137,7 @@ class NodeExecutor(SingleThreadedExecutor):
                 task()
                 error = task.exception()
                 if error is not None:
-                    raise error
+                    self._survive(node, task, error)
         with self._tasks_lock:
             self._tasks = [item for item in self._tasks if not item[0].done() and not item[0].cancelled()]
 
@@ -180,8 +191,15 @@ class NodeExecutor(SingleThreadedExecutor):
         wait_set.clear_entities()
         return wait_set
 
-    def _call(self, take: Take, entity: Any) -> bool:
+    def _call(self, node: Any, take: Take, entity: Any) -> bool:
         """Take the work of an entity and do it, if any: it may have been destroyed or cancelled since the wait."""
+        try:
+            return self._do(take, entity)
+        except Exception as error:
+            self._survive(node, entity, error)
+            return False
+
+    def _do(self, take: Take, entity: Any) -> bool:
         try:
             if take == self._take_timer and not entity.handle.is_timer_ready():
                 return False

@@ -17,6 +17,8 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
 from whereabouts.clocks import SourceClock
+from whereabouts.nodes.budget import BUDGETS, DEFAULT, Purse
+from whereabouts.nodes.envelopes import envelope, type_name
 from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import TransformError
@@ -94,6 +96,9 @@ class Input:
         self._node = node
         self._kind = message_type
         self._packed = packed
+        self._envelope = envelope(message_type)
+        self._purse = Purse(BUDGETS.get(type_name(message_type), DEFAULT))
+        self._shed: tuple[Any, int, float] | None = None
         self._handler = handler
         self._frames = frames
         self._sensor = sensor
@@ -131,11 +136,12 @@ class Input:
         self.counts.received += 1
         sequence = int(info.get("publication_sequence_number") or 0)
         self._check_sequence(sequence)
-        if self._packed:
-            message = Packed(self._kind, message)
-            stamp = message.stamp
-        else:
-            stamp = nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
+        try:
+            message, stamp = self._opened(message)
+        except InputError as error:
+            self.drop("refused", str(error))
+            self._acknowledge(time.time_ns(), sequence)
+            return
         # What is latched is said once: a node that ignored it while inactive would never have it.
         if not self._node.active and not self._latched:
             self.counts.inactive += 1
@@ -143,8 +149,49 @@ class Input:
             # Not every middleware tells when it received a message.
             received = 0 if self.on_demand else int(info.get("received_timestamp") or 0)
             queued = max(0, time.time_ns() - received) / NANOSECONDS if received else 0.0
-            self._accept(message, stamp, arrived - queued)
+            self._within_budget(message, stamp, arrived - queued)
         self._acknowledge(stamp, sequence)
+
+    def _within_budget(self, message: Any, stamp: int, arrived: float) -> None:
+        """Go on with a message, or keep it back instead of the one before. In lock-step there is all the time."""
+        if self._node.settings.report_processed:
+            self._guarded(message, stamp, arrived)
+            return
+        over = self._purse.over(time.perf_counter())
+        if self._shed is not None:
+            self.drop("over budget", over or "a newer one has come")
+            self._shed = None
+        if over:
+            self._shed = (message, stamp, arrived)
+            return
+        begun = time.perf_counter()
+        self._guarded(message, stamp, arrived)
+        size = len(message.data) if self._packed else self._envelope.size(message)
+        self._purse.spend(size, time.perf_counter() - begun)
+
+    def serve_shed(self) -> None:
+        """Handle what was kept back, once there is budget for it again."""
+        if self._shed is not None and not self._purse.over(time.perf_counter()):
+            kept, self._shed = self._shed, None
+            self._within_budget(*kept)
+
+    def _guarded(self, message: Any, stamp: int, arrived: float) -> None:
+        try:
+            self._accept(message, stamp, arrived)
+        except Exception as error:
+            self._defect(error)
+
+    def _defect(self, error: Exception) -> None:
+        trace = traceback.format_exc(limit=-4)
+        self.drop("internal error", f"{type(error).__name__}: {error}\n{trace}", defect=True)
+
+    def _opened(self, message: Any) -> tuple[Any, int]:
+        """A message that is inside of its envelope, and its stamp. Nothing else looks at one that is not."""
+        if self._packed:
+            packed = Packed(self._kind, message)
+            return packed, packed.stamp
+        self._envelope.check(message)
+        return message, nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
 
     def _accept(self, message: Any, stamp: int, arrived: float) -> None:
         waiting = Waiting(message, stamp, arrived)
@@ -197,8 +244,7 @@ class Input:
             self.drop("refused", str(error))
             return
         except Exception as error:
-            trace = traceback.format_exc(limit=-4)
-            self.drop("internal error", f"{type(error).__name__}: {error}\n{trace}", defect=True)
+            self._defect(error)
             return
         self.counts.used += 1
         self.latencies.append(time.perf_counter() - arrived)
@@ -213,6 +259,8 @@ class Input:
                 self._node.transforms.lookup(target, source, stamp)
         except TransformError as error:
             return not error.later
+        except Exception:
+            return True
         return True
 
     @property
@@ -268,6 +316,7 @@ class Input:
         self._waiting.clear()
         self._time.forget()
         self._admitted = 0.0
+        self._shed = None
         self._periods.clear()
         self._last_stamp = None
 

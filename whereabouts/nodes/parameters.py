@@ -78,7 +78,7 @@ class ParameterSet(Generic[Model]):
             return SetParametersResult(successful=False, reason=reason)
         try:
             values = self._validated(changes)
-        except ParameterError as error:
+        except Exception as error:  # a ParameterError, or what a validator has not thought of
             return SetParametersResult(successful=False, reason=str(error))
         self.values = values
         for listener in self._listeners:

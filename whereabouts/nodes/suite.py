@@ -141,15 +141,15 @@ class _Watch:
         self._recorded = recorded
         self._on_event = on_event
         self._clients = {name: node.create_client(GetState, f"{name}/get_state") for name in replayer.watched}
-        self._restarts = 0
+        self._deaths = 0
 
     def look(self) -> None:
-        """Notice a node that died; the supervisor has started it again, so wait for it."""
+        """Notice a node that died; the supervisor starts it again, so wait for it."""
         self._supervisor.check()
-        restarts = sum(managed.restarts for managed in self._supervisor.nodes.values())
-        if restarts > self._restarts:
-            self._restarts = restarts
+        deaths = sum(len(managed.deaths) for managed in self._supervisor.nodes.values())
+        if deaths > self._deaths:
             self.wait_until_ready()
+            self._deaths = deaths
 
     def wait_until_ready(self) -> None:
         """Until every node is active, all have found each other, and what went through them so far is known.

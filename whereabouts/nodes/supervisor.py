@@ -16,12 +16,15 @@ from pathlib import Path
 from typing import Any
 
 from estimation.errors import WhereaboutsError
-from whereabouts.nodes.base import SUPERVISOR_VARIABLE
+from whereabouts.nodes.base import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE
 from whereabouts.nodes.shared_memory import remove_orphans
 from whereabouts.resources import config_file
 
+# A node that dies more often than LIMIT times within WINDOW, s, before it was ever active, or in a replay, is given up.
 RESTART_LIMIT = 5
 RESTART_WINDOW = 60.0
+# s before it is started again: at once after the first death of late, then twice as long after each, up to the longest.
+BACK_OFF, LONGEST_BACK_OFF = 0.5, 30.0
 GRACE = 5.0
 
 
@@ -77,8 +80,14 @@ class ManagedNode:
     def __init__(self, spec: NodeSpec, log: Path, environment: Mapping[str, str]) -> None:
         self.spec = spec
         self.log = log
-        self._environment = {**environment, SUPERVISOR_VARIABLE: str(os.getpid())}
+        self._mark = log.with_suffix(".active")
+        self._mark.unlink(missing_ok=True)
+        self._environment = {
+            **environment, SUPERVISOR_VARIABLE: str(os.getpid()), ACTIVE_VARIABLE: str(self._mark)
+        }  # fmt: skip
         self.starts: list[float] = []
+        self.deaths: list[float] = []
+        self.due: float | None = None
         self.process = self._start()
 
     def _start(self) -> subprocess.Popen[bytes]:
@@ -101,13 +110,24 @@ class ManagedNode:
     def restarts(self) -> int:
         return len(self.starts) - 1
 
-    def restart(self) -> bool:
-        """Start again, unless that has been tried too often lately."""
-        recent = [start for start in self.starts if time.monotonic() - start < RESTART_WINDOW]
-        if len(recent) > RESTART_LIMIT:
-            return False
+    @property
+    def was_active(self) -> bool:
+        """Whether it has ever been: its death is then no failure to start."""
+        return self._mark.exists()
+
+    def died(self) -> int:
+        """Note a death, and when to start again; how many there have been of late."""
+        now = time.monotonic()
+        self.deaths.append(now)
+        recent = sum(now - death < RESTART_WINDOW for death in self.deaths)
+        wait = 0.0 if recent == 1 else min(BACK_OFF * 2.0 ** (recent - 2), LONGEST_BACK_OFF)
+        self.due = now + wait
+        return recent
+
+    def restart(self) -> None:
+        """Start again."""
+        self.due = None
         self.process = self._start()
-        return True
 
     def log_tail(self, lines: int = 15) -> str:
         """The end of its output."""
@@ -120,13 +140,19 @@ class Supervisor:
     Parameters
     ----------
     log_directory : one log file per node goes there.
-    restart : bring back a node that died of a signal or an error.
+    restart : bring back a node that died of a signal or an error, after ever longer waits.
+    patient : go on for ever with a node that was active once; otherwise it is given up after RESTART_LIMIT deaths.
     on_event : called with a sentence whenever a node died, came back or was given up.
     """
 
     def __init__(
-        self, log_directory: Path, restart: bool = True, on_event: Callable[[str], None] | None = None
+        self,
+        log_directory: Path,
+        restart: bool = True,
+        on_event: Callable[[str], None] | None = None,
+        patient: bool = False,
     ) -> None:
+        self._patient = patient
         self._log_directory = log_directory
         self._restart = restart
         self._on_event = on_event or (lambda text: None)
@@ -166,26 +192,33 @@ class Supervisor:
 
         Raises
         ------
-        SuiteError : a node refused its parameters, or keeps dying.
+        SuiteError : a node ended by itself before it was ever active, or keeps dying and there is no patience.
         """
         if not self._has_ended():
             return
         for name, node in self.nodes.items():
             if node.running or name in self._given_up:
                 continue
-            code = node.process.returncode
-            if code in (1, 2):
-                self._given_up.add(name)
-                raise SuiteError(f"{name} could not start; its last lines:\n{node.log_tail()}")
-            if not self._restart:
-                continue
-            self.on_death(name)
-            remove_orphans()
-            if node.restart():
+            if node.due is None:
+                self._bury(name, node)
+            if node.due is not None and time.monotonic() >= node.due:
+                code = node.process.returncode
+                node.restart()
                 self._on_event(f"{name} ended with {_reason(code)} and was started again")
-            else:
-                self._given_up.add(name)
-                raise SuiteError(f"{name} died {node.restarts + 1} times; its last lines:\n{node.log_tail()}")
+
+    def _bury(self, name: str, node: ManagedNode) -> None:
+        """A node has ended: decide when it is started again, if at all."""
+        code, known = node.process.returncode, node.was_active
+        if code in (1, 2) and not known:
+            self._given_up.add(name)
+            raise SuiteError(f"{name} could not start; its last lines:\n{node.log_tail()}")
+        if not self._restart:
+            return
+        self.on_death(name)
+        remove_orphans()
+        if node.died() > RESTART_LIMIT and not (known and self._patient):
+            self._given_up.add(name)
+            raise SuiteError(f"{name} died {len(node.deaths)} times; its last lines:\n{node.log_tail()}")
 
     def stop(self) -> None:
         """End all nodes: SIGINT, and for one that does not listen SIGKILL."""

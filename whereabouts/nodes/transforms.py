@@ -15,6 +15,7 @@ from pytransform3d.transformations import transform_from_pq
 
 from estimation.errors import InputError, WhereaboutsError
 from estimation.history import StampedHistory
+from whereabouts.nodes.envelopes import FRAME, POSITION, envelope
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 
 Matrix = NDArray[np.float64]
@@ -23,6 +24,7 @@ JUMP = 2 * NANOSECONDS
 # Transforms in the history of a pair that comes often; one that comes seldom may leap.
 FREQUENT = 5
 KEPT = 64
+FRAMES = 5000
 
 
 class TransformError(WhereaboutsError):
@@ -122,14 +124,20 @@ class TransformBuffer:
 
         Raises
         ------
-        InputError : frames empty or equal, numbers not finite, or the quaternion is not of unit length.
+        InputError : frames empty or equal, numbers outside of the envelope, or the quaternion is not of unit length.
         """
         parent, child = frame_name(message.header.frame_id), frame_name(message.child_frame_id)
         if not parent or not child or parent == child:
             raise InputError(f"transform from '{child}' to '{parent}': two different frames expected")
-        pose = _pose(message, f"transform from '{child}' to '{parent}'")
+        try:
+            envelope(TransformStamped).check(message)
+            pose = _pose(message)
+        except InputError as error:
+            raise InputError(f"transform from '{child:.{FRAME}}' to '{parent:.{FRAME}}': {error}") from None
         self._found.clear()
         known = self._parents.get(child)
+        if known is None and len(self._parents) >= FRAMES:
+            raise InputError(f"transform from '{child}' to '{parent}': {FRAMES} frames are known already")
         if known is not None and known != parent:
             self._graph.remove_transform(child, known)
             self._moving.pop(child, None)
@@ -165,10 +173,13 @@ class TransformBuffer:
             if not self._graph.has_frame(frame):
                 raise TransformError(f"frame '{frame}' is unknown to tf", later=True)
         try:
-            return np.asarray(self._graph.get_transform_at_time(source, target, stamp))
+            found = np.asarray(self._graph.get_transform_at_time(source, target, stamp))
         except KeyError:
             message = f"frames '{source}' and '{target}' are not connected in tf"
             raise TransformError(message, later=True) from None
+        if not np.abs(found[:3, 3]).max() <= POSITION:
+            raise TransformError(f"'{source}' is farther than {POSITION:g} m from '{target}'", later=False)
+        return found
 
     def newest(self, target: str, source: str) -> int | None:
         """Newest stamp at which `source` is known in `target`, ns; 0 where nothing moves, None if not connected."""
@@ -201,15 +212,13 @@ def frame_name(name: str) -> str:
     return name.lstrip("/")
 
 
-def _pose(message: TransformStamped, where: str) -> Matrix:
+def _pose(message: TransformStamped) -> Matrix:
     """Position and quaternion (w, x, y, z) of a transform message, checked, (7,)."""
     t, r = message.transform.translation, message.transform.rotation
     pose = [t.x, t.y, t.z, r.w, r.x, r.y, r.z]
-    if not all(map(math.isfinite, pose)):
-        raise InputError(f"{where}: finite numbers expected, got {pose}")
     length = math.hypot(*pose[3:])
     if abs(length - 1.0) > 0.01:
-        raise InputError(f"{where}: quaternion of length 1 expected, got length {length:.3g}")
+        raise InputError(f"quaternion of length 1 expected, got length {length:.3g}")
     return np.array([*pose[:3], *(part / length for part in pose[3:])])
 
 

@@ -55,8 +55,8 @@ class LatestState:
         """The newest state, None before the first."""
         news, self._news = self._news, None
         if news is not None:
-            message: StateMessage = news.unpack()
             try:
+                message: StateMessage = news.unpack()
                 self._state = state_from_message(message)
             except InputError as error:
                 self._refuse(str(error))

@@ -1,0 +1,147 @@
+"""`python -m evaluation.chaos --minutes 10 --seed 1`: all that may arrive, until the time is over; a table at the end.
+
+Exit status 0 if nothing died, no fact was lost and no exception was one that nobody expected; 1 otherwise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from evaluation.chaos.faults import Faults, faults
+from evaluation.chaos.worker import OPEN_VARIABLE
+from whereabouts.node_names import NODES
+from whereabouts.nodes.suite import prepare_environment
+
+ROOT = Path(__file__).resolve().parents[2]
+# s one process runs at most before the next begins with another seed, and beyond its time before it counts as hung.
+TURN, GRACE = 120.0, 300.0
+# Of the time, the part for real nodes over DDS that are killed.
+FAULTS_SHARE = 0.2
+SIGNAL_TAIL = 25
+
+
+@dataclass
+class Result:
+    """What one process has said."""
+
+    name: str
+    seed: int
+    inputs: int = 0
+    death: str = ""
+    said: dict[str, Any] = field(default_factory=dict)
+
+
+def feed(name: str, seed: int, seconds: float, folder: Path) -> Result:
+    """One process of one node, or of the readers, to its end."""
+    home = folder / f"{name}-{seed}"
+    home.mkdir(parents=True)
+    progress, result, log = home / "progress", home / "result", home / "log"
+    tail = [str(seed), str(seconds), str(progress), str(result)]
+    command = (
+        ["evaluation.chaos.readers", *tail] if name == "readers" else ["evaluation.chaos.worker", name, *tail]
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(home)}
+    with log.open("wb") as out:
+        process = subprocess.Popen(
+            [sys.executable, "-m", *command], cwd=home, stdout=out, stderr=subprocess.STDOUT, env=environment
+        )
+        try:
+            code: int | None = process.wait(seconds + GRACE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            code = None
+    count = int.from_bytes(progress.read_bytes()[:8], "little") if progress.exists() else 0
+    if code == 0 and result.exists():
+        said = json.loads(result.read_text())
+        return Result(name, seed, said["inputs"], "", said)
+    lines = log.read_text(errors="replace").splitlines()
+    first = next(
+        (k for k, line in enumerate(lines) if line.startswith("Fatal")), max(len(lines) - SIGNAL_TAIL, 0)
+    )
+    how = "hung" if code is None else f"exit status {code}"
+    return Result(
+        name, seed, count, "\n".join([f"{how} at input {count}", *lines[first : first + SIGNAL_TAIL]])
+    )
+
+
+def feed_all(minutes: float, seed: int, jobs: int, folder: Path, names: list[str]) -> list[Result]:
+    """All nodes and the readers in turn, again and again with other seeds, until the time is over."""
+    end = time.monotonic() + 60.0 * minutes
+    found: list[Result] = []
+    turn = min(max(60.0 * minutes * jobs / len(names) - 5.0, 2.0), TURN)
+    with ThreadPoolExecutor(jobs) as pool:
+        while time.monotonic() < end:
+            found += pool.map(lambda name, now=seed: feed(name, now, turn, folder), names)
+            seed += 1
+    return found
+
+
+def report(results: list[Result], shaken: Faults | None) -> bool:
+    """Print what came of it; whether all is well."""
+    print(f"{'':20}{'inputs':>10}{'deaths':>8}{'errors':>8}{'MiB/h':>8}{'slowest':>10}")
+    for name in sorted({result.name for result in results}):
+        mine = [result for result in results if result.name == name]
+        said = [result.said for result in mine if result.said]
+        slope = max((item["bytes_per_s"] for item in said), default=0.0) * 3600.0 / 2**20
+        slowest = max((item["slowest"][0] for item in said), default=0.0)
+        errors = sum(sum(item["defects"].values()) for item in said)
+        deaths = sum(bool(result.death) for result in mine)
+        print(f"{name:20}{sum(r.inputs for r in mine):10}{deaths:8}{errors:8}{slope:8.0f}{slowest:9.2f} s")
+    defects: dict[str, tuple[int, int]] = {}
+    for result in results:
+        if result.death:
+            print(f"\n{result.name}, seed {result.seed}: {result.death}")
+        for text, count in result.said.get("defects", {}).items():
+            defects[f"{result.name}: {text}"] = (
+                defects.get(f"{result.name}: {text}", (0, 0))[0] + count,
+                result.seed,
+            )
+    for text, (count, seed) in sorted(defects.items()):
+        print(f"{count} times, seed {seed}: {text}")
+    deaths = sum(bool(result.death) for result in results)
+    total = sum(result.inputs for result in results)
+    if shaken is not None:
+        total, deaths = total + shaken.inputs, deaths + shaken.deaths
+        print(f"\nover DDS: {shaken}")
+    print(f"\n{total} inputs, {deaths} process deaths, {len(defects)} kinds of internal errors")
+    return not deaths and not defects and (shaken is None or not shaken.lost)
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog="chaos", description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=max((os.cpu_count() or 2) - 1, 1))
+    parser.add_argument(
+        "--open", action="store_true", help="without envelopes: the libraries have to hold alone"
+    )
+    parser.add_argument("--no-faults", action="store_true", help="no real nodes that are killed")
+    parser.add_argument("names", nargs="*", help=f"readers, {', '.join(NODES)}; all by default")
+    given = parser.parse_args()
+    prepare_environment(private=True)
+    if given.open:
+        os.environ[OPEN_VARIABLE] = "1"
+    whole = not given.names and not given.no_faults
+    with tempfile.TemporaryDirectory(prefix="whereabouts-chaos-") as folder:
+        share = 1.0 - FAULTS_SHARE if whole else 1.0
+        results = feed_all(
+            share * given.minutes, given.seed, given.jobs, Path(folder), given.names or ["readers", *NODES]
+        )
+        shaken = faults(60.0 * FAULTS_SHARE * given.minutes, given.seed, Path(folder)) if whole else None
+    return 0 if report(results, shaken) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
