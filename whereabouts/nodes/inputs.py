@@ -137,10 +137,11 @@ class Input:
         sequence = int(info.get("publication_sequence_number") or 0)
         self._check_sequence(sequence)
         try:
+            stamp = time.time_ns() if self._packed else self._stamp_of(message)
             message, stamp = self._opened(message)
         except InputError as error:
             self.drop("refused", str(error))
-            self._acknowledge(time.time_ns(), sequence)
+            self._acknowledge(stamp, sequence)
             return
         # What is latched is said once: a node that ignored it while inactive would never have it.
         if not self._node.active and not self._latched:
@@ -191,7 +192,10 @@ class Input:
             packed = Packed(self._kind, message)
             return packed, packed.stamp
         self._envelope.check(message)
-        return message, nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
+        return message, self._stamp_of(message)
+
+    def _stamp_of(self, message: Any) -> int:
+        return nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
 
     def _accept(self, message: Any, stamp: int, arrived: float) -> None:
         waiting = Waiting(message, stamp, arrived)
