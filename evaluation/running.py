@@ -7,9 +7,11 @@ import json
 import pkgutil
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from multiprocessing import get_context
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -123,6 +125,21 @@ def run(asked: Run) -> results.Result:
         temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     _forget(asked)
     return results.read(target)
+
+
+def run_each(asked: Sequence[Run], workers: int) -> Iterator[results.Result]:
+    """Run several experiments and give each result as it comes; with several workers, each in a process of its own."""
+    if workers == 1:
+        yield from map(run, asked)
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        running = [pool.submit(run, each) for each in asked]
+        try:
+            for done in as_completed(running):
+                yield done.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _described(asked: Run, chosen: Mapping[str, Part], digest: str) -> dict[str, Any]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import Dask, Jobs, JsonFile, write_figures
+from whereabouts.cli.common import Dask, JsonFile, write_figures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +26,14 @@ def experiment(
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="Folder for NAME.json and its pictures.")] = OUT,
     seed: Annotated[int, typer.Option("--seed", help="First of five seeds.")] = 0,
-    jobs: Jobs = 1,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs",
+            min=1,
+            help="Processes to use: one, but every core for `all`.",
+        ),
+    ] = None,
     dask: Dask = "",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repetitions of the same protocol.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where a run was interrupted.")] = False,
@@ -36,7 +44,7 @@ def experiment(
 ) -> None:
     """Run an experiment, print its tables and write its figures; or compare two results."""
     from estimation.errors import InputError
-    from evaluation.running import Run, experiments, run
+    from evaluation.running import Run, experiments, run_each
     from whereabouts.datasets import data_directory
     from whereabouts.parallel import cluster
 
@@ -53,17 +61,21 @@ def experiment(
     if name != "all" and name not in known:
         raise InputError(f"no experiment is called {name}; there are: {', '.join(known)}, all")
     out.mkdir(parents=True, exist_ok=True)
+    every, data = name == "all", data_directory()
+    workers = (jobs or os.cpu_count() or 1) if every else 1
+    runs = [
+        Run(key, out, quick, resume, 1 if every else jobs or 1, seed, data)
+        for key in (known if every else [name])
+    ]
+    done = [asked for asked in runs if every and resume and asked.finished()]
+    for asked in done:
+        typer.echo(f"{asked.name}: done before")
     figures: dict[str, float] = {}
     with cluster(dask):
-        for key in known if name == "all" else [name]:
-            asked = Run(key, out, quick, resume, jobs, seed, data_directory())
-            if name == "all" and resume and asked.finished():
-                typer.echo(f"{key}: done before")
-                continue
-            result = run(asked)
+        for result in run_each([asked for asked in runs if asked not in done], workers):
             _print(result, left_out)
-            prefix = f"{key}." if name == "all" else ""
-            figures |= {prefix + figure: known["value"] for figure, known in result.figures.items()}
+            prefix = f"{result.name}." if every else ""
+            figures |= {prefix + key: known["value"] for key, known in result.figures.items()}
     write_figures(json_file, figures)
 
 
