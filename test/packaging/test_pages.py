@@ -24,7 +24,8 @@ CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
 # The field's words instead of those of the code, and nothing that only insiders understand.
 AVOIDED = (
     r"the issue\b", r"the text's", r"asked for", r"in vain", r"\bmerit", r"\bglance", r"\bhindsight",
-    r"told by the rest", r"\bafresh", r"wrong but sure", r"\boutlines?\b", r"goes with", r"nobody has said", r"comes to be", r"\bTODO\b",
+    r"told by the rest", r"\bafresh", r"wrong but sure", r"\boutlines?\b", r"goes with", r"nobody has said",
+    r"\bTODO\b",
 )  # fmt: skip
 # The glossary names what is avoided; comments of messages and reports of experiments are written elsewhere.
 OTHERS = ("glossary.md", "interfaces.md", "results.md")
