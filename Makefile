@@ -6,7 +6,7 @@ BIN := .venv/bin
 # The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test test-bounds lint setup setup-test docs colcon bench chaos peers clean
+.PHONY: help demo test test-bounds lint setup setup-test docs site colcon bench chaos peers clean
 
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
@@ -14,6 +14,7 @@ help:
 	@echo "make test-bounds  the libraries' tests with bounds checks in compiled code"
 	@echo "make chaos   generated, mutated and damaged inputs for MINUTES=10 (SEED=1); exit status 1 for any death"
 	@echo "make docs    write every figure and generated page anew, from results/ and the sources"
+	@echo "make site    build the documentation as a web site, in site/"
 	@echo "make colcon  build the workspace with colcon"
 	@echo "make bench   benchmarks; results go to bench/*.txt"
 	@echo "make peers   an environment for peers that need other versions of libraries, for the experiment peers"
@@ -53,6 +54,11 @@ chaos: setup-test
 docs: setup-test
 	$(BIN)/python -m evaluation.pages
 
+site:
+	$(call bootstrap,site)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "site: open site/index.html"
+
 # The whole workspace as colcon builds it, against the wheels instead of /opt/ros.
 colcon: setup-test
 	PATH="$(CURDIR)/$(BIN):$$PATH" AMENT_PREFIX_PATH="$(CURDIR)/.venv" $(BIN)/colcon build --base-paths . whereabouts_msgs \
@@ -68,5 +74,5 @@ bench: setup-test
 	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf .venv .venv-peers build install log demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
+	rm -rf .venv .venv-peers build install log site demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

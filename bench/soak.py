@@ -1,6 +1,6 @@
 """A long day through all nodes at speed: memory, latency and losses, drawn over bag time.
 
-    python bench/soak.py [--hours 1] [--bag BAG]      writes bench/soak.txt and docs/images/soak.png
+    python bench/soak.py [--hours 1] [--bag BAG]      writes bench/soak.txt and bench/soak.png
 
 The robot of the demo goes on driving through its apartment, round after round, and is replayed in lock-step. A bag is
 repeated with its stamps moved on, so that time never jumps; the robot then does, from where it ended to where it
@@ -31,7 +31,7 @@ from whereabouts.simulation.apartment_bag import record
 from whereabouts.simulation.apartment_day import Day
 
 RESULT = Path(__file__).with_suffix(".txt")
-PICTURE = Path(__file__).parents[1] / "docs" / "images" / "soak.png"
+PICTURE = Path(__file__).parent / "soak.png"
 ROUND = 150.0
 """s that a round through the apartment takes at least."""
 EVERY = 20.0

@@ -17,7 +17,7 @@ from functools import cached_property
 from pathlib import Path
 
 from estimation.errors import InputError
-from evaluation import markdown
+from evaluation import commands, markdown
 from evaluation.digest import ROOT
 from evaluation.headlines import HEADLINES
 from evaluation.results import Result, read_all
@@ -153,6 +153,7 @@ def pages(root: Path = ROOT) -> dict[Path, str]:
     book = Book(read_all(root / "results"), data_directory())
     summaries = {name: (module.__doc__ or "").splitlines()[0] for name, module in experiments().items()}
     written = dict(documentation.pages(root))
+    written[root / "docs/commands.md"] = commands.page()
     written[root / "docs/results.md"] = overview(summaries, book)
     for name, summary in summaries.items():
         if name in book.results:

@@ -14,14 +14,14 @@ from whereabouts.parameters.description import markdown_table as parameter_table
 from whereabouts.parameters.registry import model_of
 
 SUMMARIES = {
-    "scan_registration": "Follows the robot by planar scans or clouds: odometry with covariance, tf, points of the static world, and which beams of a scan move.",
+    "scan_registration": "Computes odometry with covariance from planar scans or clouds. It also publishes tf, the points of the static world, and which beams of a scan move.",
     "loop_closure": "Recognises places, closes loops, keeps a consistent map, and localises in a saved one.",
-    "target_tracker": "Finds people in planar scans, counts and follows them through crossings and while hidden.",
-    "motion_predictor": "Learns where people go, and predicts the paths of those who are there.",
-    "world_model": "Which objects exist and where they are, over many hypotheses; remembers, and answers questions.",
-    "verifier": "Looks into a region, in scans or clouds, and says whether the object is there.",
-    "world_maintenance": "Decides which object to look at again, sends the robot there and has it verified.",
-    "object_search": "Finds an object over what is usually found together with it.",
+    "target_tracker": "Finds people in planar scans and follows them, also through crossings and while they are hidden.",
+    "motion_predictor": "Learns where people go, and predicts their paths.",
+    "world_model": "Estimates which objects exist and where they are. It remembers this, and answers questions.",
+    "verifier": "Checks whether an object is in a region, in scans or clouds.",
+    "world_maintenance": "Decides which object to check next, sends the robot there and has the object verified.",
+    "object_search": "Finds an object by what is usually found near it.",
 }  # fmt: skip
 READING = {
     "scan_registration": [("what moves between scans", "crf.md")],

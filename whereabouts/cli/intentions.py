@@ -41,10 +41,10 @@ def intentions(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Learn from recorded trajectories, one after the other, and predict each before it is learned.
+    """Predict recorded walks one after the other, and learn each after it was predicted.
 
-    Printed are the share of correct exits after parts of each walk, and the error of the predicted path beside
-    constant velocity. Trajectories that teach nothing are counted with the reason.
+    It prints how often the exit was right after parts of each walk, and the error of the predicted path beside that of
+    constant velocity. Walks that are not learned are counted with the reason.
     """
     from dataclasses import replace
 

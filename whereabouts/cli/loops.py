@@ -25,7 +25,7 @@ Logs = Annotated[
         help="Logs with poses (any readable log), or a .csv of 3D features. LOG@PLACE names the building.",
     ),
 ]
-Method = Annotated[str, typer.Option("--method", help="plain: the text's AdaBoost; best: the cascade.")]
+Method = Annotated[str, typer.Option("--method", help="plain: the reference's AdaBoost. best: the cascade.")]
 Distance = Annotated[
     float,
     typer.Option("--distance", min=0.01, help="Scans within this distance show the same place, in metres."),

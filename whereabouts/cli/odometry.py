@@ -21,10 +21,10 @@ def odometry(
     wheels: WithWheels = True,
     json_file: JsonFile = None,
 ) -> None:
-    """Follow the robot through a recorded log.
+    """Compute the robot's trajectory from a recorded log.
 
-    The trajectory is that of the robot (of the sensor where the log does not say how it is mounted), in the
-    frame of the first scan: `stamp x y z qx qy qz qw`, one line per scan, in the log's order.
+    If the log does not say how the sensor is mounted, it is the trajectory of the sensor. Its frame is that of the
+    first scan. The format is `stamp x y z qx qy qz qw`, one line per scan, in the log's order.
     """
     import numpy as np
 

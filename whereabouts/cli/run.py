@@ -67,11 +67,11 @@ def run(
         typer.Option("--logs", help="Folder for one log file per node.", show_default="log/nodes"),
     ] = None,
 ) -> None:
-    """Run nodes, watch over them and end them cleanly on Ctrl-C.
+    """Run nodes and end them cleanly on Ctrl-C.
 
     All nodes are configured, then activated, in order. A node that dies is started again. With --bag the bag is
-    replayed with /clock at --rate (default 1), or in lock-step; the account of messages sent, lost and unanswered is
-    printed at the end.
+    replayed with /clock at --rate (default 1), or in lock-step. The end prints how many messages were sent, lost and
+    not processed.
     """
     from whereabouts.nodes.suite import prepare_environment
     from whereabouts.suite_config import read_config

@@ -49,14 +49,13 @@ def slam(
     wheels: WithWheels = True,
     json_file: JsonFile = None,
 ) -> None:
-    """Follow the robot through a recorded log and close its loops, or find it in a saved map.
+    """Compute the robot's trajectory from a recorded log with loops closed, or localise it in a saved map.
 
-    The trajectory is that of the robot (of the sensor where the log does not say how it is mounted), in the
-    frame of the first scan: `stamp x y z qx qy qz qw`, one line per scan, in the log's order. Closures are lines
+    If the log does not say how the sensor is mounted, it is the trajectory of the sensor. Its frame is that of the
+    first scan. The format is `stamp x y z qx qy qz qw`, one line per scan, in the log's order. Closures are lines
     `stamp_a,stamp_b,x,y,yaw`: the later place b as seen from the earlier one a.
 
-    In a saved map the trajectory is in the map's frame, and has no line for a scan while it is not known where the
-    robot is.
+    In a saved map the trajectory is in the map's frame. It has no line for a scan while the robot's place is unknown.
     """
     if in_map is None and initial is not None:
         raise typer.BadParameter("--initial goes with --in-map")

@@ -40,8 +40,8 @@ def track(
 ) -> None:
     """Track people through a recorded log.
 
-    One row per person and scan, with the scan's own header stamp; a scan without people has no row. Velocities are over
-    ground, along the axes of the frame. A person keeps his label while hidden.
+    The file has one row per person and scan, with the stamp of the scan's header. A scan without people has no row.
+    Velocities are over ground, along the axes of the frame. Hidden people keep their label.
     """
     import csv
 

@@ -47,10 +47,10 @@ def view(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Show scans with what moves in red, people and their paths, map, trajectory and closures, objects and symbols.
+    """Show scans, people and their paths, the map, closures, and objects with their symbols.
 
-    The number of hypotheses, objects and people is plotted over time. The window needs the optional package rerun-sdk
-    (requirements/viewer.txt).
+    Moving beams are red. The numbers of hypotheses, objects and people are plotted over time. The window needs the
+    optional package rerun-sdk (requirements/viewer.txt).
     """
     from estimation.errors import InputError
 

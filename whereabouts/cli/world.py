@@ -76,10 +76,10 @@ def world(
     ] = 0.05,
     json_file: JsonFile = None,
 ) -> None:
-    """Which objects exist, where they are, and where they were.
+    """Estimate which objects exist and where they are, from recorded evidence; or ask a store.
 
-    Evidence is taken in the order of recording. At the end the world is listed, or the question answered that was
-    asked, one line per object, the most probable first.
+    Evidence is used in the order of recording. The end prints the world, or the answer to the question: one line per
+    object, the most probable first.
     """
     from estimation.errors import InputError
     from whereabouts.world_output import moment, settings_from, write_events, write_looked_back
