@@ -221,6 +221,6 @@ def test_questions_that_make_no_sense_are_refused_by_name(
 def test_without_a_store_the_past_is_not_known() -> None:
     model = WorldModel(CONFIG)
     look(model, 10.0, 3, seen(ON_TABLE, "cup", "red"))
-    with pytest.raises(InputError, match="without a store"):
+    with pytest.raises(InputError, match="only a world model with a store"):
         model.query(stamp=9.0)
     assert model.query(region=[(0, 0), (1, 0), (1, 1)]) == []
