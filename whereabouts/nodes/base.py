@@ -28,6 +28,7 @@ from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
+from whereabouts.interrupts import listen_to_interrupts
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.footprint import keep_packed, release, settle
@@ -377,6 +378,7 @@ def run_node(node_type: type[NodeType]) -> int:
 
     Returns the exit code: 0 after SIGINT or SIGTERM, 1 if it could not start, 2 for wrong parameters.
     """
+    listen_to_interrupts()
     rclpy.init()
     keep_packed()
     node: NodeType | None = None

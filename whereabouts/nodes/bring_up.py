@@ -21,6 +21,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
+from whereabouts.interrupts import listen_to_interrupts
 from whereabouts.nodes.supervisor import SuiteError
 
 # The very first start on a machine compiles for a while.
@@ -134,6 +135,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="bring_up", description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("nodes", nargs="+", metavar="NODE", help="names of lifecycle nodes, in order")
     parser.add_argument("--watch", action="store_true", help="stay, and bring up what was started again")
+    listen_to_interrupts()
     given = parser.parse_args(remove_ros_args(sys.argv)[1:])
     try:
         with lifecycle_clients(given.nodes, arguments=sys.argv) as clients:
