@@ -85,7 +85,8 @@ def test_run_with_a_file_brings_up_what_it_names(graph: Graph, tmp_path: Path) -
 def test_watching_brings_up_again_what_was_started_again(graph: Graph) -> None:
     specs = [graph.start(name, wait=False, autostart=False) for name in ("verifier", "object_search")]
     command = [sys.executable, "-m", "whereabouts.nodes.bring_up", "--watch", "verifier", "object_search"]
-    process = subprocess.Popen(command)
+    # As a shell starts what is to run in the background.
+    process = subprocess.Popen(command, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
     try:
         for spec in specs:
             graph.until(lambda s=spec: graph.state(s) == ACTIVE, f"{spec.executable} is active")  # type: ignore[misc]

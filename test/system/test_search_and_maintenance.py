@@ -41,8 +41,6 @@ ONLY_ASKED = 1000.0
 TABLE = (4.7, 3.3)
 SIGMA = 0.03
 STEP = 0.1
-# s: the robot's clock runs as fast as the nodes keep up, so that a verification may come back late by it.
-LATE = 10.0
 
 
 class House:
@@ -64,7 +62,7 @@ class House:
 
     def start(self, name: str, **parameters: Any) -> None:
         """Start a node that follows the world; the robot waits for it from now on."""
-        self.graph.start(name, late_window=LATE, **parameters)
+        self.graph.start(name, **parameters)
         self._reports[name] = self.stamp, self.graph.collect(Processed, f"{name}/processed")
 
     def behind(self) -> int:
@@ -160,7 +158,7 @@ def started(graph: Graph) -> tuple[Graph, House, list[WorldState], list[TaskMess
         },
     )
     tasks = graph.collect(TaskMessage, "verification_tasks")
-    graph.start("world_model", late_window=LATE, region=[-10.0, 10.0, -10.0, 10.0, -0.5, 3.0], rate_hz=10.0)
+    graph.start("world_model", region=[-10.0, 10.0, -10.0, 10.0, -0.5, 3.0], rate_hz=10.0)
     return graph, house, house.states, tasks
 
 

@@ -245,7 +245,8 @@ def test_time_that_goes_back_begins_a_new_run_and_keeps_the_stored_one(graph: Gr
     graph.kill(world.spec)
     with Store(path) as store:
         assert [run for run, *_ in store.epochs()] == [0, 1, 2]
-        assert [store.history(name)[0].epoch for name in ("cup-1", "bowl-1", "shoe-1")] == [0, 1, 2]
+        found = [store.history("cup-1", 0), store.history("bowl-1"), store.history("shoe-1")]
+        assert [entries[0].epoch for entries in found] == [0, 1, 2]
 
 
 def test_services_change_the_world_and_refuse_nonsense(graph: Graph, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
 from whereabouts.cli.view import view
 from whereabouts.cli.world import world
+from whereabouts.interrupts import listen_to_interrupts
 
 app = typer.Typer(
     name="whereabouts",
@@ -34,6 +35,7 @@ app.add_typer(loops, name="loops")
 
 def main() -> None:
     """Run the command line; an expected error is one sentence and exit code 1."""
+    listen_to_interrupts()
     try:
         app()
     except WhereaboutsError as error:

@@ -11,7 +11,6 @@ are coroutines that yield, so that a cancel, a look-up or a service call can alw
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import time
 import traceback
@@ -30,6 +29,7 @@ from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
+from whereabouts.interrupts import listen_to_interrupts
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
@@ -409,8 +409,7 @@ def run_node(node_type: type[NodeType]) -> int:
 
     Returns the exit code: 0 after SIGINT or SIGTERM, 1 for an error, 2 for wrong parameters.
     """
-    # Started in the background it would ignore what the supervisor ends it with.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    listen_to_interrupts()
     rclpy.init()
     keep_packed()
     node: NodeType | None = None

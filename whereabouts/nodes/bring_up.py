@@ -21,6 +21,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
+from whereabouts.interrupts import listen_to_interrupts
 from whereabouts.nodes.supervisor import SuiteError
 
 # The very first start on a machine compiles for a while.
@@ -136,6 +137,7 @@ def main() -> None:
     parser.add_argument(
         "--watch", action="store_true", help="keep running, and bring up nodes that start again"
     )
+    listen_to_interrupts()
     given = parser.parse_args(remove_ros_args(sys.argv)[1:])
     try:
         with lifecycle_clients(given.nodes, arguments=sys.argv) as clients:
