@@ -17,6 +17,7 @@ from evaluation.results import read_all
 from whereabouts.cli.main import app
 from whereabouts.interfaces import NODE_INTERFACES
 from whereabouts.node_names import NODES
+from whereabouts.parameters.registry import model_of
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -109,6 +110,28 @@ def test_every_command_option_and_executable_is_on_the_page_of_commands() -> Non
     assert {"whereabouts", "bring_up"} <= set(executables)
     for executable in (*executables, *NODES):
         assert executable in page.partition("## Executables")[2]
+
+
+def test_every_target_of_make_is_explained() -> None:
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    targets = re.findall(r'@echo "make ([\w-]+)', (ROOT / "Makefile").read_text(encoding="utf-8"))
+    assert "test" in targets
+    assert [name for name in targets if f"| `make {name}` |" not in contributing] == []
+
+
+def test_what_can_be_tuned_is_a_parameter() -> None:
+    fields = {name for node in NODES for name in model_of(node).model_fields}
+    rows = [line.split("|") for line in (ROOT / "docs/tuning.md").read_text(encoding="utf-8").splitlines()]
+    heads = [k for k, row in enumerate(rows) if "parameter" in [cell.strip() for cell in row]]
+    assert heads
+    for head in heads:
+        column = [cell.strip() for cell in rows[head]].index("parameter")
+        for row in rows[head + 2 :]:
+            if len(row) <= column:
+                break
+            named = re.findall(r"`(\w+)`", row[column])
+            assert named, row
+            assert set(named) <= fields, row
 
 
 def test_the_graph_shows_the_nodes_and_their_topics() -> None:
