@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -156,8 +159,26 @@ def _readable(data: bytes, kind: Any) -> bool:
     return True
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """The middleware says of each broken message that it is one."""
+    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nothing)
+
+
 def faults(seconds: float, seed: int, folder: Path) -> Faults:
     """Shake and kill real nodes until the time is over."""
+    with _quiet():
+        return _faults(seconds, seed, folder)
+
+
+def _faults(seconds: float, seed: int, folder: Path) -> Faults:
     context = Context()
     rclpy.init(context=context)
     laboratory = Laboratory(seed, folder, context)
