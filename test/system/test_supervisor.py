@@ -88,3 +88,11 @@ def test_waits_grow_from_death_to_death(tmp_path: Path, monkeypatch: pytest.Monk
             waits.append(node.due - node.deaths[-1])
         node.due = None
     assert waits == pytest.approx([0.0, 0.5, 1.0, 2.0, 3.0, 3.0])
+
+
+def test_with_security_each_node_has_its_enclave(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = NodeSpec("verifier", namespace="/robot1")
+    assert "--enclave" not in spec.command()
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    command = spec.command()
+    assert command[command.index("--enclave") + 1] == "/robot1/verifier"

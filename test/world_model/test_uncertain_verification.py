@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from world_model import ObjectEvidence, WorldModelConfig, WorldEvidence, WorldModel
+from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 
 
 def person(x: float, variance: float, object_id: str | None = None) -> WorldEvidence:
