@@ -23,6 +23,7 @@ OCCUPIED_OVER, FREE_BELOW = 0.6, -0.3  # log-odds; one hit is occupied, one look
 # Thresholds of the files. 205, the grey of unknown cells, is 0.19608: with map_saver's 0.25 it would be read as free.
 OCCUPIED_SHARE, FREE_SHARE = 0.65, 0.196
 ROOM = 64  # cells of spare room when the grid grows
+FARTHEST_CELL = 1e15  # what is beyond is as far: a larger number may not fit into an integer
 MOST_CELLS = 1 << 26  # of one grid, a quarter of a gigabyte
 
 
@@ -98,7 +99,8 @@ class OccupancyGrid:
     def cells(self, points: npt.ArrayLike) -> npt.NDArray[np.int64]:
         """Row and column (..., 2) of points (..., 2), metres; they may lie outside the grid."""
         array = np.asarray(points, dtype=np.float64)
-        return np.floor((array - self.origin) / self.resolution).astype(np.int64)[..., ::-1]
+        cells = np.clip(np.floor((array - self.origin) / self.resolution), -FARTHEST_CELL, FARTHEST_CELL)
+        return cells.astype(np.int64)[..., ::-1]
 
     def centres(self, cells: npt.ArrayLike) -> FloatArray:
         """Points (..., 2) in the middle of cells (..., 2), row and column."""

@@ -152,10 +152,13 @@ class Anchoring(Corrections):
         verified: dict[int, int] = {}
         for index, object_id in enumerate(measured.object_ids):
             track = None if object_id is None else named.get(object_id)
-            if track is None or track.number in verified.values():
+            # One that was named before it may have taken this one along.
+            if track is None or track.number in verified.values() or track.number not in self.tracks:
                 continue
             likelihood = self.vocabulary.likelihoods(measured.attributes[index : index + 1])[0]
             self.verify(track, measured.positions[index], measured.covariances[index], likelihood, stamp, lag)
+            if track.number not in self.tracks:
+                continue  # so uncertain a measurement that it may be anywhere: it is nobody's any more
             slots = self._leaves_of(track)
             told, spreads = self.quantities.arrays([measured.quantities[index]] * len(slots))
             self.quantities.learn(self.pool.leaves, slots, told, spreads)
