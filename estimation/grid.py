@@ -69,8 +69,10 @@ class OccupancyGrid:
         cells = np.asarray(values)
         if cells.ndim != 2 or (cells.size and (cells.min() < -1 or cells.max() > 100)):
             raise InputError("values: array (H, W) of -1 to 100 expected")
-        share = np.clip(cells.astype(np.float64) / 100.0, 0.01, 0.99)
-        return cls(resolution, origin, np.where(cells < 0, 0.0, np.log(share / (1.0 - share))))
+        share = np.clip(np.arange(101) / 100.0, 0.01, 0.99)
+        # -1 is the last of the table.
+        table = np.append(np.log(share / (1.0 - share)), 0.0).astype(np.float32)
+        return cls(resolution, origin, table[cells.astype(np.int8, copy=False)])
 
     @property
     def shape(self) -> tuple[int, int]:
