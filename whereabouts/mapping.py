@@ -193,7 +193,11 @@ class MapGrid:
         allowed = 0.5 * self.tiles.resolution
         if max(away, default=0.0) > allowed:
             # With what will soon be too far off: the tiles are the same.
-            self._redraw(known, [item for item, off in zip(known, away, strict=True) if off > 0.5 * allowed])
+            moved = [item for item, off in zip(known, away, strict=True) if off > 0.5 * allowed]
+            if 2 * len(moved) > len(known):
+                self._forget()
+            else:
+                self._redraw(known, moved)
         for frame, pose in frames:
             if frame.number not in self._drawn:
                 self._drawn[frame.number] = Drawn(pose.copy())
@@ -221,6 +225,13 @@ class MapGrid:
         """Tiles that have changed since this was last asked."""
         changed, self._changed = self._changed, frozenset()
         return changed
+
+    def _forget(self) -> None:
+        """Begin anew with an empty grid."""
+        everything = frozenset((j, i) for j, i in self.tiles.tiles.tolist())
+        self.tiles.erase(everything)
+        self._drawn.clear()
+        self._gone, self._changed = frozenset(), self._changed | everything
 
     def _redraw(
         self, known: Sequence[tuple[Keyframe, Array]], moved: Sequence[tuple[Keyframe, Array]]
