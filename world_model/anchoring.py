@@ -22,7 +22,7 @@ from world_model.evidence import Measurements
 from world_model.expansion import expand, unify
 from world_model.gating import touch, weigh
 from world_model.grouping import THRESHOLD
-from world_model.hindsight import Hindsight
+from world_model.hindsight import MOST_LOOKS, Hindsight
 from world_model.leaves import IntArray, Pool
 from world_model.look import Look
 from world_model.occlusion import hide
@@ -44,7 +44,7 @@ COMPANY = 10.0
 class Anchoring(Corrections):
     """All anchors and hypotheses. `shown` : believed objects of the most probable world, by track number."""
 
-    def __init__(self, config: WorldModelConfig) -> None:
+    def __init__(self, config: WorldModelConfig, most_looks: int = MOST_LOOKS) -> None:
         self.config = config
         known = {"class": config.classes, "color": config.colors}
         known |= {name: () for name in config.attributes if name not in known}
@@ -57,7 +57,7 @@ class Anchoring(Corrections):
         self._detector = np.array([detection, self.persistence, config.rate_hz, config.removed_per_second])
         self.unseen = Unseen(config)
         self.touching = Touching(detection)
-        self.hindsight = Hindsight()
+        self.hindsight = Hindsight(most_looks)
         known_bias = np.zeros(CONSTANT)
         known_bias[: len(config.sensor_bias)] = config.sensor_bias
         self.bias = SensorErrors(known_bias)

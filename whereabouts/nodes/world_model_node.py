@@ -76,7 +76,8 @@ class WorldModelNode(SuiteNode):
         if places and places.frame != self._map:
             raise InputError(f"places_file: is in frame '{places.frame}', the world in '{self._map}'")
         store = Store(settings.store_path, settings.history_limit) if settings.store_path else None
-        self._model = WorldModel(config, places, store)
+        # Nobody asks the node to look back.
+        self._model = WorldModel(config, places, store, looks_back=False)
         self._model.words = Words(places, symbols)
         self._shown: list[WorldObject] = []
         self._report_store()
