@@ -15,6 +15,7 @@ from estimation.errors import WhereaboutsError
 from world_model.store_format import APPLICATION, FIRST_VERSION, MAGIC, VERSION, Clock, header_problem
 from world_model.store_pages import Pages
 from world_model.store_repair import (
+    READING_ERRORS,
     connect,
     examine,
     has_our_rows,
@@ -170,7 +171,7 @@ class StoreFile:
             connection = connect(self.path, mode)
             connection.execute("PRAGMA secure_delete = ON").fetchall()
             problems = examine(connection)
-        except sqlite3.Error as error:
+        except READING_ERRORS as error:
             problems = [str(error)]
         if problems and connection is not None:
             connection.close()
@@ -254,7 +255,7 @@ def _is_database(path: Path) -> bool:
     try:
         with closing(connect(path, "ro")) as connection:
             return connection.execute("SELECT count(*) FROM sqlite_master").fetchone() is not None
-    except sqlite3.Error:
+    except READING_ERRORS:
         return False
 
 

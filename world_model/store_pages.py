@@ -179,16 +179,21 @@ def read_log(log: bytes) -> tuple[dict[int, bytes], list[str]]:
     sound = told == _sums(head[:24], (0, 0)) and head[:4] == LOG_MAGIC
     frames = [log[LOG_HEAD + k * FRAME : LOG_HEAD + (k + 1) * FRAME] for k in range(count)]
     salt = head[16:24] if sound else Counter(frame[8:16] for frame in frames[:9]).most_common(1)[0][0]
-    whole, odd = [], []
+    whole: list[int] = []
+    odd: list[int] = []
+    unsure = False
     for number, frame in enumerate(frames):
         stored = struct.unpack(">2I", frame[16:24])
         computed = [_sums(frame[:8] + frame[FRAME_HEAD:], seed) for seed in seeds]
-        if frame[8:16] == salt and stored in computed:
+        # Behind a frame whose own sums are gone nothing can be said; the rows in it have marks of their own.
+        if frame[8:16] == salt and (stored in computed or unsure):
             whole.append(number)
-            seeds = {stored}
+            seeds, unsure = {stored}, False
             continue
+        unsure = bool(odd) and frame[8:16] != salt
         if frame[8:16] == salt or not any(frame[8:16]):
             odd.append(number)
+            unsure = frame[8:16] != salt
         elif number > (whole[-1] if whole else -1) + 1 and not odd:
             break  # left from before the log was begun anew
         seeds = {stored, *computed}
@@ -197,10 +202,11 @@ def read_log(log: bytes) -> tuple[dict[int, bytes], list[str]]:
     problems = [f"the write-ahead log is damaged at frame {damaged[0] + 1} of {count}"] if damaged else []
     if whole and not sound:
         problems.append("the head of the write-ahead log is damaged")
-    return _committed([frames[number] for number in whole]), problems
+    return _pages_in([frames[number] for number in whole], bool(problems)), problems
 
 
-def _committed(frames: list[bytes]) -> dict[int, bytes]:
+def _pages_in(frames: list[bytes], damaged: bool) -> dict[int, bytes]:
+    """Newest page of each number; where a log is damaged also of transactions whose last frame is not there."""
     over: dict[int, bytes] = {}
     pending: dict[int, bytes] = {}
     for frame in frames:
@@ -209,7 +215,7 @@ def _committed(frames: list[bytes]) -> dict[int, bytes]:
         if size:
             over |= pending
             pending = {}
-    return over
+    return over | pending if damaged else over
 
 
 def _sums(data: bytes, sums: Sums) -> Sums:

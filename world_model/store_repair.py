@@ -40,6 +40,8 @@ from world_model.store_rows import COLUMNS, decode
 
 Row = tuple[Any, ...]
 TABLES = (*COUNTED, CLOCK)
+# What reading a damaged file may raise: SQLite's messages may hold bytes of the file that are no text.
+READING_ERRORS = (sqlite3.Error, ValueError, OverflowError, SystemError, MemoryError)
 MOST = 5
 """Damages that are named one by one."""
 SLICE = 500
@@ -86,7 +88,7 @@ def examine(connection: sqlite3.Connection, go_on: Callable[[], bool] = lambda: 
         finally:
             if connection.in_transaction:
                 connection.execute("COMMIT")
-    except (sqlite3.Error, OverflowError) as error:
+    except READING_ERRORS as error:
         return [str(error)]
     finally:
         connection.text_factory = before
@@ -290,7 +292,7 @@ class _Rebuilt:
                     if CLOCK.is_whole(clock) and identity in ("", clock[3]):
                         self._fill_from(connection)
                         identity = clock[3]
-            except (sqlite3.Error, TypeError):
+            except (*READING_ERRORS, TypeError):
                 continue
 
     def _fill_from(self, connection: sqlite3.Connection) -> None:
@@ -401,7 +403,7 @@ def _readable(connection: sqlite3.Connection, table: str, columns: str) -> Itera
                 yield tuple(row)
             else:
                 return
-        except (sqlite3.Error, OverflowError):
+        except READING_ERRORS:
             continue
 
 
