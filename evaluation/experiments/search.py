@@ -67,7 +67,7 @@ def _strategies(options: Options, report: Report) -> None:
         lengths.append([f"{scale:g}", *path.values()])
         of = [path[name] / path[other] for other in ("direct", "sweep") for name in STRATEGIES[:3]]
         shares.append([f"{scale:g}", *of])
-    note = f"A room of {RECIPE_SIZE:g} m, entered from each corner. In the text's rooms its rule, chain, hardly ever fails."
+    note = f"A room of {RECIPE_SIZE:g} m, entered from each corner. In the text's rooms its rule, chain, hardly fails."
     for name, title, columns, rows, said in (
         ("failures", "Searches that fail", [f"{s}, % ↓" for s in STRATEGIES[:-1]], failures, note),
         (
@@ -277,8 +277,13 @@ def _draw_room(out: Path, relations: Relations, seed: int) -> Path:
         size = room.sizes[name]
         x, y = float(spot[0]), float(spot[1])
         axes.add_patch(Circle((x, y), 0.35 * size, color="C3" if name == TARGET else "0.75"))
-        if size > 0.65 or name == TARGET:
+        if size > 0.65:
             axes.annotate(name, (x, y), fontsize=7, ha="center")
+        elif name == TARGET:
+            arrow = {"arrowstyle": "-", "color": "C3"}
+            axes.annotate(
+                name, (x, y), (28, 30), textcoords="offset points", fontsize=8, color="C3", arrowprops=arrow
+            )
     axes.plot(*np.array(trail).T, "C0.-", lw=1)
     title = "\n".join(f"{k}. {reason}" for k, reason in enumerate(reasons[:6], start=1))
     axes.set_title(title, fontsize=7, loc="left")
