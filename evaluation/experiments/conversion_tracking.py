@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -131,15 +132,17 @@ def _kind(mode_before: str, after: SwitchingFilter, tests_before: int, k_crit: f
     return "PF, Gaussian" if after.ratio < k_crit else "PF, samples"
 
 
-def paired(scenario: int, seeds: int, seconds: float, names: list[str], jobs: int) -> dict[str, FloatArray]:
+def paired(
+    scenario: int, seeds: Sequence[int], seconds: float, names: list[str], jobs: int
+) -> dict[str, FloatArray]:
     """RMSE, ANEES and mean cost per step of every filter on the same walks: (seeds, 3) each."""
-    rows = each(_one_seed, [(scenario, seed, seconds, names) for seed in range(seeds)], jobs)
+    rows = each(_one_seed, [(scenario, seed, seconds, names) for seed in seeds], jobs)
     return {name: np.array([row[name] for row in rows]) for name in names}
 
 
-def between(seeds: int, seconds: float, jobs: int) -> dict[str, FloatArray]:
+def between(seeds: Sequence[int], seconds: float, jobs: int) -> dict[str, FloatArray]:
     """Scenario 2 by every filter of `BETWEEN`: RMSE, ANEES, mean cost per step (seeds, 3)."""
-    rows = each(_one_seed, [(2, seed, seconds, list(BETWEEN), BETWEEN) for seed in range(seeds)], jobs)
+    rows = each(_one_seed, [(2, seed, seconds, list(BETWEEN), BETWEEN) for seed in seeds], jobs)
     return {name: np.array([row[name] for row in rows]) for name in BETWEEN}
 
 
@@ -152,12 +155,6 @@ def _one_seed(
         run = track(scene, seed, **filters[name])
         found[name] = (run.rmse, run.anees, run.cost / len(run.nees))
     return found
-
-
-def difference(ours: FloatArray, other: FloatArray) -> tuple[float, float]:
-    """Mean of paired differences and half the width of its 95 % interval."""
-    d = ours - other
-    return float(d.mean()), float(1.96 * d.std(ddof=1) / np.sqrt(len(d)))
 
 
 def mean_ms(run: Run, *kinds: str) -> float:
