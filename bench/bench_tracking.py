@@ -22,10 +22,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from stone_soup_phd import StoneSoupPhd
 
 from estimation.metrics import ospa
 from evaluation.experiments.phd_recorded import SCENES, config_of
+from evaluation.stone_soup_phd import StoneSoupPhd
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
 from tracking.correction import CellStatistics, cell_log_factor
 from tracking.correction_kernels import centroid_log_likelihood

@@ -1,7 +1,8 @@
 """What a figure was measured with: a digest over the sources, the models and the recordings of an experiment.
 
 A source counts by what it does: comments, docstrings and blank lines may change. Which sources count follows from the
-imports: a module, what it imports, and so on; of a package only the modules that define the names taken from it.
+imports: a module, what it imports, and so on; of a package only the modules that define the names taken from it. What
+runs as a process of its own is named in `PROCESSES`.
 """
 
 from __future__ import annotations
@@ -128,6 +129,8 @@ def _imports_of(path: Path, _: int, root: Path) -> list[str]:
             found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             found += [_defining(node.module, alias.name, root) for alias in node.names]
+        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PROCESSES":
+            found += ast.literal_eval(node.value)
     return [name for name in found if _file(name, root) is not None]
 
 

@@ -176,6 +176,8 @@ def _kept_or_run(asked: Run, key: str, part: Part, seed: int, digest: str) -> di
         part.run(
             Options(folder, seed, asked.jobs, asked.quick, asked.data, SEEDS if part.random else 1), report
         )
+    if seed != asked.seed:
+        report.pictures = []
     record = results.record(report) | {"mark": mark, "seconds": round(time.perf_counter() - begun, 1)}
     kept.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(kept) as temporary:

@@ -352,7 +352,7 @@ class Slam:
             ]
             if fits and agree(fits, self.graph.poses):
                 accepted += self._accept(
-                    [(fit.edge, fit) for fit in fits], "at the expected place, in hindsight"
+                    [(fit.edge, fit) for fit in fits], "at the expected place, found on a second look"
                 )
         return accepted
 

@@ -17,21 +17,29 @@ def _setting(default: float, unit: str, text: str, low: float, high: float) -> f
 class SlamConfig:
     """Settings of `Slam`; each field's metadata has its unit, meaning and allowed range."""
 
-    key_distance: float = _setting(0.5, "m", "travel after which a scan is kept", 0.05, 20.0)
-    key_turn: float = _setting(0.5, "rad", "turn after which a scan is kept", 0.05, 3.2)
-    max_range: float = _setting(25.0, "m", "points farther from the sensor are not used", 1.0, 500.0)
-    loop_path: float = _setting(10.0, "m", "path between a place and its revisit", 5.0, 1000.0)
+    key_distance: float = _setting(0.5, "m", "travel after which a scan becomes a keyframe", 0.05, 20.0)
+    key_turn: float = _setting(0.5, "rad", "turn after which a scan becomes a keyframe", 0.05, 3.2)
+    max_range: float = _setting(25.0, "m", "points farther away are not used", 1.0, 500.0)
+    loop_path: float = _setting(10.0, "m", "shortest path between a place and its revisit", 5.0, 1000.0)
     odometry_drift: float = _setting(
-        0.02, "m/m", "standard deviation of odometry per metre of a step", 0.0001, 1.0
+        0.02, "m/m", "standard deviation of odometry per metre of travel", 0.0001, 1.0
     )
     odometry_turn_drift: float = _setting(
-        0.003, "rad", "standard deviation of the heading per kept scan", 0.0001, 1.0
+        0.003, "rad", "standard deviation of the heading per keyframe", 0.0001, 1.0
     )
     certain: float = _setting(
-        0.4, "m", "standard deviation of the place below which one closure needs no others", 0.05, 5.0
+        0.4,
+        "m",
+        "a single closure is enough while the standard deviation of the position is below this",
+        0.05,
+        5.0,
     )
     farthest: float = _setting(
-        25.0, "m", "standard deviation of the place beyond which nothing is looked for", 1.0, 1000.0
+        25.0,
+        "m",
+        "no closures are searched while the standard deviation of the position is above this",
+        1.0,
+        1000.0,
     )
 
     def __post_init__(self) -> None:

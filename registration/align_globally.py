@@ -98,15 +98,15 @@ def _outlines(moving: Outline, still: Outline) -> Registration:
     if not outcome.converged:
         return outcome
     if refined.open_directions:
-        return _refused(outcome, outcome.reason + ", and there is no guess")
+        return _refused(outcome, outcome.reason + "; without a guess they stay unknown")
     for merit, rival, views in ranked[1:]:
         away = between(refined.pose, rival.pose)
         if np.hypot(*away[:2]) < 0.3 and abs(away[2]) < 0.15:
             continue
         if merit > RIVAL * best:
-            return _refused(outcome, "another place fits as well")
+            return _refused(outcome, "another pose fits as well")
         if merit > POSSIBLE * best and abs(away[2]) > TURNED and _undisputed(views):
-            return _refused(outcome, "nothing that was in view speaks against another place")
+            return _refused(outcome, "another pose cannot be ruled out: no view contradicts it")
     return outcome
 
 
@@ -144,10 +144,10 @@ def _clouds(source: Array, target: Array) -> Registration:
         found = align_clouds(moving, still, start, close=True)
         inliers = matcher.get_num_final_inliers()
         if found.converged and inliers < 5:
-            reason = f"only {inliers} features correspond"
+            reason = f"only {inliers} features match"
             found = replace(found, converged=False, reason=reason)
         if best is None or (found.converged, found.fitness) > (best.converged, best.fitness):
             best = found
     if best is None:
-        return Registration(np.eye(4), OPEN_VARIANCE * np.eye(6), 0.0, False, "no features correspond")
+        return Registration(np.eye(4), OPEN_VARIANCE * np.eye(6), 0.0, False, "no features match")
     return best

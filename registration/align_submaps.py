@@ -129,15 +129,15 @@ def _placement(refined: Refined, forth: Verdict, back: Verdict) -> Placement:
     merit = both - 2.0 * (forth.standing + back.standing)
     reason = ""
     if refined.open_directions:
-        reason = f"{refined.open_directions} of 3 directions are open"
+        reason = f"{refined.open_directions} of 3 directions are unconstrained"
     elif refined.wavering > WAVERING:
         reason = "the iterations did not settle"
     elif (loosest := float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))) > LOOSEST:
-        reason = f"one direction is only known to {loosest:.2f} m"
+        reason = f"the position is uncertain by {loosest:.2f} m in one direction"
     elif agreeing < LEAST_AGREEING or overlap < LEAST_OVERLAP:
-        reason = f"only {agreeing:.1f} m of outline ({overlap:.0%}) in common"
+        reason = f"too little overlap: {agreeing:.1f} m of contour ({overlap:.0%})"
     elif fitness < LEAST_FITNESS:
-        reason = f"only {fitness:.0%} of what both saw agrees"
+        reason = f"only {fitness:.0%} of the overlap agrees"
     return Placement(
         refined.pose, covariance, fitness, overlap, agreeing, merit, refined.open_directions, reason
     )

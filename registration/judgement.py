@@ -114,10 +114,10 @@ def judged(
     for name, outline in (("source", moving), ("target", still)):
         lined = int(outline.surface.lined.sum())
         if lined < LEAST_POINTS:
-            reason = f"{name} has {lined} points on lines, {LEAST_POINTS} are needed"
+            reason = f"{name} has {lined} points on lines; at least {LEAST_POINTS} are needed"
             return Registration(start, np.diag(GUESS_SIGMA**2), 0.0, False, reason)
     if refined is None or views is None:
-        return Registration(start, np.diag(GUESS_SIGMA**2), 0.0, False, "nothing in common was found")
+        return Registration(start, np.diag(GUESS_SIGMA**2), 0.0, False, "no overlap was found")
     found = evidence(moving, still, views)
     covariance = pairwise_covariance(refined, moving, still)
     reason = _refusal(refined, found, asked)
@@ -126,24 +126,24 @@ def judged(
     doubt = borrowed(refined, moving.surface, still.surface, KERNEL, GUESS_SIGMA[0] ** 2)
     covariance = covariance + doubt
     if asked.alone and np.diag(doubt).max() > MOST_BORROWED**2:
-        reason = "without one small piece of outline a direction of motion is open"
+        reason = "only one small segment constrains a direction of motion; without it that is open"
         return Registration(refined.pose, covariance, found.fitness, False, reason)
     if refined.open_directions:
-        reason = f"{refined.open_directions} of 3 directions of motion are open and kept from the guess"
+        reason = f"{refined.open_directions} of 3 directions of motion are open: the guess is kept there"
     return Registration(refined.pose, covariance, found.fitness, refined.open_directions < 2, reason)
 
 
 def _refusal(refined: Refined, found: Evidence, asked: Asked) -> str:
     if refined.open_directions == 3:
-        return "no lines of the two correspond"
+        return "no lines match"
     if not refined.settled:
         return "the iterations did not settle"
     if found.length < LEAST_LENGTH or found.overlap < asked.overlap:
-        return f"only {found.length:.1f} m of outline ({found.overlap:.0%}) in common"
+        return f"too little overlap: {found.length:.1f} m of contour ({found.overlap:.0%})"
     if found.fitness < asked.fitness or found.fitness + found.overlap < asked.together:
-        return f"only {found.fitness:.0%} of what both could see agrees, {found.overlap:.0%} of all"
+        return f"only {found.fitness:.0%} of the overlap agrees ({found.overlap:.0%} of the whole scan)"
     if found.merit < asked.merit:
-        return f"walls of {found.metre:.1f} m stand in space the other scan saw through, {found.overlap:.0%} agrees"
+        return f"one scan sees through {found.metre:.1f} m of the other's walls; {found.overlap:.0%} agrees"
     return ""
 
 

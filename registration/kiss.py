@@ -57,7 +57,7 @@ class KissTracker:
         predicted = engine.last_delta
         if len(cloud) < MINIMUM_POINTS:
             engine.last_pose = engine.last_pose @ predicted
-            reason = f"only {len(cloud)} points, {MINIMUM_POINTS} needed: the pose is predicted"
+            reason = f"only {len(cloud)} points; at least {MINIMUM_POINTS} are needed: the pose is predicted"
             return Step(predicted.copy(), OPEN_VARIANCE * np.eye(6), False, reason, 0.0, cloud[:0])
         before, first = engine.last_pose, self._previous is None
         frame, source = engine.register_frame(cloud, np.empty(0) if times is None else times)

@@ -36,19 +36,21 @@ class OdometryConfig:
         default="local_map",
         metadata={"description": "how planar scans are registered", "choices": SCAN_METHODS},
     )
-    max_range: float = _setting(80.0, "m", "points farther from the sensor are not used", 0.5, 1000.0)
-    map_radius: float = _setting(30.0, "m", "what a scan map keeps around the sensor", 1.0, 500.0)
+    max_range: float = _setting(80.0, "m", "points farther away are not used", 0.5, 1000.0)
+    map_radius: float = _setting(30.0, "m", "radius of the local map around the sensor", 1.0, 500.0)
     map_memory: float = _setting(
-        100.0, "m", "travel after which what was not seen again leaves a scan map", 1.0, 1e6
+        100.0, "m", "the local map forgets what was not seen again during this travel", 1.0, 1e6
     )
     key_distance: float = _setting(0.15, "m", "travel after which a scan is added to the map", 0.0, 10.0)
     key_turn: float = _setting(0.1, "rad", "turn after which a scan is added to the map", 0.0, 3.2)
-    doubt: float = _setting(0.3, "m", "how far a predicted scan may lie off the map", 0.02, 2.0)
-    tolerance: float = _setting(0.08, "m", "deviation from a line up to which a point counts", 0.005, 0.5)
+    doubt: float = _setting(0.3, "m", "how far a predicted scan may be off the map", 0.02, 2.0)
+    tolerance: float = _setting(
+        0.08, "m", "largest deviation of a point from a line it belongs to", 0.005, 0.5
+    )
     patience: int = field(
         default=8,
         metadata={
-            "description": "scans in a row that are not found before a new map",
+            "description": "a new local map begins after this many scans in a row that match nothing",
             "low": 1,
             "high": 10000,
         },
@@ -58,7 +60,7 @@ class OdometryConfig:
     )
     scan_voxel_size: float = _setting(0.2, "m", "KISS-ICP's voxel edge for planar scans", 0.01, 10.0)
     cloud_voxel_size: float = _setting(0.8, "m", "KISS-ICP's voxel edge for clouds", 0.01, 10.0)
-    cloud_noise: float = _setting(0.05, "m", "standard deviation of a cloud point off the map", 0.001, 1.0)
+    cloud_noise: float = _setting(0.05, "m", "standard deviation of a cloud point", 0.001, 1.0)
     static_distance: float = _setting(
         0.2, "m", "a cloud point this close to the last cloud is static", 0.01, 5.0
     )

@@ -70,7 +70,9 @@ class ScanTracker:
         surface = self._surface(scan, motion, elapsed)
         view = view_of(scan)
         lined = int(surface.lined.sum())
-        poor = "" if lined >= LEAST_LINED else f"{lined} points on lines, {LEAST_LINED} are needed"
+        poor = (
+            "" if lined >= LEAST_LINED else f"only {lined} points on lines; at least {LEAST_LINED} are needed"
+        )
         if not len(self.map):
             return self._begin(surface, view, motion, poor)
         start = compound(self.pose, motion)
@@ -88,7 +90,7 @@ class ScanTracker:
             moved = between(self._sure, match.refined.pose)
             believable = self._habit.plausible(moved, self._lost + 1)
         if not believable:
-            reason = f"only {match.share:.0%} of the outline agrees with the map: the pose is predicted"
+            reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
             return self._predict(motion, guess is not None, reason, match.share)
         return self._accept(surface, view, motion, guess is not None, match)
 
@@ -118,7 +120,7 @@ class ScanTracker:
         if not poor:
             self._lost = 0
             self._insert(surface, view)
-        reason = poor or ("" if first else "a new map was begun at the predicted pose")
+        reason = poor or ("" if first else "a new map begins at the predicted pose")
         doubt = np.zeros((3, 3)) if first else prediction_covariance(motion)
         static = surface.points if not poor else surface.points[:0]
         increment = np.zeros(3) if first else motion
@@ -160,9 +162,11 @@ class ScanTracker:
         self._sure = self.pose
         self._matcher.saw(view, self.pose)
         static = surface.points[match.agreement.labels == 0]
-        reason = "" if match.share >= 0.4 else f"only {match.share:.0%} of the outline agrees with the map"
+        reason = "" if match.share >= 0.4 else f"only {match.share:.0%} of the scan agrees with the map"
         if refined.open_directions:
-            reason = f"{refined.open_directions} of 3 directions of motion are open: they are predicted"
+            reason = (
+                f"{refined.open_directions} of 3 directions of motion are open: the prediction is kept there"
+            )
         sure = match.share >= 0.4
         return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
 

@@ -43,7 +43,7 @@ def too_few(source: Array, target: Array, start: Array) -> Registration | None:
     for name, cloud in (("source", source), ("target", target)):
         distinct = len(np.unique(np.round(cloud, 3), axis=0))
         if distinct < LEAST_POINTS:
-            reason = f"{name} has {distinct} distinct points, {LEAST_POINTS} are needed"
+            reason = f"{name} has {distinct} distinct points; at least {LEAST_POINTS} are needed"
             return Registration(start, OPEN_VARIANCE * np.eye(6), 0.0, False, reason)
     return None
 
@@ -74,7 +74,7 @@ def align_clouds(source: Array, target: Array, start: Array, close: bool = False
     if not outcome.converged:
         reason = "the iterations did not settle"
     elif fitness < LEAST_FITNESS:
-        reason = f"only {fitness:.0%} of the source lies on the target"
+        reason = f"only {fitness:.0%} of the source overlaps the target"
     elif opened:
         reason = "the clouds leave a direction of motion open"
     return Registration(transform, covariance, fitness, not reason or opened, reason)

@@ -17,28 +17,32 @@ def _setting(default: float, unit: str, text: str, low: float, high: float) -> f
 class PeopleConfig:
     """Settings of `PeopleTracker`; each field's metadata has its unit, meaning and allowed range."""
 
-    max_range: float = _setting(10.0, "m", "nobody is looked for beyond this distance", 1.0, 100.0)
-    join_distance: float = _setting(0.1, "m", "neighbouring returns this close are one cluster", 0.02, 0.5)
-    acceleration: float = _setting(0.7, "m/s^1.5", "root of the density of a person's acceleration", 0.1, 5.0)
-    leg_noise: float = _setting(0.2, "m", "from one leg to the middle of the person", 0.03, 0.5)
-    body_noise: float = _setting(0.06, "m", "from both legs or a trunk to the middle", 0.01, 0.5)
+    max_range: float = _setting(10.0, "m", "people farther away are not tracked", 1.0, 100.0)
+    join_distance: float = _setting(
+        0.1, "m", "neighbouring returns closer than this form one cluster", 0.02, 0.5
+    )
+    acceleration: float = _setting(
+        0.7, "m/s^1.5", "process noise: root of the spectral density of a person's acceleration", 0.1, 5.0
+    )
+    leg_noise: float = _setting(
+        0.2, "m", "standard deviation from one leg to the middle of the person", 0.03, 0.5
+    )
+    body_noise: float = _setting(
+        0.06, "m", "standard deviation from two legs or a trunk to the middle of the person", 0.01, 0.5
+    )
     gate: float = _setting(0.75, "m", "farthest a leg may be from where the person is expected", 0.3, 2.0)
     detection_probability: float = _setting(
-        0.8, "", "of a person in plain view, per tenth of a second", 0.1, 0.99
+        0.8, "", "probability to detect a person in plain view, per 0.1 s", 0.1, 0.99
     )
-    memory: float = _setting(6.0, "s", "mean time for which a hidden person is kept", 0.5, 120.0)
-    clutter: float = _setting(0.3, "1/m²", "density of clusters that are nobody's", 0.001, 10.0)
-    prior: float = _setting(-4.8, "", "log-odds that a new cluster is of a person", -10.0, 3.0)
-    report: float = _setting(
-        0.5, "", "probability of being there, and a person, from which one is reported", 0.05, 0.99
-    )
-    keep: float = _setting(
-        0.1, "", "probability of being a person down to which one reported stays so", 0.01, 0.99
-    )
+    memory: float = _setting(6.0, "s", "mean time a hidden person is remembered", 0.5, 120.0)
+    clutter: float = _setting(0.3, "1/m²", "density of clusters that are no person", 0.001, 10.0)
+    prior: float = _setting(-4.8, "", "log odds that a new cluster is a person", -10.0, 3.0)
+    report: float = _setting(0.5, "", "a person is reported from this probability on", 0.05, 0.99)
+    keep: float = _setting(0.1, "", "a reported person stays reported down to this probability", 0.01, 0.99)
     located: float = _setting(
         0.3,
         "",
-        "probability of being within a metre of the estimate from which a hidden one is reported",
+        "a hidden person is reported while it is within 1 m of the estimate with this probability",
         0.0,
         0.99,
     )

@@ -96,33 +96,41 @@ class WorldModelConfig:
     """
 
     classes: Sequence[str] = field(
-        default=(), metadata={"description": "names of known classes; none: any name is taken as it comes"}
+        default=(), metadata={"description": "names of known classes; none: any name is taken"}
     )
     colors: Sequence[str] = field(
-        default=(), metadata={"description": "names of known colours; none: any name is taken as it comes"}
+        default=(), metadata={"description": "names of known colours; none: any name is taken"}
     )
     region: Box = field(
         default=((-10.0, 10.0), (-10.0, 10.0), (-0.5, 3.0)),
-        metadata={"unit": "m", "description": "where objects and false detections are, by axis"},
+        metadata={"unit": "m", "description": "where objects and false detections can be, by axis"},
     )
-    rate_hz: float = _setting(20.0, "1/s", "looks per second", 0.01, 1000.0)
-    detection_probability: float = _setting(0.9, "", "that a visible object is detected", 0.01, 0.9999)
-    clutter_per_frame: float = _setting(0.2, "", "false detections per look", 0.0, 1e4)
-    new_objects_per_second: float = _setting(0.02, "1/s", "objects that appear in the region", 1e-9, 1e4)
+    rate_hz: float = _setting(20.0, "1/s", "observations per second", 0.01, 1000.0)
+    detection_probability: float = _setting(
+        0.9, "", "probability that a visible object is detected", 0.01, 0.9999
+    )
+    clutter_per_frame: float = _setting(0.2, "", "mean number of false detections per observation", 0.0, 1e4)
+    new_objects_per_second: float = _setting(
+        0.02, "1/s", "mean number of objects that appear in the region per second", 1e-9, 1e4
+    )
     removed_per_second: float = _setting(1e-3, "1/s", "rate at which an object is taken away", 0.0, 100.0)
-    initial_objects: float = _setting(10.0, "", "objects in the region before the first look", 1e-6, 1e5)
+    initial_objects: float = _setting(
+        10.0, "", "expected number of objects in the region at the start", 1e-6, 1e5
+    )
     measurement_sigma: float = _setting(
-        0.03, "m", "standard deviation of a detection that comes without covariance", 1e-4, 100.0
+        0.03, "m", "standard deviation of a detection without covariance", 1e-4, 100.0
     )
     class_accuracy: float = _setting(
-        0.9, "", "how often the most probable class of a detection is right", 0.05, 1.0
+        0.9, "", "share of detections whose most probable class is right", 0.05, 1.0
     )
-    missed_run_frames: float = _setting(1.0, "", "looks for which an object stays undetected, mean", 1.0, 1e4)
+    missed_run_frames: float = _setting(
+        1.0, "", "mean number of observations in a row that miss a visible object", 1.0, 1e4
+    )
     motion: Mapping[str, Mapping[str, Any]] | None = field(
-        default=None, metadata={"description": "behaviour by class; * for all others"}
+        default=None, metadata={"description": "motion by class; * for all others"}
     )
     hypotheses: int = field(
-        default=100, metadata={"description": "hypotheses that are kept", "low": 1, "high": 10000}
+        default=100, metadata={"description": "number of hypotheses that are kept", "low": 1, "high": 10000}
     )
     late_window: float = _setting(
         1.0,
@@ -140,7 +148,7 @@ class WorldModelConfig:
     )
     """Continuous attributes: {name: (mean, standard deviation) over all objects}, SI units."""
     merged_detections: bool = field(
-        default=True, metadata={"description": "whether one detection may stem from two touching movers"}
+        default=True, metadata={"description": "one detection may come from two moving objects that touch"}
     )
     sensor_bias: Sequence[float] = field(
         default=(0.0,) * CONSTANT,

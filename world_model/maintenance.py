@@ -145,7 +145,7 @@ class Maintenance:
         if pose.shape != (3,):
             raise InputError(f"robot_pose must have shape (3,), not {pose.shape}")
         if not sensors:
-            raise InputError("sensors: at least one is needed to look at anything")
+            raise InputError("sensors: at least one is needed")
         for wanted in triggers:
             asked = Trigger(wanted) if isinstance(wanted, str) else wanted
             self.trigger(asked.object_id, asked.requester)
@@ -192,10 +192,10 @@ class Maintenance:
 
     def _nothing_known(self, state: WorldState) -> str:
         if not state.objects:
-            return "the world model is empty"
+            return "The world model is empty."
         if all(item.lost for item in state.objects):
-            return "all objects are lost: looking for them is up to the search"
-        return "no object has a usable position"
+            return "All objects are lost. Finding them is a task for object_search."
+        return "No object has a position that can be used."
 
     def _rests(self, item: WorldObject, stamp: float) -> bool:
         """Whether a report keeps an object from being looked at; forgets reports that are over."""
@@ -232,7 +232,7 @@ class Maintenance:
             if not len(found):
                 continue
             self._queue.remove(trigger)
-            reason = f"{trigger.requester} asked for it"
+            reason = f"{trigger.requester} asked for it."
             self._pending = replace(self._task(looks, found, found.best(), reason), trigger=trigger.requester)
             return self._pending
         return None
@@ -268,13 +268,13 @@ class Maintenance:
             return going
         found = options(self.config, looks, ways, able, view, base_available, self._misses)
         if not len(found):
-            self.idle_reason = "no object can be reached and seen"
+            self.idle_reason = "No object can be reached and seen."
             return None
         thresholds = self._thresholds(looks)
         worth = found.gain > thresholds[found.items]
         if not worth.any():
             self.idle_reason = (
-                f"the largest expected gain, {found.gain.max():.1f} nat, is below the threshold"
+                f"No action is worth it: {found.gain.max():.1f} nat at most, below the threshold."
             )
             return None
         self.idle_reason = ""
@@ -290,10 +290,10 @@ class Maintenance:
                 going = self._next_on_tour(looks, ways, able, view)
                 if going is not None:
                     return going
-        others = f" and {found.seen[best] - 1:.0f} on the way" if found.seen[best] > 1 else ""
+        others = f", the rest from {found.seen[best] - 1:.0f} more on the way" if found.seen[best] > 1 else ""
         reason = (
-            f"{found.gain[best]:.1f} nat expected for {found.lengths[best]:.1f} m: "
-            f"{found.own[best]:.1f} from {looks.objects[found.items[best]].id}{others}"
+            f"Driving {found.lengths[best]:.1f} m should gain {found.gain[best]:.1f} nat: "
+            f"{found.own[best]:.1f} nat from {looks.objects[found.items[best]].id}{others}."
         )
         return self._task(looks, found, best, reason)
 
@@ -317,8 +317,8 @@ class Maintenance:
                 continue
             best = found.best()
             reason = (
-                f"{found.own[best]:.1f} nat expected from {looks.objects[k].id} for {found.lengths[best]:.1f} m, "
-                f"on a tour with {len(self._tour)} more"
+                f"Driving {found.lengths[best]:.1f} m should gain {found.own[best]:.1f} nat from "
+                f"{looks.objects[k].id}. {len(self._tour)} more follow on this tour."
             )
             self.idle_reason = ""
             return self._task(looks, found, best, reason)

@@ -27,30 +27,40 @@ class MaintenanceConfig:
     """
 
     information_gain_threshold: float = _setting(
-        8.0, "nat", "an action whose expected gain is below is not taken", 0.0, 1e6
+        8.0, "nat", "actions that gain less than this are not taken", 0.0, 1e6
     )
-    weight: float = _setting(0.75, "", "of the cost against the gain (ω)", 0.0, 1e6)
-    information_gain_norm: float = _setting(5.0, "nat", "gain that is worth one (IG_norm)", 1e-6, 1e6)
-    cost_scale: float = _setting(10.0, "m", "distance that costs one (C_scale), the room's length", 1e-3, 1e6)
-    speed: float = _setting(0.5, "m/s", "of the robot", 1e-3, 100.0)
-    time_step: float = _setting(0.5, "s", "between looks on the way", 1e-3, 3600.0)
+    weight: float = _setting(0.75, "", "weight of the cost against the gain (ω)", 0.0, 1e6)
+    information_gain_norm: float = _setting(
+        5.0, "nat", "information gain that has utility 1 (IG_norm)", 1e-6, 1e6
+    )
+    cost_scale: float = _setting(
+        10.0, "m", "distance that costs 1 (C_scale); use the room's length", 1e-3, 1e6
+    )
+    speed: float = _setting(0.5, "m/s", "mean speed of the robot", 1e-3, 100.0)
+    time_step: float = _setting(0.5, "s", "time between observations on the way", 1e-3, 3600.0)
     company: float = _setting(
-        0.1, "", "share of the gain of objects seen on the way in an action's utility", 0.0, 1.0
+        0.1, "", "how much objects seen on the way add to an action's utility", 0.0, 1.0
     )
     tour: float = _setting(
         0.35,
         "",
-        "share of the threshold from which an object is taken along on a tour; 0 is one at a time",
+        "an object joins a tour from this share of the threshold on; 0 plans one object at a time",
         0.0,
         1.0,
     )
     anticipation: float = _setting(
-        0.75, "", "share of entropy's growth until a look that counts as gained by it", 0.0, 1.0
+        0.75,
+        "",
+        "share of the entropy that will have grown by the observation which counts as gain",
+        0.0,
+        1.0,
     )
-    standoff: float = _setting(0.82, "", "share of a sensor's range to stop at", 0.05, 1.0)
-    retry_after: float = _setting(5.0, "s", "rest of an object that was occluded", 0.0, 1e6)
+    standoff: float = _setting(
+        0.82, "", "distance at which to observe an object, as share of the sensor's range", 0.05, 1.0
+    )
+    retry_after: float = _setting(5.0, "s", "an occluded object is left alone for this long", 0.0, 1e6)
     process_noise: float = _setting(
-        1e-4, "m²/s", "growth of the variance of objects that state none", 0.0, 1e3
+        1e-4, "m²/s", "growth of the position's variance where an object states none", 0.0, 1e3
     )
     verified_actions: tuple[str, ...] = VERIFIED_ACTIONS
     class_thresholds: Mapping[str, float] = field(default_factory=dict)

@@ -186,7 +186,9 @@ def worlds_at(model: Model, stamp: float | None) -> tuple[list[World], float]:
     if stamp > model.stamp:
         return [(1.0, model.propagate(stamp).objects)], float(stamp)
     if model.store is None:
-        raise InputError(f"stamp: {stamp:g} is past, and without a store the past is not remembered")
+        raise InputError(
+            f"stamp: {stamp:g} is in the past; only a world model with a store remembers the past"
+        )
     return [(1.0, model.store.objects_at(stamp))], float(stamp)
 
 

@@ -47,17 +47,19 @@ class SearchConfig:
     method: str = field(
         default="belief", metadata={"description": "how the next goal is chosen", "choices": METHODS}
     )
-    weight: float = _setting(0.1, "", "of the travel cost in the chain rule (ω)", 0.0, 100.0)
-    threshold: float = _setting(0.25, "", "least utility the chain rule goes for", 0.0, 100.0)
+    weight: float = _setting(0.1, "", "weight of the travel cost in the chain rule (ω)", 0.0, 100.0)
+    threshold: float = _setting(
+        0.25, "", "the chain rule drives to an object with at least this utility", 0.0, 100.0
+    )
     relevance: float = _setting(
-        0.3, "", "least relevance to go for, as share of the most relevant name's", 0.0, 1.0
+        0.3, "", "objects less related to the target than this share of the best are ignored", 0.0, 1.0
     )
-    nearness: float = _setting(0.5, "m", "distance within which nearer is no better", 0.01, 10.0)
+    nearness: float = _setting(0.5, "m", "objects nearer than this count as equally near", 0.01, 10.0)
     dead_end_radius: float = _setting(
-        1.5, "m", "around a dead end, where the target is not either", 0.0, 20.0
+        1.5, "m", "radius around a dead end in which the target is not expected", 0.0, 20.0
     )
-    chain_share: float = _setting(0.7, "", "worth of a relation through another object", 0.0, 1.0)
-    view: float = _setting(2.0, "m", "from where the target is recognised, for coverage", 0.1, 50.0)
+    chain_share: float = _setting(0.7, "", "weight of a relation through a third object", 0.0, 1.0)
+    view: float = _setting(2.0, "m", "distance from which the target can be recognised", 0.1, 50.0)
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -222,10 +224,10 @@ class ObjectSearch:
     def _choose(self, known: dict[str, FloatArray], place: FloatArray) -> SearchStep:
         for name, spot in known.items():
             if self.relations.unified(name) == self._target:
-                return SearchStep("target", spot, name, f"{name} is in view", 1.0)
+                return SearchStep("target", spot, name, f"{name} is in view.", 1.0)
         room = self._room(place)
         if room is not None and not room.contains(place):
-            said = f"{self._target} is most likely in {room.name}"
+            said = f"The best room for {self._target} is {room.name}: drive there."
             return SearchStep("room", np.asarray(room.center), "", said)
         able = {
             name: spot
@@ -277,14 +279,16 @@ class ObjectSearch:
                 # It is there: going on must not lead back to it.
                 self._middles.append(middle)
             elif middle is not None:
-                said = f"nothing in view goes with {self._target}: to where more can be seen"
+                said = (
+                    f"Nothing in view is usually found with {self._target}: drive to where more can be seen."
+                )
                 if unknown:
-                    said = f"nobody has said what goes with {self._target}: to where more can be seen"
+                    said = f"{self._target} is an unknown word: drive to where more can be seen."
                 return SearchStep("room", middle, "", said)
             if room is None and self.grid is None:
                 spot = self._onward(known, place)
                 if spot is not None:
-                    said = f"nothing in view goes with {self._target}: on to where nobody has looked"
+                    said = f"Nothing in view is usually found with {self._target}: drive to unseen floor."
                     return SearchStep("room", spot, "", said)
             related = worth
         if not related:
@@ -382,9 +386,9 @@ class ObjectSearch:
         return found
 
     def _towards(self, name: str, spot: FloatArray, chance: float) -> SearchStep:
-        said = f"no {self._target} seen; {name} is in view, p = {chance:.2f}"
+        said = f"{self._target} is not in view. It is often found with {name} (p = {chance:.2f}): look there."
         if self._value(name) <= 0.0:
-            said = f"no {self._target} seen, nor anything that goes with it; {name} is in view"
+            said = f"{self._target} is not in view, nor anything it is usually found with: look at {name}."
         return SearchStep("intermediate", spot, name, said, chance)
 
     def _anywhere(self, known: Mapping[str, FloatArray], place: FloatArray, unknown: bool) -> SearchStep:
@@ -403,9 +407,9 @@ class ObjectSearch:
         goal = self._coverage.next_place(place)
         if goal is None:
             return SearchStep(
-                "none", None, "", f"{self._target} is nowhere it could be seen: all has been looked at"
+                "none", None, "", f"{self._target} was not found: the whole floor has been seen."
             )
-        said = f"no lead to {self._target} is left: covering the floor, {self._coverage.share:.0%} seen"
+        said = f"No object hints at {self._target} any more: search the whole floor ({self._coverage.share:.0%} seen)."
         if unknown:
-            said = f"nobody has said what goes with {self._target}: covering the floor, {self._coverage.share:.0%} seen"
+            said = f"{self._target} is an unknown word: search the whole floor ({self._coverage.share:.0%} seen)."
         return SearchStep("random", goal, "", said)

@@ -62,7 +62,9 @@ def told_by_the_rest(
     rest = among_movers(moving, still, registration.transform)
     share = max(float(np.mean(big)), float(np.mean(other)))
     if not guessed and share > MUCH and rest.converged and rest.reason:
-        reason = f"without what is near and fills {share:.0%} of a scan a direction of motion is open"
+        reason = (
+            f"a near object fills {share:.0%} of a scan; the rest leaves a direction of motion unconstrained"
+        )
         return replace(registration, converged=False, reason=reason)
     agreed = _agreeing(a, b, registration.transform, ~big)
     if rest.converged and _agreeing(a, b, rest.transform, ~big) > agreed + BETTER:
@@ -72,7 +74,7 @@ def told_by_the_rest(
     else:
         least = LEAST if np.mean(big) >= DECIDES else LITTLE
     if registration.converged and agreed < least and _follows(a, b, registration.transform, big, other):
-        reason = f"what fills {np.mean(big):.0%} of the scan fits, but only {agreed:.0%} of the rest"
+        reason = f"a near object fills {np.mean(big):.0%} of the scan and fits, but only {agreed:.0%} of the rest does"
         return replace(registration, converged=False, reason=reason)
     return registration
 

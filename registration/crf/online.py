@@ -37,25 +37,30 @@ class SegmenterConfig:
 
     segment_scans: bool = field(
         default=True,
-        metadata={"description": "label what moves in each scan, and follow the robot without it"},
+        metadata={"description": "label moving objects in each scan and leave them out of odometry"},
     )
     segment_interval: float = field(
         default=0.5,
         metadata={
             "unit": "s",
-            "description": "how long ago the scan compared with is",
+            "description": "age of the earlier scan that each scan is compared with",
             "low": 0.1,
             "high": 5.0,
         },
     )
     segment_references: int = field(
-        default=2, metadata={"description": "earlier scans each scan is compared with", "low": 1, "high": 8}
+        default=2,
+        metadata={
+            "description": "number of earlier scans that each scan is compared with",
+            "low": 1,
+            "high": 8,
+        },
     )
     segment_deadline: float = field(
         default=0.05,
         metadata={
             "unit": "s",
-            "description": "labels take no longer than this, nor than the scans' rate leaves; not in lock-step replay",
+            "description": "time limit for the labels of a scan, less at high scan rates; none in lock-step replay",
             "low": 0.0,
             "high": 10.0,
         },

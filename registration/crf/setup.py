@@ -89,7 +89,7 @@ def start(
         min(float(np.mean(sight == AGREES)), float(np.mean(fresh == AGREES))) if len(a) and len(b) else 0.0
     )
     if registration.converged and standing < LEAST_STANDING:
-        reason = f"only {standing:.0%} of the beams stand in both scans"
+        reason = f"only {standing:.0%} of the beams agree in both scans"
         registration = replace(registration, converged=False, reason=reason)
     again = _as_known(a, sight, known) if registration.converged and known is not None else None
     groups: list[Hypothesis] = []

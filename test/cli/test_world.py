@@ -92,7 +92,7 @@ def test_from_bag_to_states_events_store_and_answers(recorded: tuple[Path, Path]
     assert output.startswith("1.00  cup-1, red: on the kitchen table, p = ")
     assert json.loads(figures.read_text())["answers"][0]["places"]["kitchen_table"] > 0.9
     assert "cup-1" in run(store, *settings, "--region", "kitchen_table", "--at", "last_seen")
-    assert run(store, *settings, "--class", "cup", "--region", "kitchen_table") == "nothing meets this\n"
+    assert run(store, *settings, "--class", "cup", "--region", "kitchen_table") == "no object matches\n"
     # A second bag of the same time is another run.
     assert json.loads(figures.read_text())["answers"]
     output = run(bag, *settings, "--store", store, "--json", figures)

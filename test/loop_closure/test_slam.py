@@ -132,7 +132,7 @@ def test_a_group_that_has_won_is_closed_with_other_passes_too(monkeypatch: pytes
     slam.trajectory()
     paths = slam.keyframes.paths
     waited = {c.later for c in slam.closures if "along the path agree" in c.reason and paths[c.later] > 95.0}
-    again = {c.later for c in slam.closures if "hindsight" in c.reason and 46.0 < paths[c.earlier] < 90.0}
+    again = {c.later for c in slam.closures if "second look" in c.reason and 46.0 < paths[c.earlier] < 90.0}
     assert len(waited & again) > 5
     pairs = [(c.earlier, c.later) for c in slam.closures]
     assert len(set(pairs)) == len(pairs)

@@ -78,7 +78,7 @@ def test_other_places_are_not_believed() -> None:
         ({}, ""),
         ({"settled": False, "wavering": 0.01}, ""),
         ({"settled": False, "wavering": math.inf}, "settle"),
-        ({"information": np.diag([30.0 / 0.2**2, 1e6, 1e6])}, "only known to 0.20 m"),
+        ({"information": np.diag([30.0 / 0.2**2, 1e6, 1e6])}, "uncertain by 0.20 m"),
     ],
 )
 def test_what_slides_or_says_little_in_one_direction_is_not_believed(

@@ -34,7 +34,7 @@ def test_an_excerpt_of_the_apartment_becomes_a_report(tmp_path: Path) -> None:
     assert found["things_right"] >= 2
     assert found["things_extra"] == []
     assert found["identity_switches"] == 0
-    assert run.told.verification == "cup-1 will be looked at"
+    assert run.told.verification == "cup-1 is next to be observed"
     assert run.told.found, run.told
     assert run.told.object_id == "cup-1"
 

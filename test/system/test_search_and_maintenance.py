@@ -356,7 +356,7 @@ def test_a_search_can_be_cancelled_and_senseless_goals_are_refused(
     # The one that is known is not pink: another is looked for, half a metre far.
     pink = ended(FindObject.Goal(class_name="bed", predicates=["pink"], max_distance=0.5))
     assert pink.code == FindObject.Result.GAVE_UP
-    assert "gave up" in pink.message
+    assert "Gave up" in pink.message
     sent = client.send_goal_async(FindObject.Goal(class_name="unicorn"))
     run_until(graph, house, sent.done, "the goal is answered")
     goals = graph.collect(PoseStamped, "search_goal", LATCHED)

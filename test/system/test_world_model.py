@@ -343,7 +343,7 @@ def test_detections_and_people_come_by_their_topics(graph: Graph) -> None:
     assert people[0].pose.pose.position.x == pytest.approx(5.5, abs=0.2)
     assert [item.id for item in state.objects if item not in people] == ["cup-1"]
     graph.until(
-        lambda: world.figures().get("people in other evidence, left out") == "16", "the account of people"
+        lambda: world.figures().get("people in other evidence, ignored") == "16", "the account of people"
     )
 
 
@@ -427,7 +427,7 @@ def test_bad_evidence_is_refused_by_name_and_the_world_goes_on(graph: Graph) -> 
     graph.until(
         lambda: world.figures().get("/evidence dropped, refused") == str(refused), "the account of drops"
     )
-    assert world.figures()["detections in unknown words, left out"] == "2"
+    assert world.figures()["detections with unknown words, ignored"] == "2"
     graph.until(
         lambda: world.figures().get("/evidence dropped, no transform") == "1",
         "the missing transform in diagnostics",

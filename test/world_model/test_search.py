@@ -130,7 +130,7 @@ def test_a_class_nobody_has_heard_of_is_looked_for_all_the_same() -> None:
     step = search.next_goal({"a": [2.0, 0.0]}, "unicorn", HERE)
     assert step.goal is not None
     assert "unicorn" in step.reason
-    assert "nobody has said" in step.reason
+    assert "unknown word" in step.reason
     assert ObjectSearch(Relations()).next_goal({}, "cup", HERE).goal is not None
 
 

@@ -30,7 +30,7 @@ class IntentionConfig:
     method: str = field(
         default="routes",
         metadata={
-            "description": "how intended positions are found: routes weighs all learned walks, ghmm is the plain model",
+            "description": "how goals are found: routes weighs all learned walks, ghmm is the plain model",
             "choices": METHODS,
         },
     )
@@ -43,35 +43,43 @@ class IntentionConfig:
     spread: float = _setting(1.0, "", "factor on the covariance of a node's points", 0.1, 100.0)
     noise: float = _setting(0.6, "m", "least standard deviation of an observation probability", 0.01, 5.0)
     memory: int = _count(
-        500, "trajectories over which parameters are averaged; those before fade", 2, 1000000
+        500, "parameters are averaged over this many trajectories; older ones fade", 2, 1000000
     )
 
-    routes: int = _count(1000, "learned walks that are kept, the latest", 1, 100000)
-    goal_radius: float = _setting(0.716, "m", "intended positions this close are one", 0.05, 20.0)
-    max_goals: int = _count(10, "intended positions reported at most", 1, 100)
-    alternatives: int = _count(3, "goals for which a path is predicted", 1, 20)
+    routes: int = _count(1000, "number of learned walks that are kept, the latest ones", 1, 100000)
+    goal_radius: float = _setting(0.716, "m", "goals closer than this are merged", 0.05, 20.0)
+    max_goals: int = _count(10, "largest number of goals that are reported", 1, 100)
+    alternatives: int = _count(3, "number of goals for which a path is predicted", 1, 20)
     velocity_memory: float = _setting(
-        1.5, "s", "time over which the weights of a velocity estimate fade, at 2 cm of noise", 0.05, 60.0
+        1.5, "s", "time constant of the velocity estimate, at 2 cm of noise", 0.05, 60.0
     )
-    manoeuvre: float = _setting(0.06, "m", "deviation of a walking person from a straight line", 0.001, 1.0)
+    manoeuvre: float = _setting(
+        0.06, "m", "standard deviation of a walking person from a straight line", 0.001, 1.0
+    )
     pace_weight: float = _setting(
-        0.0, "", "how far the wanted speed goes from the present to the mean", 0.0, 1.0
+        0.0, "", "desired speed: 0 is the present speed, 1 the mean speed", 0.0, 1.0
     )
-    time_step: float = _setting(0.1, "s", "step of the predicted paths", 0.01, 1.0)
-    relaxation: float = _setting(4.0, "s", "tau, time to take on the wanted velocity", 0.1, 60.0)
-    people_strength: float = _setting(0.3, "m/s^2", "push of other people at contact", 0.0, 100.0)
-    people_range: float = _setting(0.2, "m", "range of the push of other people", 0.01, 10.0)
+    time_step: float = _setting(0.1, "s", "time step of the predicted paths", 0.01, 1.0)
+    relaxation: float = _setting(4.0, "s", "tau, time to reach the desired velocity", 0.1, 60.0)
+    people_strength: float = _setting(
+        0.3, "m/s^2", "acceleration away from other people at contact", 0.0, 100.0
+    )
+    people_range: float = _setting(0.2, "m", "range of the push away from other people", 0.01, 10.0)
     radius: float = _setting(0.2, "m", "radius of a person", 0.01, 2.0)
-    wall_strength: float = _setting(3.0, "m/s^2", "push of the nearest obstacle at contact", 0.0, 100.0)
-    wall_range: float = _setting(0.3, "m", "range of the push of obstacles", 0.01, 10.0)
-    hardness: float = _setting(2.0, "1/s^2", "further push per metre of overlap with people", 0.0, 1000.0)
-    wall_hardness: float = _setting(
-        20.0, "1/s^2", "further push per metre of overlap with obstacles", 0.0, 1000.0
+    wall_strength: float = _setting(
+        3.0, "m/s^2", "acceleration away from the nearest obstacle at contact", 0.0, 100.0
     )
-    position_sigma: float = _setting(0.05, "m", "deviation of a predicted path at its start", 0.001, 5.0)
-    speed_sigma: float = _setting(0.12, "m/s", "growth of the deviation along a path", 0.0, 5.0)
-    course_sigma: float = _setting(0.10, "m/s", "growth of the deviation across a path", 0.0, 5.0)
-    min_length: float = _setting(0.5, "m", "trajectories that stay within this teach nothing", 0.0, 100.0)
+    wall_range: float = _setting(0.3, "m", "range of the push away from obstacles", 0.01, 10.0)
+    hardness: float = _setting(2.0, "1/s^2", "extra push per metre of overlap with people", 0.0, 1000.0)
+    wall_hardness: float = _setting(
+        20.0, "1/s^2", "extra push per metre of overlap with obstacles", 0.0, 1000.0
+    )
+    position_sigma: float = _setting(
+        0.05, "m", "standard deviation of a predicted path at its start", 0.001, 5.0
+    )
+    speed_sigma: float = _setting(0.12, "m/s", "growth of the standard deviation along the path", 0.0, 5.0)
+    course_sigma: float = _setting(0.10, "m/s", "growth of the standard deviation across the path", 0.0, 5.0)
+    min_length: float = _setting(0.5, "m", "trajectories shorter than this are not learned", 0.0, 100.0)
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

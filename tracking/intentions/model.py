@@ -100,7 +100,7 @@ class IntentionModel:
         dropped = {
             "not finite": cleaned.not_finite,
             "duplicate time": cleaned.duplicates,
-            "time runs back": cleaned.backwards,
+            "time goes backwards": cleaned.backwards,
             "jump away and back": cleaned.outliers,
         }
         dropped = {reason: count for reason, count in dropped.items() if count}

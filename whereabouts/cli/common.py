@@ -10,13 +10,11 @@ from typing import Annotated, Any
 import typer
 
 TopicToUse = Annotated[
-    str | None, typer.Option("--topic", help="Scans or clouds to use; by default the first topic seen.")
+    str | None, typer.Option("--topic", help="Topic of the scans or clouds; default: the first one found.")
 ]
 WithWheels = Annotated[
     bool,
-    typer.Option(
-        "--wheels/--no-wheels", help="Use the log's wheel odometry, where it has one, as the first guess."
-    ),
+    typer.Option("--wheels/--no-wheels", help="Use the log's wheel odometry, if any, as initial guess."),
 ]
 TumFile = Annotated[
     Path | None, typer.Option("--out", metavar="T.tum", help="Write the trajectory, one line per scan.")
@@ -30,10 +28,10 @@ Dask = Annotated[
     typer.Option(
         "--dask",
         metavar="ADDRESS",
-        help="Compute on a Dask cluster: the scheduler, tcp://HOST:8786, or local:N for N workers here.",
+        help="Compute on a Dask cluster: tcp://HOST:8786, or local:N for N workers on this machine.",
     ),
 ]
-Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Processes to use.")]
+Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of processes.")]
 
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:

@@ -18,19 +18,19 @@ def convert(
         Path,
         typer.Argument(
             metavar="IN",
-            help="CARMEN log (.clf, .log, also .gz, .bz2), g2o with laser, ROS 1 bag, ROS 2 bag (directory, "
+            help="CARMEN log (.clf, .log, also .gz, .bz2), g2o file with laser, ROS 1 bag, ROS 2 bag (folder, "
             ".mcap, .db3), or a zip archive with one of these.",
         ),
     ],
     target: Annotated[
         Path,
         typer.Argument(
-            metavar="OUT", help="OUT.mcap for a bare file; any other name for a rosbag2 directory."
+            metavar="OUT", help="OUT.mcap writes one file; any other name writes a rosbag2 folder."
         ),
     ],
     topic: Annotated[
         list[str] | None,
-        typer.Option("--topic", help="Convert only this topic; may be given several times."),
+        typer.Option("--topic", help="Convert only this topic. Can be repeated."),
     ] = None,
     max_range: Annotated[
         float | None,

@@ -32,17 +32,17 @@ def demo(
         str | None,
         typer.Option(
             "--bag",
-            help="Replay this bag (or any log `convert` reads), or `killian`, instead of the apartment.",
+            help="Replay this bag (or any log `convert` reads), or `killian`, instead of the apartment's day.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder of the report.")] = Path("demo-report"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the report.")] = Path("demo-report"),
     rate: Annotated[
         float | None,
         typer.Option(
             "--rate",
             min=0.01,
             max=1000.0,
-            help="Multiple of the recorded speed; default: as fast as it goes.",
+            help="Multiple of the recorded speed. Default: as fast as possible.",
         ),
     ] = None,
     json_file: JsonFile = None,

@@ -15,26 +15,29 @@ def intentions(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="Trajectories: Edinburgh Informatics Forum, ETH obsmat, or CSV with time, label, x, y.",
+            help="Trajectories: Edinburgh Informatics Forum, ETH obsmat, or CSV with the columns time, label, x, y.",
         ),
     ],
     method: Annotated[
-        str, typer.Option("--method", help="routes (default) or ghmm, the plain growing hidden Markov model.")
+        str,
+        typer.Option("--method", help="routes (default), or ghmm: the plain growing hidden Markov model."),
     ] = "routes",
     horizon: Annotated[
         float, typer.Option("--horizon", min=0.1, max=60.0, help="Seconds to look ahead.")
     ] = 4.8,
     radius: Annotated[
-        float, typer.Option("--radius", min=0.01, help="Metres around the exit that count as correct.")
+        float,
+        typer.Option("--radius", min=0.01, help="Distance to the exit that counts as correct, in metres."),
     ] = 0.716,
     load: Annotated[
-        Path | None, typer.Option("--load", metavar="M.npz", help="Go on from a saved model.")
+        Path | None, typer.Option("--load", metavar="M.npz", help="Continue with a saved model.")
     ] = None,
     save: Annotated[
-        Path | None, typer.Option("--save", metavar="M.npz", help="Save what was learned.")
+        Path | None, typer.Option("--save", metavar="M.npz", help="Save the model to this file.")
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="P.png", help="Draw what was learned and predictions.")
+        Path | None,
+        typer.Option("--picture", metavar="P.png", help="Draw the learned walks and the predictions."),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:

@@ -22,38 +22,55 @@ Logs = Annotated[
     list[str],
     typer.Argument(
         metavar="LOG...",
-        help="Logs with poses (any readable log), or a .csv of 3D features. LOG@PLACE says which building it is of.",
+        help="Logs with poses (any readable log), or a .csv of 3D features. LOG@PLACE names the building.",
     ),
 ]
 Method = Annotated[str, typer.Option("--method", help="plain: the text's AdaBoost; best: the cascade.")]
-Distance = Annotated[float, typer.Option("--distance", min=0.01, help="Metres within which it is one place.")]
+Distance = Annotated[
+    float,
+    typer.Option("--distance", min=0.01, help="Scans within this distance show the same place, in metres."),
+]
 Heading = Annotated[
-    float, typer.Option("--heading", min=1.0, max=180.0, help="Largest difference of headings, degrees.")
+    float,
+    typer.Option("--heading", min=1.0, max=180.0, help="Largest difference of the headings, in degrees."),
 ]
 PathGap = Annotated[
-    float, typer.Option("--path-gap", min=0.0, help="Metres of path between the two at least.")
+    float,
+    typer.Option("--path-gap", min=0.0, help="Shortest path between the two scans of a pair, in metres."),
 ]
 IndexGap = Annotated[
-    int, typer.Option("--index-gap", min=1, help="Places of the log between the two at least.")
+    int, typer.Option("--index-gap", min=1, help="Fewest places of the log between the two scans of a pair.")
 ]
 Apart = Annotated[
-    float, typer.Option("--apart", min=0.0, help="Metres from which it is another place; 0: from --distance.")
+    float,
+    typer.Option(
+        "--apart",
+        min=0.0,
+        help="Scans farther apart than this show different places, in metres; 0: use --distance.",
+    ),
 ]
 Neighbours = Annotated[
-    bool, typer.Option("--neighbours", help="Positive pairs may also be near along the path.")
+    bool, typer.Option("--neighbours", help="Allow positive pairs that are near along the path.")
 ]
 LocalMapLength = Annotated[
-    float, typer.Option("--local-map", min=0.0, help="Metres of path in an outline; 0: the scan alone.")
+    float,
+    typer.Option(
+        "--local-map", min=0.0, help="Length of path in a local map, in metres; 0 uses single scans."
+    ),
 ]
-Rounds = Annotated[int, typer.Option("--rounds", min=1, help="Stumps of the plain method.")]
-Negatives = Annotated[int, typer.Option("--negatives", min=10, help="Negative pairs drawn from each log.")]
-Seed = Annotated[int, typer.Option("--seed", help="Seed of all random draws.")]
+Rounds = Annotated[
+    int, typer.Option("--rounds", min=1, help="Number of decision stumps of the plain method.")
+]
+Negatives = Annotated[
+    int, typer.Option("--negatives", min=10, help="Number of negative pairs from each log.")
+]
+Seed = Annotated[int, typer.Option("--seed", help="Random seed.")]
 
 
 @app.command()
 def train(
     logs: Logs,
-    out: Annotated[Path, typer.Option("--out", metavar="model.json", help="Where the model goes.")],
+    out: Annotated[Path, typer.Option("--out", metavar="model.json", help="File for the model.")],
     method: Method = "best",
     distance: Distance = 2.5,
     heading: Heading = 180.0,
@@ -63,13 +80,19 @@ def train(
     local_map: LocalMapLength = 10.0,
     rounds: Rounds = 50,
     simulation: Annotated[
-        int, typer.Option("--simulation", min=0, help="Simulated office floors to train on besides.")
+        int,
+        typer.Option(
+            "--simulation", min=0, help="Number of simulated office floors to add to the training data."
+        ),
     ] = 0,
     pairs: Annotated[
-        int, typer.Option("--pairs", min=50, help="Positive pairs from each log, of the cascade.")
+        int, typer.Option("--pairs", min=50, help="Number of positive pairs from each log, for the cascade.")
     ] = 1200,
     judged: Annotated[
-        bool, typer.Option(help="Also judge by leaving out one place at a time, for the card.")
+        bool,
+        typer.Option(
+            help="Also evaluate by leaving out one building at a time; the result goes into the model card."
+        ),
     ] = False,
     seed: Seed = 0,
     jobs: Jobs = 1,
@@ -113,17 +136,21 @@ def evaluate(
     logs: Logs,
     model: Annotated[
         str,
-        typer.Option("--model", help="Model file; or a shipped one: best, plain. Not used with --protocol."),
+        typer.Option(
+            "--model", help="Model file, or a shipped model: best or plain. Ignored with --protocol."
+        ),
     ] = "best",
     protocol: Annotated[
         str,
         typer.Option(
             "--protocol",
-            help="model: judge --model on each log; cross: train on the other places; k-fold: within each log.",
+            help="model: evaluate --model. cross: train on the other buildings. k-fold: train within each log.",
         ),
     ] = "model",
     method: Method = "plain",
-    distances: Annotated[str, typer.Option("--distances", help="Distances to judge at, metres.")] = "1,2,3",
+    distances: Annotated[
+        str, typer.Option("--distances", help="Distances to evaluate at, in metres.")
+    ] = "1,2,3",
     heading: Heading = 180.0,
     path_gap: PathGap = 20.0,
     index_gap: IndexGap = 1,
@@ -131,10 +158,14 @@ def evaluate(
     neighbours: Neighbours = False,
     local_map: LocalMapLength = 10.0,
     rounds: Rounds = 50,
-    positives: Annotated[int, typer.Option("--positives", min=10, help="Positive pairs at most.")] = 3000,
+    positives: Annotated[
+        int, typer.Option("--positives", min=10, help="Largest number of positive pairs.")
+    ] = 3000,
     negatives: Negatives = 20_000,
-    folds: Annotated[int, typer.Option("--folds", min=2, help="Folds of the k-fold protocol.")] = 10,
-    repetitions: Annotated[int, typer.Option("--repetitions", min=1, help="Permutations of k-fold.")] = 5,
+    folds: Annotated[int, typer.Option("--folds", min=2, help="Number of folds for k-fold.")] = 10,
+    repetitions: Annotated[
+        int, typer.Option("--repetitions", min=1, help="Number of permutations for k-fold.")
+    ] = 5,
     seed: Seed = 0,
     jobs: Jobs = 1,
     dask: Dask = "",
@@ -193,7 +224,9 @@ def inspect(
     path_gap: PathGap = 20.0,
     index_gap: IndexGap = 1,
     rounds: Rounds = 50,
-    most: Annotated[int, typer.Option("--pairs", min=20, help="Pairs of each class at most.")] = 1500,
+    most: Annotated[
+        int, typer.Option("--pairs", min=20, help="Largest number of pairs of each class.")
+    ] = 1500,
     seed: Seed = 0,
     json_file: JsonFile = None,
 ) -> None:

@@ -22,7 +22,7 @@ from whereabouts.cli.world import world
 
 app = typer.Typer(
     name="whereabouts",
-    help="Perception for a mobile service robot: replay, convert, follow, evaluate.",
+    help="Perception for a mobile service robot: run the nodes, and process recordings.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

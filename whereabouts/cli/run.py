@@ -19,37 +19,45 @@ __all__ = ["NODES", "run"]
 def run(
     nodes: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NODE]...", help=f"Nodes to run: {', '.join(NODES)}. All by default."),
+        typer.Argument(metavar="[NODE]...", help=f"Nodes to run: {', '.join(NODES)}. Default: all."),
     ] = None,
     config: Annotated[
         Path | None,
         typer.Option(
             "--config",
             metavar="suite.yaml",
-            help="Which nodes to run, their parameters and remappings, namespace, bag; options go before it.",
+            help="YAML file with nodes, parameters, remappings, namespace and bag. Options override it.",
         ),
     ] = None,
     bag: Annotated[
         Path | None,
-        typer.Option("--bag", help="Replay this ROS 2 bag (or ROS 1 bag) through them, then end."),
+        typer.Option("--bag", help="Replay this ROS 1 or ROS 2 bag through the nodes, then end."),
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option("--rate", min=0.01, max=1000.0, help="Replay at this multiple of the recorded speed."),
+        typer.Option(
+            "--rate", min=0.01, max=1000.0, help="Replay speed, as a multiple of the recorded speed."
+        ),
     ] = None,
     lock_step: Annotated[
         bool,
-        typer.Option("--lock-step", help="Replay as fast as the nodes keep up, no message unanswered."),
+        typer.Option(
+            "--lock-step", help="Replay as fast as the nodes can; wait for each message to be processed."
+        ),
     ] = False,
     record: Annotated[
         list[str] | None,
         typer.Option(
-            "--record", metavar="TOPIC:TYPE", help="Record, such as odometry:nav_msgs/msg/Odometry."
+            "--record",
+            metavar="TOPIC:TYPE",
+            help="Topic to record, such as odometry:nav_msgs/msg/Odometry. Can be repeated.",
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="OUT.mcap", help="Where to record to.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="OUT.mcap", help="File for the recording.")
+    ] = None,
     params: Annotated[
-        Path | None, typer.Option("--params", help="ROS parameter file on top of the shipped ones.")
+        Path | None, typer.Option("--params", help="ROS parameter file. It overrides the shipped ones.")
     ] = None,
     namespace: Annotated[
         str, typer.Option("--namespace", help="Namespace of all nodes, such as /robot1.")

@@ -24,7 +24,7 @@ def segment(
     ] = None,
     topic: TopicToUse = None,
     model_file: Annotated[
-        Path | None, typer.Option("--model", help="A trained model instead of the one that is shipped.")
+        Path | None, typer.Option("--model", help="Use this trained model instead of the shipped one.")
     ] = None,
     pictures: Annotated[
         Path | None, typer.Option("--pictures", help="Folder for pictures of some labelled scans.")

@@ -24,24 +24,25 @@ def slam(
     out: TumFile = None,
     closures: Annotated[
         Path | None,
-        typer.Option("--closures", metavar="C.csv", help="Write the accepted closures."),
+        typer.Option("--closures", metavar="C.csv", help="Write the accepted closures to this file."),
     ] = None,
     map_file: Annotated[
         Path | None,
         typer.Option(
             "--map",
             metavar="M.png",
-            help="Write M.npz, to localise in or go on with, and of scans a picture, M.pgm and M.yaml (map_saver).",
+            help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
         ),
     ] = None,
     in_map: Annotated[
         Path | None,
-        typer.Option("--in-map", metavar="M.npz", help="Localise only, in this map, which stays as it is."),
+        typer.Option("--in-map", metavar="M.npz", help="Only localise in this map; do not change it."),
     ] = None,
     initial: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,YAW", help="With --in-map: first pose in the map, m and rad; looked for otherwise."
+            metavar="X,Y,YAW",
+            help="With --in-map: initial pose in the map, in m and rad. Default: search for it.",
         ),
     ] = None,
     topic: TopicToUse = None,

@@ -32,7 +32,7 @@ def track(
         ),
     ] = None,
     frame: Annotated[
-        Frame, typer.Option(help="Of the tracks: the scanner, or where the robot was at the first scan.")
+        Frame, typer.Option(help="Frame of the tracks: the scanner, or the robot's pose at the first scan.")
     ] = Frame.odom,
     topic: TopicToUse = None,
     wheels: WithWheels = True,

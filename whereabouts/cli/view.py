@@ -20,8 +20,8 @@ def view(
         list[Path] | None,
         typer.Argument(
             metavar="[IN]...",
-            help="ROS bags, shown together: what `run --record` recorded, and the bag it was made from. "
-            "Without one the nodes that run now are shown.",
+            help="ROS bags to show together, such as one from `run --record` and its source. "
+            "Default: show the running nodes.",
         ),
     ] = None,
     save: Annotated[
@@ -30,18 +30,20 @@ def view(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option("--picture", metavar="OUT.png", help="Draw the last state from above; needs no Rerun."),
+        typer.Option("--picture", metavar="OUT.png", help="Draw the last state from above. Needs no Rerun."),
     ] = None,
     until: Annotated[
         float | None,
         typer.Option("--until", min=0.0, help="Stop after this many seconds of the bag, or of listening."),
     ] = None,
     namespace: Annotated[
-        str, typer.Option("--namespace", help="Show one robot of several, such as /robot1.")
+        str, typer.Option("--namespace", help="Show only the robot in this namespace, such as /robot1.")
     ] = "",
     hide: Annotated[
         list[str] | None,
-        typer.Option("--hide", metavar="TOPIC", help="Leave out a bag's topics that begin so; repeatable."),
+        typer.Option(
+            "--hide", metavar="TOPIC", help="Leave out the topics that start with this. Can be repeated."
+        ),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:

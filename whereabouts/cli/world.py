@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 def world(
     source: Annotated[
         Path,
-        typer.Argument(
-            metavar="IN", help="Bag with evidence, detections or targets; or a store to ask questions to."
-        ),
+        typer.Argument(metavar="IN", help="Bag with evidence, detections or targets; or a store to ask."),
     ],
     out: Annotated[
         Path | None,
@@ -34,7 +32,8 @@ def world(
         typer.Option("--events", metavar="events.csv", help="Write what happened to each object."),
     ] = None,
     store: Annotated[
-        Path | None, typer.Option("--store", metavar="world.sqlite", help="Remember the world in this file.")
+        Path | None,
+        typer.Option("--store", metavar="world.sqlite", help="Keep the world in this database file."),
     ] = None,
     params: Annotated[
         Path | None, typer.Option("--params", help="ROS parameter file of the node world_model.")
@@ -47,7 +46,7 @@ def world(
         typer.Option(
             "--look-back",
             metavar="corrected.csv",
-            help="At the end explain what a moving sensor saw anew, and write which object each detection was of.",
+            help="At the end, explain all detections of a moving sensor once more and write the object of each.",
         ),
     ] = None,
     learn: Annotated[
@@ -55,12 +54,12 @@ def world(
         typer.Option(
             "--learn",
             metavar="learned.yaml",
-            help="Learn detection, clutter and noise from the evidence; write a parameter file.",
+            help="Learn the detection probability, clutter and noise from the evidence. Write a parameter file.",
         ),
     ] = None,
     class_name: Annotated[str, typer.Option("--class", help="Ask: objects of this class.")] = "",
     predicate: Annotated[
-        list[str] | None, typer.Option("--predicate", help="Ask: objects of which this symbol holds.")
+        list[str] | None, typer.Option("--predicate", help="Ask: objects with this symbol.")
     ] = None,
     region: Annotated[
         str, typer.Option("--region", help="Ask: objects at this place, or near this object.")
@@ -69,7 +68,7 @@ def world(
     at: Annotated[
         str,
         typer.Option(
-            "--at", help='Ask about then: seconds, 2026-11-21T09:00, 09:00 (last day), or "last_seen".'
+            "--at", help='Ask about this time: seconds, 2026-11-21T09:00, 09:00 (last day), or "last_seen".'
         ),
     ] = "",
     min_probability: Annotated[
@@ -240,7 +239,7 @@ def _answer(
     for answer in answers:
         typer.echo(f"{answer.probability:.2f}  {answer.description}")
     if not answers:
-        typer.echo("nothing meets this")
+        typer.echo("no object matches")
 
 
 def _usable(looks: Iterable[Look], settings: WorldModelParameters) -> Iterator[tuple[float, WorldEvidence]]:
@@ -293,5 +292,5 @@ def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dic
     for name, value in changed.items():
         typer.echo(f"{name}: {getattr(settings.world, name):g} -> {value:g}")
     for name, share in sorted(learned.by_class.items()):
-        typer.echo(f"{name}: detected in {100 * share:.0f} % of the looks at it")
-    typer.echo(f"{len(looks)} looks, {learned.objects} objects, written to {out}")
+        typer.echo(f"{name}: detected in {100 * share:.0f} % of the observations")
+    typer.echo(f"{len(looks)} observations, {learned.objects} objects, written to {out}")

@@ -100,10 +100,10 @@ def judge_tracks(truth: Truth, said: Said) -> tuple[SceneJudgement, Array]:
     return judged, np.array(stamps)
 
 
-def judge_things(truth: Truth, said: Said) -> Identities:
-    """Ids of all things over time, and the account at the end."""
+def judge_things(truth: Truth, said: Mapping[float, list[Thing]]) -> Identities:
+    """Ids of all things over time, and the account at the end. said : worlds by stamp."""
     found = Identities()
-    worlds = sorted(said.worlds)
+    worlds = sorted(said)
     if not worlds or not truth.things:
         return found
     known: list[Thing] = []
@@ -111,14 +111,14 @@ def judge_things(truth: Truth, said: Said) -> Identities:
         index = int(np.searchsorted(worlds, stamp + 0.02)) - 1
         if index < 0:
             continue
-        known = [thing for thing in said.worlds[worlds[index]] if thing.known]
+        known = [thing for thing in said[worlds[index]] if thing.known]
         for name, spot in things.items():
             thing = _nearest(known, truth.kinds[name][0], spot)
             ids = found.ids.setdefault(name, [])
             if thing is not None and (not ids or ids[-1][1] != thing.id):
                 ids.append((stamp, thing.id))
     last = truth.things[max(truth.things)]
-    final = said.worlds[worlds[-1]]
+    final = said[worlds[-1]]
     known = [thing for thing in final if thing.known]
     used = _matched(last, truth.kinds, known)
     found.present, found.right = len(last), len(used)

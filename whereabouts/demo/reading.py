@@ -98,13 +98,14 @@ class Task:
 
 @dataclass
 class Said:
-    """From the recording. corrections : stamps and (3,) of odom in map."""
+    """From the recording. corrections : stamps and (3,) of odom in map. shipped : worlds of the second world model."""
 
     replayed: Replayed
     corrections: list[tuple[float, Array]] = field(default_factory=list)
     people: dict[float, list[Tracked]] = field(default_factory=dict)
     paths: dict[float, list[Prediction]] = field(default_factory=dict)
     worlds: dict[float, list[Thing]] = field(default_factory=dict)
+    shipped: dict[float, list[Thing]] = field(default_factory=dict)
     tasks: list[Task] = field(default_factory=list)
     grid: Grid | None = None
 
@@ -161,6 +162,7 @@ def read_said(recording: Path, bag: Path) -> Said:
         "targets": _take_targets,
         "predicted_paths": _take_paths,
         "world_state": _take_world,
+        "shipped/world_state": _take_shipped,
         "verification_tasks": _take_task,
         "evidence": _take_evidence,
         "map": _take_map,
@@ -203,7 +205,15 @@ def _take_paths(said: Said, stamp: float, message: Any) -> None:
 
 
 def _take_world(said: Said, stamp: float, message: Any) -> None:
-    said.worlds[stamp] = [
+    said.worlds[stamp] = _things(message)
+
+
+def _take_shipped(said: Said, stamp: float, message: Any) -> None:
+    said.shipped[stamp] = _things(message)
+
+
+def _things(message: Any) -> list[Thing]:
+    return [
         Thing(
             item.id,
             _most_probable(item.class_distribution),

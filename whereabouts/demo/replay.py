@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from whereabouts.demo.report import Run
-from whereabouts.demo.suite import RECORDED, parameters
+from whereabouts.demo.suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.demo_director import Director
 from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
@@ -56,6 +56,14 @@ def replay(
         NodeSpec(name, parameters={**REPLAY_PARAMETERS, **given})
         for name, given in parameters(folder).items()
     ]
+    specs.append(
+        NodeSpec(
+            "world_model",
+            BESIDE,
+            parameters={**REPLAY_PARAMETERS, **shipped_parameters(folder)},
+            remappings=shipped_remappings(),
+        )
+    )
     meter = UsageMeter()
     script = script or full_script()
     with Director(script.wanted, script.verify_at, script.search_at) as director:
@@ -74,7 +82,8 @@ def replay(
         def between(message: RawMessage) -> None:
             director.look(message)
             assert run.supervisor is not None
-            meter.look({name: node.process.pid for name, node in run.supervisor.nodes.items()})
+            nodes = run.supervisor.nodes.items()
+            meter.look({name: node.process.pid for name, node in nodes if not name.startswith(BESIDE)})
 
         run.on_message = between
         account = run_suite(run)

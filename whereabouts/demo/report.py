@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from evaluation.experiments.people_judging import SceneJudgement
 from whereabouts.demo import pictures
 from whereabouts.demo.judging import (
+    SAME,
     Identities,
     Trajectories,
     judge_things,
@@ -22,6 +23,7 @@ from whereabouts.demo.judging import (
 )
 from whereabouts.demo.page import Page, Row
 from whereabouts.demo.reading import Said, Truth, read_said, read_truth
+from whereabouts.demo.suite import rates
 from whereabouts.process_usage import Usage
 from whereabouts.simulation.apartment import apartment
 from whereabouts.simulation.apartment_day import MOVED
@@ -64,6 +66,7 @@ class Judged:
     people: SceneJudgement
     people_stamps: Array
     things: Identities
+    shipped: Identities
     run: Run
 
     @property
@@ -77,7 +80,14 @@ def judge(recording: Path, bag: Path, run: Run) -> Judged:
     truth, said = read_truth(bag), read_said(recording, bag)
     people, stamps = judge_tracks(truth, said)
     return Judged(
-        truth, said, judge_trajectories(truth, said), people, stamps, judge_things(truth, said), run
+        truth,
+        said,
+        judge_trajectories(truth, said),
+        people,
+        stamps,
+        judge_things(truth, said.worlds),
+        judge_things(truth, said.shipped),
+        run,
     )
 
 
@@ -98,6 +108,8 @@ def figures(judged: Judged) -> dict[str, Any]:
         "people_false_per_scan": _mean(people.false),
         "people_error_m": _mean(people.errors),
         "people_switches": people.switches if people.labels else 0,
+        "people": len(people.labels[0]) if people.labels else 0,
+        "people_labels": len({int(label) for scan in people.labels for label in scan if label >= 0}),
         "things": things.present,
         "things_right": things.right,
         "things_missing": things.missing,
@@ -106,6 +118,9 @@ def figures(judged: Judged) -> dict[str, Any]:
         "things_kept_name": things.kept,
         "identity_switches": things.switches,
         "thing_error_m": _mean(things.errors),
+        "shipped_things_right": judged.shipped.right,
+        "shipped_things_extra": judged.shipped.extra,
+        "shipped_identity_switches": judged.shipped.switches,
         "processor_s_per_bag_s": sum(u.seconds for u in run.usage.values()) / max(account.bag_seconds, 1e-9),
         "memory_proportional_mib": sum(u.proportional for u in run.usage.values()),
     }
@@ -160,16 +175,30 @@ def summary(found: Mapping[str, Any], judged: Judged) -> list[Row]:
             closed <= WANTED["trajectory"],
         ),
         Row(
-            "people, OSPA (c = 1 m)",
+            "people: OSPA, 1 m at most",
             f"{found['ospa_m']:.2f} m",
             "≤ 0.30 m",
             found["ospa_m"] <= WANTED["ospa"],
         ),
         Row(
-            "things at the end",
-            f"{found['things_right']} of {found['things']} right, {len(found['things_extra'])} too many",
+            "labels for these people; missed and false per scan",
+            f"{found['people_labels']} for {found['people']}; {found['people_missed_per_scan']:.2f} and "
+            f"{found['people_false_per_scan']:.2f}",
+            "one each",
+            found["people_labels"] <= found["people"],
+        ),
+        Row(
+            f"things at the end: right class, within {SAME:g} m",
+            f"{found['things_right']} of {found['things']}, {len(found['things_extra'])} too many",
             "all, none",
             right,
+        ),
+        Row(
+            "the same with the shipped rates",
+            f"{found['shipped_things_right']} of {found['things']}, {len(found['shipped_things_extra'])} too many, "
+            f"{found['shipped_identity_switches']} changes of a name",
+            "all, none",
+            found["shipped_things_right"] == found["things"] and not found["shipped_things_extra"],
         ),
         Row(
             "things that end under their first name",
@@ -258,6 +287,12 @@ def _things(page: Page, folder: Path, judged: Judged, home: Any) -> None:
     page.table(("thing", "known as, since", "at the end"), rows)
     if found.extra:
         page.text(f"Believed in at the end, and nothing: {', '.join(found.extra)}.")
+    page.text(
+        "The world model of this run was told how good its camera is and how often things come and go at home. "
+        "These rates were chosen on this day. A second world model heard the same and kept the shipped rates."
+    )
+    given = [(name, f"{own:g}", f"{shipped:g}") for name, (own, shipped) in rates(folder).items()]
+    page.table(("rate", "given here", "shipped"), given, numbers=True)
     told = judged.run.told
     for question, answers in (told.answers if told is not None else {}).items():
         page.text(f"“{question}” {'; '.join(answers) or 'nothing is known'}.")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from whereabouts.interfaces import NODE_INTERFACES
+from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts.simulation.apartment import places_file
 from whereabouts.simulation.apartment_camera import Camera
 from whereabouts.simulation.apartment_day import LOOK_RATE, THINGS
@@ -21,7 +23,18 @@ RECORDED = [
     ("verification_tasks", "whereabouts_msgs/msg/VerificationTask"),
     ("evidence", "whereabouts_msgs/msg/WorldEvidence"),
     ("diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+    ("shipped/world_state", "whereabouts_msgs/msg/WorldState"),
 ]
+BESIDE = "/shipped"
+"""Namespace of a second world model, which hears the same and keeps the rates that are shipped."""
+RATES = (
+    "detection_probability",
+    "clutter_per_frame",
+    "class_accuracy",
+    "new_objects_per_second",
+    "removed_per_second",
+)
+"""What the demo's world model is told of its camera and its home."""
 
 
 def parameters(folder: Path) -> dict[str, dict[str, Any]]:
@@ -61,3 +74,21 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
         "verifier": {},
         "object_search": {"places_file": places, "together_distance": 1.5},
     }
+
+
+def shipped_parameters(folder: Path) -> dict[str, Any]:
+    """Those of the second world model: the same home, the shipped rates."""
+    given = parameters(folder)["world_model"]
+    return {name: value for name, value in given.items() if name not in (*RATES, "store_path")}
+
+
+def shipped_remappings() -> dict[str, str]:
+    """The second world model listens where the first one does."""
+    inputs = [item.name for item in NODE_INTERFACES["world_model"] if item.way.startswith("in")]
+    return {name: f"/{name}" for name in inputs}
+
+
+def rates(folder: Path) -> dict[str, tuple[float, float]]:
+    """What the demo's world model was given of `RATES`, and what is shipped."""
+    given, shipped = parameters(folder)["world_model"], WorldModelParameters()
+    return {name: (float(given[name]), float(getattr(shipped, name))) for name in RATES}

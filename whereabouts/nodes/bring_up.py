@@ -132,8 +132,10 @@ def watch(clients: Sequence[LifecycleClient]) -> None:
 def main() -> None:
     """The executable: `bring_up [--watch] NODE...`."""
     parser = argparse.ArgumentParser(prog="bring_up", description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("nodes", nargs="+", metavar="NODE", help="names of lifecycle nodes, in order")
-    parser.add_argument("--watch", action="store_true", help="stay, and bring up what was started again")
+    parser.add_argument("nodes", nargs="+", metavar="NODE", help="lifecycle nodes to bring up, in order")
+    parser.add_argument(
+        "--watch", action="store_true", help="keep running, and bring up nodes that start again"
+    )
     given = parser.parse_args(remove_ros_args(sys.argv)[1:])
     try:
         with lifecycle_clients(given.nodes, arguments=sys.argv) as clients:

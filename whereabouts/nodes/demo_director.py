@@ -122,7 +122,7 @@ class Director:
     def _search(self) -> None:
         self.account.started = self._now
         if not self._find.wait_for_server(PATIENCE):
-            self.account.outcome = "nobody serves find_object"
+            self.account.outcome = "no node offers the action find_object"
             return
         goal = FindObject.Goal(class_name=self.account.search)
         future = self._find.send_goal_async(goal, feedback_callback=self._told)

@@ -27,11 +27,11 @@ from launch_ros.actions import LifecycleNode, Node
 # Name: default and meaning.
 ARGUMENTS = {
     "namespace": ("", "namespace of the nodes, such as robot1"),
-    "params_file": ("", "ROS parameter file on top of the one shipped with each node"),
-    "use_sim_time": ("auto", "true: follow /clock; auto: only where a bag is played"),
-    "bag": ("", "play this bag, with its clock, once all nodes are active"),
+    "params_file": ("", "ROS parameter file; it overrides the shipped one of each node"),
+    "use_sim_time": ("auto", "true: use /clock; auto: use it only if a bag is played"),
+    "bag": ("", "play this bag with its clock as soon as all nodes are active"),
     "rviz": ("false", "true: show everything in RViz"),
-    "autostart": ("true", "false: leave the nodes unconfigured, to a lifecycle manager"),
+    "autostart": ("true", "false: leave the nodes unconfigured for a lifecycle manager"),
 }
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 RESPAWN_DELAY = 1.0

@@ -202,7 +202,7 @@ class LoopClosureNode(SuiteNode):
             return
         self._correction = spatial(correction) if planar(correction) else pose_from_matrix(correction)
         if located.sure and self._extend:
-            self.get_logger().info("the robot is found in the map; the map is extended from here")
+            self.get_logger().info("the robot was found in the map. The map is extended from here")
             self._slam.resume(correction)
             self._localizer = None
 
@@ -212,7 +212,7 @@ class LoopClosureNode(SuiteNode):
                 f"initialpose in frame {message.header.frame_id!r}: {self.settings.map_frame!r} expected"
             )
         if self._localizer is None:
-            self.complain("initialpose: the map is being made here, and the robot's place in it is known")
+            self.complain("initialpose is ignored: this run builds the map, so the pose is known")
             return
         pose = pose_from_message(message.pose.pose)[PLANAR]
         variance = np.array(message.pose.covariance).reshape(6, 6)
@@ -284,7 +284,7 @@ class LoopClosureNode(SuiteNode):
     def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         stem = request.path or self.settings.map_file
         if not stem:
-            raise InputError("path: where to save is neither in the request nor in the parameter map_file")
+            raise InputError("no path to save to: name one in the request or in the parameter map_file")
         if not len(self._slam.keyframes):
             raise InputError("there is no map yet")
         response.path = str(self._write(_stem(stem)))
@@ -307,7 +307,7 @@ class LoopClosureNode(SuiteNode):
     def _load(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
         stem = request.path or self.settings.map_file
         if not stem:
-            raise InputError("path: what to load is neither in the request nor in the parameter map_file")
+            raise InputError("no path to load from: name one in the request or in the parameter map_file")
         initial: Array | None = None
         frame = frame_name(request.initial_pose.header.frame_id)
         if frame:
@@ -334,7 +334,9 @@ class LoopClosureNode(SuiteNode):
         self._extend = not localization_only
         self._correction, self._located = None, False
         self._changed = True
-        self.get_logger().info(f"{path}: {len(slam.keyframes)} keyframes; looking for the robot in them")
+        self.get_logger().info(
+            f"{path}: {len(slam.keyframes)} keyframes; the robot is now searched in this map"
+        )
         return len(slam.keyframes)
 
 

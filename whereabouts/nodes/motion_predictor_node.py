@@ -78,7 +78,7 @@ class MotionPredictorNode(SuiteNode):
         }
         if self._predictions:
             figures["novelty"] = round(float(np.mean([p.novelty for p in self._predictions.values()])), 3)
-        figures |= {f"taught nothing, {reason}": count for reason, count in sorted(self._refused.items())}
+        figures |= {f"not learned, {reason}": count for reason, count in sorted(self._refused.items())}
         figures |= {f"left out, {reason}": count for reason, count in sorted(self._dropped.items())}
         return Health("predicting" if self._predictions else "waiting for people", figures=figures)
 
@@ -96,7 +96,7 @@ class MotionPredictorNode(SuiteNode):
         loaded = IntentionModel.load(path, self.settings.map_id)
         if loaded.config.method != self.settings.method:
             raise InputError(
-                f"{path}: was learned with method {loaded.config.method!r}, not {self.settings.method!r}"
+                f"{path}: the model was learned with method {loaded.config.method!r}, not {self.settings.method!r}"
             )
         self._model = loaded
 
@@ -171,7 +171,7 @@ class MotionPredictorNode(SuiteNode):
     def _path(self, request: Any) -> Path:
         path = request.path or self.settings.model_path
         if not path:
-            raise InputError("path: neither the request nor the parameter model_path names a file")
+            raise InputError("no path: name a file in the request or in the parameter model_path")
         return Path(path)
 
 

@@ -112,7 +112,10 @@ class ObjectSearchNode(SuiteNode):
         result = FindObject.Result()
         if not wanted:
             handle.abort()
-            result.code, result.message = result.REFUSED, "class_name and object_id are both empty"
+            result.code, result.message = (
+                result.REFUSED,
+                "class_name and object_id are both empty: name what to look for",
+            )
             return result
         self._serial += 1
         serial = self._serial
@@ -167,7 +170,7 @@ class ObjectSearchNode(SuiteNode):
                 handle.abort()
                 result.code = result.GAVE_UP
                 result.message = (
-                    f"gave up after {result.distance:.1f} m and {elapsed:.0f} s; last: {self._reason}"
+                    f"Gave up after {result.distance:.1f} m and {elapsed:.0f} s; last: {self._reason}"
                 )
                 return
             if pose is None:
@@ -186,7 +189,7 @@ class ObjectSearchNode(SuiteNode):
                 return self._search.next_goal(self._observed(pose), wanted, pose)
             self._arrived = None
             if self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
-                self.complain(f"a goal is not reached, another is tried: {step.reason}", key="goal")
+                self.complain(f"a goal was not reached. The next one: {step.reason}", key="goal")
                 self._search.reached(step.goal)
         return self._search.next_goal(self._observed(pose), wanted, pose)
 

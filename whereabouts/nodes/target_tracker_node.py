@@ -117,7 +117,7 @@ class TargetTrackerNode(SuiteNode):
         pose = level_pose(mounting)
         if pose is None:
             raise InputError(
-                f"scanner {message.header.frame_id!r} is tilted: people are looked for in a level plane"
+                f"scanner {message.header.frame_id!r} is tilted, but people are only found in a level plane"
             )
         segments = self._segments.get(stamp) if settings.use_segments else None
         labels = None if segments is None else labels_from_segments(segments, len(scan))

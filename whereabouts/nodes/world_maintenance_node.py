@@ -145,16 +145,14 @@ class WorldMaintenanceNode(SuiteNode):
             able = [item for item in of_class if not item.lost]
             if not able:
                 missed = max(of_class, key=lambda item: item.existence).id
-                raise InputError(
-                    f"{missed} was not where it was looked for, and has not been seen since: have it searched for"
-                )
+                raise InputError(f"{missed} was not at its place and was not seen since: use find_object")
             name = max(able, key=lambda item: item.existence).id
         elif all(item.id != name for item in known):
             raise InputError(f"object '{name}' is unknown")
         self._want(name)
         response.merged = not self._maintenance.trigger(name, request.requester or "a task")
         response.object_id = name
-        response.code, response.message = response.SUCCESS, f"{name} will be looked at"
+        response.code, response.message = response.SUCCESS, f"{name} is next to be observed"
         return response
 
     # Decisions.
@@ -191,7 +189,7 @@ class WorldMaintenanceNode(SuiteNode):
         if np.hypot(*(task.goal[:2] - pose[:2])) <= self.settings.arrival_distance:
             self._verify(task)
         elif now - self._since > self.settings.task_timeout:
-            self.complain(f"{task.object_id}: its goal was not reached in time", key="goal")
+            self.complain(f"{task.object_id}: the robot did not reach the goal in time", key="goal")
             self._finish(task, "occluded")
 
     def _publish(self, task: VerificationTask) -> None:
@@ -213,7 +211,7 @@ class WorldMaintenanceNode(SuiteNode):
     def _unreachable(self, task: VerificationTask) -> None:
         """nav2 cannot get there: another task, this one from another side later."""
         if self._task is task and not self._verifying:
-            self.complain(f"{task.object_id}: nav2 cannot reach its goal", key="goal")
+            self.complain(f"{task.object_id}: nav2 cannot reach the goal", key="goal")
             self._finish(task, "occluded")
 
     def _attributes(self, task: VerificationTask) -> list[Attribute]:
@@ -228,7 +226,7 @@ class WorldMaintenanceNode(SuiteNode):
     def _verify(self, task: VerificationTask) -> None:
         if not self._verifier.server_is_ready():
             # It may not have been found yet, or be on its way back.
-            self.complain("nobody serves verify_object", key="verifier")
+            self.complain("no node offers the action verify_object", key="verifier")
             if self._now() - self._since > self.settings.task_timeout:
                 self._finish(task, "occluded")
             return
@@ -277,7 +275,7 @@ class WorldMaintenanceNode(SuiteNode):
         self._vain[task.object_id] = self._vain.get(task.object_id, 0) + 1
         if self._vain[task.object_id] < self.settings.looks_before_lost:
             self._finish(task, "occluded")
-            self._maintenance.trigger(task.object_id, task.trigger or "a look in vain")
+            self._maintenance.trigger(task.object_id, task.trigger or "a failed observation")
             return
         del self._vain[task.object_id]
         missing = ObjectEvidence(detection_id=NOT_FOUND, object_id=task.object_id)
@@ -310,7 +308,7 @@ class WorldMaintenanceNode(SuiteNode):
         if self._finder is None:
             return
         if not self._finder.server_is_ready():
-            self.complain(f"{object_id} is lost, and nobody serves find_object", key="search")
+            self.complain(f"{object_id} is lost, and no node offers the action find_object", key="search")
             return
         others = any(
             item.id != object_id and not item.lost and item.most_probable("class") == class_name

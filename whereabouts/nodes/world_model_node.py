@@ -159,8 +159,8 @@ class WorldModelNode(SuiteNode):
         figures: dict[str, object] = dict(self._model.health)
         figures["run"] = self._model.epoch
         figures["updates"] = self._updates
-        figures["people in other evidence, left out"] = self._left_out
-        figures["detections in unknown words, left out"] = self._refused
+        figures["people in other evidence, ignored"] = self._left_out
+        figures["detections with unknown words, ignored"] = self._refused
         if self._durations:
             p50, p99 = np.percentile(self._durations, [50, 99]) * 1e3
             figures |= {"update p50 [ms]": float(p50), "update p99 [ms]": float(p99)}
@@ -272,7 +272,7 @@ class WorldModelNode(SuiteNode):
         kept, refused = self.model.usable(evidence)
         self._refused += len(refused)
         for reason in refused.values():
-            self.complain(f"a detection is left out: {reason}", key="words")
+            self.complain(f"a detection is ignored: {reason}", key="words")
         return kept, refused
 
     def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:
@@ -377,7 +377,7 @@ class WorldModelNode(SuiteNode):
     def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
         store = self.model.store
         if store is None:
-            raise InputError("there is no store: the parameter store_path is empty")
+            raise InputError("there is no store: set the parameter store_path")
         response.path = str(store.save(request.path or None))
         response.code, response.message = response.SUCCESS, "written"
         return response

@@ -30,11 +30,11 @@ class NodeParameters(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     autostart: bool = setting(
-        True, "configure and activate by itself; false leaves that to a lifecycle manager", fixed=True
+        True, "the node configures and activates itself; false leaves that to a lifecycle manager", fixed=True
     )
     late_window: float = setting(
         1.0,
-        "a stamp this far behind the newest one is late and still handled; further back is a new run",
+        "a stamp up to this much older than the newest is late and still used; an older one starts a new run",
         unit="s",
         ge=0.0,
         le=60.0,
@@ -59,5 +59,5 @@ class FrameParameters(NodeParameters):
     """Parameters of nodes that work in the frames of REP-105."""
 
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
-    odom_frame: str = setting("odom", "continuous frame that drifts", fixed=True)
+    odom_frame: str = setting("odom", "odometry frame: continuous, but drifts", fixed=True)
     publish_tf: bool = setting(True, "publish the node's transform on tf")

@@ -16,28 +16,28 @@ _WithIntentions = create_model("_WithIntentions", __base__=NodeParameters, **set
 class MotionPredictorParameters(_WithIntentions):  # type: ignore[valid-type, misc]
     """Parameters of `motion_predictor`: its own, and all settings of `IntentionConfig`."""
 
-    map_frame: str = setting("map", "frame in which is learned and predicted", fixed=True)
+    map_frame: str = setting("map", "frame of the learned walks and of the predictions", fixed=True)
     map_id: str = setting("", "name of the map; a saved model of another map is refused", fixed=True)
     model_path: str = setting(
-        "", "file of ~/save and ~/load without a path; read at the start where it exists", fixed=True
+        "", "file that ~/save and ~/load use without a path; read at the start if it exists", fixed=True
     )
-    rate: float = setting(5.0, "predictions per second, by the targets' stamps", unit="Hz", ge=0.1, le=100.0)
+    rate: float = setting(5.0, "predictions per second of sensor time", unit="Hz", ge=0.1, le=100.0)
     horizon: float = setting(5.0, "how far ahead is predicted", unit="s", ge=0.1, le=60.0)
     point_interval: float = setting(
         0.5, "time between published points of a path", unit="s", ge=0.05, le=10.0
     )
     track_timeout: float = setting(
         2.0,
-        "time without an observation after which a track has ended and is learned",
+        "a track ends, and is learned, after this time without an observation",
         unit="s",
         ge=0.1,
         le=60.0,
         fixed=True,
     )
-    learn: bool = setting(True, "learn from tracks that ended")
+    learn: bool = setting(True, "learn from finished tracks")
     person_probability: float = setting(
         0.3,
-        "targets that are a person with less than this are left out; without classes all are taken",
+        "targets less likely to be a person than this are ignored; targets without classes are all taken",
         ge=0,
         le=1,
     )
@@ -48,7 +48,7 @@ class MotionPredictorParameters(_WithIntentions):  # type: ignore[valid-type, mi
         3.0, "how far ahead the predicted occupancy reaches", unit="s", ge=0.0, le=60.0
     )
     occupancy_probability: float = setting(
-        0.2, "paths to goals less probable than this occupy nothing", ge=0.0, le=1.0
+        0.2, "paths to goals less probable than this are left out of predicted_occupancy", ge=0.0, le=1.0
     )
     occupancy_height: float = setting(0.5, "height of the occupied points", unit="m", ge=0.0, le=3.0)
 

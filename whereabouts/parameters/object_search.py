@@ -23,19 +23,19 @@ class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
     relations_file: str = setting(
         "",
-        "YAML of what is found with what, or folder of LabelMe annotations; empty: what ships",
+        "YAML file with relations between objects, or a folder of LabelMe annotations; empty: the shipped ones",
         fixed=True,
     )
     places_file: str = setting("", "YAML with rooms and furniture; empty: none", fixed=True)
     arrival_distance: float = setting(
-        0.6, "this near to a goal it counts as reached", unit="m", ge=0.05, le=10.0
+        0.6, "a goal counts as reached within this distance", unit="m", ge=0.05, le=10.0
     )
-    belief: float = setting(0.5, "existence probability from which an object is believed in", ge=0.0, le=1.0)
-    learn: bool = setting(True, "refine the relations by what the world model sees together")
+    belief: float = setting(0.5, "objects less probable to exist than this are ignored", ge=0.0, le=1.0)
+    learn: bool = setting(True, "refine the relations with what the world model sees together")
     together_distance: float = setting(
-        3.0, "objects this near to each other are seen together", unit="m", ge=0.1, le=50.0
+        3.0, "objects closer than this count as seen together", unit="m", ge=0.1, le=50.0
     )
-    rate: float = setting(5.0, "looks at the world per second while searching", unit="Hz", ge=0.5, le=50.0)
+    rate: float = setting(5.0, "decisions per second while searching", unit="Hz", ge=0.5, le=50.0)
 
     @property
     def search(self) -> SearchConfig:

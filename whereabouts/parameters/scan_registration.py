@@ -24,17 +24,17 @@ class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, mis
 
     scan_topics: list[str] = setting(
         ["scan"],
-        "topics of planar scanners; those after the first are joined to its scans; [''] for none",
+        "topics of planar scanners; scans of the others are joined to those of the first; [''] for none",
         fixed=True,
     )
     cloud_topics: list[str] = setting(
         [""], "topics of 3D scanners; used instead of scans if given", fixed=True
     )
-    use_wheel_odometry: bool = setting(True, "take wheel_odom, where it arrives, as the first guess")
+    use_wheel_odometry: bool = setting(True, "use wheel_odom, if it arrives, as initial guess")
     max_wheel_age: float = setting(
-        0.5, "wheel odometry older than this before a scan is not used", unit="s", ge=0.0, le=10.0
+        0.5, "wheel odometry older than this is not used for a scan", unit="s", ge=0.0, le=10.0
     )
-    publish_static_points: bool = setting(True, "publish static_points, the scan without movers")
+    publish_static_points: bool = setting(True, "publish static_points, the scan without what moves")
 
     @field_validator("scan_topics", "cloud_topics")
     @classmethod

@@ -19,15 +19,15 @@ class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
     """Parameters of `target_tracker`: its own, and all settings of `PeopleConfig`."""
 
     odom_frame: str = setting("odom", "frame in which people are tracked and published", fixed=True)
-    use_segments: bool = setting(True, "use what scan registration says moves, where it arrives in time")
+    use_segments: bool = setting(True, "use the labels of scan_registration, if they arrive in time")
     drift_window: float = setting(
         30.0,
-        "odometry's own covariance counts from this long ago, 0 from its start: it grows for ever",
+        "odometry's drift counts over this last time; 0 counts it from the start, where it grows for ever",
         unit="s",
         ge=0.0,
         le=1e6,
     )
-    trail: float = setting(10.0, "length of the trails among the markers", unit="s", ge=0.0, le=600.0)
+    trail: float = setting(10.0, "length of the trails in the markers", unit="s", ge=0.0, le=600.0)
 
     @property
     def people(self) -> PeopleConfig:

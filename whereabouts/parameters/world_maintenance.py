@@ -24,29 +24,31 @@ class WorldMaintenanceParameters(_WithMaintenance):  # type: ignore[valid-type, 
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
     rate: float = setting(1.0, "decisions per second", unit="Hz", ge=0.05, le=20.0, fixed=True)
     sensors: list[str] = setting(["camera"], "names of the sensors that can verify", fixed=True)
-    sensor_range_min: list[float] = setting([0.4], "of each sensor, m", fixed=True)
-    sensor_range_max: list[float] = setting([2.0], "of each sensor, m", fixed=True)
-    sensor_sigma: list[float] = setting([0.05], "of each sensor's measured position per axis, m", fixed=True)
-    sensor_cost: list[float] = setting([0.0], "metres of driving a look is worth, per sensor", fixed=True)
+    sensor_range_min: list[float] = setting([0.4], "shortest range of each sensor, m", fixed=True)
+    sensor_range_max: list[float] = setting([2.0], "longest range of each sensor, m", fixed=True)
+    sensor_sigma: list[float] = setting(
+        [0.05], "standard deviation of each sensor's positions per axis, m", fixed=True
+    )
+    sensor_cost: list[float] = setting(
+        [0.0], "cost of an observation by each sensor, in metres of driving", fixed=True
+    )
     opening: float = setting(
-        6.2832, "full angle of view of the sensors", unit="rad", ge=0.05, le=6.2832, fixed=True
+        6.2832, "field of view of the sensors (full angle)", unit="rad", ge=0.05, le=6.2832, fixed=True
     )
     class_names: list[str] = setting([""], "classes with a threshold and a weight of their own", fixed=True)
     class_values: list[float] = setting([0.0], "their thresholds, nat", fixed=True)
     class_weights: list[float] = setting([1.0], "their weights on the gain", fixed=True)
     arrival_distance: float = setting(
-        0.3, "this near to a goal it counts as reached", unit="m", ge=0.05, le=5.0
+        0.3, "a goal counts as reached within this distance", unit="m", ge=0.05, le=5.0
     )
     task_timeout: float = setting(
-        120.0, "a goal that is not reached by then is given up for a while", unit="s", ge=1.0, le=3600.0
+        120.0, "a goal not reached in this time is given up for a while", unit="s", ge=1.0, le=3600.0
     )
-    verify_timeout: float = setting(5.0, "for the verifier to decide", unit="s", ge=0.1, le=120.0)
+    verify_timeout: float = setting(5.0, "time limit for the verifier", unit="s", ge=0.1, le=120.0)
     looks_before_lost: int = setting(
-        2, "looks in vain, each from nearer, before an object is lost", ge=1, le=10
+        2, "an object is lost after this many failed observations, each from nearer", ge=1, le=10
     )
-    search_for_lost: bool = setting(
-        False, "have what was looked for in vain searched for by find_object", fixed=True
-    )
+    search_for_lost: bool = setting(False, "ask object_search to find lost objects", fixed=True)
     navigate: bool = setting(False, "send goals to nav2's navigate_to_pose as well", fixed=True)
 
     @model_validator(mode="after")

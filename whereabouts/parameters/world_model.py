@@ -25,57 +25,57 @@ _WithWorld = create_model("_WithWorld", __base__=NodeParameters, **_taken)  # ty
 class WorldModelParameters(_WithWorld):  # type: ignore[valid-type, misc]
     """Parameters of `world_model`: its own, and the settings of `WorldModelConfig`."""
 
-    map_frame: str = setting("map", "frame of the world: of all that is stored and published", fixed=True)
-    base_frame: str = setting(
-        "base_link", "frame of the robot, whose pose in the map is uncertain", fixed=True
-    )
-    classes: list[str] = setting(
-        [""], "names of the classes there are; [''] takes any name as it comes", fixed=True
-    )
-    colors: list[str] = setting(
-        [""], "names of the colours there are; [''] takes any name as it comes", fixed=True
-    )
+    map_frame: str = setting("map", "frame of everything that is stored and published", fixed=True)
+    base_frame: str = setting("base_link", "frame of the robot", fixed=True)
+    classes: list[str] = setting([""], "known classes; [''] takes any name", fixed=True)
+    colors: list[str] = setting([""], "known colours; [''] takes any name", fixed=True)
     attributes: list[str] = setting(
         ["shape", "size", "material"], "attributes with named values, besides class and color", fixed=True
     )
     region: list[float] = setting(
         [-10.0, 10.0, -10.0, 10.0, -0.5, 3.0],
-        "where objects are, in m: x from, x to, y from, y to, z from, z to",
+        "region that holds all objects, in m: x from, x to, y from, y to, z from, z to",
         fixed=True,
     )
     behaviors_file: str = setting(
-        "", "YAML with the behaviour of each class; empty: world_model/defaults/classes.yaml", fixed=True
+        "", "YAML file with the motion of each class; empty: world_model/defaults/classes.yaml", fixed=True
     )
     predicates_file: str = setting(
-        "", "YAML with what words stand for; empty: world_model/defaults/predicates.yaml", fixed=True
+        "", "YAML file that defines symbols; empty: world_model/defaults/predicates.yaml", fixed=True
     )
     places_file: str = setting(
         "", "YAML with rooms and furniture, as world_model/defaults/home.yaml; empty: none", fixed=True
     )
     store_path: str = setting(
-        "", "file that remembers the world; empty: it is forgotten when the node ends", fixed=True
+        "", "database file that keeps the world; empty: the world is forgotten when the node ends", fixed=True
     )
     history_limit: int = setting(
         LIMIT, "rows of history in the store; older ones are thinned out", ge=100, le=100_000_000, fixed=True
     )
-    people_from_targets: bool = setting(
-        True, "once targets arrive, people come by that topic only; people in other evidence are left out"
-    )
+    people_from_targets: bool = setting(True, "once targets arrive, ignore people in other evidence")
     target_period: float = setting(
         0.5,
-        "targets are filtered, so that they are taken as measurements this far apart",
+        "time between targets that are used: they are filtered already, so nearer ones are not independent",
         unit="s",
         ge=0,
         le=10,
     )
     position_sigma: float = setting(
-        0.03, "of the robot in the map, until robot_pose says it; per axis", unit="m", ge=0.0, le=10.0
+        0.03,
+        "standard deviation of the robot's position per axis, until robot_pose arrives",
+        unit="m",
+        ge=0.0,
+        le=10.0,
     )
     heading_sigma: float = setting(
-        0.01, "of the robot in the map, until robot_pose says it", unit="rad", ge=0.0, le=1.0
+        0.01,
+        "standard deviation of the robot's heading, until robot_pose arrives",
+        unit="rad",
+        ge=0.0,
+        le=1.0,
     )
     hypotheses_period: float = setting(0.2, "time between published hypotheses", unit="s", ge=0.0, le=60.0)
-    published_hypotheses: int = setting(20, "most hypotheses in a message", ge=1, le=1000)
+    published_hypotheses: int = setting(20, "largest number of hypotheses in a message", ge=1, le=1000)
 
     @field_validator("region")
     @classmethod
