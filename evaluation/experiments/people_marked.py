@@ -77,8 +77,8 @@ def marked_legs(options: Options, report: Report) -> None:
     samples["all"] = total.marks
     note = (
         "People walk about among furniture; the shape model was trained anew without the recording that judges. "
-        "Followed: a person within 0.75 m of the mark. Not everybody is marked, in 5 nobody: people elsewhere are false ones and "
-        "unmarked ones."
+        "Followed: a person within 0.75 m of the mark. Not everybody is marked, in 5 nobody: people elsewhere are "
+        "false ones and unmarked ones."
     )
     columns = ["recording", "marked legs followed, % ↑", "people elsewhere, /scan", "marks", "scans"]
     report.tables.append(

@@ -75,7 +75,6 @@ def marks_of(path: Path) -> list[tuple[Scan, Array]]:
 
 def marked(path: Path) -> list[Examples]:
     """Legs marked in a recording; unmarked clusters are left out, as not all people are marked."""
-    rows = []
     rows: list[Array] = []
     for scan, legs in marks_of(path):
         for every in SPARSE:
