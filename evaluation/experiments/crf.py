@@ -132,8 +132,8 @@ def _table_of_motions(found: dict[str, list[Scores]], report: Report) -> None:
     texts = {"text: rotation": "Table III", "text: translation": "Table III"}
     note = (
         "Mean error of motions, translation where the object is. First of correctly clustered objects and the "
-        "background, then of these objects alone, then of all objects (those not found taken to stand) and the background; on the "
-        f"same: where both the technique and the joint model are right. {total} objects with the first seed."
+        "background, then of these objects alone, then of all objects (those not found taken to stand) and the "
+        f"background; on the same: where both the technique and the joint model are right. {total} objects with the first seed."
     )
     report.tables.append(
         Table(
