@@ -77,8 +77,8 @@ def _tables(options: Options, report: Report) -> None:
     found = leave_one_out(pairs, left, options.jobs)
     names = ["accuracy, % ↑", "SED ↓", "outliers, %", "outliers found, % ↑"]
     note = (
-        "Simulated pairs of streets as the text describes them, each judged by models learned from the 30 others; SED: "
-        "string edit distance."
+        "Simulated pairs of streets as the text describes them, each judged by models learned from the 30 "
+        "others; SED: string edit distance."
     )
     for title, kind, theirs in (
         ("Table I: association", "association", THEIRS_I),
@@ -131,9 +131,10 @@ def _table_of_motions(found: dict[str, list[Scores]], report: Report) -> None:
     columns += ["on the same, m ↓", "joint model on the same, m ↓", "objects right ↑"]
     texts = {"text: rotation": "Table III", "text: translation": "Table III"}
     note = (
-        "Mean error of motions, translation where the object is. First of correctly clustered objects and the "
-        "background, then of these objects alone, then of all objects (those not found taken to stand) and the "
-        f"background; on the same: where both the technique and the joint model are right. {total} objects with the first seed."
+        "Mean error of motions, translation where the object is. First of correctly clustered objects and "
+        "the background, then of these objects alone, then of all objects (those not found taken to stand)"
+        f" and the background; on the same: where both the technique and the joint model are right. {total}"
+        " objects with the first seed."
     )
     report.tables.append(
         Table(
