@@ -35,7 +35,7 @@ def filled(options: Options, report: Report) -> None:
     rows: list[list[object]] = []
     low = 0.0
     for high, (refused, right, wrong) in zip(SHARES, answers.tolist(), strict=True):
-        rows.append([f"{100.0 * low:.0f} to {100.0 * high:.0f} %", right, refused, wrong])
+        rows.append([f"{100.0 * low:.0f} to {100.0 * high:.0f} % of the beams", right, refused, wrong])
         low = high
     note = (
         f"A box 0.3 to 1 m off in streets, halls and offices. Numbers of pairs; wrong: sure, and off by over "

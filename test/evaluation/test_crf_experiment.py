@@ -43,7 +43,7 @@ def test_a_scan_half_filled_by_a_mover_is_told_right_or_refused(tmp_path: Path) 
     report = Report("crf")
     filled(Options(tmp_path, seed=3, quick=True), report)
     figures = report.every_figure()
-    rows = ("0-to-20-percent", "20-to-35-percent", "35-to-50-percent")
+    rows = [f"{share}-percent-of-the-beams" for share in ("0-to-20", "20-to-35", "35-to-50")]
     right, wrong = (
         sum(figures[f"filled/{row}/{answer}"].value for row in rows) for answer in ("right", "wrong")
     )
