@@ -202,10 +202,15 @@ def _home(options: Options, report: Report) -> None:
     """The demo's home on other days: who lives there comes and goes, stands about and is found again."""
     # The demo shows day 20; `located` was chosen on days 21 and 22.
     day = int(np.random.default_rng([options.seed, 6]).integers(1000, 2**31))
-    judged = judge_home(day, 60.0 if options.quick else None)
+    judged = judge_home(day, 180.0 if options.quick else None)
     figures = _figures([judged])
     figures[4] = judged.switches / (len(judged.labels[0]) * len(judged.labels) / SCAN_RATE / 60.0)
-    note = "Another day for each seed, none of which anything was chosen on. Label changes per person and minute."
+    note = (
+        "Another day for each seed, none of which anything was chosen on. Label changes per person and "
+        "minute. Who sits still from the first scan on is not found before he walks."
+    )
+    if options.quick:
+        note += " The first three minutes of each day."
     report.tables.append(
         Table(
             "A home with three people",

@@ -87,7 +87,7 @@ def _figure_3(options: Options, report: Report) -> None:
 
 def _crossings(options: Options, report: Report) -> None:
     """Do labels survive?"""
-    count = options.share(200, 20)
+    count = options.share(500, 100)
     rows: list[list[Any]] = []
     for name in ("PMBM (default)", "ET-GM-PHD (the text)"):
         calls = [(FILTERS[name], [options.seed, 2, r]) for r in range(count)]
