@@ -51,7 +51,7 @@ COLUMNS = [
     "revisits closed, % ↑", "with overlap closed, % ↑", "relations, m ↓", "spread of relations, m ↓",
     "turn of relations, ° ↓", "within 2 m, m ↓", "real time, × ↑", "keyframes",
 ]  # fmt: skip
-note = (
+NOTE = (
     "False: a closure more than 0.5 m or 10° off the reference; at Killian Court 3 m, as its reference is "
     "itself off by more than a metre. Poses of csail's reference that jump by more than 0.4 m against "
     "odometry on both sides are not used. Largest miss: of all closures, in position. Revisit: a keyframe "
