@@ -61,7 +61,7 @@ def draw(out: Path, name: str, runs: dict[str, np.ndarray], scene: TargetScene) 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     scans = np.arange(1, len(scene) + 1)
     for label, values in runs.items():
         mean, deviation = values[:, :, 0].mean(0), values[:, :, 0].std(0)
@@ -71,9 +71,8 @@ def draw(out: Path, name: str, runs: dict[str, np.ndarray], scene: TargetScene) 
     right.plot(scans, [len(there) for there in scene.positions], "k:", label="true")
     left.set(xlabel="scan", ylabel="OSPA, m", ylim=(0, None))
     right.set(xlabel="scan", ylabel="expected number of targets", ylim=(0, 6))
-    left.legend(fontsize=7)
+    figure.legend(*left.get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside lower center")
     path = out / f"{name}.png"
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
+    figure.savefig(path, dpi=75)
     plt.close(figure)
     return path
