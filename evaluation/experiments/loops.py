@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.experiments.loops_across import across_places, shipped_models
+from evaluation.experiments.loops_across import UNSEEN, across_places, shipped_models
 from evaluation.experiments.loops_changes import dynamic_objects, likelihood_matrix, translation
 from evaluation.experiments.loops_data import Reading, read_recording
 from evaluation.experiments.loops_features import informative_features, repetitive_structure, training_rounds
@@ -26,9 +26,17 @@ from evaluation.experiments.loops_judging import Judgement, draw_curves
 from evaluation.experiments.loops_readings import chosen_logs, readings
 from evaluation.experiments.loops_retrieval import retrieval
 from evaluation.report import Options, Part, Report, Table
-from loop_closure import AdaBoost, PlaceDatabase, features_2d, features_3d, pair_features_many
+from loop_closure import (
+    AdaBoost,
+    PlaceDatabase,
+    features_2d,
+    features_3d,
+    pair_features_many,
+    shipped_model,
+)
 from loop_closure.evaluation import Validation, balanced, k_fold
 from loop_closure.pairs import PairRule, Pairs, compare_pairs
+from loop_closure.roc import roc
 from loop_closure.training import Recording
 from registration.scan import Scan
 from whereabouts.killian import bag_directory
@@ -43,7 +51,7 @@ LOGS = {
     "belgioioso": "carmen/belgioioso-corrected.log.gz",
     "infinite-corridor": "carmen/infinite-corridor-corrected.log.gz",
 }
-QUICK = ("csail", "intel", "freiburg-101", "belgioioso")
+QUICK = ("csail", "intel", "freiburg-079", "freiburg-101", "belgioioso", "clouds")
 CLOUDS = "loop_pairs_3d/raw_training_data.csv"
 # Which of them the shipped models learned from, or choices were made on.
 JUDGED = {name: "left out" if name == "csail" else "tuned on" for name in (*LOGS, "killian", "clouds")}
@@ -125,14 +133,14 @@ def within_recordings(options: Options, report: Report, recordings: dict[str, Re
             zero, one = found.spread(0.0), found.spread(0.01)
             rows.append(
                 [
-                    name, f"within {distance:g} m", 100.0 * zero.mean, 100.0 * one.mean, 100.0 * zero.least,
+                    name, f"within {distance:g} m", 100.0 * zero.mean, 100.0 * one.mean,
                     *THEIRS.get((name, distance), ("", "")),
                 ]
             )  # fmt: skip
     report.tables.append(
         Table(
             "Table 5: within one data set",
-            ["data set", "pairs", "D at 0 % FA, % ↑", "D at 1 % FA, % ↑", "least D at 0 % FA, % ↑", *TEXTS],
+            ["data set", "pairs", "D at 0 % FA, % ↑", "D at 1 % FA, % ↑", *TEXTS],
             rows,
             "D: detection rate; FA: false alarm rate. 10-fold cross validation, AdaBoost with 50 stumps, "
             "as many positive as negative pairs. The text's figures are of the data sets that these stand "
@@ -232,6 +240,25 @@ def _shipped(options: Options, report: Report) -> None:
     shipped_models(report)
 
 
+def _unseen(options: Options, report: Report) -> None:
+    """The shipped models as they are, on a building that had no part in them."""
+    assert options.data is not None
+    recording = _read(options.data / LOGS[UNSEEN])
+    rows: list[list[Any]] = []
+    for name in ("plain_2d", "best_2d"):
+        model = shipped_model(name)
+        for distance in (1.0, 2.0, 3.0):
+            pairs = recording.pairs(rule_of(recording, distance), 6000, 3000, options.seed)
+            curve = roc(model.score_pairs(recording.places, pairs), pairs.same)
+            rates = [100.0 * curve.detection_at(rate) for rate in (0.0, 0.001, 0.01)]
+            rows.append([name, f"{distance:g} m", *rates, curve.positives])
+    columns = ["model", "within", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑", "positives"]
+    note = "csail, single scans with headings within 45°; seeds draw the 6000 negative pairs."
+    report.tables.append(
+        Table("Shipped models on an unseen building", columns, rows, note, "unseen", data="left out")
+    )
+
+
 PARTS = {
     "within": Part(_part(within_recordings, _resolution), needs=NEEDS),
     "features": Part(
@@ -251,6 +278,7 @@ PARTS = {
     ),
     "likelihoods": Part(_part(translation, likelihood_matrix, retrieval), random=False, needs=NEEDS),
     "shipped": Part(_shipped, random=False),
+    "unseen": Part(_unseen, needs=(LOGS["csail"],)),
     "movers": Part(dynamic_objects),
     "times": Part(_times, random=False),
 }

@@ -35,7 +35,7 @@ def training_rounds(
         F, y = _pairs(recording, rule_of(recording, 2.0), options, 1500)
         half = np.random.default_rng(options.seed).permutation(len(y)) < len(y) // 2
         for rounds, train, validation in round_curve(ROUNDS, (F[half], y[half]), (F[~half], y[~half])):
-            rows.append([name, f"{rounds} rounds", 100.0 * train, 100.0 * validation])
+            rows.append([name, f"T = {rounds}", 100.0 * train, 100.0 * validation])
     report.tables.append(
         Table(
             "Figure 4: error rate by number of training rounds",

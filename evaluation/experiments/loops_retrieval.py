@@ -63,8 +63,8 @@ def retrieval(options: Options, report: Report, recordings: Mapping[str, Recordi
                 "queries",
             ],
             rows,
-            " places. Beyond the text, which compares all. The metric has seen all recordings but csail."
-            "recordings but csail.",
+            f"{len(vectors)} places. Beyond the text, which compares all. The metric has seen all recordings but "
+            "csail.",
             "retrieval",
             data="tuned on",
         )
