@@ -53,7 +53,7 @@ COLUMNS = [
 ]  # fmt: skip
 NOTE = (
     "False: a closure more than 0.5 m or 10° off the reference; at Killian Court 3 m, as its reference is "
-    "itself off by more than a metre. Poses of csail's reference that jump by more than 0.4 m against "
+    "itself off by more than a metre. Poses of csail's reference that jump by more than 0.4 m or 10° against "
     "odometry on both sides are not used. Largest miss: of all closures, in position. Revisit: a keyframe "
     "within 2 m of one at least 20 m of path earlier, with the same or the opposite heading; with overlap:"
     " with 4 m and 35 % of outline in common. Relations of 1 to 20 m are made from the reference. As the "

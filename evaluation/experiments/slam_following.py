@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.poses import between, compound, inverse
+from estimation.poses import between, compound, inverse, wrap_angle
 from evaluation.experiments.odometry import joined
 from evaluation.experiments.slam_judging import Followed
 from loop_closure.graph import PoseGraph
@@ -18,7 +18,7 @@ from whereabouts.follow import Follower
 from whereabouts.logs import OdometryRecord, ScanRecord, open_log
 
 Array = NDArray[np.float64]
-DENIED = 0.4  # metres between what a reference and what odometry say of one step
+DENIED, TURNED = 0.4, np.deg2rad(10.0)  # between what a reference and what odometry say of one step
 
 
 def followed(path: Path, truth_path: Path | None, wheels: bool) -> Followed:
@@ -68,7 +68,7 @@ def outliers(truth: Array, poses: Array) -> NDArray[np.int64]:
     known = np.flatnonzero(np.isfinite(truth[:, 0]))
     a, b = known[:-1], known[1:]
     off = between(between(truth[a], truth[b]), between(poses[a], poses[b]))
-    denied = np.hypot(off[:, 0], off[:, 1]) > DENIED
+    denied = (np.hypot(off[:, 0], off[:, 1]) > DENIED) | (np.abs(wrap_angle(off[:, 2])) > TURNED)
     return known[1:-1][denied[:-1] & denied[1:]]
 
 
