@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimation.grid import OccupancyGrid
 from estimation.poses import between
+from estimation.tiles import TiledGrid
 from loop_closure.esdf import EsdfGraph
 from loop_closure.graph import Edge, SmoothedGraph
 from loop_closure.uncertainty import Uncertainty
@@ -60,7 +60,7 @@ def main() -> None:
         for reach, turn in ((0.5, 0.2), (2.0, 0.4), (5.0, 1.0), (4.0, np.pi)):
             spent = best(lambda p=place, r=reach, t=turn: align_submaps(p, p, np.zeros(3), r, t))
             print(f"  laid on another, ±{reach:.1f} m, ±{np.degrees(turn):3.0f}°   {spent:8.2f} ms")
-        grid = OccupancyGrid(0.05)
+        grid = TiledGrid(0.05)
         points = scans[0].points()
         print(
             f"  scan into the grid             {best(lambda g=grid, p=points: g.integrate(poses[0], p)):8.2f} ms"

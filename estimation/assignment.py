@@ -10,15 +10,19 @@ from estimation.errors import InputError
 from estimation.murty import k_best_full
 
 IntArray = npt.NDArray[np.int64]
+DEAREST = 1e200
 
 
 def cheapest(costs: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows and columns (min(n, m),) of the cheapest assignment; scipy's `linear_sum_assignment`, in its words.
 
-    scipy.optimize holds 7 MiB of each process that imports it; a node that never assigns does without.
+    scipy.optimize holds 7 MiB of each process that imports it; a node that never assigns does without. Raises
+    InputError for costs that are NaN.
     """
     from scipy.optimize import linear_sum_assignment
 
+    if np.isnan(costs).any():
+        raise InputError("costs hold NaN: what is assigned was never measured")
     rows, columns = linear_sum_assignment(costs)
     return rows, columns
 
@@ -38,6 +42,8 @@ def k_best(costs: npt.ArrayLike, k: int) -> list[tuple[float, IntArray]]:
         raise InputError(f"costs must have shape (n, m), not {matrix.shape}")
     if np.isnan(matrix).any() or np.isneginf(matrix).any():
         raise InputError("costs must be finite, or inf for a forbidden pair; they hold NaN or -inf")
+    if (np.abs(matrix[np.isfinite(matrix)]) > DEAREST).any():
+        raise InputError(f"costs up to {DEAREST:g} expected: larger ones cannot be added up")
     k = require_count("k", k)
     n, m = matrix.shape
     if n == 0 or m == 0:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray, as_points, as_vectors, require_positive
 from estimation.errors import InputError
-from estimation.grid_kernels import cast_rays, mark_scan, mark_visible
+from estimation.grid_kernels import MOST_TILES, TILE, cast_rays, mark_scan, mark_visible
 
 Mask = npt.NDArray[np.bool_]
 HIT, MISS, MOST = 0.85, -0.4, 6.0  # log-odds of one look; bound, so that a changed world is believed soon
@@ -23,7 +23,9 @@ OCCUPIED_OVER, FREE_BELOW = 0.6, -0.3  # log-odds; one hit is occupied, one look
 # Thresholds of the files. 205, the grey of unknown cells, is 0.19608: with map_saver's 0.25 it would be read as free.
 OCCUPIED_SHARE, FREE_SHARE = 0.65, 0.196
 ROOM = 64  # cells of spare room when the grid grows
-MOST_CELLS = 1 << 26  # of one grid, a quarter of a gigabyte
+FARTHEST_CELL = 1e15  # what is beyond is as far: a larger number may not fit into an integer
+MOST_CELLS = 1 << 26  # of a grid that grows; `estimation.tiles` is for what lies far apart
+FARTHEST = float(1 << 31)  # cells from the origin
 
 
 class OccupancyGrid:
@@ -68,8 +70,10 @@ class OccupancyGrid:
         cells = np.asarray(values)
         if cells.ndim != 2 or (cells.size and (cells.min() < -1 or cells.max() > 100)):
             raise InputError("values: array (H, W) of -1 to 100 expected")
-        share = np.clip(cells.astype(np.float64) / 100.0, 0.01, 0.99)
-        return cls(resolution, origin, np.where(cells < 0, 0.0, np.log(share / (1.0 - share))))
+        share = np.clip(np.arange(101) / 100.0, 0.01, 0.99)
+        # -1 is the last of the table.
+        table = np.append(np.log(share / (1.0 - share)), 0.0).astype(np.float32)
+        return cls(resolution, origin, table[cells.astype(np.int8, copy=False)])
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -98,7 +102,8 @@ class OccupancyGrid:
     def cells(self, points: npt.ArrayLike) -> npt.NDArray[np.int64]:
         """Row and column (..., 2) of points (..., 2), metres; they may lie outside the grid."""
         array = np.asarray(points, dtype=np.float64)
-        return np.floor((array - self.origin) / self.resolution).astype(np.int64)[..., ::-1]
+        cells = np.clip(np.floor((array - self.origin) / self.resolution), -FARTHEST_CELL, FARTHEST_CELL)
+        return cells.astype(np.int64)[..., ::-1]
 
     def centres(self, cells: npt.ArrayLike) -> FloatArray:
         """Points (..., 2) in the middle of cells (..., 2), row and column."""
@@ -120,16 +125,21 @@ class OccupancyGrid:
         return np.where(known, self.log_odds[safe[..., 0], safe[..., 1]], 0.0)
 
     def include(self, low: npt.ArrayLike, high: npt.ArrayLike) -> None:
-        """Grow, where needed, so that the box from `low` (2,) to `high` (2,), metres, is inside."""
+        """Grow, where needed, so that the box from `low` (2,) to `high` (2,), metres, is inside.
+
+        Raises
+        ------
+        InputError : the grid would have more than MOST_CELLS cells.
+        """
         low_cell, high_cell = self.cells(low), self.cells(high)
         if self.log_odds.size and self.inside(low_cell) and self.inside(high_cell):
             return
         first, last = low_cell - ROOM, high_cell + ROOM
         if self.log_odds.size:
             first, last = np.minimum(first, 0), np.maximum(last, np.array(self.shape) - 1)
-        sides = np.asarray(last, dtype=np.float64) - first + 1.0
-        if not (sides > 0.0).all() or sides.prod() > MOST_CELLS:
-            raise InputError(f"a map of {sides[1]:g} x {sides[0]:g} cells is too large")
+        rows, columns = (float(n) for n in last - first + 1)
+        if rows * columns > MOST_CELLS:
+            raise InputError(f"a grid of {rows:.0f} x {columns:.0f} cells: {MOST_CELLS} at most")
         grown = np.zeros(tuple(last - first + 1), dtype=np.float32)
         height, width = self.shape
         grown[-first[0] : height - first[0], -first[1] : width - first[1]] = self.log_odds if height else 0.0
@@ -146,16 +156,17 @@ class OccupancyGrid:
         ------
         InputError : wrong shapes, numbers that are not finite, or too far away for a grid that has all in it.
         """
-        sensor = as_vectors("pose", pose, 3)
-        ends = as_points("points", points, 2)
-        c, s = math.cos(sensor[2]), math.sin(sensor[2])
-        placed = sensor[:2] + ends @ np.array([[c, s], [-s, c]])
-        every = np.vstack((placed, sensor[None, :2]))
+        start, ends = placed_scan(pose, points, 1.0)
+        every = np.vstack((ends, start[None]))
         self.include(every.min(axis=0), every.max(axis=0))
-        start = (sensor[:2] - self.origin) / self.resolution
-        mark_scan(
-            self.log_odds, start, (placed - self.origin) / self.resolution, weight * HIT, weight * MISS, MOST
+        tiles, marks = mark_scan(
+            (start - self.origin) / self.resolution, (ends - self.origin) / self.resolution
         )
+        change = np.array([0.0, weight * MISS, weight * HIT])
+        for (j, i), mark in zip(tiles * TILE, marks, strict=True):
+            cells = self.log_odds[j : j + TILE, i : i + TILE]
+            seen = mark[: cells.shape[0], : cells.shape[1]]
+            cells[seen > 0] = np.clip(cells + change[seen], -MOST, MOST)[seen > 0]
 
     def ray_cast(
         self,
@@ -239,6 +250,31 @@ class OccupancyGrid:
         share = image / 255.0 if negate else 1.0 - image / 255.0
         values = np.where(share > over, 100, np.where(share < below, 0, -1))[::-1]
         return cls.from_values(values, resolution, origin[:2])
+
+
+def placed_scan(
+    pose: npt.ArrayLike, points: npt.ArrayLike, resolution: float
+) -> tuple[FloatArray, FloatArray]:
+    """A scan's start (2,) and ends (N, 2) in the map, in units of `resolution` metres.
+
+    pose : (3,) x, y, yaw of the sensor in the map. points : (N, 2) returns in the sensor frame, metres.
+
+    Raises
+    ------
+    InputError : wrong shapes, numbers that are not finite, a place or a width that no grid can have.
+    """
+    sensor = as_vectors("pose", pose, 3)
+    found = as_points("points", points, 2)
+    c, s = math.cos(sensor[2]), math.sin(sensor[2])
+    start = sensor[:2] / resolution
+    ends = (sensor[:2] + found @ np.array([[c, s], [-s, c]])) / resolution
+    every = np.vstack((ends, start[None]))
+    if float(np.abs(every).max()) > FARTHEST:
+        raise InputError(f"pose: {float(np.hypot(*sensor[:2])):.3g} m from the origin is out of every map")
+    rows, columns = np.ptp(every, axis=0) / TILE + 2.0
+    if rows * columns > MOST_TILES:
+        raise InputError("points: a scan that is wider than a map may be")
+    return start, ends
 
 
 def _read_pgm(data: bytes) -> npt.NDArray[np.float64]:

@@ -7,6 +7,9 @@ import math
 import numpy as np
 from numba import njit
 
+TILE = 64  # cells along an edge of a tile
+MOST_TILES = 1 << 22  # in the box around one scan: 6 km at 5 cm
+
 
 @njit(cache=True, inline="always")
 def _setup(x, d):  # type: ignore[no-untyped-def]
@@ -20,70 +23,113 @@ def _setup(x, d):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _mark_ray(marks, touched, count, x, y, ex, ey):  # type: ignore[no-untyped-def]
-    """Mark the cells from (x, y) up to, without, that of (ex, ey); both inside."""
+def _mark_ray(table, tiles, marks, count, x, y, ex, ey):  # type: ignore[no-untyped-def]
+    """Mark the cells from (x, y) up to, without, that of (ex, ey); returns the number of tiles there are then."""
     i, step_i, next_i, per_i = _setup(x, ex - x)
     j, step_j, next_j, per_j = _setup(y, ey - y)
-    last_i, last_j = math.floor(ex), math.floor(ey)
-    for _ in range(abs(last_i - i) + abs(last_j - j)):
-        if marks[j, i] == 0:
-            marks[j, i] = 1
-            touched[count, 0], touched[count, 1] = j, i
-            count += 1
+    height, width = table.shape[0] * TILE, table.shape[1] * TILE
+    here_j = here_i = at = -1
+    for _ in range(abs(math.floor(ex) - i) + abs(math.floor(ey) - j)):
+        if j // TILE != here_j or i // TILE != here_i:
+            here_j, here_i = j // TILE, i // TILE
+            at, count = _tile(table, tiles, count, here_j, here_i)
+        marks[at, j % TILE, i % TILE] = 1
         if next_i < next_j:
             i += step_i
             next_i += per_i
         else:
             j += step_j
             next_j += per_j
-        if i < 0 or j < 0 or i >= marks.shape[1] or j >= marks.shape[0]:
+        if i < 0 or j < 0 or i >= width or j >= height:
             break
     return count
 
 
-@njit(cache=True)
-def mark_scan(log_odds, start, ends, hit, miss, most):  # type: ignore[no-untyped-def]
-    """Add one scan from `start` (2,) to `ends` (N, 2); each cell changes once, a hit outweighs a pass.
+@njit(cache=True, inline="always")
+def _tile(table, tiles, count, j, i):  # type: ignore[no-untyped-def]
+    """Number of a tile of the scan, a new one where there is none yet; and how many there are then."""
+    at = table[j, i]
+    if at < 0:
+        at = count
+        table[j, i] = at
+        tiles[at, 0], tiles[at, 1] = j, i
+        count += 1
+    return at, count
 
-    ValueError, and nothing is changed, where one of them is not inside the grid.
+
+@njit(cache=True, inline="always")
+def _inside(value, low, tiles):  # type: ignore[no-untyped-def]
+    """A coordinate from the first cell of tile `low` on, below the end of so many tiles."""
+    return min(value - low * TILE, tiles * TILE - 1e-6)
+
+
+@njit(cache=True)
+def _more(tiles, marks, count, need):  # type: ignore[no-untyped-def]
+    """Room for at least `need` tiles; the first `count` stay."""
+    room = max(need, 2 * len(marks))
+    longer = np.empty((room, 2), dtype=np.int64)
+    longer[:count] = tiles[:count]
+    wider = np.zeros((room, TILE, TILE), dtype=np.uint8)
+    wider[:count] = marks[:count]
+    return longer, wider
+
+
+@njit(cache=True)
+def mark_scan(start, ends):  # type: ignore[no-untyped-def]
+    """What a scan from `start` (2,) to `ends` (N, 2) says of the cells of each tile it touches.
+
+    Returns tiles (T, 2), row and column of each in the lattice of tiles, and marks (T, TILE, TILE): 0 nothing, 1 seen
+    through, 2 something is there. Coordinates are finite and within 2**31, their box has at most MOST_TILES tiles:
+    the caller looks after that.
     """
-    height, width = log_odds.shape
-    inside = 0.0 <= start[0] < width and 0.0 <= start[1] < height
+    low_i = high_i = math.floor(start[0]) // TILE
+    low_j = high_j = math.floor(start[1]) // TILE
     for k in range(len(ends)):
-        inside &= 0.0 <= ends[k, 0] < width and 0.0 <= ends[k, 1] < height
-    if not inside:
-        raise ValueError("a scan that ends outside of the grid")
-    low_i = high_i = math.floor(start[0])
-    low_j = high_j = math.floor(start[1])
-    for k in range(len(ends)):
-        i, j = math.floor(ends[k, 0]), math.floor(ends[k, 1])
+        i, j = math.floor(ends[k, 0]) // TILE, math.floor(ends[k, 1]) // TILE
         low_i, high_i = min(low_i, i), max(high_i, i)
         low_j, high_j = min(low_j, j), max(high_j, j)
-    # Marks of the scan's own window only: the map may be many times larger.
-    marks = np.zeros((high_j - low_j + 1, high_i - low_i + 1), dtype=np.uint8)
-    touched = np.empty((marks.size, 2), dtype=np.int32)
+    rows, columns = high_j - low_j + 1, high_i - low_i + 1
+    if rows * columns > MOST_TILES:
+        raise ValueError("a scan that is too wide")
+    # In the scan's own box. Rounding may lift what lies just below a border onto it, and out of the box.
+    x, y = _inside(start[0], low_i, columns), _inside(start[1], low_j, rows)
+    placed = np.empty((len(ends), 2))
+    for k in range(len(ends)):
+        placed[k, 0], placed[k, 1] = _inside(ends[k, 0], low_i, columns), _inside(ends[k, 1], low_j, rows)
+    table = np.full((rows, columns), -1, dtype=np.int32)
+    tiles = np.empty((16, 2), dtype=np.int64)
+    marks = np.zeros((16, TILE, TILE), dtype=np.uint8)
     count = 0
-    for k in range(len(ends)):
-        count = _mark_ray(
-            marks,
-            touched,
-            count,
-            start[0] - low_i,
-            start[1] - low_j,
-            ends[k, 0] - low_i,
-            ends[k, 1] - low_j,
-        )
-    for k in range(len(ends)):
-        i, j = math.floor(ends[k, 0]) - low_i, math.floor(ends[k, 1]) - low_j
-        if marks[j, i] == 0:
-            touched[count, 0], touched[count, 1] = j, i
-            count += 1
-        marks[j, i] = 2
-    for k in range(count):
-        j, i = touched[k, 0], touched[k, 1]
-        change = hit if marks[j, i] == 2 else miss
-        value = log_odds[j + low_j, i + low_i] + change
-        log_odds[j + low_j, i + low_i] = min(max(value, -most), most)
+    for k in range(len(placed)):
+        ex, ey = placed[k]
+        # A way of n steps crosses no more than n / TILE + 2 borders between tiles, and has an end.
+        steps = abs(math.floor(ex) - math.floor(x)) + abs(math.floor(ey) - math.floor(y))
+        need = min(count + int(steps) // TILE + 4, table.size)
+        if need > len(marks):
+            tiles, marks = _more(tiles, marks, count, need)
+        count = _mark_ray(table, tiles, marks, count, x, y, ex, ey)
+        # The end has a tile; that it is occupied is said when all ways have been walked.
+        _, count = _tile(table, tiles, count, math.floor(ey) // TILE, math.floor(ex) // TILE)
+    for k in range(len(placed)):
+        i, j = math.floor(placed[k, 0]), math.floor(placed[k, 1])
+        marks[table[j // TILE, i // TILE], j % TILE, i % TILE] = 2
+    tiles[:count, 0] += low_j
+    tiles[:count, 1] += low_i
+    return tiles[:count].copy(), marks[:count].copy()
+
+
+@njit(cache=True)
+def add_marks(cells, numbers, marks, hit, miss, most):  # type: ignore[no-untyped-def]
+    """Change tiles `cells` (C, TILE, TILE) by a scan's `marks` (T, TILE, TILE); `numbers` (T,) -1 : left alone."""
+    for k in range(len(numbers)):
+        at = numbers[k]
+        if at < 0 or at >= len(cells):
+            continue
+        for j in range(TILE):
+            for i in range(TILE):
+                if marks[k, j, i] > 0:
+                    value = cells[at, j, i] + (hit if marks[k, j, i] == 2 else miss)
+                    cells[at, j, i] = min(max(value, -most), most)
 
 
 @njit(cache=True)

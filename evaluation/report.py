@@ -138,9 +138,10 @@ def heading(text: str) -> tuple[str, str, str]:
     better = ARROWS.get(name[-1:], "")
     name = name.rstrip("↓↑ ")
     front, _, last = name.rpartition(" ")
-    if last in UNITS and front:
+    if last in UNITS and any(letter.isalpha() for letter in front):
         return front.rstrip(", "), last, better
-    return name, last if last in UNITS else "", better
+    # "1 mm" is the name of a case, not a quantity in millimetres; "m" alone is one.
+    return name, last if last in UNITS and not front else "", better
 
 
 def is_number(cell: Any) -> bool:

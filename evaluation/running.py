@@ -112,7 +112,6 @@ def run(asked: Run) -> results.Result:
                 found.setdefault(key, []).append(kept)
                 content["seconds"] = round(content["seconds"] + kept["seconds"], 1)
             bar.advance(task)
-    content["notes"] = list(dict.fromkeys(content["notes"]))
     for records in found.values():
         part = results.merged(records)
         content["figures"] |= part["figures"]
@@ -120,6 +119,7 @@ def run(asked: Run) -> results.Result:
         content["notes"] += part["notes"]
         for path in map(Path, records[0]["pictures"]):
             content["pictures"][path.relative_to(asked.out).as_posix()] = file_digest(path)
+    content["notes"] = list(dict.fromkeys(content["notes"]))
     target = asked.out / f"{asked.name}.json"
     with atomic_path(target) as temporary:
         temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.grid import OccupancyGrid
+from estimation.tiles import TiledGrid
 from loop_closure.graph import Edge
 from loop_closure.keyframes import Keyframes
 from loop_closure.likeness import Likeness
@@ -24,7 +24,7 @@ def warm_up() -> None:
     place = fuse(glances, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]))
     align_submaps(place, place, np.zeros(3), 0.5, 0.2)
     align_submaps(place, place, np.zeros(3), 3.0, 0.2)
-    OccupancyGrid(0.1).integrate(np.zeros(3), place.points)
+    TiledGrid(0.1).integrate(np.zeros(3), place.points)
     uncertainty = Uncertainty()
     uncertainty.learn([Edge(0, 1, np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3))])
     uncertainty.around(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 1)

@@ -27,6 +27,12 @@ FLOOR_SIGMA = 1.0
 NOT_FOUND = "not_found"
 """`detection_id` of an object that was looked for, by its `object_id`, and is not there."""
 PERSON = "person"
+FARTHEST = 1e6
+"""m: nothing is farther away, or longer."""
+SHORTEST = 1e-6
+"""m: an extent below it was not measured."""
+WIDEST = 1e15
+"""m²: a variance above it says nothing."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +158,8 @@ class Reader:
                 )
             scores[name] = scores.get(name, 0.0) + score
         total = sum(scores.values())
+        if not total < np.inf:
+            raise InputError(f"results: scores that can be added up expected, got {list(scores.values())}")
         attributes: dict[str, dict[str, float]] = {}
         if total > 0.0:
             # Scores of independent classifiers may add up to more than one.
@@ -206,14 +214,18 @@ def most_probably(item: ObjectEvidence, class_name: str) -> bool:
 
 
 def _vector(point: Any) -> Array:
-    return np.array([point.x, point.y, point.z], dtype=np.float64)
+    """(3,) metres, none farther than anything is. Raises InputError."""
+    found = np.array([point.x, point.y, point.z], dtype=np.float64)
+    if not (np.abs(found) <= FARTHEST).all():
+        raise InputError(f"coordinates within {FARTHEST:g} m expected, got {found.tolist()}")
+    return found
 
 
 def _covariance(name: str, values: Iterable[float]) -> Array | None:
     """Position block (3, 3) of a 6x6 covariance; None where it is zero, which stands for unknown."""
     block = np.array(values, dtype=np.float64).reshape(6, 6)[:3, :3]
-    if not np.isfinite(block).all():
-        raise InputError(f"{name} must be finite; it holds NaN or infinity")
+    if not (np.abs(block) <= WIDEST).all():
+        raise InputError(f"{name} must be finite and below {WIDEST:g}; it holds NaN, infinity or more")
     return block if block.any() else None
 
 
@@ -237,14 +249,14 @@ def _distribution(name: str, given: Any) -> dict[str, float]:
 def _extent(size: Any) -> dict[str, Gaussian]:
     """Size (the diagonal) and ratio (height by width) of a detected extent; {} where it is not known."""
     extent = _vector(size)
-    if not np.isfinite(extent).all() or (extent < 0.0).any():
+    if (extent < 0.0).any():
         raise InputError(f"size: lengths of at least 0 m expected, got {extent.tolist()}")
-    if not extent.any():
+    if not (extent >= SHORTEST).any():
         return {}
     diagonal = float(np.linalg.norm(extent))
     found = {"size": (diagonal, (SIZE_SIGMA * diagonal) ** 2)}
     width = float(extent[:2].max())
-    if width > 0.0 and extent[2] > 0.0:
+    if min(width, extent[2]) >= SHORTEST:
         ratio = float(extent[2]) / width
         found["ratio"] = (ratio, 2.0 * (SIZE_SIGMA * ratio) ** 2)
     return found

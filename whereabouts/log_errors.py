@@ -37,6 +37,10 @@ class DamagedLogError(LogError):
     """The file is broken at a place from which reading on is not possible."""
 
 
+class OversizedLogError(DamagedLogError):
+    """What is compressed unpacks to more than its limit."""
+
+
 class TrajectoryError(LogError):
     """A trajectory file has a line that is not `stamp x y z qx qy qz qw`."""
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.poses import compound, inverse
+from estimation.tiles import VIEW_CELLS, TiledGrid, Tiles, View
+from loop_closure.keyframes import Keyframe
 from loop_closure.localization import Localizer
 from loop_closure.map_file import write_map
 from loop_closure.slam import Slam
@@ -137,46 +140,138 @@ def locate_log(
     return located
 
 
+@dataclass
+class Drawn:
+    """Where a keyframe was drawn, the tiles it is in, and whether it lies where no map reaches."""
+
+    pose: Array
+    tiles: Tiles = frozenset()
+    beyond: bool = False
+
+
 class MapGrid:
-    """Occupancy grid of a map's keyframes that is kept up to date; made anew where the map has moved.
+    """Occupancy of a map's keyframes that is kept up to date: drawn anew only where it has changed.
 
     What moved fades from it: two later scans that see through a cell outweigh one that hit something there.
+
+    Attributes
+    ----------
+    tiles : the cells.
     """
 
     def __init__(self, resolution: float = 0.05) -> None:
-        self.grid = OccupancyGrid(resolution)
-        self._drawn: dict[int, Array] = {}
+        self.tiles = TiledGrid(resolution)
+        self._drawn: dict[int, Drawn] = {}
+        self._gone: Tiles = frozenset()  # with keyframes that were taken out of the map
+        self._changed: Tiles = frozenset()
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """What was seen as one dense grid, of a bounded size; see `TiledGrid.view`."""
+        return self.bounded()
+
+    def bounded(
+        self, most: int = VIEW_CELLS, warn: Callable[[str], None] = lambda text: None
+    ) -> OccupancyGrid:
+        """The largest part of what was seen, of at most `most` cells; `warn` is told what is left out."""
+        view = self.tiles.view(most=most)
+        left_out = self.left_out(view)
+        if left_out:
+            warn(f"map: {left_out}")
+        return self.tiles.dense(view)
 
     def update(self, slam: Slam) -> None:
-        """Draw what is new, or all of it. What was taken out of the map stays drawn until then."""
+        """Draw what is new or has moved. What was taken out of the map stays until its tiles are drawn anew."""
         poses = slam.graph.poses
-        frames = [slam.keyframes[k] for k in range(len(poses))]
+        frames = [(slam.keyframes[k], pose) for k, pose in enumerate(poses)]
         drawn = self._drawn
-        known = [(drawn[f.number], pose) for f, pose in zip(frames, poses, strict=True) if f.number in drawn]
-        if known and max(float(np.abs(pose - at).max()) for at, pose in known) > 0.5 * self.grid.resolution:
-            self.grid = OccupancyGrid(self.grid.resolution)
-            drawn = {}
-        for frame, pose in zip(frames, poses, strict=True):
-            if frame.glance is not None and frame.number not in drawn:
-                self.grid.integrate(pose, frame.glance.surface.points)
+        self._drawn = {f.number: drawn.pop(f.number) for f, _ in frames if f.number in drawn}
+        self._gone = self._gone.union(*(item.tiles for item in drawn.values()))
+        known = [(frame, pose) for frame, pose in frames if frame.number in self._drawn]
         # Where each was drawn, not where it is now: small steps add up.
-        self._drawn = {
-            frame.number: drawn.get(frame.number, pose).copy()
-            for frame, pose in zip(frames, poses, strict=True)
-        }
+        away = [float(np.abs(pose - self._drawn[f.number].pose).max()) for f, pose in known]
+        allowed = 0.5 * self.tiles.resolution
+        if max(away, default=0.0) > allowed:
+            # With what will soon be too far off: the tiles are the same.
+            moved = [item for item, off in zip(known, away, strict=True) if off > 0.5 * allowed]
+            if 2 * len(moved) > len(known):
+                self._forget()
+            else:
+                self._redraw(known, moved)
+        for frame, pose in frames:
+            if frame.number not in self._drawn:
+                self._drawn[frame.number] = Drawn(pose.copy())
+                self._changed |= self._integrate(frame, None)
+
+    @property
+    def beyond(self) -> int:
+        """How many keyframes lie where no map reaches; they are not drawn."""
+        return sum(item.beyond for item in self._drawn.values())
+
+    def left_out(self, view: View) -> str:
+        """What a view does not show, in a sentence; empty where that is nothing."""
+        tiles, parts = self.tiles, []
+        if view.left_out:
+            share = view.left_out / len(tiles)
+            parts.append(
+                f"{share:.0%} of what was seen is left out, up to {view.farthest:.0f} m away: it lies apart from the "
+                "part shown, or there would be too many cells"
+            )
+        if self.beyond:
+            parts.append(f"{self.beyond} keyframes are not drawn: no map reaches where they are")
+        return "; ".join(parts)
+
+    def changed(self) -> Tiles:
+        """Tiles that have changed since this was last asked."""
+        changed, self._changed = self._changed, frozenset()
+        return changed
+
+    def _forget(self) -> None:
+        """Begin anew with an empty grid."""
+        everything = frozenset((j, i) for j, i in self.tiles.tiles.tolist())
+        self.tiles.erase(everything)
+        self._drawn.clear()
+        self._gone, self._changed = frozenset(), self._changed | everything
+
+    def _redraw(
+        self, known: Sequence[tuple[Keyframe, Array]], moved: Sequence[tuple[Keyframe, Array]]
+    ) -> None:
+        """Draw the tiles anew that keyframes have moved out of or into."""
+        dirty = set(self._gone)
+        self._gone = frozenset()
+        for frame, pose in moved:
+            dirty |= self._drawn[frame.number].tiles
+            self._drawn[frame.number] = Drawn(pose.copy())
+            dirty |= self._integrate(frame, frozenset())
+        wanted = frozenset(dirty)
+        self.tiles.erase(wanted)
+        for frame, _ in known:
+            if not wanted.isdisjoint(self._drawn[frame.number].tiles):
+                self._integrate(frame, wanted)
+        self._changed |= wanted
+
+    def _integrate(self, frame: Keyframe, only: Tiles | None) -> Tiles:
+        """Draw a scan where it is, into some tiles or all, and note which it touches; clouds are not drawn."""
+        item = self._drawn[frame.number]
+        if frame.glance is not None:
+            try:
+                item.tiles = self.tiles.integrate(item.pose, frame.glance.surface.points, only=only)
+            except InputError:
+                item.beyond = True
+        return item.tiles
 
 
 def map_grid(slam: Slam, resolution: float = 0.05) -> OccupancyGrid:
-    """Occupancy grid of the keyframes of a planar map, in the map frame."""
+    """Occupancy grid of the keyframes of a planar map, in the map frame; bounded as `TiledGrid.view` has it."""
     made = MapGrid(resolution)
     made.update(slam)
     return made.grid
 
 
-def map_points(slam: Slam, grid: OccupancyGrid) -> Array:
+def map_points(slam: Slam, tiles: TiledGrid) -> Array:
     """The map as points (M, 2 | 3): occupied cells in the plane, thinned clouds in space."""
     if slam.keyframes[0].scan is not None:
-        return grid.centres(np.argwhere(grid.occupied))
+        return tiles.occupied_points()
     clouds = []
     for k, pose in enumerate(slam.graph.poses):
         points = slam.keyframes[k].points
@@ -184,7 +279,7 @@ def map_points(slam: Slam, grid: OccupancyGrid) -> Array:
         clouds.append(points @ pose[:3, :3].T + pose[:3, 3])
     points = np.concatenate(clouds)
     _, first = np.unique(
-        np.floor(points / (4.0 * grid.resolution)).astype(np.int64), axis=0, return_index=True
+        np.floor(points / (4.0 * tiles.resolution)).astype(np.int64), axis=0, return_index=True
     )
     return points[np.sort(first)]
 
@@ -216,13 +311,18 @@ def draw_grid(
     FigureCanvasAgg(figure).print_png(str(path))
 
 
-def write_map_files(slam: Slam, picture: Path) -> None:
-    """The map to go on with (.npz) beside `picture`; of scans the picture, and map_saver's .pgm and .yaml, too."""
+def write_map_files(slam: Slam, picture: Path, warn: Callable[[str], None] = lambda text: None) -> None:
+    """The map to go on with (.npz) beside `picture`; of scans the picture, and map_saver's .pgm and .yaml, too.
+
+    warn : told what is too far off for the picture.
+    """
     with atomic_path(picture.with_suffix(".npz")) as temporary, temporary.open("wb") as file:
         write_map(slam, file)
     nodes = slam.graph.poses
     if nodes.ndim == 2:
-        grid = map_grid(slam)
+        made = MapGrid()
+        made.update(slam)
+        grid = made.bounded(warn=warn)
         draw_grid(picture, grid, nodes, [(nodes[c.earlier], nodes[c.later]) for c in slam.closures])
         grid.save(picture.with_suffix(""))
 

@@ -22,7 +22,7 @@ from world_model.evidence import Measurements
 from world_model.expansion import expand, unify
 from world_model.gating import touch, weigh
 from world_model.grouping import THRESHOLD
-from world_model.hindsight import Hindsight
+from world_model.hindsight import MOST_LOOKS, Hindsight
 from world_model.leaves import IntArray, Pool
 from world_model.look import Look
 from world_model.occlusion import hide
@@ -44,7 +44,7 @@ COMPANY = 10.0
 class Anchoring(Corrections):
     """All anchors and hypotheses. `shown` : believed objects of the most probable world, by track number."""
 
-    def __init__(self, config: WorldModelConfig) -> None:
+    def __init__(self, config: WorldModelConfig, most_looks: int = MOST_LOOKS) -> None:
         self.config = config
         known = {"class": config.classes, "color": config.colors}
         known |= {name: () for name in config.attributes if name not in known}
@@ -57,7 +57,7 @@ class Anchoring(Corrections):
         self._detector = np.array([detection, self.persistence, config.rate_hz, config.removed_per_second])
         self.unseen = Unseen(config)
         self.touching = Touching(detection)
-        self.hindsight = Hindsight()
+        self.hindsight = Hindsight(most_looks)
         known_bias = np.zeros(CONSTANT)
         known_bias[: len(config.sensor_bias)] = config.sensor_bias
         self.bias = SensorErrors(known_bias)
@@ -152,10 +152,13 @@ class Anchoring(Corrections):
         verified: dict[int, int] = {}
         for index, object_id in enumerate(measured.object_ids):
             track = None if object_id is None else named.get(object_id)
-            if track is None or track.number in verified.values():
+            # One that was named before it may have taken this one along.
+            if track is None or track.number in verified.values() or track.number not in self.tracks:
                 continue
             likelihood = self.vocabulary.likelihoods(measured.attributes[index : index + 1])[0]
             self.verify(track, measured.positions[index], measured.covariances[index], likelihood, stamp, lag)
+            if track.number not in self.tracks:
+                continue  # so uncertain a measurement that it may be anywhere: it is nobody's any more
             slots = self._leaves_of(track)
             told, spreads = self.quantities.arrays([measured.quantities[index]] * len(slots))
             self.quantities.learn(self.pool.leaves, slots, told, spreads)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,14 +15,15 @@ from world_model.sensor_bias import within
 from world_model.sensor_errors import SensorErrors
 
 FIRST_LOOKS = 100
+"""Looks of a sensor that has not moved; as many as are needed where nobody looks back."""
 MOST_LOOKS = 4000
 """Older looks are forgotten: what they said is in the places of objects."""
 
 
 @dataclass
 class Look:
-    """stamp, s; measured : M detections as they came; likelihood (M, A); owners (M,) : numbers of tracks;
-    symbols (M,) : what was said of each detection then; rate (3,) : how fast the sensor moved, m/s and rad/s."""
+    """stamp, s; measured : M detections as they came, without their words; likelihood (M, A); owners (M,) : numbers of
+    tracks; symbols (M,) : what was said of each detection then; rate (3,) : speed of the sensor, m/s and rad/s."""
 
     stamp: float
     measured: Measurements
@@ -47,14 +48,15 @@ def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
 
 
 class Hindsight:
-    """The looks of a moving sensor, and what explains them."""
+    """The looks of a moving sensor, and what explains them. most : how many are kept."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST_LOOKS) -> None:
+        self._most = most
         self.reset()
 
     def reset(self) -> None:
         """Nothing was seen."""
-        self.looks: deque[Look] = deque(maxlen=MOST_LOOKS)
+        self.looks: deque[Look] = deque(maxlen=self._most)
 
     def add(
         self,
@@ -70,7 +72,9 @@ class Hindsight:
             return
         if not sensor.moved and len(self.looks) >= FIRST_LOOKS:
             self.looks.popleft()
-        self.looks.append(Look(stamp, measured, likelihood, list(owners), symbols, sensor.rate))
+        # The words take many times the room of the numbers, and their likelihood says what they did.
+        seen = replace(measured, attributes=(), quantities=(), object_ids=())
+        self.looks.append(Look(stamp, seen, likelihood, list(owners), symbols, sensor.rate))
 
     def explained(
         self,

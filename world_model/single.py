@@ -91,6 +91,8 @@ class SingleObjects(ABC):
         with_it = cluster.rows[:, column] >= 0
         if with_it.any() and not with_it.all():
             self._keep_rows(track.cluster, with_it)
+            if track.number not in self.tracks:
+                return
         for slot in self._leaves_of(track):
             predict(leaves, slot, stamp, self.motion, self.config.removed_per_second)
             moving = leaves.behavior[slot, MOVING] > leaves.behavior[slot, REST]

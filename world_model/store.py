@@ -8,15 +8,17 @@ about the past, and is thinned out when it exceeds a limit: what is old, and no 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from estimation.checks import require_count
 from world_model.state import WorldObject, WorldState
-from world_model.store_file import DamagedError, StoreError, StoreFile, is_damage, set_aside
+from world_model.store_file import StoreError, StoreFile, copy_store, is_damage
+from world_model.store_format import CLOCK, CURRENT, EPOCHS, HISTORY, NAMES, OBJECTS, Clock, Table, summed
+from world_model.store_keeper import Keeper
 from world_model.store_records import HistoryEntry, Memory, Records
 from world_model.store_rows import COLUMNS, Written, attributes_text, decode, encode, event, is_drift
 
@@ -29,15 +31,45 @@ EVENTS = ("appeared", "gone", "lost", "found", "returned", "renamed")
 INSTANTS = 3
 """Failures in a row after which a write is tried again once a second only."""
 RETRY = 1.0
-PLACEHOLDERS = ", ".join("?" * len(COLUMNS.split(",")))
+_Run = tuple[int, float | None, float | None]
+
+PERIOD = 600.0
+"""s between two looks for damage, each with a snapshot where something was written since."""
+
+
+@dataclass
+class _Change:
+    """What a transaction does to the row of `clock`: rows more, and their marks."""
+
+    epoch: int
+    stamp: float | None
+    runs: int = 0
+    names: int = 0
+    present: int = 0
+    past: int = 0
+    marks: int = 0
+
+    def applied(self, clock: Clock) -> Clock:
+        return Clock(
+            self.epoch,
+            self.stamp,
+            clock.identity,
+            clock.sequence + 1,
+            clock.runs + self.runs,
+            clock.names + self.names,
+            clock.present + self.present,
+            clock.past + self.past,
+            summed((clock.total, self.marks)),
+        )
 
 
 class Store(Records):
     """A world model's memory in a file.
 
     path : of the file; its folder is made. limit : rows of history that are kept. read_only : only ask questions, also
-    while another process writes. A damaged file is set aside under a name of its own (`set_aside`), and a new one
-    begun. `problem` : why the last write failed, "" while all is well; it is tried again, and the model goes on.
+    while another process writes. A damaged file is set aside under a name of its own (`set_aside`), and all that is
+    whole in it is in the new one; `damages` : what was found, a sentence each. `problem` : why the last write failed,
+    or what was damaged when it was opened, "" while all is well; a write is tried again, and the model goes on.
     Raises StoreError where the file cannot be opened, StoreVersionError where it is of another version.
     """
 
@@ -47,17 +79,22 @@ class Store(Records):
         self.read_only = read_only
         self.set_aside: Path | None = None
         self.problem = ""
-        self.rows = 0
+        self.damages: list[str] = []
         self.failures = 0
+        self.keeper: Keeper | None = None
         self._retry_at = -float("inf")
         self._failed_in_a_row = 0
-        self._written: dict[str, Written] = {}
-        try:
-            self._open()
-        except DamagedError as error:
-            if read_only:
-                raise
-            self._replace(str(error))
+        self._run: _Run
+        self._open()
+
+    @property
+    def rows(self) -> int:
+        """Rows of history."""
+        return self._clock.past
+
+    def watch(self, period: float = PERIOD) -> None:
+        """From now on look for damage and keep snapshots, beside what is written, every `period` s."""
+        self.keeper = Keeper(self._file, period)
 
     # Writing.
 
@@ -67,7 +104,10 @@ class Store(Records):
             return
         try:
             if self._file.replaced:
-                self._reopen("the file was moved or removed")
+                self._reopen()
+                self.problem = f"{self.path}: the file was moved or removed; begun anew"
+            elif self.keeper is not None and self.keeper.found:
+                self._reopen()
             self._record(state)
         except (sqlite3.Error, OSError, StoreError) as error:
             self._fail(error, state.stamp)
@@ -78,7 +118,7 @@ class Store(Records):
     def begin(self, epoch: int) -> None:
         """A new run: its world is empty. Does not raise: see `problem`."""
         try:
-            self._transaction([lambda: self._begin(epoch)])
+            self._begin(epoch)
         except (sqlite3.Error, OSError) as error:
             self._fail(error, float("inf"))
 
@@ -88,16 +128,17 @@ class Store(Records):
         if known is None:
             return
         try:
-            self._transaction(
-                [lambda: self._execute("UPDATE objects SET id = ? WHERE key = ?", new_object_id, known.key)]
-            )
+            with self._transaction() as change:
+                for table in (OBJECTS, NAMES):
+                    change.marks -= table.mark((known.key, self._epoch, object_id))
+                    change.marks += self._put(table, known.key, self._epoch, new_object_id)
             self._written[new_object_id] = self._written.pop(object_id)
         except (sqlite3.Error, OSError) as error:
             self._fail(error, float("inf"))
 
     def _record(self, state: WorldState) -> None:
         if state.epoch != self._epoch:
-            self._transaction([lambda: self._begin(state.epoch)])
+            self._begin(state.epoch)
         changed = [
             item
             for item in state.objects
@@ -107,158 +148,158 @@ class Store(Records):
         if len(state.objects) - sum(item.id not in self._written for item in changed) < len(self._written):
             gone = list(self._written.keys() - {item.id for item in state.objects})
         after: list[tuple[str, Written | None]] = []
-        connection = self._file.connection
-        connection.execute("BEGIN IMMEDIATE")
-        try:
-            inserted = 0
+        with self._transaction(stamp=state.stamp) as change:
             for item in changed:
-                written, rows = self._write(item, state.stamp)
-                after.append((item.id, written))
-                inserted += rows
+                after.append((item.id, self._write(item, state.stamp, change)))
             for object_id in gone:
-                inserted += self._remove(object_id, state.stamp)
+                self._remove(object_id, state.stamp, change)
                 after.append((object_id, None))
-            self._execute("UPDATE clock SET stamp = ? WHERE one = 1", state.stamp)
-            self._execute(
-                "UPDATE epochs SET first_stamp = ifnull(first_stamp, ?), last_stamp = ? WHERE epoch = ?",
-                state.stamp,
-                state.stamp,
-                state.epoch,
-            )
-            deleted = self._thin(min(4 * inserted + 16, self.rows + inserted - self.limit))
-            connection.execute("COMMIT")
-        except BaseException:
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
-            raise
-        self.rows += inserted - deleted
-        self._stamp = state.stamp
+            run: _Run = (state.epoch, state.stamp if self._run[1] is None else self._run[1], state.stamp)
+            change.marks += self._put(EPOCHS, *run) - EPOCHS.mark(self._run)
+            most = min(4 * change.past + 16, self.rows + change.past - self.limit)
+            self._thin(most, change)
+        self._run = run
         for object_id, written_now in after:
             if written_now is None:
                 del self._written[object_id]
             else:
                 self._written[object_id] = written_now
 
-    def _write(self, item: WorldObject, stamp: float) -> tuple[Written, int]:
-        """Rows of one object that is new or another version; what to remember of it, and the rows of history."""
+    def _write(self, item: WorldObject, stamp: float, change: _Change) -> Written:
+        """Rows of one object that is new or another version; what to remember of it."""
         known = self._written.get(item.id)
         if known is not None and is_drift(known.row, item):
-            return replace(known, latest=item), 0
+            return replace(known, latest=item)
         if known is not None and known.row.attributes == item.attributes:
             text = known.text
         else:
             text = attributes_text(item.attributes)
         if known is None:
-            key, rows = self._key(item.id)
+            key, rows = self._key(item.id, change)
             happened = "returned" if rows else "appeared"
+            change.present += 1
         else:
             key, rows = known.key, known.rows
             happened = event(known.noted, known.noted_at, item, stamp)
-        values = encode(item, text)
-        self._execute(f"INSERT OR REPLACE INTO current VALUES (?, {PLACEHOLDERS})", key, *values)
+            change.marks -= known.mark
+        mark = self._put(CURRENT, key, *encode(item, text))
+        change.marks += mark
         if not happened:
             assert known is not None
-            return replace(known, latest=item, row=item, text=text), 0
-        self._note(key, stamp, happened, rows, item)
-        return Written(key, item, item, item, stamp, rows + 1, text), 1
+            return replace(known, latest=item, row=item, text=text, mark=mark)
+        self._note(key, stamp, happened, rows, item, change)
+        return Written(key, item, item, item, stamp, rows + 1, text, mark)
 
-    def _remove(self, object_id: str, stamp: float) -> int:
+    def _remove(self, object_id: str, stamp: float, change: _Change) -> None:
         known = self._written[object_id]
         self._execute("DELETE FROM current WHERE key = ?", known.key)
-        self._note(known.key, stamp, "gone", known.rows, known.latest)
-        return 1
+        change.present -= 1
+        change.marks -= known.mark
+        self._note(known.key, stamp, "gone", known.rows, known.latest, change)
 
-    def _note(self, key: int, stamp: float, happened: str, number: int, item: WorldObject) -> None:
+    def _note(
+        self, key: int, stamp: float, happened: str, number: int, item: WorldObject, change: _Change
+    ) -> None:
         """A row of history. Every other row has level 0, every fourth level 1 and so on: the ruler sequence."""
         number += 1
         level = EVENT_LEVEL if happened in EVENTS else (number & -number).bit_length() - 1
-        text = attributes_text(item.attributes, 4)
-        self._execute(
-            f"INSERT INTO history (key, stamp, event, level, {COLUMNS}) VALUES (?, ?, ?, ?, {PLACEHOLDERS})",
-            key,
-            stamp,
-            happened,
-            level,
-            *encode(item, text),
-        )
+        values = encode(item, attributes_text(item.attributes, 4))
+        change.marks += self._put(HISTORY, self._next_row, key, stamp, happened, level, *values)
+        change.past += 1
+        self._next_row += 1
 
-    def _key(self, object_id: str) -> tuple[int, int]:
+    def _key(self, object_id: str, change: _Change) -> tuple[int, int]:
         """Key of an object of this run, and how many rows of history it has."""
         found = self._execute(
             "SELECT key FROM objects WHERE epoch = ? AND id = ?", self._epoch, object_id
         ).fetchone()
         if found is None:
-            made = self._execute("INSERT INTO objects (epoch, id) VALUES (?, ?)", self._epoch, object_id)
-            return int(made.lastrowid or 0), 0
+            key = 1 + (self._execute("SELECT max(key) FROM objects").fetchone()[0] or 0)
+            for table in (OBJECTS, NAMES):
+                change.marks += self._put(table, key, self._epoch, object_id)
+            change.names += 1
+            return key, 0
         rows = self._execute("SELECT count(*) FROM history WHERE key = ?", found[0]).fetchone()[0]
         return int(found[0]), int(rows)
 
-    def _begin(self, epoch: int) -> None:
-        self._execute("DELETE FROM current")
-        self._execute("INSERT OR IGNORE INTO epochs (epoch) VALUES (?)", epoch)
-        self._execute("UPDATE clock SET epoch = ?, stamp = NULL WHERE one = 1", epoch)
-        self._epoch, self._stamp = epoch, None
-        self._written = {}
+    def _put(self, table: Table, *values: object) -> int:
+        """Write a row, in place of the one with the same key; returns its mark."""
+        mark = table.mark(values)
+        self._file.connection.execute(table.insert, (*values, mark))
+        return mark
 
-    def _thin(self, count: int) -> int:
+    def _begin(self, epoch: int) -> None:
+        known = self._execute(
+            "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?", epoch
+        ).fetchone()
+        run: _Run = known or (epoch, None, None)
+        with self._transaction(epoch) as change:
+            self._execute("DELETE FROM current")
+            change.present -= len(self._written)
+            change.marks -= sum(written.mark for written in self._written.values())
+            if known is None:
+                change.marks += self._put(EPOCHS, *run)
+                change.runs += 1
+        self._run, self._written = run, {}
+
+    def _thin(self, count: int, change: _Change) -> int:
         """Delete up to `count` rows of the older half of history, those of low level first."""
         if count <= 0:
             return 0
         newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
         deleted = 0
         for level in range(EVENT_LEVEL + 1):
-            deleted += self._execute(
+            marks = self._execute(
                 "DELETE FROM history WHERE row IN "
-                "(SELECT row FROM history WHERE level = ? AND row <= ? ORDER BY row LIMIT ?)",
+                "(SELECT row FROM history WHERE level = ? AND row <= ? ORDER BY row LIMIT ?) RETURNING mark",
                 level,
                 newest - self.limit // 2,
                 count - deleted,
-            ).rowcount
+            ).fetchall()
+            deleted += len(marks)
+            change.marks -= sum(mark for (mark,) in marks)
             if deleted >= count:
                 break
+        change.past -= deleted
         return deleted
 
     # The file.
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Write everything to the file itself, or a complete copy to another one. Raises StoreError.
+        """Write everything to the file itself, or a complete copy to another one, read back. Raises StoreError.
 
         A copy replaces an older copy, and nothing else.
         """
+        if path is not None and Path(path) != self.path:
+            copy_store(self._file.connection, Path(path))
+            return Path(path)
         try:
-            if path is None or Path(path) == self.path:
-                self._execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-                return self.path
-            target = Path(path)
-            if target.exists():
-                StoreFile(target, read_only=True).close()
-            temporary = target.with_name(target.name + ".part")
-            temporary.unlink(missing_ok=True)
-            self._execute("VACUUM INTO ?", str(temporary))
-            temporary.replace(target)
+            self._execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
         except (sqlite3.Error, OSError) as error:
-            raise StoreError(f"{path or self.path}: cannot be written: {error}") from error
-        return target
+            raise StoreError(f"{self.path}: cannot be written: {error}") from error
+        return self.path
 
     def compact(self, limit: int | None = None) -> int:
         """Thin history out to `limit` rows and give the space back; returns how many rows went. Raises StoreError."""
         if limit is not None:
             self.limit = require_count("limit", limit, 100)
-        went = 0
+        before = self.rows
         try:
             while self.rows > self.limit:
-                done = self._thin(min(self.rows - self.limit, 10_000))
+                with self._transaction(stamp=self._clock.stamp) as change:
+                    done = self._thin(min(self.rows - self.limit, 10_000), change)
                 if done == 0:
                     break
-                went, self.rows = went + done, self.rows - done
             self._execute("VACUUM")
             self._execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: cannot be compacted: {error}") from error
-        return went
+        return before - self.rows
 
     def close(self) -> None:
         """Close the file; everything recorded stays."""
+        if self.keeper is not None:
+            self.keeper.end()
         self._file.close()
 
     def __enter__(self) -> Store:
@@ -269,39 +310,46 @@ class Store(Records):
     ) -> None:
         self.close()
 
-    def _transaction(self, steps: Iterable[Any]) -> None:
+    @contextmanager
+    def _transaction(self, epoch: int | None = None, stamp: float | None = None) -> Iterator[_Change]:
+        """All or nothing, with the row of `clock`. stamp : None where a run begins."""
         connection = self._file.connection
+        change = _Change(self._epoch if epoch is None else epoch, stamp)
         connection.execute("BEGIN IMMEDIATE")
         try:
-            for step in steps:
-                step()
+            yield change
+            clock = change.applied(self._clock)
+            connection.execute(CLOCK.insert, clock.row)
             connection.execute("COMMIT")
         except BaseException:
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
             raise
+        self._clock = clock
+        self._file.note(clock)
 
     def _open(self) -> None:
-        """Open the file and take over what it has."""
+        """Open the file, put right what is damaged, and take over what it has."""
         self._file = StoreFile(self.path, self.read_only)
+        self.set_aside = self._file.aside or self.set_aside
+        self.damages += self._file.found
+        self.problem = self._file.found[0] if self._file.found else self.problem
         try:
             self._resume()
         except (sqlite3.Error, ValueError, TypeError, KeyError) as error:
             self._file.close()
-            if isinstance(error, sqlite3.Error) and not is_damage(error):
-                raise StoreError(f"{self.path}: cannot be read: {error}") from error
-            raise DamagedError(f"{self.path}: is damaged: {error}") from error
+            raise StoreError(f"{self.path}: cannot be read: {error}") from error
 
     def _resume(self) -> None:
-        epoch, stamp = self._execute("SELECT epoch, stamp FROM clock").fetchone()
-        self._epoch = int(epoch)
-        self._stamp = stamp
-        self.rows = int(self._execute("SELECT count(*) FROM history").fetchone()[0])
+        self._clock = Clock.of(self._execute("SELECT * FROM clock").fetchone())
+        epoch, run = self._epoch, "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?"
+        self._run = self._execute(run, epoch).fetchone()
+        self._next_row = 1 + (self._execute("SELECT max(row) FROM history").fetchone()[0] or 0)
         self._written = {}
         rows = self._execute(
-            f"SELECT c.key, o.id, {COLUMNS} FROM current c JOIN objects o ON o.key = c.key ORDER BY c.key"
+            f"SELECT c.key, o.id, c.mark, {COLUMNS} FROM current c JOIN objects o ON o.key = c.key ORDER BY c.key"
         ).fetchall()
-        for key, name, *values in rows:
+        for key, name, mark, *values in rows:
             item = decode(name, tuple(values))
             count, last = self._execute(
                 "SELECT count(*), max(row) FROM history WHERE key = ?", key
@@ -312,7 +360,7 @@ class Store(Records):
                     f"SELECT stamp, {COLUMNS} FROM history WHERE row = ?", last
                 ).fetchone()
                 noted = decode(name, tuple(old))
-            self._written[name] = Written(key, item, item, noted, noted_at, count, values[5])
+            self._written[name] = Written(key, item, item, noted, noted_at, count, values[5], mark)
 
     def _fail(self, error: BaseException, stamp: float) -> None:
         self.failures += 1
@@ -321,18 +369,16 @@ class Store(Records):
         self.problem = f"{self.path}: not written: {error}"
         if is_damage(error):
             try:
-                self._file.close()
-                self._replace(self.problem)
+                self._reopen()
             except (sqlite3.Error, OSError, StoreError) as second:
-                self.problem = f"{self.path}: damaged, and no new file: {second}"
+                self.problem = f"{self.path}: damaged, and cannot be put right: {second}"
 
-    def _reopen(self, why: str) -> None:
+    def _reopen(self) -> None:
+        """Close and open: what is damaged is put right, and what the file lacks is written with the next state."""
+        watched = self.keeper
+        if watched is not None:
+            watched.end()
         self._file.close()
         self._open()
-        self.problem = f"{self.path}: {why}; begun anew"
-
-    def _replace(self, why: str) -> None:
-        """Set the damaged file aside and begin a new one."""
-        self.set_aside = set_aside(self.path)
-        self._open()
-        self.problem = f"{why}; it was set aside as {self.set_aside.name}, and a new one begun"
+        if watched is not None:
+            self.watch(watched.period)

@@ -1,38 +1,36 @@
-"""The file of the store: opened, checked, locked against a second writer, and set aside where it is damaged."""
+"""The file of the store: opened, checked, locked against a second writer, and put right where it is damaged."""
 
 from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import sqlite3
+import struct
+import zlib
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from estimation.errors import WhereaboutsError
+from world_model.store_format import APPLICATION, FIRST_VERSION, MAGIC, VERSION, Clock, header_problem
+from world_model.store_pages import Pages
+from world_model.store_repair import (
+    READING_ERRORS,
+    connect,
+    examine,
+    has_our_rows,
+    make,
+    rebuild,
+    rebuild_beside,
+    version_of,
+)
 
-VERSION = 1
-APPLICATION = 0x77686272
-"""Marks the file as a world model's among all that SQLite may have written."""
-BUSY = 0.2
-"""s that a write waits for another process."""
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 COMPANIONS = ("", "-wal", "-shm")
-
-SCHEMA = """
-CREATE TABLE clock (one INTEGER PRIMARY KEY CHECK (one = 1), epoch INTEGER NOT NULL, stamp REAL);
-CREATE TABLE epochs (epoch INTEGER PRIMARY KEY, first_stamp REAL, last_stamp REAL);
-CREATE TABLE objects (key INTEGER PRIMARY KEY, epoch INTEGER NOT NULL, id TEXT NOT NULL, UNIQUE (epoch, id));
-CREATE TABLE current (key INTEGER PRIMARY KEY, numbers BLOB NOT NULL, existence REAL NOT NULL, lost INTEGER NOT NULL,
-  last_seen REAL NOT NULL, first_seen REAL NOT NULL, attributes TEXT NOT NULL, behaviors TEXT NOT NULL, region TEXT);
-CREATE TABLE history (row INTEGER PRIMARY KEY, key INTEGER NOT NULL, stamp REAL NOT NULL, event TEXT NOT NULL,
-  level INTEGER NOT NULL, numbers BLOB NOT NULL, existence REAL NOT NULL, lost INTEGER NOT NULL,
-  last_seen REAL NOT NULL, first_seen REAL NOT NULL, attributes TEXT NOT NULL, behaviors TEXT NOT NULL, region TEXT);
-CREATE INDEX history_by_object ON history (key, stamp);
-CREATE INDEX history_by_level ON history (level, row);
-INSERT INTO clock VALUES (1, 0, NULL);
-INSERT INTO epochs (epoch) VALUES (0);
-"""
+SNAPSHOTS = 2
+SPACE = 3.0
+"""Times the size of a file that has to be free for a new one beside it."""
+_TIP = struct.Struct("<QII")
 
 
 class StoreError(WhereaboutsError):
@@ -50,27 +48,45 @@ class DamagedError(StoreError):
 class StoreFile:
     """One open file. `connection` is in autocommit mode; transactions are explicit.
 
-    Raises StoreVersionError, DamagedError or StoreError, naming the file.
+    `found` : what was damaged or missing when it was opened, a sentence each; `aside` : where the damaged file is now.
+    A read-only store is not put right: what is whole is answered from memory.
+
+    Raises StoreVersionError or StoreError, naming the file.
     """
 
     def __init__(self, path: Path, read_only: bool = False) -> None:
         self.path = path
+        self.found: list[str] = []
+        self.aside: Path | None = None
         self._lock: int | None = None
-        if read_only and not path.is_file():
-            raise StoreError(f"{path}: there is no such store")
-        if not read_only:
-            self._lock = _locked(path)
-        try:
-            self.connection = _opened(path, read_only)
-        except BaseException:
-            self._unlock()
-            raise
+        if read_only:
+            if not path.is_file():
+                raise StoreError(f"{path}: there is no such store")
+            self.connection = self._for_reading()
+        else:
+            self._lock = locked(path)
+            try:
+                self.connection = self._for_writing()
+            except BaseException:
+                self._unlock()
+                raise
         self._identity = _identity(path)
 
     @property
     def replaced(self) -> bool:
         """Whether somebody has moved or removed the file."""
         return _identity(self.path) != self._identity
+
+    @property
+    def snapshots(self) -> list[Path]:
+        """Where snapshots are kept, the newest first."""
+        return [Path(f"{self.path}.snapshot-{number + 1}") for number in range(SNAPSHOTS)]
+
+    def note(self, clock: Clock) -> None:
+        """Remember beside the file how far it has been written: what a log lost is then known."""
+        if self._lock is not None:
+            name = zlib.crc32(clock.identity.encode())
+            os.pwrite(self._lock, _tip(clock.sequence, name), 0)
 
     def close(self) -> None:
         """Close; committed data stay."""
@@ -82,6 +98,137 @@ class StoreFile:
             os.close(self._lock)
             self._lock = None
 
+    def _for_writing(self) -> sqlite3.Connection:
+        path = self.path
+        try:
+            self._finish_exchange()
+            if not path.exists():
+                self._clear_companions()
+                make(path)
+            why = self._judged(Pages(path))
+            connection = None
+            if not why:
+                connection, why = self._checked("rw")
+            if connection is None:
+                self._put_right(why)
+                connection = connect(path, "rw")
+            for pragma in ("journal_mode = WAL", "synchronous = NORMAL", "secure_delete = ON"):
+                connection.execute(f"PRAGMA {pragma}").fetchall()
+            connection.execute("PRAGMA wal_autocheckpoint = 1000").fetchall()
+            clock = Clock.of(connection.execute("SELECT * FROM clock").fetchone())
+            self._compare_tip(clock)
+            return connection
+        except (sqlite3.Error, OSError) as error:
+            raise StoreError(f"{path}: cannot be opened for writing: {_reason(error)}") from error
+
+    def _for_reading(self) -> sqlite3.Connection:
+        path = self.path
+        try:
+            pages = Pages(path)
+            # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
+            why = self._judged(pages) if not _is_being_written(path) else []
+            connection = None
+            if not why:
+                connection, why = self._checked("ro")
+            if connection is None:
+                connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+                salvage = rebuild(path, why, self.snapshots, connection)
+                if why != [_OLD]:
+                    self.found.append(f"{path}: is damaged: {why[0]}; answered from what is whole: {salvage}")
+            return connection
+        except (sqlite3.Error, OSError) as error:
+            raise StoreError(f"{path}: cannot be read: {_reason(error)}") from error
+
+    def _judged(self, pages: Pages) -> list[str]:
+        """What shows before SQLite touches the file. Raises StoreVersionError for one that is not to be touched."""
+        if pages.count == 0:
+            return ["it is empty"]
+        head = pages[1]
+        problem, version = header_problem(head), version_of(pages)
+        known = version in (VERSION, FIRST_VERSION)
+        if not known and head[:16] == MAGIC and not self._is_one_bit(head, pages):
+            if not version and not _is_database(self.path):
+                return ["is no database", *pages.problems]
+            if not version:
+                raise StoreVersionError(f"{self.path}: is a database, but not a world model's")
+            raise StoreVersionError(
+                f"{self.path}: is of version {version}, this program reads version {VERSION}; it was left as it is"
+            )
+        if problem or not known:
+            return [problem or "the head of the file is not as it was written", *pages.problems]
+        return [_OLD] if version == FIRST_VERSION else pages.problems
+
+    def _is_one_bit(self, head: bytes, pages: Pages) -> bool:
+        """Whether the numbers in the head are damaged rather than somebody else's."""
+        if version_of(pages) and (int.from_bytes(head[60:64], "big") ^ VERSION).bit_count() > 1:
+            return False
+        return has_our_rows(pages)
+
+    def _checked(self, mode: str) -> tuple[sqlite3.Connection | None, list[str]]:
+        """A connection to a file that is whole, or what is damaged."""
+        connection = None
+        try:
+            connection = connect(self.path, mode)
+            connection.execute("PRAGMA secure_delete = ON").fetchall()
+            problems = examine(connection)
+        except READING_ERRORS as error:
+            problems = [str(error)]
+        if problems and connection is not None:
+            connection.close()
+            connection = None
+        return connection, problems
+
+    def _put_right(self, why: list[str]) -> None:
+        """Exchange the file for one of everything that is whole."""
+        path = self.path
+        made, salvage = rebuild_beside(path, why, self.snapshots)
+        old = why == [_OLD]
+        self.aside = set_aside(path, "version-1" if old else "damaged")
+        made.replace(path)
+        if old and not salvage.lost_rows:
+            self.aside = None
+            return
+        self.found.append(
+            f"{path}: is damaged: {'; '.join(why)}; {salvage}; it was set aside as {self.aside.name}"
+        )
+        lines = [*self.found[-1:], *salvage.why, *salvage.lost_rows]
+        Path(f"{self.aside}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    def _finish_exchange(self) -> None:
+        """A process that ended between making the new file and exchanging the two left it beside."""
+        made = Path(f"{self.path}.rebuilt")
+        if made.exists():
+            self.aside = set_aside(self.path, "damaged")
+            made.replace(self.path)
+            self.found.append(f"{self.path}: was damaged, and is set aside as {self.aside.name}")
+
+    def _clear_companions(self) -> None:
+        """A log without its file would be taken for the new one's."""
+        if any(Path(f"{self.path}{suffix}").exists() for suffix in COMPANIONS[1:]):
+            self.aside = set_aside(self.path, "damaged")
+            self.found.append(f"{self.path}: only its log was there; it was set aside as {self.aside.name}")
+
+    def _compare_tip(self, clock: Clock) -> None:
+        assert self._lock is not None
+        sequence, name, check = _TIP.unpack(os.pread(self._lock, _TIP.size, 0).ljust(_TIP.size, b"\0"))
+        mine = name == zlib.crc32(clock.identity.encode()) and _tip(sequence, name)[-4:] == struct.pack(
+            "<I", check
+        )
+        if mine and sequence > clock.sequence and not self.found:
+            self.found.append(f"{self.path}: the last {sequence - clock.sequence} messages are missing in it")
+        self.note(clock)
+
+
+_OLD = "an older version"
+
+
+def _tip(sequence: int, name: int) -> bytes:
+    return _TIP.pack(sequence, name, zlib.crc32(struct.pack("<QI", sequence, name)))
+
+
+def _reason(error: sqlite3.Error | OSError) -> str:
+    return (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
+
 
 def is_store(path: Path) -> bool:
     """Whether a file says of itself that it is a world model's store, of whatever version."""
@@ -90,7 +237,7 @@ def is_store(path: Path) -> bool:
             head = file.read(72)
     except OSError:
         return False
-    if head[:16] != b"SQLite format 3\0":
+    if head[:16] != MAGIC:
         return False
     if head[68:72] == APPLICATION.to_bytes(4, "big"):
         return True
@@ -98,23 +245,67 @@ def is_store(path: Path) -> bool:
     if not Path(f"{path}-wal").exists():
         return False
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        with closing(connect(path, "ro")) as connection:
             return bool(connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION)
     except sqlite3.Error:
         return False
 
 
-def set_aside(path: Path) -> Path:
-    """Rename a damaged file and what belongs to it, so that nothing is overwritten; returns the new name."""
+def _is_database(path: Path) -> bool:
+    try:
+        with closing(connect(path, "ro")) as connection:
+            return connection.execute("SELECT count(*) FROM sqlite_master").fetchone() is not None
+    except READING_ERRORS:
+        return False
+
+
+def set_aside(path: Path, why: str = "damaged") -> Path:
+    """Rename a file and what belongs to it, so that nothing is overwritten; returns the new name."""
     number = 1
-    while any(Path(f"{path}.damaged-{number}{suffix}").exists() for suffix in COMPANIONS):
+    while any(Path(f"{path}.{why}-{number}{suffix}").exists() for suffix in COMPANIONS):
         number += 1
-    aside = Path(f"{path}.damaged-{number}")
+    aside = Path(f"{path}.{why}-{number}")
     for suffix in COMPANIONS:
         source = Path(f"{path}{suffix}")
         if source.exists():
             source.rename(f"{aside}{suffix}")
     return aside
+
+
+def copy_store(connection: sqlite3.Connection, target: Path) -> None:
+    """A complete copy, read back and compared before it takes the place of an older copy; nothing else is replaced.
+
+    Raises StoreError.
+    """
+    if target.exists() and not is_store(target):
+        raise StoreError(f"{target}: is not a world model's store; it was not overwritten")
+    lock = locked(target)
+    part = Path(f"{target}.part")
+    try:
+        part.unlink(missing_ok=True)
+        connection.execute("VACUUM INTO ?", (str(part),))
+        expected = connection.execute("SELECT * FROM clock").fetchone()
+        _compare(part, expected)
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
+        for suffix in COMPANIONS[1:]:
+            Path(f"{target}{suffix}").unlink(missing_ok=True)
+        part.replace(target)
+        _compare(target, expected)
+    except (sqlite3.Error, OSError) as error:
+        raise StoreError(f"{target}: cannot be written: {_reason(error)}") from error
+    finally:
+        part.unlink(missing_ok=True)
+        os.close(lock)
+
+
+def _compare(path: Path, expected: tuple[object, ...]) -> None:
+    with closing(connect(path, "ro")) as copy:
+        problems = examine(copy)
+        if not problems and copy.execute("SELECT * FROM clock").fetchone() != expected:
+            problems = ["holds something else than was written"]
+    if problems:
+        raise StoreError(f"{path}: was written, but reading it back shows: {problems[0]}")
 
 
 def is_damage(error: BaseException) -> bool:
@@ -123,61 +314,21 @@ def is_damage(error: BaseException) -> bool:
     return isinstance(error, sqlite3.DatabaseError) and (code & 0xFF) in DAMAGED
 
 
-def _opened(path: Path, read_only: bool) -> sqlite3.Connection:
+def has_space(path: Path) -> bool:
+    """Whether there is room for another file of the size."""
     try:
-        mode = "ro" if read_only else "rwc"
-        uri = f"file:{_quoted(path)}?mode={mode}"
-        connection = sqlite3.connect(uri, timeout=BUSY, isolation_level=None, uri=True)
-    except sqlite3.Error as error:
-        raise StoreError(f"{path}: cannot be opened: {error}") from error
-    try:
-        _prepare(connection, path, read_only)
-    except sqlite3.Error as error:
-        connection.close()
-        if is_damage(error):
-            raise DamagedError(f"{path}: is damaged: {error}") from error
-        raise StoreError(f"{path}: cannot be used: {error}") from error
-    except BaseException:
-        connection.close()
-        raise
-    return connection
+        return shutil.disk_usage(path.parent).free > SPACE * path.stat().st_size
+    except OSError:
+        return False
 
 
-def _prepare(connection: sqlite3.Connection, path: Path, read_only: bool) -> None:
-    def pragma(name: str) -> Any:
-        return connection.execute(f"PRAGMA {name}").fetchone()[0]
-
-    application, version = pragma("application_id"), pragma("user_version")
-    tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-    fresh = tables == 0 and application == 0 and not read_only
-    if not fresh:
-        if application != APPLICATION:
-            raise StoreVersionError(f"{path}: is a database, but not a world model's")
-        if version != VERSION:
-            raise StoreVersionError(
-                f"{path}: is of version {version}, this program reads version {VERSION}; it was left as it is"
-            )
-        problem = pragma("quick_check(1)")
-        if problem != "ok":
-            raise DamagedError(f"{path}: is damaged: {problem}")
-    if read_only:
-        return
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = NORMAL")
-    connection.execute("PRAGMA wal_autocheckpoint = 1000")
-    if fresh:
-        connection.executescript(
-            f"BEGIN; {SCHEMA} PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION}; COMMIT;"
-        )
-
-
-def _locked(path: Path) -> int:
-    """A lock that ends with this process, however it ends."""
+def locked(path: Path) -> int:
+    """A lock that ends with this process, however it ends. Raises StoreError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
-        raise StoreError(f"{path}: cannot be opened: {error}") from error
+        raise StoreError(f"{path}: cannot be opened for writing: {_reason(error)}") from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -186,14 +337,23 @@ def _locked(path: Path) -> int:
     return lock
 
 
+def _is_being_written(path: Path) -> bool:
+    try:
+        lock = os.open(f"{path}.lock", os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        return False
+    except OSError:
+        return True
+    finally:
+        os.close(lock)
+
+
 def _identity(path: Path) -> tuple[int, int] | None:
     try:
         about = os.stat(path)
     except OSError:
         return None
     return about.st_dev, about.st_ino
-
-
-def _quoted(path: Path) -> str:
-    """A path for a SQLite URI."""
-    return str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")

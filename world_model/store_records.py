@@ -12,6 +12,7 @@ import numpy as np
 from estimation.places import LIKELY, Place
 from world_model.state import WorldObject
 from world_model.store_file import StoreFile
+from world_model.store_format import Clock
 from world_model.store_rows import COLUMNS, Written, decode
 from world_model.symbols import parse_symbol
 
@@ -44,9 +45,16 @@ class Records:
     """The reading part of `Store`."""
 
     _file: StoreFile
-    _epoch: int
-    _stamp: float | None
+    _clock: Clock
     _written: dict[str, Written]
+
+    @property
+    def _epoch(self) -> int:
+        return self._clock.epoch
+
+    @property
+    def _stamp(self) -> float | None:
+        return self._clock.stamp
 
     def restore(self) -> Memory | None:
         """What was known at the last message, for a new `WorldModel`; None where nothing is remembered."""

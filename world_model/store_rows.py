@@ -36,7 +36,7 @@ QUANTITIES = "quantities"
 @dataclass
 class Written:
     """What the store has of one object. `latest` is the newest, `row` the one in `current`, `noted` the newest in
-    `history`, at `noted_at`; `rows` counts those; `text` is the JSON of `row`'s attributes."""
+    `history`, at `noted_at`; `rows` counts those; `text` is the JSON of `row`'s attributes, `mark` that of its row."""
 
     key: int
     latest: WorldObject
@@ -45,6 +45,7 @@ class Written:
     noted_at: float
     rows: int
     text: str
+    mark: int
 
 
 def encode(item: WorldObject, text: str) -> tuple[Any, ...]:

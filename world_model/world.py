@@ -16,6 +16,7 @@ from world_model.behaviors import motion_of
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
 from world_model.habits import Habits
+from world_model.hindsight import FIRST_LOOKS, MOST_LOOKS
 from world_model.predictions import checked_predictions
 from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
@@ -31,7 +32,8 @@ class WorldModel:
     """Anchors, hypotheses and their probabilities.
 
     places : rooms and furniture, or None. store : memory, or the path of its file, or None; what it remembers is
-    where the model starts from. `words` says where objects are and which symbols hold of them.
+    where the model starts from. looks_back : whether thousands of looks are kept for `look_back`. `words` says where
+    objects are and which symbols hold of them.
     """
 
     def __init__(
@@ -39,6 +41,7 @@ class WorldModel:
         config: WorldModelConfig | None = None,
         places: Places | None = None,
         store: Store | str | Path | None = None,
+        looks_back: bool = True,
     ) -> None:
         self.config = config or WorldModelConfig()
         self.places = places
@@ -49,7 +52,7 @@ class WorldModel:
         self.begun = np.inf  # first stamp of this run
         self._earlier: list[WorldObject] = []
         self._taken_names: Mapping[str, int] = {}
-        self._anchors = Anchoring(self.config)
+        self._anchors = Anchoring(self.config, MOST_LOOKS if looks_back else FIRST_LOOKS)
         self.habits = Habits(places or Places())
         if places:
             self._anchors.habits = self.habits

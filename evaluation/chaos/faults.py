@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -112,29 +115,32 @@ class Laboratory:
             self._evidence.publish(message)
             self.spin(0.02)
 
-    def shake(self, name: str) -> None:
+    def shake(self, spec: NodeSpec) -> None:
         """Broken messages on every input of a node. The world model gets only what is no message at all any more."""
-        for item in NODE_INTERFACES[name]:
+        for item in NODE_INTERFACES[spec.executable]:
             if item.kind != "in":
                 continue
             kind = message_class(item.type.replace("/", "/msg/"))
-            key = (item.name, item.type)
+            topic = f"{spec.namespace}/{item.name}"
+            key = (topic, item.type)
             if key not in self._publishers:
                 qos = LATCHED if "latched" in item.way else 100
-                self._publishers[key] = self.node.create_publisher(kind, item.name, qos)
+                self._publishers[key] = self.node.create_publisher(kind, topic, qos)
             for _ in range(BURST):
                 data = self._fuzzer.bytes(kind)
-                if item.name in WORLD_TOPICS and _readable(data, kind):
+                if spec is self.world and _readable(data, kind):
                     continue
                 self._publishers[key].publish(data)
                 self.found.inputs += 1
             self.spin(0.01)
 
-    def kill(self, name: str) -> None:
-        """At once; the supervisor starts it again."""
-        self.supervisor.nodes[name].process.send_signal(signal.SIGKILL)
-        self.supervisor.nodes[name].process.wait()
-        self.found.kills += 1
+    def kill(self, spec: NodeSpec) -> None:
+        """At once, if it was active already; the supervisor starts it again."""
+        node = self.supervisor.nodes[spec.full_name]
+        if node.was_active and node.running:
+            node.process.send_signal(signal.SIGKILL)
+            node.process.wait()
+            self.found.kills += 1
 
     def fill_disk(self) -> None:
         """To the world model it is as if the disk were full for a while."""
@@ -142,10 +148,6 @@ class Laboratory:
         before = resource.prlimit(process, resource.RLIMIT_FSIZE, (1024, resource.RLIM_INFINITY))
         self.spin(FULL)
         resource.prlimit(process, resource.RLIMIT_FSIZE, before)
-
-
-# What the world model and others hear: whole nonsense there would be taken for knowledge.
-WORLD_TOPICS = {item.name for item in NODE_INTERFACES["world_model"] if item.kind == "in"}
 
 
 def _readable(data: bytes, kind: Any) -> bool:
@@ -156,8 +158,26 @@ def _readable(data: bytes, kind: Any) -> bool:
     return True
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """The middleware says of each broken message that it is one."""
+    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nothing)
+
+
 def faults(seconds: float, seed: int, folder: Path) -> Faults:
     """Shake and kill real nodes until the time is over."""
+    with _quiet():
+        return _faults(seconds, seed, folder)
+
+
+def _faults(seconds: float, seed: int, folder: Path) -> Faults:
     context = Context()
     rclpy.init(context=context)
     laboratory = Laboratory(seed, folder, context)
@@ -185,7 +205,8 @@ def faults(seconds: float, seed: int, folder: Path) -> Faults:
 def _round(laboratory: Laboratory, other: str, turn: int) -> None:
     """One more fact while another node is shaken, and then both are killed."""
     found, supervisor = laboratory.found, laboratory.supervisor
-    spec = NodeSpec(other)
+    # What it makes of nonsense is nothing that the world model should hear.
+    spec = NodeSpec(other, namespace="/shaken")
     if spec.full_name not in supervisor.nodes:
         supervisor.start(spec)
     asked = time.monotonic()
@@ -195,15 +216,14 @@ def _round(laboratory: Laboratory, other: str, turn: int) -> None:
             found.lost += 1
             return
     found.facts += 1
-    for name in (other, "world_model"):
-        laboratory.shake(name)
+    for shaken in (spec, laboratory.world):
+        laboratory.shake(shaken)
     if turn % 3 == 2:
         laboratory.fill_disk()
     heard = laboratory._heard
     laboratory._known.clear()
-    laboratory.kill(laboratory.world.full_name)
-    if supervisor.nodes[spec.full_name].was_active:
-        laboratory.kill(spec.full_name)
+    laboratory.kill(laboratory.world)
+    laboratory.kill(spec)
     begun = time.monotonic()
     if laboratory.await_facts(turn + 1, heard):
         found.recoveries.append(time.monotonic() - begun)

@@ -30,8 +30,8 @@ def blob(rng: np.random.Generator, x: float, y: float, color: str, size: str, sh
     return ObjectEvidence(position, SIGMA**2 * np.eye(3), attributes)
 
 
-def dynamic_table(seed: int) -> list[tuple[str, str, str]]:
-    """Section 2.6.1 in its three parts: (situation, the text's outcome, ours)."""
+def dynamic_table(seed: int) -> list[tuple[str, str, bool]]:
+    """Section 2.6.1 in its three parts: a name, what the text's run does, and whether this one does."""
     rng = np.random.default_rng(seed)
     config = WorldModelConfig(
         colors=("green", "red"),
@@ -61,37 +61,26 @@ def dynamic_table(seed: int) -> list[tuple[str, str, str]]:
     tea = (0.5, 0.3, "red", "small", "square")
     before = show(3.0, box, can, tea)
     moved = show(3.0, (-0.5, 0.3, "green", "medium", "rectangle", 0.2), can, tea)
-    rows = [("one of three is moved, 0.2 m/s", "followed", _same(before, moved, "followed"))]
+    rows = [("moved", "one of three is moved at 0.2 m/s, all keep their identities", _same(before, moved))]
     box = (0.1, 0.3, "green", "medium", "rectangle")
     show(4.0, blocked=True)
     cup = (0.4, -0.1, "red", "small", "square")
     after = show(2.0, box, can, cup)
-    rows.append(
-        (
-            "out of sight, a red box is exchanged for a red cup, same symbols, elsewhere",
-            "cup takes the box's identity",
-            _same(moved, after, "cup takes the box's identity"),
-        )
-    )
+    said = "out of sight, a red box is exchanged for a red cup elsewhere, which takes its identity"
+    rows.append(("exchanged", said, _same(moved, after)))
     second = (-0.5, -0.3, "green", "medium", "rectangle")
     with_second = show(2.0, box, can, cup, second)
-    rows.append(
-        ("a second green box is added", "added", f"{len(with_second.objects) - len(after.objects)} added")
-    )
+    added = len(with_second.objects) == len(after.objects) + 1
+    rows.append(("second box", "a second green box comes and is added", added))
     touching = (0.0, 0.3, "green", "medium", "rectangle")
     show(2.0, box, can, cup, touching)
     large = (0.05, 0.3, "green", "large", "rectangle")
     for _ in range(6):
         show(0.4, large, can, cup)
         last = show(0.4, box, touching, can, cup)
-    ghosts = sum(item.most_probable("size") == "large" for item in last.objects)
-    rows.append(
-        (
-            "it touches the first; detector says one large box now and then",
-            "a large box is added",
-            f"{ghosts} large",
-        )
-    )
+    ghost = any(item.most_probable("size") == "large" for item in last.objects)
+    said = "the two touch and are now and then detected as a large one, which is added"
+    rows.append(("false box", said, ghost))
     return rows
 
 
@@ -101,9 +90,12 @@ def _at(thing: tuple[Any, ...], seconds: float) -> tuple[Any, ...]:
     return (x + speed * seconds, y, *symbols)
 
 
-def _same(before: WorldState, after: WorldState, good: str) -> str:
-    kept = {item.id for item in before.objects} == {item.id for item in after.objects}
-    return good if kept else f"{len(after.objects)} objects, identities change"
+def _same(before: WorldState, after: WorldState) -> bool:
+    return {item.id for item in before.objects} == {item.id for item in after.objects}
+
+
+FIRST, SECOND = (0.0, 0.5), (0.2, -0.5)
+"""m, places of the two cups of section 2.6.2."""
 
 
 def cups(often_new: bool, seed: int) -> list[WorldState]:
@@ -111,7 +103,7 @@ def cups(often_new: bool, seed: int) -> list[WorldState]:
 
     often_new : the first setting, with a high probability of new cups; otherwise the second, where cups are moved.
     """
-    places = [(-0.5, -0.5), (-0.5, 0.4), (0.0, 0.5), (0.2, -0.5)]
+    places = [(-0.5, -0.5), (-0.5, 0.4), FIRST, SECOND]
     kinds = ["box", "bottle", "cup", "cup"]
     things = [Thing(k, "red", np.array([x, y, 0.8])) for k, (x, y) in zip(kinds, places, strict=True)]
     scene = ObjectScene(
@@ -140,11 +132,26 @@ def cups(often_new: bool, seed: int) -> list[WorldState]:
     return states
 
 
-def cups_in_words(state: WorldState) -> str:
-    """Symbols and places of the cups in the most probable world, and its probability."""
-    found = [
-        f"{item.id} at ({item.position[0]:.1f}, {item.position[1]:.1f})"
-        for item in state.objects
-        if item.most_probable("class") == "cup"
-    ]
-    return f"{', '.join(found)} (p = {state.probability:.2f})"
+def ambiguous_cups(seed: int) -> list[tuple[str, str, bool]]:
+    """Section 2.6.2 in both settings: a name, what the text's run says, and whether this one does."""
+    rows = []
+    likely, unlikely = cups(True, seed), cups(False, seed)
+    one, other = (_named(states[90], FIRST) for states in (likely, unlikely))
+    for when, at, said in (
+        ("in part", 235, "new cups likely, only the second cup's place in view: it is new"),
+        ("in view", -1, "new cups likely, all in view: it is new, as before"),
+    ):
+        new = _named(likely[at], FIRST) == one and _named(likely[at], SECOND) not in (None, one)
+        rows.append((f"new cup {when}", said, new))
+    said = "new cups unlikely, only the second cup's place in view: the first was moved there"
+    rows.append(("moved cup in part", said, _named(unlikely[235], SECOND) == other))
+    said = "new cups unlikely, all in view: corrected, the first never moved and the other is new"
+    corrected = _named(unlikely[-1], FIRST) == other and _named(unlikely[-1], SECOND) not in (None, other)
+    rows.append(("moved cup in view", said, corrected))
+    return rows
+
+
+def _named(state: WorldState, place: tuple[float, float]) -> str | None:
+    """Who is within 15 cm of a place, None: nobody."""
+    near = [item.id for item in state.objects if np.hypot(*(item.position[:2] - place)) < 0.15]
+    return near[0] if len(near) == 1 else None

@@ -1,8 +1,6 @@
-"""Correct exits beyond the recorded day: over walks learned, in random orders, at the hotel, on simulated days."""
+"""Correct exits on more than one day: over walks learned, and on simulated days."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +10,8 @@ from evaluation.report import Options, Report, Table
 from whereabouts.progress import track
 
 Array = NDArray[np.float64]
-COLUMNS = [f"{100 * f:g} %" for f in protocol.FRACTIONS]
+COLUMNS = [f"after {f:g} of the walk, % ↑" for f in protocol.FRACTIONS]
+ONLINE = "Learned online, one walk after the other; the first 10 are only learned."
 
 # Exits of a simulated hall: place, axis along the border, deviation along it in m, how popular. The one of 0.8 m is no
 # door but where people drift out of view.
@@ -76,65 +75,36 @@ def _walk(rng: np.random.Generator, pair: tuple[int, int], bend: float, pace: fl
     return np.column_stack((points.clip(LOW, HIGH), begun + t))
 
 
+def correct(name: str, days: list[list[Array]], names: dict[str, str]) -> list[list[object]]:
+    """Per method a row with the mean share of correct exits over some days, %."""
+    rows: list[list[object]] = []
+    for method in protocol.METHODS:
+        rates = [protocol.online(day, method).rates for day in track(days, f"{name}, {names[method]}")]
+        rows.append([name, names[method], *(100.0 * np.mean(rates, axis=0)).tolist()])
+    return rows
+
+
 def more_walks(options: Options, report: Report, walks: list[Array], names: dict[str, str]) -> None:
     """What the number of learned walks is worth, as the recorded day has a sixth of the text's."""
     rows: list[list[object]] = []
-    for method in ("routes", "ghmm"):
-        for count in track((10, 20, 45, len(walks) - 1), f"{names[method]}, walks learned"):
-            repeats = 1 if options.quick or count == len(walks) - 1 else 5
-            rates = np.mean(
-                [protocol.held_out(walks, method, count, options.seed + k) for k in range(repeats)], axis=0
-            )
-            rows.append([names[method], count, repeats * len(walks), *(round(float(r), 3) for r in rates)])
-            for fraction, rate in zip(protocol.FRACTIONS, rates, strict=True):
-                report.figures[f"held_out.{method}.{count}.{fraction:g}"] = float(rate)
-    note = (
-        "Each complete walk after others drawn at random, times unknown: online, half of this day's 81 predictions "
-        "are made with fewer than 50 walks, a tenth of the text's 500."
-    )
-    columns = ["method", "learned", "predictions", *COLUMNS]
-    report.tables.append(Table("Correct exits over walks learned, 1 August", columns, rows, note))
+    judged = options.share(150, 15)
+    for count in track((10, 20, 45, len(walks) - 1), "walks learned"):
+        for method in ("routes", "ghmm"):
+            rng = np.random.default_rng([options.seed, 3])
+            rates = protocol.held_out(walks, method, count, judged, rng)
+            rows.append([f"after {count} others", names[method], *(100.0 * rates).tolist()])
+    note = "Each walk is judged after others drawn at random. Times are unknown."
+    title = "Correct exits over walks learned, complete walks of 1 August"
+    columns = ["learned", "method", *COLUMNS]
+    report.tables.append(Table(title, columns, rows, note, "learned", data="tuned on", samples=judged))
 
 
-def other_days(
-    options: Options, report: Report, walks: list[Array], hotel: list[Array], names: dict[str, str]
-) -> None:
-    """Correct exits online, mean and deviation over days: one day is little to judge by.
-
-    walks : the complete ones of the recorded hall; hotel : walks of the other place. Either may be empty.
-    """
-    rows: list[list[object]] = []
-    for name, days in _days(options, walks, hotel):
-        for method in protocol.METHODS:
-            outcomes = [protocol.online(day, method) for day in track(days, f"{name}, {names[method]}")]
-            rates = np.array([outcome.rates for outcome in outcomes])
-            mean, spread = rates.mean(axis=0), rates.std(axis=0)
-            told = [
-                f"{m:.3f} ± {s:.3f}" if len(days) > 1 else f"{m:.3f}"
-                for m, s in zip(mean, spread, strict=True)
-            ]
-            rows.append([names[method], name, len(days), len(outcomes[0].correct), *told])
-            for fraction, rate in zip(protocol.FRACTIONS, mean, strict=True):
-                report.figures[f"days.{method}.{name}.{fraction:g}"] = float(rate)
-    note = (
-        "Online, within 0.716 m, mean and deviation over days. Random orders: times count from each start, so that "
-        "nobody knows who came together. Hotel: all who got on by more than 3 m, by time; its exits are the open ends "
-        "of a street. Simulated: six exits, habits drawn anew for each day, 510 walks."
-    )
-    columns = ["method", "walks", "days", "predictions each", *COLUMNS]
-    report.tables.append(Table("Correct exits on other days", columns, rows, note))
-
-
-def _days(
-    options: Options, walks: list[Array], hotel: list[Array]
-) -> Iterator[tuple[str, list[list[Array]]]]:
-    alone = [walk - [0.0, 0.0, walk[0, 2]] for walk in walks]
-    rng = np.random.default_rng(options.seed)
-    if walks:
-        orders = [rng.permutation(len(walks)) for _ in range(3 if options.quick else 20)]
-        yield "hall, complete, random orders", [[alone[k] for k in order] for order in orders]
-    gone = [walk for walk in hotel if np.hypot(*(walk[-1] - walk[0])[:2]) > 3.0]
-    if gone:
-        yield "hotel", [sorted(gone, key=lambda walk: float(walk[0, 2]))]
-    seeds, count = (1, 120) if options.quick else (4, 510)
-    yield f"simulated, {count} walks", [simulated_day(options.seed + k, count) for k in range(seeds)]
+def simulated_days(options: Options, report: Report, names: dict[str, str]) -> None:
+    """Correct exits online on days of 510 walks, as many as on the text's day."""
+    count = 60 if options.quick else 510
+    day = simulated_day(int(np.random.default_rng([options.seed, 4]).integers(2**31)), count)
+    rows = correct("simulated day", [day], names)
+    note = f"Six exits, {count} walks, habits drawn anew for each day. {ONLINE}"
+    columns = ["walks", "method", *COLUMNS]
+    title, judged = "Correct exits on simulated days", count - protocol.FIRST
+    report.tables.append(Table(title, columns, rows, note, "days", data="simulated", samples=judged))

@@ -108,14 +108,14 @@ def online(
     return outcome
 
 
-def held_out(walks: list[Array], method: str, learned: int, seed: int = 0) -> Array:
-    """Rates (fractions,) of correct exits of each walk after `learned` others, drawn at random for each.
+def held_out(walks: list[Array], method: str, learned: int, judged: int, rng: np.random.Generator) -> Array:
+    """Rates (fractions,) of correct exits of `judged` walks, each after `learned` others, all drawn at random.
 
     Times count from each walk's start: nothing is known about who comes together. Says what more walks are worth.
     """
-    rng = np.random.default_rng(seed)
     correct = []
-    for k, walk in enumerate(walks):
+    for k in rng.permutation(len(walks))[:judged]:
+        walk = walks[k]
         others = rng.permutation([j for j in range(len(walks)) if j != k])[:learned]
         model = IntentionModel(IntentionConfig(method=method))
         for j in others:

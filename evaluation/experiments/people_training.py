@@ -57,8 +57,8 @@ def thinned(scan: Scan, every: int) -> Scan:
     )
 
 
-def marked(path: Path) -> list[Examples]:
-    """Legs marked in a recording; unmarked clusters are left out, as not all people are marked."""
+def marks_of(path: Path) -> list[tuple[Scan, Array]]:
+    """Scans of a recording with the legs (M, 2) that are marked in each, metres in the scanner's frame."""
     from whereabouts.logs import MessageRecord, ScanRecord, open_log
 
     scans: list[Scan] = []
@@ -70,8 +70,13 @@ def marked(path: Path) -> list[Examples]:
             elif isinstance(record, MessageRecord):
                 poses = record.message.poses
                 marks.append(np.array([(p.position.x, p.position.y) for p in poses]).reshape(-1, 2))
-    rows = []
-    for scan, legs in zip(scans, marks, strict=True):
+    return list(zip(scans, marks, strict=True))
+
+
+def marked(path: Path) -> list[Examples]:
+    """Legs marked in a recording; unmarked clusters are left out, as not all people are marked."""
+    rows: list[Array] = []
+    for scan, legs in marks_of(path):
         for every in SPARSE:
             clusters = clusters_of(thinned(scan, every))
             gaps = np.linalg.norm(clusters.centres[:, None] - legs[None], axis=2)
@@ -172,7 +177,7 @@ def examples(folder: Path, seed: int = 0) -> list[Examples]:
     """All training examples by source."""
     people = folder / "people"
     found: list[Examples] = []
-    for path in sorted((people / "legs_training").glob("positive_*.bag")):
+    for path in sorted((people / "legs_training").glob("positive_*_extracted.bag")):
         found += marked(path)
     found += moving(people / "demo_stationary_simple_environment.bag")
     found += unpeopled(people / "legs_training" / "negative_2.bag", None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,10 +62,14 @@ def configuration(away: tuple[float, float], **settings: Any) -> PhdConfig:
 
 
 def follow(
-    settings: dict[str, Any], variable: bool, seed: int, speed: float, away: tuple[float, float]
+    settings: dict[str, Any],
+    variable: bool,
+    seed: int | Sequence[int],
+    speed: float,
+    away: tuple[float, float],
 ) -> HiddenRun:
     """One run; with `variable` the filter is told where the scanner stands."""
-    rng = np.random.default_rng([seed, round(100 * speed)])
+    rng = np.random.default_rng([*np.atleast_1d(seed), round(100 * speed)])
     world = hidden_person(rng, speed, away)
     filter_ = ExtendedTargetPhd(configuration(away, **settings))
     expected, names = [], []

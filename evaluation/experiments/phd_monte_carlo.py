@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,10 @@ from tracking.evaluation import Score, labels_kept
 from whereabouts.simulation.targets import TargetScene, TargetSensor, cross_and_spawn, crossing, side_by_side
 
 SENSOR = TargetSensor()
-SCENES = {"crossing and spawning (Figure 3)": cross_and_spawn, "side by side, 50 m": side_by_side}
+SCENES = {"crossing and spawning": cross_and_spawn, "side by side": side_by_side}
 
 
-def follow(scene: TargetScene, settings: dict[str, Any], seed: int) -> np.ndarray:
+def follow(scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[int]) -> np.ndarray:
     """One run: OSPA, expected and reported number over the scans, (K, 3). "point" among the settings: GM-PHD."""
     return np.column_stack(_columns(scored(scene, settings, seed)))
 
@@ -24,7 +25,9 @@ def _columns(score: Score) -> list[np.ndarray]:
     return [np.array(score.ospa), np.array(score.expected), np.array(score.count, dtype=float)]
 
 
-def scored(scene: TargetScene, settings: dict[str, Any], seed: int, births: Any = None) -> Score:
+def scored(
+    scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[int], births: Any = None
+) -> Score:
     """One run's score; `births` as in PhdConfig, the text's where None."""
     rng = np.random.default_rng(seed)
     settings = dict(settings)
@@ -39,9 +42,9 @@ def scored(scene: TargetScene, settings: dict[str, Any], seed: int, births: Any 
     return score
 
 
-def crossing_kept(settings: dict[str, Any], seed: int) -> bool:
+def crossing_kept(settings: dict[str, Any], seed: int | Sequence[int]) -> bool:
     """Whether both targets of a random crossing carry their labels from 12 scans before to 12 scans after it."""
-    scene = crossing(np.random.default_rng([seed, 7]))
+    scene = crossing(np.random.default_rng([*np.atleast_1d(seed), 7]))
     births = [
         (0.1, np.array([*there, 0.0, 0.0]), np.diag([100.0, 100.0, 100.0, 100.0]))
         for there in scene.positions[0]
@@ -58,7 +61,7 @@ def draw(out: Path, name: str, runs: dict[str, np.ndarray], scene: TargetScene) 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     scans = np.arange(1, len(scene) + 1)
     for label, values in runs.items():
         mean, deviation = values[:, :, 0].mean(0), values[:, :, 0].std(0)
@@ -68,9 +71,8 @@ def draw(out: Path, name: str, runs: dict[str, np.ndarray], scene: TargetScene) 
     right.plot(scans, [len(there) for there in scene.positions], "k:", label="true")
     left.set(xlabel="scan", ylabel="OSPA, m", ylim=(0, None))
     right.set(xlabel="scan", ylabel="expected number of targets", ylim=(0, 6))
-    left.legend(fontsize=7)
+    figure.legend(*left.get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside lower center")
     path = out / f"{name}.png"
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
+    figure.savefig(path, dpi=75)
     plt.close(figure)
     return path

@@ -13,7 +13,8 @@ from tracking import ExtendedTargetPhd, PhdConfig
 from tracking.evaluation import Score
 
 SCENES = ("cross_spawn", "parallel", "six", "six_pd09")
-# As published with the scans (its README): mean OSPA, ms per scan.
+PUBLISHED = "extended_targets, published with the scans"
+# As published: mean OSPA, ms per scan.
 OTHERS: dict[str, tuple[list[float | None], str]] = {
     "true association, Kalman filter (floor)": ([5.9, 5.9, 6.0, 6.5], "-"),
     "extended-target PMBM, Octave": ([11.0, 5.9, 6.5, 8.8], "250 to 540"),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.places import Places
-from evaluation.report import Options, Report, Table
+from evaluation.report import Options, Part, Report, Table
 from whereabouts.parallel import each
 from whereabouts.progress import track
 from whereabouts.simulation.recipe_rooms import (
@@ -32,53 +32,64 @@ TARGET = "remote control"
 NEIGHBOURS = ("coffee table", "side table", "two-seater", "tv")
 STRATEGIES = ("belief", "belief, room unknown", "chain", "chain, p(o|T)", "direct", "sweep")
 SIZES = (8.0, 10.0, 12.0, 15.0)  # m, of rooms beside those of RECIPE_SIZE
+SCALES = (3.0, 4.0, 5.0, 5.5, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 15.0)  # of the view
+QUICK_SCALES = (4.0, 5.0, 8.0, 12.0)
 TABLE_5_1 = {"book": (0.20, 0.33, 0.11), "three-seater": (0.23, 0.11, 0.12), "keys": (0.21, 0.31, 0.09)}
+Outcomes = dict[str, list[list[tuple[bool, float]]]]
 
 
-def run(options: Options) -> Report:
-    """All figures; the full run takes some minutes on one core."""
-    report = Report("search")
-    if options.quick:
-        report.notes.append("quick: 5 view scales and 6 rooms each; the same protocol.")
-    scales = (4.0, 5.0, 6.0, 8.0, 12.0) if options.quick else tuple(np.round(np.linspace(2.5, 15.5, 27), 2))
-    rooms = 6 if options.quick else 25
+def _relations(options: Options, report: Report) -> None:
+    """Table 5.1."""
     relations = _learned(options.seed, 4.0)
-    _table_5_1(relations, report)
-    outcomes = _all(options, relations, scales, rooms)
-    _failures_and_paths(outcomes, scales, report)
-    _bars(outcomes, scales, report)
-    _sizes(options, rooms, report)
-    _draw(options.out, outcomes, scales, report)
-    _other_teachers(options, scales, rooms, report)
-    report.notes.append(
-        "'belief', the strategy that ships, meets all that is asked, both where the room's outline is known, as the "
-        "text's benchmark knows the room's middle, and where it has to find the middle. The text's plain rule "
-        "('chain', with the inversion (5.2) or with p(o|T) itself) fails in rooms this large at view scales to 5.5: it "
-        "gives up, or rather starts a random search, once everything in view is a dead end. In rooms where the "
-        "target's neighbours are in view from the middle it fails hardly ever. That the view scale while learning has "
-        "no effect does not hold: relations learned by a far-sighted camera, which sees the same furniture in all "
-        "frames, lead to longer paths, above all at view scale 4."
-    )
-    return report
-
-
-def _learned(seed: int, view_scale: float) -> Relations:
-    return Relations.from_frames(learning_frames(np.random.default_rng([seed, 1]), view_scale))
-
-
-def _table_5_1(relations: Relations, report: Report) -> None:
-    columns = [
-        "p(row | column)",
-        *(f"{name}{who}" for name in NEIGHBOURS[:3] for who in ("", ", the text's")),
+    theirs = {f"text: {name}": "Table 5.1" for name in NEIGHBOURS[:3]}
+    columns = ["p(row | column)", *NEIGHBOURS[:3], *theirs]
+    rows: list[list[object]] = [
+        [name, *(relations.probability(name, given) for given in NEIGHBOURS[:3]), *printed]
+        for name, printed in TABLE_5_1.items()
     ]
-    rows: list[list[object]] = []
-    for name, theirs in TABLE_5_1.items():
-        cells: list[object] = [name]
-        for given, value in zip(NEIGHBOURS[:3], theirs, strict=True):
-            cells += [round(relations.probability(name, given), 2), value]
-        rows.append(cells)
-    note = "the text's recipe is not printed: its rooms are others"
-    report.tables.append(Table("Table 5.1: learned from simulation", columns, rows, note))
+    note = "The text does not print its recipe: its rooms are others."
+    title = "What is seen together, learned from simulation"
+    report.tables.append(Table(title, columns, rows, note, "relations", theirs, "simulated"))
+
+
+def _strategies(options: Options, report: Report) -> None:
+    """Figures 5.2 and 5.3, and one search with its reasons."""
+    scales = QUICK_SCALES if options.quick else SCALES
+    relations = _learned(options.seed, 4.0)
+    outcomes = _all(options, relations, scales, options.share(60, 10))
+    count = len(outcomes["sweep"][0])
+    failures: list[list[object]] = []
+    lengths: list[list[object]] = []
+    shares: list[list[object]] = []
+    for k, scale in enumerate(scales):
+        path = {name: _length(outcomes[name][k]) for name in STRATEGIES}
+        failures.append([f"{scale:g}", *(_failure(outcomes[name][k]) for name in STRATEGIES[:-1])])
+        lengths.append([f"{scale:g}", *path.values()])
+        of = [path[name] / path[other] for other in ("direct", "sweep") for name in STRATEGIES[:3]]
+        shares.append([f"{scale:g}", *of])
+    note = f"A room of {RECIPE_SIZE:g} m, entered from each corner. In the text's rooms its rule, chain, hardly fails."
+    for name, title, columns, rows, said in (
+        ("failures", "Searches that fail", [f"{s}, % ↓" for s in STRATEGIES[:-1]], failures, note),
+        (
+            "paths", "Path until the target is seen", [f"{s}, m ↓" for s in STRATEGIES], lengths,
+            "A search that fails ends in a sweep.",
+        ),
+        (
+            "shares", "Path beside that of the direct neighbours and of the sweep",
+            [f"{s}, of {other}, × ↓" for other in ("direct", "sweep") for s in STRATEGIES[:3]], shares,
+            "Asked for: 0.6 of direct at view scales 4 and 5, 1.05 above 5, 0.5 of the sweep from 4 to 7. Belief, "
+            "direct and the sweep know where the room's middle is.",
+        ),
+    ):  # fmt: skip
+        report.tables.append(
+            Table(title, ["view scale", *columns], rows, said, name, data="simulated", samples=count)
+        )
+    _draw(options.out, outcomes, scales, report)
+    report.pictures.append(_draw_room(options.out, relations, options.seed))
+
+
+def _learned(seed: int, view_scale: float, width: float = RECIPE_SIZE) -> Relations:
+    return Relations.from_frames(learning_frames(np.random.default_rng([seed, 4]), view_scale, width=width))
 
 
 def _known_room(width: float = RECIPE_SIZE) -> Places:
@@ -153,18 +164,19 @@ def _one(
 def _room_outcomes(
     seed: int, relations: Relations, scale: float, strategies: tuple[str, ...], width: float = RECIPE_SIZE
 ) -> list[list[tuple[bool, float]]]:
-    room = recipe_room(np.random.default_rng([seed, 2]), redesigned=True, width=width)
+    room = recipe_room(np.random.default_rng(seed), redesigned=True, width=width)
     return [[_one(room, corner, name, relations, scale) for name in strategies] for corner in room.corners()]
 
 
 def _all(
     options: Options, relations: Relations, scales: tuple[float, ...], rooms: int,
     strategies: tuple[str, ...] = STRATEGIES, label: str = "view scales", width: float = RECIPE_SIZE,
-) -> dict[str, list[list[tuple[bool, float]]]]:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Per strategy and view scale, (failed, length) of every room and corner."""
-    results: dict[str, list[list[tuple[bool, float]]]] = {name: [] for name in strategies}
+    results: Outcomes = {name: [] for name in strategies}
+    seeds = np.random.default_rng([options.seed, 5]).integers(2**31, size=rooms).tolist()
     for scale in track(list(scales), label):
-        calls = [(options.seed * 100_000 + k, relations, scale, strategies, width) for k in range(rooms)]
+        calls = [(seed, relations, scale, strategies, width) for seed in seeds]
         runs = each(_room_outcomes, calls, options.jobs)
         flat = [corner for room in runs for corner in room]
         for index, name in enumerate(strategies):
@@ -180,99 +192,46 @@ def _length(outcomes: list[tuple[bool, float]]) -> float:
     return float(np.mean([length for _, length in outcomes]))
 
 
-def _failures_and_paths(
-    outcomes: dict[str, list[list[tuple[bool, float]]]], scales: tuple[float, ...], report: Report
-) -> None:
-    failures: list[list[object]] = []
-    lengths: list[list[object]] = []
-    for k, scale in enumerate(scales):
-        failures.append([scale, *(round(_failure(outcomes[name][k]), 1) for name in STRATEGIES[:-1])])
-        direct, sweep = _length(outcomes["direct"][k]), _length(outcomes["sweep"][k])
-        lengths.append([scale, *(round(_length(outcomes[name][k]), 1) for name in STRATEGIES)])
-        for name in STRATEGIES[:-1]:
-            report.figures[f"{name} {scale:g} failure_percent"] = _failure(outcomes[name][k])
-            report.figures[f"{name} {scale:g} path_of_direct"] = _length(outcomes[name][k]) / direct
-            report.figures[f"{name} {scale:g} path_of_sweep"] = _length(outcomes[name][k]) / sweep
-    count = len(outcomes["sweep"][0])
-    note = f"{count} searches each, in a room of {RECIPE_SIZE:g} m"
-    report.tables.append(
-        Table("Figure 5.2: failure rate, %", ["view scale", *STRATEGIES[:-1]], failures, note)
-    )
-    note = "after a failure a sweep is added"
-    report.tables.append(
-        Table("Figure 5.3: path until the target is seen, m", ["view scale", *STRATEGIES], lengths, note)
-    )
-
-
-def _bars(
-    outcomes: dict[str, list[list[tuple[bool, float]]]], scales: tuple[float, ...], report: Report
-) -> None:
-    """What is asked of a strategy over chains, for each of those here."""
-    columns = ["asked for", "at most", *STRATEGIES[:3]]
-    asked: list[tuple[str, float, float, float, str]] = [
-        ("failures at view scale 4, %", 5.0, 4.0, 4.0, "failure"),
-        ("failures from 5 up, %", 0.0, 5.0, 99.0, "failure"),
-        ("path at 4, of the direct neighbours'", 0.6, 4.0, 4.0, "direct"),
-        ("path at 5, of the direct neighbours'", 0.6, 5.0, 5.0, "direct"),
-        ("path above 5, of the direct neighbours'", 1.05, 5.01, 99.0, "direct"),
-        ("path at 4 to 7, of the sweep's", 0.5, 4.0, 7.0, "sweep"),
-    ]
-    rows: list[list[object]] = []
-    for name, bar, low, high, kind in asked:
-        row: list[object] = [name, bar]
-        for strategy in STRATEGIES[:3]:
-            worst = 0.0
-            for k, scale in enumerate(scales):
-                if low <= scale <= high:
-                    ours = outcomes[strategy][k]
-                    other = 1.0 if kind == "failure" else _length(outcomes[kind][k])
-                    worst = max(worst, (_failure(ours) if kind == "failure" else _length(ours)) / other)
-            row.append(f"{worst:.3g}{'' if round(worst, 3) <= bar else ' NO'}")
-            report.figures[f"bar {strategy}: {name}"] = worst
-        rows.append(row)
-    note = "the worst of all view scales meant. 'belief' and the direct neighbours know where the room's middle is"
-    report.tables.append(Table("What is asked of a strategy over chains", columns, rows, note))
-
-
-def _sizes(options: Options, rooms: int, report: Report) -> None:
+def _sizes(options: Options, report: Report) -> None:
     """In how large a room the text's plain rule still finds its way: its own room's size is not printed."""
     strategies, scales = ("belief", "belief, room unknown", "chain", "direct"), (4.0, 5.0)
+    sizes = SIZES[1::2] if options.quick else SIZES
+    rooms = options.share(40, 10)
     rows: list[list[object]] = []
-    for width in SIZES:
-        frames = learning_frames(np.random.default_rng([options.seed, 1]), 4.0, width=width)
-        relations = Relations.from_frames(frames)
-        row: list[object] = [width]
+    for width in sizes:
+        relations = _learned(options.seed, 4.0, width)
         found = _all(options, relations, scales, rooms, strategies, f"rooms of {width:g} m", width)
-        for name in strategies:
-            row.append(" / ".join(f"{_failure(found[name][k]):.0f}" for k in range(len(scales))))
-            for k, scale in enumerate(scales):
-                report.figures[f"{name} {scale:g} in {width:g} m failure_percent"] = _failure(found[name][k])
-        rows.append(row)
-    note = "in small rooms some neighbour of the target is in view from the middle"
-    title = "Failure rate at view scale 4 / 5 by the room's side, %"
-    report.tables.append(Table(title, ["side, m", *strategies], rows, note))
-
-
-def _other_teachers(options: Options, scales: tuple[float, ...], rooms: int, report: Report) -> None:
-    """Figure 5.4: relations learned with another view scale."""
-    teachers = (5.0, 15.0) if options.quick else (5.0, 10.0, 15.0)
-    chosen = tuple(scale for scale in scales if scale >= 4.0)[:: 1 if options.quick else 3]
-    rows: list[list[object]] = [[scale] for scale in chosen]
-    for teacher in teachers:
-        found = _all(
-            options, _learned(options.seed, teacher), chosen, rooms, ("belief",), f"learned at {teacher:g}"
-        )
-        for row, outcome in zip(rows, found["belief"], strict=True):
-            row.append(round(_length(outcome), 1))
-    columns = ["view scale", *(f"learned at {teacher:g}" for teacher in teachers)]
+        for k, scale in enumerate(scales):
+            rows.append(
+                [f"{width:g} m", f"view scale {scale:g}", *(_failure(found[name][k]) for name in strategies)]
+            )
+    note = "In small rooms some neighbour of the target is in view from the middle."
+    columns = ["side", "", *(f"{name}, % ↓" for name in strategies)]
     report.tables.append(
-        Table("Figure 5.4: path by the view scale while learning, m", columns, rows, "the text: no effect")
-    )
+        Table(
+            "Searches that fail, by the size of the room", columns, rows, note, "sizes",
+            data="simulated", samples=4 * rooms,
+        )
+    )  # fmt: skip
 
 
-def _draw(
-    out: Path, outcomes: dict[str, list[list[tuple[bool, float]]]], scales: tuple[float, ...], report: Report
-) -> None:
+def _teachers(options: Options, report: Report) -> None:
+    """Figure 5.4: relations learned with another view scale."""
+    teachers = (4.0, 15.0) if options.quick else (4.0, 5.0, 10.0, 15.0)
+    scales = (4.0, 8.0) if options.quick else (4.0, 5.0, 7.0, 10.0, 13.0)
+    rooms = options.share(40, 10)
+    rows: list[list[object]] = [[f"{scale:g}"] for scale in scales]
+    for teacher in teachers:
+        relations = _learned(options.seed, teacher)
+        found = _all(options, relations, scales, rooms, ("belief",), f"learned at {teacher:g}")
+        for row, outcome in zip(rows, found["belief"], strict=True):
+            row.append(_length(outcome))
+    columns = ["view scale", *(f"learned at {teacher:g}, m ↓" for teacher in teachers)]
+    title, note = "Path by the view scale while learning", "The text sees no effect (Figure 5.4)."
+    report.tables.append(Table(title, columns, rows, note, "teachers", data="simulated", samples=4 * rooms))
+
+
+def _draw(out: Path, outcomes: Outcomes, scales: tuple[float, ...], report: Report) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
@@ -293,16 +252,14 @@ def _draw(
     figure.savefig(path, dpi=130)
     plt.close(figure)
     report.pictures.append(path)
-    report.pictures.append(_draw_room(out))
 
 
-def _draw_room(out: Path) -> Path:
+def _draw_room(out: Path, relations: Relations, seed: int) -> Path:
     """One search, with its reasons."""
     import matplotlib.pyplot as plt
     from matplotlib.patches import Circle
 
-    relations = _learned(0, 4.0)
-    room = recipe_room(np.random.default_rng([0, 2]), redesigned=True)
+    room = recipe_room(np.random.default_rng([seed, 6]), redesigned=True)
     search = ObjectSearch(relations, places=_known_room())
     trail: list[Array] = []
     reasons: list[str] = []
@@ -320,8 +277,13 @@ def _draw_room(out: Path) -> Path:
         size = room.sizes[name]
         x, y = float(spot[0]), float(spot[1])
         axes.add_patch(Circle((x, y), 0.35 * size, color="C3" if name == TARGET else "0.75"))
-        if size > 0.65 or name == TARGET:
+        if size > 0.65:
             axes.annotate(name, (x, y), fontsize=7, ha="center")
+        elif name == TARGET:
+            arrow = {"arrowstyle": "-", "color": "C3"}
+            axes.annotate(
+                name, (x, y), (28, 30), textcoords="offset points", fontsize=8, color="C3", arrowprops=arrow
+            )
     axes.plot(*np.array(trail).T, "C0.-", lw=1)
     title = "\n".join(f"{k}. {reason}" for k, reason in enumerate(reasons[:6], start=1))
     axes.set_title(title, fontsize=7, loc="left")
@@ -332,3 +294,11 @@ def _draw_room(out: Path) -> Path:
     figure.savefig(path, dpi=130)
     plt.close(figure)
     return path
+
+
+PARTS = {
+    "relations": Part(_relations),
+    "strategies": Part(_strategies),
+    "sizes": Part(_sizes),
+    "teachers": Part(_teachers),
+}

@@ -13,11 +13,11 @@ from evaluation.experiments.slam_judging import (
     CLOSE,
     Followed,
     false_among,
+    largest_among,
     relations_of,
     revisits_among,
     true_poses,
 )
-from evaluation.report import Report
 from loop_closure.slam import Slam
 from whereabouts.logs.g2o import G2oGraph
 from whereabouts.replay_report import Replayed, revisit_recall
@@ -63,33 +63,29 @@ def driven(log: Followed) -> Driven:
 
 
 def row(
-    report: Report, name: str, log: Followed, tolerance: float, graph: G2oGraph | None = None
-) -> list[object]:
-    """The line of a log in the experiment's table; `graph` : whose own revisits are looked for too."""
+    name: str, log: Followed, tolerance: float, graph: G2oGraph | None = None
+) -> tuple[list[object], dict[str, float]]:
+    """The line of a log in the experiment's table; of a `graph` also how many of its own revisits were closed."""
     run = driven(log)
     known = np.flatnonzero(np.isfinite(log.truth[:, 0]))
     truth, estimate = log.truth[known], run.estimate[known]
     before = absolute_trajectory_error(log.poses[known, :2], truth[:, :2]).rmse
     after = absolute_trajectory_error(estimate[:, :2], truth[:, :2]).rmse
-    false = len(false_closures(run, log, tolerance))
+    earlier = true_poses(log, [a for a, _, _ in run.closures])
+    later = true_poses(log, [b for _, b, _ in run.closures])
+    worst = largest_among(earlier, later, [relative for _, _, relative in run.closures])
     rank = {number: k for k, number in enumerate(run.kept)}
     found = revisits_among(np.array(run.paths), true_poses(log, run.kept))
-    closed = {rank[later] for _, later, _ in run.closures} & set(found)
-    share = 100.0 * len(closed) / max(len(found), 1)
+    closed = {rank[again] for _, again, _ in run.closures} & set(found)
     relations = relations_error(*relations_of(estimate, truth), tolerance=0.5)
     close = relations_error(*relations_of(estimate, truth, *CLOSE), tolerance=0.5)
-    figures = {
-        "ate_m": after, "closures": len(run.closures), "false": false, "revisits_closed_percent": share,
-        "keyframes": len(run.kept), "keyframes_left": run.left, "seconds": run.seconds,
-    }  # fmt: skip
-    if graph is not None:
-        figures |= _known_revisits(run, log, graph)
-    report.figures |= {f"{name} as the node {what}": float(value) for what, value in figures.items()}
-    return [
-        name, "as the node", round(before, 3), round(after, 4), f"{len(run.closures)} ({false})", round(share, 1), "",
-        round(relations.translation_mean, 4), round(relations.translation_std, 4),
-        round(float(np.degrees(relations.rotation_mean)), 2), round(close.translation_mean, 4), "",
+    cells: list[object] = [
+        name, "as the node", float(before), float(after), len(run.closures),
+        len(false_closures(run, log, tolerance)), worst, 100.0 * len(closed) / max(len(found), 1), "",
+        float(relations.translation_mean), float(relations.translation_std),
+        float(np.degrees(relations.rotation_mean)), float(close.translation_mean), "", run.left,
     ]  # fmt: skip
+    return cells, {} if graph is None else _known_revisits(run, log, graph)
 
 
 def false_closures(run: Driven, log: Followed, tolerance: float) -> list[int]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from evaluation.report import Report, Table
+from evaluation.report import Options, Report, Table
 from loop_closure.keyframes import Keyframes
 from loop_closure.localization import Localizer
 from loop_closure.slam import Slam
@@ -14,7 +14,7 @@ from whereabouts.progress import track
 from whereabouts.simulation.outdoor import Neighbourhood, SpinningLidar, random_neighbourhood, round_trip
 
 Array = NDArray[np.float64]
-PLACES = 2
+PLACES = 5  # over all seeds
 MAPPED = 120  # clouds of the map, along 124 m
 STARTS = (10, 70)  # clouds at which the drives begin
 LENGTH = 12  # clouds of each, a metre apart
@@ -22,11 +22,13 @@ LIDAR = SpinningLidar()
 BACK = np.diag([-1.0, -1.0, 1.0, 1.0])  # turned round on the spot
 
 
-def table(report: Report, seed: int) -> None:
+def table(options: Options, report: Report) -> None:
     """Drives beside the mapped way, back along it, from a pose that is off, and in another neighbourhood."""
+    if options.quick:
+        return
     outcomes: dict[str, list[tuple[float, float, int]]] = {}
-    for place in track(range(PLACES), "neighbourhoods"):
-        rng = np.random.default_rng([seed, place])
+    for place in track(range(options.share(PLACES, PLACES)), "neighbourhoods"):
+        rng = np.random.default_rng([options.seed, 1, place])
         here, elsewhere, way = random_neighbourhood(rng), random_neighbourhood(rng), round_trip()
         slam = Slam()
         for k, odometry in enumerate(drifting(way[:MAPPED], rng)):
@@ -51,25 +53,31 @@ def table(report: Report, seed: int) -> None:
         rows.append(
             [
                 name,
-                len(found),
-                int(known.sum()),
-                round(float(after[known].max()), 1) if known.any() else "",
-                round(float(worst[known].max()), 3) if known.any() else "",
+                100.0 * float(known.mean()),
+                float(after[known].max()) if known.any() else "",
+                float(worst[known].max()) if known.any() else "",
                 int(sure.sum()),
             ]
         )
-        report.figures[f"in a saved map, {name}: found of {len(found)}"] = float(known.sum())
-        if known.any():
-            report.figures[f"in a saved map, {name}: worst error m"] = float(worst[known].max())
     columns = [
         "drive",
-        "drives",
-        "confirmed",
-        "after at most m",
-        "error from then on at most m",
+        "confirmed, %",
+        "confirmed after at most, m ↓",
+        "largest error from then on, m ↓",
         "clouds confirmed",
     ]
-    report.tables.append(Table("In a saved map of clouds", columns, rows))
+    note = "A map of 120 clouds along 124 m; drives of 12 clouds. Nothing is to be confirmed in another neighbourhood."
+    report.tables.append(
+        Table(
+            "In a saved map of clouds",
+            columns,
+            rows,
+            note,
+            "in-a-map",
+            data="simulated",
+            samples=len(STARTS) * options.share(PLACES, PLACES),
+        )
+    )
 
 
 def driven(

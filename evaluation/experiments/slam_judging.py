@@ -65,6 +65,20 @@ def false_among(earlier: Array, later: Array, relatives: Sequence[Array], tolera
     return np.flatnonzero(wrong | (np.abs(wrap_angle(miss[:, 2])) > np.deg2rad(10.0))).tolist()
 
 
+def largest_miss(slam: Slam, truth: Array) -> float:
+    """Metres by which the worst closure is off the true poses (K, 3) of the keyframes; 0 without closures."""
+    earlier, later = [c.earlier for c in slam.closures], [c.later for c in slam.closures]
+    return largest_among(truth[earlier], truth[later], [c.relative for c in slam.closures])
+
+
+def largest_among(earlier: Array, later: Array, relatives: Sequence[Array]) -> float:
+    """Metres by which the worst relative pose (M, 3) is off the true ones; 0 without any."""
+    if not len(relatives):
+        return 0.0
+    miss = between(between(earlier, later), np.array(relatives))
+    return float(np.hypot(miss[:, 0], miss[:, 1]).max())
+
+
 def revisits_among(paths: Array, truth: Array, near: float = 2.0, apart: float = 20.0) -> dict[int, int]:
     """Keyframes that revisit a place, and the earlier keyframe nearest to each; `paths` (K,) metres to each."""
     found = {}

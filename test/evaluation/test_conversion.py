@@ -86,20 +86,15 @@ def test_the_drive_is_localised_as_its_covariance_says():
     assert (np.linalg.eigvalsh(drive.covariances) > 0).all()
 
 
-def test_paired_difference():
-    mean, half = tracking.difference(np.array([1.0, 2.0, 3.0]), np.array([0.0, 2.0, 1.0]))
-    assert mean == 1.0
-    assert half == pytest.approx(1.96 / np.sqrt(3))
-
-
 def test_figures_of_the_analysis(tmp_path):
     report = Report("conversion")
     options = Options(out=tmp_path, quick=True)
     experiment.consistency(options, report)
     experiment.drive(options, report)
-    assert report.figures["consistent_up_to_deg.linear"] == pytest.approx(2.5, abs=0.5)
-    assert report.figures["anes_error.ucm"] < 0.02
-    assert report.figures["anes_error.mucm"] < 0.02
+    figures = {key: figure.value for key, figure in report.every_figure().items()}
+    assert figures["consistency/linear/consistent-up-to-deg"] == pytest.approx(2.5, abs=0.5)
+    assert figures["consistency/ucm/largest-anes-2"] < 0.02
+    assert figures["consistency/mucm/largest-anes-2"] < 0.02
     assert all(path.stat().st_size > 5000 for path in report.pictures)
 
 

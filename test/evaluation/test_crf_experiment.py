@@ -41,10 +41,11 @@ def test_baselines_answer_in_the_same_form() -> None:
 
 def test_a_scan_half_filled_by_a_mover_is_told_right_or_refused(tmp_path: Path) -> None:
     report = Report("crf")
-    filled(report, Options(tmp_path, seed=3, quick=True))
+    filled(Options(tmp_path, seed=3, quick=True), report)
+    figures = report.every_figure()
+    rows = [f"{share}-percent-of-the-beams" for share in ("0-to-20", "20-to-35", "35-to-50")]
     right, wrong = (
-        sum(report.figures[f"filled up to {share} {answer}"] for share in ("0.20", "0.35", "0.50"))
-        for answer in ("right", "wrong")
+        sum(figures[f"filled/{row}/{answer}"].value for row in rows) for answer in ("right", "wrong")
     )
     assert right >= 50
     assert wrong <= 0.08 * right

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from evaluation.experiments import odometry, registration
+from evaluation.experiments.odometry_wheels import FAULTS, with_faults
+from evaluation.point_to_line import PointToLine
 from evaluation.report import Options, Report
+from evaluation.running import run_all_parts
 from registration import align
 from whereabouts.datasets import recording
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
 from whereabouts.simulation.pairs import EASY, random_pair
+from whereabouts.simulation.robot import relative
 
 
 def test_a_method_is_tallied_by_its_errors() -> None:
@@ -34,10 +38,11 @@ def test_other_libraries_have_the_signature_of_align() -> None:
 
 
 def test_absent_recordings_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(odometry, "_simulated", lambda options, report: None)
-    report = odometry.run(Options(out=tmp_path, quick=True))
+    recorded = {key: part for key, part in odometry.PARTS.items() if part.needs}
+    monkeypatch.setattr(odometry, "PARTS", recorded)
+    report = run_all_parts("odometry", Options(out=tmp_path, quick=True))
     assert isinstance(report, Report)
-    assert any("absent" in note for note in report.notes)
+    assert any("want of recordings" in note for note in report.notes)
 
 
 def test_relative_errors_of_a_stretched_path() -> None:
@@ -67,3 +72,31 @@ def test_corrected_scans_are_joined_to_raw_ones_in_order() -> None:
     known = index[index >= 0]
     assert len(known) > 90
     assert (np.diff(known) > 0).all()
+
+
+def test_faults_of_wheels_are_where_they_are_said_to_be() -> None:
+    records, _ = odometry.simulated_floor(3, 1, Lidar(61))
+    true = np.array([record.odometry for record in records])
+    length = np.hypot(*np.diff(true[:, :2], axis=0).T)
+    for fault in FAULTS:
+        driven = with_faults(records, fault, np.random.default_rng(0))
+        made = np.array([record.odometry for record in driven])
+        moved = np.hypot(*np.diff(made[:, :2], axis=0).T)
+        if fault == "good":
+            assert made == pytest.approx(true - true[0], abs=1e-9)
+        elif fault == "jump":
+            assert np.sum(np.abs(moved - length) > 0.05) == pytest.approx(5, abs=2)
+        elif fault == "slip":
+            assert moved.sum() > 1.05 * length.sum()
+        else:
+            stood = [np.sum(np.abs(np.diff(path, axis=0)).max(axis=1) < 1e-12) for path in (made, true)]
+            assert stood[0] - stood[1] == pytest.approx(50, abs=5)
+            # Who catches up ends where good wheels do, but for the turns on the way.
+            caught = np.hypot(*(made[-1] - true[-1])[:2]) < 0.01
+            assert caught == (fault == "stall and catch up")
+
+
+def test_the_plain_matcher_follows_a_simulated_floor() -> None:
+    records, truth = odometry.simulated_floor(4, 1, Lidar(181, np.pi))
+    run = odometry.follow(records[:200], True, by=PointToLine())
+    assert np.hypot(*(run.poses[-1] - relative(truth[0], truth[199]))[:2]) < 0.1

@@ -9,18 +9,24 @@ import numpy as np
 import pytest
 
 from estimation.metrics import relations_error
-from estimation.poses import compound
+from estimation.poses import between, compound
+from evaluation.experiments import slam_shaken
 from evaluation.experiments.slam_as_node import Driven
 from evaluation.experiments.slam_as_node import false_closures as false_of_node
+from evaluation.experiments.slam_following import outliers
 from evaluation.experiments.slam_judging import (
     CLOSE,
+    Followed,
     false_closures,
     jitter,
+    largest_miss,
     recall,
     relations_of,
     true_poses,
     with_scale,
 )
+from registration import Scan
+from whereabouts.logs import ScanRecord
 
 # Along a corridor of 40 m and back, a pose every half metre.
 OUT = np.column_stack((np.arange(0.0, 40.0, 0.5), np.zeros(80), np.zeros(80)))
@@ -47,6 +53,8 @@ def test_closures_off_by_more_than_allowed_are_false() -> None:
     )
     assert false_closures(slam, TRUTH, 0.5) == [2, 3]
     assert false_closures(slam, TRUTH, 3.0) == [3]
+    assert largest_miss(slam, TRUTH) == pytest.approx(0.6)
+    assert largest_miss(slam_with(), TRUTH) == 0.0
 
 
 def test_revisits_are_those_of_the_way_back_and_closed_where_a_closure_ends() -> None:
@@ -103,3 +111,37 @@ def test_what_the_node_said_is_judged_by_scans_whatever_was_taken_out_since() ->
     assert false_of_node(run, log, 0.5) == [1, 2]
     assert false_of_node(run, log, 3.0) == [2]
     assert false_of_node(replace(run, closures=[]), log, 3.0) == []
+
+
+def test_single_reference_poses_that_odometry_denies_are_found() -> None:
+    truth, moved = TRUTH.copy(), np.array([compound(np.array([3.0, -2.0, 0.7]), pose) for pose in TRUTH])
+    assert not len(outliers(truth, moved))
+    truth[40, 0] += 0.7
+    # What moves for good is no single pose.
+    truth[100:, 1] += 0.7
+    truth[::3] = np.nan
+    truth[40] = TRUTH[40] + np.array([0.7, 0.0, 0.0])
+    assert outliers(truth, moved).tolist() == [40]
+
+
+def test_a_shaken_log_keeps_what_is_not_shaken() -> None:
+    rng = np.random.default_rng(0)
+    scans = [Scan(np.full(8, 2.0 + 0.01 * k), -1.0, 0.25, stamp=float(k)) for k in range(400)]
+    records = [ScanRecord(scan, scan.stamp, pose=TRUTH[0]) for scan in scans]
+    stamps = [record.stamp for record in records]
+    kept = [record.stamp for record in slam_shaken.dropped(records, rng)]
+    assert set(kept) < set(stamps)
+    assert len(kept) == pytest.approx(360, abs=25)
+    twice = [record.stamp for record in slam_shaken.doubled(records, rng)]
+    assert twice == sorted(twice)
+    assert set(twice) == set(stamps)
+    assert len(twice) == pytest.approx(440, abs=25)
+    off = np.array([record.stamp for record in slam_shaken.shaken_stamps(records, rng)]) - stamps
+    assert 0.004 < np.abs(off).max() <= 0.005
+    noisy = slam_shaken.noisy_ranges(records, 0.01, rng)
+    change = np.array([a.scan.ranges - b.scan.ranges for a, b in zip(noisy, records, strict=True)])
+    assert change.std() == pytest.approx(0.01, rel=0.1)
+    log = Followed(records[:160], TRUTH.copy(), np.zeros((160, 3, 3)), TRUTH, 0.0)
+    drifted = slam_shaken.noisy_odometry(log, 0.01, rng).poses
+    steps = between(drifted[:-1], drifted[1:]) - between(TRUTH[:-1], TRUTH[1:])
+    assert steps[:, :2].std() == pytest.approx(0.01, rel=0.2)

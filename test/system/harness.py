@@ -204,11 +204,15 @@ class Graph:
         self._collected[subscription.topic_name] += 1
         return received
 
-    def publish(self, topic: str, message: Any, qos: Any = 100) -> None:
-        """Publish once somebody listens, and the test and the nodes are known to those they listen to."""
-        key = f"{topic} {type(message).__name__}"
+    def publish(self, topic: str, message: Any, qos: Any = 100, kind: Any = None) -> None:
+        """Publish once somebody listens, and the test and the nodes are known to those they listen to.
+
+        kind : of a message that is given as bytes.
+        """
+        kind = kind or type(message)
+        key = f"{topic} {kind.__name__}"
         if key not in self._publishers:
-            self._publishers[key] = self.node.create_publisher(type(message), topic, qos)
+            self._publishers[key] = self.node.create_publisher(kind, topic, qos)
             self.until(lambda: self._publishers[key].get_subscription_count(), f"somebody listens to {topic}")
         entities = len(self._connections) + sum(self._collected.values())
         if entities > self._found:

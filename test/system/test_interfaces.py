@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from rosbags.typesys import get_types_from_msg
 from vision_msgs.msg import Detection3DArray, ObjectHypothesisWithPose
 
 from whereabouts.logs.ros_types import standard_types
@@ -52,6 +53,15 @@ def test_vision_messages_have_the_hashes_of_the_ros_package(type_name: str) -> N
 def test_tf_messages_have_the_hashes_of_the_ros_package(name: str) -> None:
     type_name = f"tf2_msgs/msg/{name}"
     assert built_hash(type_name) == standard_types().hash_rihs01(type_name)
+
+
+def test_map_updates_have_the_hash_of_the_ros_package_s_fields() -> None:
+    """As rosbags computes it; its name and fields are those of map_msgs."""
+    name = "map_msgs/msg/OccupancyGridUpdate"
+    fields = "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data"
+    types = standard_types()
+    types.register(get_types_from_msg(fields, name))
+    assert built_hash(name) == types.hash_rihs01(name)
 
 
 def test_every_service_answers_with_a_code_and_a_sentence() -> None:

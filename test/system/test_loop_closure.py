@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from harness import START, Graph, Robot, planar, scan_message
+from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import LaserScan
@@ -185,6 +186,30 @@ def test_a_killed_node_goes_on_in_its_saved_map(graph: Graph, tmp_path: Path) ->
     miss = between(robot.truth(65.75), pose)
     assert np.hypot(*miss[:2]) < 0.25
     assert abs(miss[2]) < 0.06
+
+
+def test_changes_of_a_map_are_sent_to_who_listens(graph: Graph) -> None:
+    robot = Mapper(graph)
+    graph.start("scan_registration")
+    graph.start("loop_closure", map_period=4.0, map_update_period=0.05)
+    maps = graph.collect(GridMessage, "map", LATCHED)
+    updates = graph.collect(OccupancyGridUpdate, "map_updates")
+    graph.mount()
+    robot.introduce()
+    now = 0.0
+    while not updates:
+        assert now < 60.0, "the robot is round, and no change of its map was sent"
+        robot.go(now, now + 1.0, 0.25)
+        now += 1.0
+    update = updates[0]
+    assert update.header.frame_id == "map"
+    assert len(update.data) == update.width * update.height > 0
+    assert {-1, 0, 100} >= set(update.data)
+    assert any(
+        0 <= update.x <= whole.info.width - update.width
+        and 0 <= update.y <= whole.info.height - update.height
+        for whole in maps
+    )
 
 
 def test_localises_only_from_an_initial_pose(graph: Graph, tmp_path: Path) -> None:

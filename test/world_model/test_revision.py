@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
+from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 from world_model.drift import JITTER, QUICK, SECONDS, SLOW
 from world_model.revision import Explanation, Sightings, assign, explain, misfit, solve
 
@@ -150,6 +152,49 @@ def test_looking_back_names_what_was_not_known_yet() -> None:
     for name in known:
         own = whose[order[[n == name for n in names]]]
         assert len(own) == 0 or np.bincount(own).max() > 0.9 * len(own)
+
+
+class Words(dict):  # type: ignore[type-arg]
+    """The words of one detection, of which it can be said whether they are still there."""
+
+
+def drive_past(model: WorldModel, count: int) -> tuple[list[WorldState], list[weakref.ref[Words]]]:
+    """What a model says after each look of a sensor that moves past landmarks; and the words they are called by."""
+    data, whose, _ = looks(count, 4)
+    states, said = [], []
+    for f, stamp in enumerate(data.stamps.tolist()):
+        mine, pose = np.flatnonzero(data.look == f), data.poses[f]
+        angle = data.seen[mine, 1] + pose[3]
+        ends = pose[:2] + data.seen[mine, :1] * np.stack([np.cos(angle), np.sin(angle)], -1)
+        words = [Words({"class": {f"thing-{k}": 1.0}}) for k in whose[mine].tolist()]
+        spread = np.diag([4e-4, 4e-4, 1e-4])
+        seen = [ObjectEvidence([*z, 0.0], spread, w) for z, w in zip(ends, words, strict=True)]
+        states.append(
+            model.update(WorldEvidence(seen, {"pose": tuple(pose), "range": 6.0, "angle": 1.2}), stamp)
+        )
+        said += [weakref.ref(w) for w in words]
+    return states, said
+
+
+def test_who_does_not_look_back_keeps_few_looks_and_says_the_same() -> None:
+    config = WorldModelConfig(
+        region=((-2.0, 6.0), (-4.0, 4.0), (-0.5, 0.5)),
+        rate_hz=2.0,
+        clutter_per_frame=0.02,
+        classes=tuple(f"thing-{k}" for k in range(len(PLACES))),
+    )
+    keeps, forgets = WorldModel(config), WorldModel(config, looks_back=False)
+    (first, said), (second, _) = drive_past(keeps, 250), drive_past(forgets, 250)
+    for one, other in zip(first, second, strict=True):
+        assert one.associations == other.associations
+        places = [[item.position for item in state.objects] for state in (one, other)]
+        np.testing.assert_array_equal(*places)
+    # Looks are kept as numbers, without the words of their detections.
+    gc.collect()
+    assert sum(words() is not None for words in said) < 10
+    assert len(said) > 250
+    assert len(keeps.look_back()) > 200
+    assert len(forgets.look_back()) == 100
 
 
 def test_nothing_to_look_back_at() -> None:

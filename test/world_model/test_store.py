@@ -14,9 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.store_damage import run
 from world_model import WorldObject, WorldState
 from world_model.store import Store, StoreError
 from world_model.store_file import StoreVersionError, is_store
+from world_model.store_format import VERSION
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -231,32 +233,156 @@ def test_a_torn_write_ahead_log_takes_back_whole_messages_only(tmp_path: Path) -
     assert len(set(steps)) > 10
 
 
-@pytest.mark.parametrize("damage", ["garbage", "middle", "empty page", "row"])
-def test_a_damaged_file_is_set_aside_and_never_overwritten(tmp_path: Path, damage: str) -> None:
+@pytest.mark.parametrize("damage", ["garbage", "middle", "empty page", "row", "empty"])
+def test_a_damaged_file_is_set_aside_and_what_is_whole_goes_on(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "world.sqlite"
     with Store(path) as store:
         for step in range(300):
             store.record(marching(step))
+        before = store.history("cup-1")
     content = bytearray(path.read_bytes())
     if damage == "garbage":
         content[:] = b"this is not a database " * 200
     elif damage == "middle":
-        content[4096 * 3 : 4096 * 6] = os.urandom(4096 * 3)
+        content[4096 * 8 : 4096 * 10] = os.urandom(4096 * 2)
     elif damage == "empty page":
-        content[4096 * 5 : 4096 * 6] = bytes(4096)
+        content[4096 * 8 : 4096 * 9] = bytes(4096)
+    elif damage == "empty":
+        content.clear()
     else:
-        content[:] = content.replace(b'{"class"', b'["class"')
+        at = content.rindex(b'{"class"')
+        content[at] = ord("[")
     path.write_bytes(content)
-    for number in (1, 2):
-        with Store(path) as store:
-            assert store.set_aside == tmp_path / f"world.sqlite.damaged-{number}"
-            assert "damaged" in store.problem
-            assert store.restore() is None
-            store.record(marching(0))
-            assert len(store.history("cup-1")) == 1
-        if number == 1:
-            assert (tmp_path / "world.sqlite.damaged-1").read_bytes() == bytes(content)
-            path.write_bytes(b"SQLite format 3\0 and then nothing sensible" * 100)
+    with Store(path) as store:
+        assert store.set_aside == tmp_path / "world.sqlite.damaged-1"
+        assert "is damaged" in store.problem
+        assert store.damages == [store.problem]
+        kept = store.history("cup-1")
+        assert all(any(same(a.object, b.object) and a.stamp == b.stamp for b in before) for a in kept)
+        assert len(kept) >= {"garbage": 0, "empty": 0, "row": len(before) - 1}.get(damage, len(before) - 20)
+        store.record(marching(300))
+        assert len(store.history("cup-1")) == len(kept) + 1
+    assert (tmp_path / "world.sqlite.damaged-1").read_bytes() == bytes(content)
+    assert "is damaged" in (tmp_path / "world.sqlite.damaged-1.txt").read_text()
+    with Store(path) as store:
+        assert store.damages == []
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 300)
+
+
+def test_no_single_damage_changes_a_fact_without_a_word() -> None:
+    tally = run(240, seed=3, small=True)
+    assert (tally.damages, tally.silent, tally.untrue, tally.refused) == (240, 0, 0, 0), tally.examples
+    assert 80 < tally.reported < 240
+    assert min(tally.kept) >= 0.99, tally.examples
+
+
+def test_a_restart_without_the_head_of_the_log_loses_nothing(tmp_path: Path) -> None:
+    path, copy = tmp_path / "world.sqlite", tmp_path / "copy.sqlite"
+    with Store(path) as store:
+        for step in range(60):
+            store.record(marching(step))
+        shutil.copy(path, copy)
+        log = bytearray(Path(f"{path}-wal").read_bytes())
+    log[17] ^= 4
+    Path(f"{copy}-wal").write_bytes(log)
+    with Store(copy) as store:
+        assert "the head of the write-ahead log is damaged" in store.damages[0]
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 59)
+
+
+def test_messages_that_a_log_lost_whole_are_missed(tmp_path: Path) -> None:
+    path, copy = tmp_path / "world.sqlite", tmp_path / "copy.sqlite"
+    with Store(path) as store:
+        for step in range(60):
+            store.record(marching(step))
+            if step == 49:
+                for suffix in ("", "-wal"):
+                    shutil.copy(f"{path}{suffix}", f"{copy}{suffix}")
+        shutil.copy(f"{path}.lock", f"{copy}.lock")
+    with Store(copy) as store:
+        assert store.damages == [f"{copy}: the last 10 messages are missing in it"]
+    with Store(copy) as store:
+        assert store.damages == []
+
+
+def test_what_is_lost_comes_back_from_a_snapshot_of_the_same_store(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(100):
+            store.record(marching(step))
+        store.watch(3600.0)
+        assert store.keeper is not None
+        store.keeper.look()
+        store.keeper.look()
+        assert (store.keeper.checks, store.keeper.snapshots) == (2, 1)
+        store.record(marching(100))
+        store.keeper.look()
+        before = store.history("cup-1")
+    snapshots = [tmp_path / f"world.sqlite.snapshot-{number}" for number in (1, 2)]
+    with Store(snapshots[0], read_only=True) as newer, Store(snapshots[1], read_only=True) as older:
+        assert (newer.restore().stamp, older.restore().stamp) == (100.0, 99.0)  # type: ignore[union-attr]
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 4])
+    with Store(path) as store:
+        assert "from snapshots" in store.problem
+        assert len(store.history("cup-1")) == len(before)
+    with Store(tmp_path / "other.sqlite") as other:
+        other.record(marching(0))
+    for number, snapshot in enumerate(snapshots):
+        snapshot.replace(tmp_path / f"other.sqlite.snapshot-{number + 1}")
+    content = bytearray((tmp_path / "other.sqlite").read_bytes())
+    content[content.index(b"appeared")] ^= 1
+    (tmp_path / "other.sqlite").write_bytes(content)
+    with Store(tmp_path / "other.sqlite") as other:
+        assert "from snapshots" not in other.problem
+        assert len(other.history("cup-1")) <= 1
+
+
+def test_damage_found_in_the_background_is_put_right_with_the_next_message(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(100):
+            store.record(marching(step))
+        store.save()
+        content = path.read_bytes()
+        at = content.rindex(b'{"class"')
+        with path.open("r+b") as file:
+            file.seek(at)
+            file.write(b"[")
+        store._execute("PRAGMA shrink_memory")
+        store.watch(3600.0)
+        assert store.keeper is not None
+        store.keeper.look()
+        assert "is damaged" in store.keeper.found[0]
+        store.record(marching(100))
+        assert len(store.damages) == 1
+        assert store.keeper is not None
+        assert store.keeper.found == []
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 100)
+
+
+def test_a_store_of_the_first_version_is_taken_over(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    shutil.copy(Path(__file__).parent / "store_version_1.sqlite", path)
+    with Store(path, read_only=True) as store:
+        assert (store.damages, len(store.history("cup-1"))) == ([], 100)
+    with Store(path) as store:
+        assert (store.damages, store.problem) == ([], "")
+        assert [entry.stamp for entry in store.history("cup-1")] == [float(k) for k in range(100)]
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 99)
+        assert [run for run, *_ in store.epochs()] == [0]
+        store.record(marching(100))
+    with Store(path) as store:
+        assert store.damages == []
+        assert len(store.history("cup-1")) == 101
 
 
 def test_damage_while_running_loses_nothing_of_the_present(tmp_path: Path) -> None:
@@ -275,6 +401,7 @@ def test_damage_while_running_loses_nothing_of_the_present(tmp_path: Path) -> No
             if store.set_aside is not None:
                 break
         assert store.set_aside is not None
+        assert "is damaged" in store.damages[0]
         store.record(marching(261))
         assert store.problem == ""
     with Store(path) as store:
@@ -291,7 +418,7 @@ def test_other_versions_and_other_databases_are_left_alone(tmp_path: Path) -> No
     connection.close()
     before = path.read_bytes()
     with pytest.raises(
-        StoreVersionError, match=r"world.sqlite: is of version 7, this program reads version 1"
+        StoreVersionError, match=rf"world.sqlite: is of version 7, this program reads version {VERSION}"
     ):
         Store(path)
     assert path.read_bytes() == before
@@ -378,8 +505,12 @@ def test_history_stays_within_its_limit_and_is_thinned_where_it_is_old(tmp_path:
         assert path.stat().st_size < sizes[0]
 
 
-def test_a_copy_is_a_complete_store(tmp_path: Path) -> None:
-    copy = tmp_path / "copy.sqlite"
+def test_a_copy_is_a_complete_store_whatever_lay_beside_it(tmp_path: Path) -> None:
+    copy, killed = tmp_path / "copy.sqlite", tmp_path / "killed.sqlite"
+    with Store(killed) as other:
+        other.record(state(0, thing(7)))
+        for suffix in ("-wal", "-shm"):
+            shutil.copy(f"{killed}{suffix}", f"{copy}{suffix}")
     with Store(tmp_path / "world.sqlite") as store:
         for last in (5, 9):
             for step in range(last):
@@ -390,3 +521,31 @@ def test_a_copy_is_a_complete_store(tmp_path: Path) -> None:
         memory = other.restore()
         assert memory is not None
         assert same_world(memory.objects, 8)
+        with (
+            Store(tmp_path / "world.sqlite") as store,
+            pytest.raises(StoreError, match="another process writes"),
+        ):
+            store.save(copy)
+
+
+def test_a_copy_that_cannot_be_read_back_is_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = tmp_path / "copy.sqlite"
+    with Store(tmp_path / "world.sqlite") as store:
+        store.record(marching(0))
+        store.save(copy)
+        before = copy.read_bytes()
+        store.record(marching(1))
+        monkeypatch.setattr("world_model.store_file.examine", lambda connection: ["page 3 is damaged"])
+        with pytest.raises(StoreError, match="reading it back shows: page 3 is damaged"):
+            store.save(copy)
+    assert copy.read_bytes() == before
+
+
+def test_what_is_no_store_is_never_overwritten(tmp_path: Path) -> None:
+    foreign = tmp_path / "authorized_keys"
+    foreign.write_text("ssh-ed25519 AAAA")
+    with Store(tmp_path / "world.sqlite") as store, pytest.raises(StoreError, match="not overwritten"):
+        store.save(foreign)
+    assert foreign.read_text() == "ssh-ed25519 AAAA"

@@ -14,6 +14,7 @@ from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
 from whereabouts.cli.odometry import odometry
 from whereabouts.cli.run import run
+from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
 from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
@@ -28,7 +29,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, run, convert, odometry, experiment, intentions, segment, slam, track, view, world):
+for command in (
+    demo, run, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
+):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")
 

@@ -94,7 +94,7 @@ def _map(
         with atomic_path(closures) as temporary:
             temporary.write_text("\n".join(closure_rows(mapped)) + "\n", encoding="ascii")
     if map_file is not None:
-        write_map_files(mapped.slam, map_file)
+        write_map_files(mapped.slam, map_file, lambda text: typer.echo(text, err=True))
     duration = max(mapped.stamps) - min(mapped.stamps)
     keyframes = len(mapped.slam.keyframes)
     typer.echo(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import shutil
 import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -24,36 +24,41 @@ from .sqlite_file import SqliteFile
 from .storage import BagFile, Qos, Stored, Topic, parse_qos
 from .summary import Summary
 from .text import ZIP_MAGIC, open_file
+from .unpacking import UNPACKED_LIMIT, copy, unpack
 
 METADATA = "metadata.yaml"
 STORAGES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
-def open_bag(path: Path, summary: Summary) -> BagFile:
-    """A ROS 1 or ROS 2 bag of any kind; damage found on the way goes into `summary`.
+def open_bag(path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> BagFile:
+    """A ROS 1 or ROS 2 bag of any kind; damage found on the way goes into `summary`. limit : bytes it may unpack to.
 
     Raises
     ------
     LogNotFoundError, UnknownFormatError, DamagedLogError : as `open_log`.
     """
-    return BagDirectory(path, summary) if path.is_dir() else open_bag_file(path, summary)
+    if path.is_dir():
+        return BagDirectory(path, summary, limit)
+    return open_bag_file(path, summary, limit=limit)
 
 
-def open_bag_file(path: Path, summary: Summary, shown: Path | None = None) -> BagFile:
+def open_bag_file(
+    path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+) -> BagFile:
     """One file, told apart by its first bytes; `shown` is what messages call it."""
     with open_file(path) as stream:
         magic = stream.read(16)
     if magic.startswith(b"\x89MCAP"):
-        return McapFile(path, summary, shown)
+        return McapFile(path, summary, shown, limit)
     if magic.startswith(b"SQLite format 3"):
         return SqliteFile(path, summary, shown)
     if magic.startswith(b"#ROSBAG"):
-        return Ros1File(path, summary, shown)
+        return Ros1File(path, summary, shown, limit)
     if magic.startswith(ZSTD_MAGIC):
-        return UnpackedFile(path, summary, _inflate_zstd)
+        return UnpackedFile(path, summary, _inflate_zstd, limit)
     if magic.startswith(ZIP_MAGIC):
-        return UnpackedFile(path, summary, _inflate_zip)
+        return UnpackedFile(path, summary, _inflate_zip, limit)
     problem = "is no bag: neither MCAP, sqlite3 nor ROS 1; `whereabouts convert` makes one of other logs"
     raise UnknownFormatError(shown or path, problem)
 
@@ -61,12 +66,14 @@ def open_bag_file(path: Path, summary: Summary, shown: Path | None = None) -> Ba
 class UnpackedFile:
     """A bag inside a compressed file, unpacked into a temporary directory: bags need random access."""
 
-    def __init__(self, path: Path, summary: Summary, inflate: Callable[[Path, Path], None]) -> None:
+    def __init__(
+        self, path: Path, summary: Summary, inflate: Callable[[Path, Path, int], None], limit: int
+    ) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="whereabouts-")
         unpacked = Path(self._directory.name) / "bag"
         try:
-            inflate(path, unpacked)
-            self._file = open_bag_file(unpacked, summary, path)
+            inflate(path, unpacked, limit)
+            self._file = open_bag_file(unpacked, summary, path, limit)
         except BaseException:
             self._directory.cleanup()
             raise
@@ -86,21 +93,26 @@ class UnpackedFile:
         self._directory.cleanup()
 
 
-def _inflate_zstd(path: Path, target: Path) -> None:
+def _inflate_zstd(path: Path, target: Path, limit: int) -> None:
     """A file cut short gives its beginning; the reader of that then says where it breaks off."""
     with path.open("rb") as source, target.open("wb") as sink:
         try:
-            zstandard.ZstdDecompressor().copy_stream(source, sink)
+            copy(
+                zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True).read,
+                sink,
+                path,
+                limit,
+            )
         except zstandard.ZstdError as error:
             if not sink.tell():
                 raise DamagedLogError(path, f"cannot be decompressed ({error})") from error
 
 
-def _inflate_zip(path: Path, target: Path) -> None:
+def _inflate_zip(path: Path, target: Path, limit: int) -> None:
     member = only_member(path)
     try:
         with zipfile.ZipFile(path) as archive, archive.open(member) as source, target.open("wb") as sink:
-            shutil.copyfileobj(source, sink, 1 << 20)
+            copy(source.read, sink, path, limit)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, zlib.error) as error:
         raise DamagedLogError(path, f"member {member} cannot be unpacked ({error})") from error
 
@@ -117,9 +129,10 @@ class BagDirectory:
     DamagedLogError : metadata.yaml cannot be used.
     """
 
-    def __init__(self, path: Path, summary: Summary) -> None:
+    def __init__(self, path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> None:
         self.path = path
         self._summary = summary
+        self._limit = limit
         self._current: BagFile | None = None
         self._number = 0
         self._inflate: Callable[[bytes], bytes] | None = None
@@ -159,7 +172,7 @@ class BagDirectory:
     def _each(self) -> Iterator[BagFile]:
         for number, path in enumerate(self._files):
             self._number = number
-            file = open_bag_file(path, self._summary)
+            file = open_bag_file(path, self._summary, limit=self._limit)
             self._current = file
             try:
                 yield file
@@ -201,7 +214,7 @@ class BagDirectory:
             form = information.get("compression_format")
             raise UnknownFormatError(source, f"compression {form} is not known, zstd is")
         if compressed and str(information["compression_mode"]).lower() == "message":
-            self._inflate = inflate_message
+            self._inflate = partial(inflate_message, path=self.path, limit=self._limit)
         files = [self.path / name for name in names]
         missing = [file.name for file in files if not file.is_file()]
         if missing or not files:
@@ -214,9 +227,9 @@ class BagDirectory:
         self._recorded[topic["name"], topic["type"]] = type_hash, qos
 
 
-def inflate_message(data: bytes) -> bytes:
+def inflate_message(data: bytes, path: Path = Path(), limit: int = UNPACKED_LIMIT) -> bytes:
     """A message of a bag compressed by message; rosbag2 writes frames with and without their size."""
-    return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    return unpack("zstd", data, path, limit)
 
 
 def _by_number(path: Path) -> tuple[list[int], str]:

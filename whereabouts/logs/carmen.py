@@ -33,6 +33,7 @@ from .carmen_laser import (
 )
 from .log import Log
 from .text import TextSource
+from .unpacking import UNPACKED_LIMIT
 
 LaserParser = Callable[[Sequence[bytes], "float | None"], LaserLine]
 
@@ -65,6 +66,7 @@ class CarmenLog(Log):
     topics : hand out only these (`scan`, `rear_scan`, `wheel_odom`); None for all.
     max_range : metres from which a reading is a no-return, instead of what the log says.
     member : name inside a zip archive.
+    unpacked_limit : bytes that a compressed log may unpack to.
     """
 
     format = "carmen"
@@ -75,9 +77,10 @@ class CarmenLog(Log):
         topics: Iterable[str] | None = None,
         max_range: float | None = None,
         member: str | None = None,
+        unpacked_limit: int = UNPACKED_LIMIT,
     ) -> None:
         super().__init__(path, topics)
-        self._source = TextSource(path, member)
+        self._source = TextSource(path, member, unpacked_limit)
         self._max_range = max_range
         self._lasers: dict[str, LaserParameters] = {}
         self._corrected = False

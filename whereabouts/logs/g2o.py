@@ -24,6 +24,7 @@ from .carmen_laser import BadLineError, numbers, parse_robotlaser
 from .log import Log
 from .summary import Summary
 from .text import TextSource
+from .unpacking import UNPACKED_LIMIT
 
 # Scans per second where the file has no stamps. Any rate will do as long as stamps grow; a note says so.
 SYNTHETIC_RATE = 1.0
@@ -139,11 +140,12 @@ class G2oLog(Log):
         max_range: float | None = None,
         member: str | None = None,
         rate: float = SYNTHETIC_RATE,
+        unpacked_limit: int = UNPACKED_LIMIT,
     ) -> None:
         super().__init__(path, topics)
         if not rate > 0.0:
             raise InputError(f"rate: positive number of scans per second expected, got {rate}")
-        self._source = TextSource(path, member)
+        self._source = TextSource(path, member, unpacked_limit)
         self._max_range = max_range
         self._rate = rate
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
+
+from .text import decompressed
 
 Array = NDArray[np.float64]
 RATE = 10.0
@@ -33,7 +35,7 @@ def _lines(path: Path) -> list[str]:
     packed = path.with_name(path.name + ".gz")
     try:
         if packed.exists():
-            with gzip.open(packed, "rt", encoding="utf-8") as stream:
+            with packed.open("rb") as raw, io.TextIOWrapper(decompressed(raw, packed), "utf-8") as stream:
                 return stream.read().splitlines()
         return path.read_text(encoding="utf-8").splitlines()
     except OSError as error:

@@ -13,18 +13,18 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Schema
 
-from whereabouts.log_errors import UnknownFormatError
+from whereabouts.log_errors import OversizedLogError, UnknownFormatError
 
 from .storage import Stored, Topic, in_time_order, parse_qos
 from .summary import Summary
 from .text import open_file
+from .unpacking import UNPACKED_LIMIT, unpack
 
 MAGIC = b"\x89MCAP0\r\n"
 _PREFIX = struct.Struct("<BQ")
@@ -51,11 +51,14 @@ class McapFile:
     Parameters
     ----------
     path : the file; shown : what error messages and remarks call it (the archive it came from).
-    summary : account of damage.
+    summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
     """
 
-    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
+    def __init__(
+        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+    ) -> None:
         self.path = path
+        self._limit = limit
         self._shown = shown or path
         self._summary = summary
         self._stream = open_file(path)
@@ -136,6 +139,8 @@ class McapFile:
             opcode, _, content = next(_frames(self._stream, self._size))
             if opcode == Opcode.CHUNK:
                 return self._unpack(content, offset)
+        except OversizedLogError:
+            raise
         except (_BrokenOffError, StopIteration, *_DECODING_ERRORS):
             pass
         self._summary.skip(f"{self._shown.name}: damaged chunk", f"byte {offset}")
@@ -143,8 +148,8 @@ class McapFile:
 
     def _unpack(self, content: bytes, offset: int) -> list[Stored]:
         chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-        data = memoryview(_decompress(chunk))
         where = f"byte {offset}"
+        data = memoryview(self._decompress(chunk, where))
         found: list[Stored] = []
         position = 0
         while position < len(data):
@@ -158,6 +163,14 @@ class McapFile:
                 self._declare(opcode, bytes(data[begin:end]))
             position = end
         return found
+
+    def _decompress(self, chunk: Chunk, where: str) -> bytes:
+        data = unpack(chunk.compression, chunk.data, self._shown, self._limit, where)
+        if len(data) != chunk.uncompressed_size:
+            raise ValueError("chunk of another size than it says")
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("checksum of the chunk is wrong")
+        return data
 
     def _message(self, content: memoryview, where: str) -> list[Stored]:
         """The message, or nothing where its channel was never declared, which is counted."""
@@ -197,6 +210,8 @@ class McapFile:
             if opcode == Opcode.MESSAGE:
                 return self._message(memoryview(content), f"byte {offset}")
             self._declare(opcode, content)
+        except OversizedLogError:
+            raise
         except _DECODING_ERRORS:
             what = "chunk" if opcode == Opcode.CHUNK else "record"
             self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
@@ -224,22 +239,6 @@ def _frames(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
             raise _BrokenOffError(offset)
         yield opcode, offset, stream.read(length)
         offset += _PREFIX.size + length
-
-
-def _decompress(chunk: Chunk) -> bytes:
-    if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
-    elif chunk.compression == "lz4":
-        data = lz4.frame.decompress(chunk.data)
-    elif chunk.compression == "":
-        data = chunk.data
-    else:
-        raise ValueError(f"compression {chunk.compression!r} is not known")
-    if len(data) != chunk.uncompressed_size:
-        raise ValueError("chunk of another size than it says")
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError("checksum of the chunk is wrong")
-    return data
 
 
 def _topic(channel: Channel, schema: Schema | None) -> Topic:

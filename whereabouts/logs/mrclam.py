@@ -7,7 +7,7 @@ all five robots. `sightings` turns it into the distance.
 
 from __future__ import annotations
 
-import gzip
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
+
+from .text import decompressed
 
 Array = NDArray[np.float64]
 FIRST_LANDMARK = 6
@@ -38,7 +40,7 @@ def _table(path: Path) -> Array:
     packed = path.with_name(path.name + ".gz")
     try:
         if packed.exists():
-            with gzip.open(packed, "rt", encoding="utf-8") as stream:
+            with packed.open("rb") as raw, io.TextIOWrapper(decompressed(raw, packed), "utf-8") as stream:
                 return np.loadtxt(stream, comments="#", ndmin=2)
         return np.loadtxt(path, comments="#", ndmin=2)
     except (OSError, ValueError) as error:

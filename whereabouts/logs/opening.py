@@ -10,6 +10,7 @@ from whereabouts.log_errors import EmptyLogError, LogNotFoundError, UnknownForma
 
 from .log import Log
 from .text import ZIP_MAGIC, TextSource, open_file
+from .unpacking import UNPACKED_LIMIT
 
 ROS_MAGIC = {
     b"#ROSBAG V": "rosbag1",
@@ -29,6 +30,7 @@ def open_log(
     path: Path | str,
     topics: Iterable[str] | None = None,
     max_range: float | None = None,
+    unpacked_limit: int = UNPACKED_LIMIT,
 ) -> Log:
     """Open a log of any readable format.
 
@@ -37,26 +39,27 @@ def open_log(
     path : file or rosbag2 directory.
     topics : hand out only records of these topics (with or without leading slash), None for all.
     max_range : metres from which a reading is a no-return, in formats whose logs may not say (CARMEN, g2o).
+    unpacked_limit : bytes that a compressed log may unpack to.
 
     Raises
     ------
     LogNotFoundError, EmptyLogError : nothing there.
     UnknownFormatError : the content belongs to no readable format.
-    DamagedLogError : the format is known and the file cannot be read.
+    DamagedLogError : the format is known and the file cannot be read, or (OversizedLogError) unpacks to too much.
     """
     source = Path(path)
     name, member = detect(source)
     if name == "carmen":
         from .carmen import CarmenLog
 
-        return CarmenLog(source, topics, max_range, member)
+        return CarmenLog(source, topics, max_range, member, unpacked_limit)
     if name == "g2o":
         from .g2o import G2oLog
 
-        return G2oLog(source, topics, max_range, member)
+        return G2oLog(source, topics, max_range, member, unpacked_limit=unpacked_limit)
     from .ros import RosLog
 
-    return RosLog(source, topics, name)
+    return RosLog(source, topics, name, unpacked_limit)
 
 
 def detect(path: Path) -> tuple[str, str | None]:

@@ -17,6 +17,7 @@ from .log import Log
 from .ros_types import Decoder, UnreadableTypeError
 from .storage import Stored, Topic, wanted_by
 from .summary import Summary
+from .unpacking import UNPACKED_LIMIT
 
 
 class RosLog(Log):
@@ -26,11 +27,17 @@ class RosLog(Log):
     them: then each message is a MessageRecord.
     """
 
-    def __init__(self, path: Path, topics: Iterable[str] | None = None, format: str = "rosbag2") -> None:
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str] | None = None,
+        format: str = "rosbag2",
+        unpacked_limit: int = UNPACKED_LIMIT,
+    ) -> None:
         super().__init__(path, topics)
         self.format = format
         _check(path)
-        self._bag = open_bag(path, self.summary)
+        self._bag = open_bag(path, self.summary, unpacked_limit)
         self._found = self.summary.copy()
         self._decoders: dict[int, Decoder | str] = {}
         self._keep: list[Topic] = []
@@ -122,12 +129,14 @@ class RawLog:
     summary : account of the running or last pass.
     """
 
-    def __init__(self, path: Path | str, topics: Iterable[str] | None = None) -> None:
+    def __init__(
+        self, path: Path | str, topics: Iterable[str] | None = None, unpacked_limit: int = UNPACKED_LIMIT
+    ) -> None:
         self.path = Path(path)
         self.summary = Summary()
         self._wanted = wanted_by(topics)
         _check(self.path)
-        self._bag = open_bag(self.path, self.summary)
+        self._bag = open_bag(self.path, self.summary, unpacked_limit)
         self._found = self.summary.copy()
 
     @property

@@ -6,21 +6,19 @@ reader holds an entry for every chunk, and shares the framing between whole and 
 
 from __future__ import annotations
 
-import bz2
 import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-import lz4.frame
-
-from whereabouts.log_errors import DamagedLogError, UnknownFormatError
+from whereabouts.log_errors import DamagedLogError, OversizedLogError, UnknownFormatError
 
 from .ros1_types import topic_of
 from .storage import Stored, Topic, in_time_order
 from .summary import Summary
 from .text import open_file
+from .unpacking import UNPACKED_LIMIT, unpack
 
 VERSION = re.compile(rb"#ROSBAG V(\d+\.\d+)\n")
 MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
@@ -41,8 +39,11 @@ class Ros1File:
     DamagedLogError : breaks off before its first record.
     """
 
-    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
+    def __init__(
+        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+    ) -> None:
         self.path = path
+        self._limit = limit
         self._shown = shown or path
         self._summary = summary
         self._stream = open_file(path)
@@ -119,16 +120,19 @@ class Ros1File:
         try:
             fields, data, _ = _read_record(self._stream, offset, self._size)
             return self._unpack(fields, data, offset)
+        except OversizedLogError:
+            raise
         except (_BrokenOffError, *_DECODING_ERRORS):
             self._summary.skip(f"{self._shown.name}: damaged chunk", f"byte {offset}")
             return []
 
     def _unpack(self, fields: Fields, data: bytes, offset: int) -> list[Stored]:
         """Messages of a chunk in the order they lie in it."""
-        content = _decompress(fields[b"compression"], data)
+        where = f"byte {offset}"
+        form = fields[b"compression"].decode("ascii")
+        content = unpack(form, data, self._shown, self._limit, where)
         if len(content) != _LENGTH.unpack(fields[b"size"])[0]:
             raise ValueError("chunk of another size than it says")
-        where = f"byte {offset}"
         found: list[Stored] = []
         position = 0
         while position < len(content):
@@ -158,6 +162,8 @@ class Ros1File:
                     self._declare(fields, data)
                 elif operation == CHUNK:
                     messages = self._unpack(fields, data, offset)
+            except OversizedLogError:
+                raise
             except _DECODING_ERRORS:
                 what = "chunk" if operation == CHUNK else "record"
                 self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
@@ -213,13 +219,3 @@ def _fields(header: bytes) -> Fields:
 def _nanoseconds(value: bytes) -> int:
     seconds, nanoseconds = _TIME.unpack(value)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def _decompress(compression: bytes, data: bytes) -> bytes:
-    if compression == b"none":
-        return data
-    if compression == b"bz2":
-        return bz2.decompress(data)
-    if compression == b"lz4":
-        return bytes(lz4.frame.decompress(data))
-    raise ValueError(f"compression {compression!r} is not known")

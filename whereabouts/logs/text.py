@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import bz2
 import gzip
-import io
 import zipfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO
 
 from whereabouts.log_errors import DamagedLogError, LogNotFoundError
 
 from .summary import Summary
+from .unpacking import UNPACKED_LIMIT, bounded
 
 GZIP_MAGIC = b"\x1f\x8b"
 BZIP2_MAGIC = b"BZh"
@@ -37,12 +37,16 @@ def open_file(path: Path) -> BinaryIO:
         raise LogNotFoundError(path, f"cannot be read ({error.strerror}); check the path") from error
 
 
-def decompressed(raw: BinaryIO, path: Path, member: str | None = None) -> BinaryIO:
-    """Content of the open file, decompressed when its first bytes say so; `member` of a zip archive."""
+def decompressed(
+    raw: BinaryIO, path: Path, member: str | None = None, limit: int = UNPACKED_LIMIT
+) -> BinaryIO:
+    """Content of the open file, decompressed when its first bytes say so; `member` of a zip archive.
+
+    Reading raises OversizedLogError beyond `limit` bytes of what was compressed.
+    """
     if member is not None:
         try:
-            content = zipfile.ZipFile(raw).open(member)  # noqa: SIM115 - closed with `raw`
-            return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, content), 1 << 16))
+            return bounded(zipfile.ZipFile(raw).open(member), path, limit)  # closed with `raw`
         except (*DECODING_ERRORS, KeyError, NotImplementedError, RuntimeError) as error:
             raise DamagedLogError(
                 path, f"member {member} cannot be read ({error}); unpack it first"
@@ -50,18 +54,19 @@ def decompressed(raw: BinaryIO, path: Path, member: str | None = None) -> Binary
     magic = raw.read(4)
     raw.seek(0)
     if magic.startswith(GZIP_MAGIC):
-        return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, gzip.GzipFile(fileobj=raw)), 1 << 16))
+        return bounded(gzip.GzipFile(fileobj=raw), path, limit)
     if magic.startswith(BZIP2_MAGIC):
-        return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, bz2.BZ2File(raw)), 1 << 16))
+        return bounded(bz2.BZ2File(raw), path, limit)
     return raw
 
 
 class TextSource:
-    """Numbered lines of a text log; can be read any number of times."""
+    """Numbered lines of a text log; can be read any number of times. limit : bytes that it may unpack to."""
 
-    def __init__(self, path: Path, member: str | None = None) -> None:
+    def __init__(self, path: Path, member: str | None = None, limit: int = UNPACKED_LIMIT) -> None:
         self.path = path
         self.member = member
+        self.limit = limit
         self._raw: BinaryIO | None = None
 
     @property
@@ -75,7 +80,7 @@ class TextSource:
         """The first bytes of the content."""
         with open_file(self.path) as raw:
             try:
-                return decompressed(raw, self.path, self.member).read(size)
+                return decompressed(raw, self.path, self.member, self.limit).read(size)
             except DECODING_ERRORS:
                 return b""
 
@@ -84,7 +89,7 @@ class TextSource:
         number = 0
         with open_file(self.path) as raw:
             self._raw = raw
-            content = decompressed(raw, self.path, self.member)
+            content = decompressed(raw, self.path, self.member, self.limit)
             while True:
                 try:
                     line = content.readline(LONGEST_LINE)

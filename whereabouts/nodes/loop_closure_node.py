@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Odometry as OdometryMessage
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
@@ -43,7 +42,8 @@ from whereabouts.nodes.conversions import (
 )
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.inputs import Input
-from whereabouts.nodes.map_messages import closure_message, grid_message, marker_messages, path_message
+from whereabouts.nodes.map_messages import closure_message, marker_messages, path_message
+from whereabouts.nodes.map_output import MapOutput
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
 from whereabouts.parameters.loop_closure import LoopClosureParameters
@@ -80,7 +80,7 @@ class LoopClosureNode(SuiteNode):
         self._range_input = taken
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         self._path_output = self.add_output(PathMessage, "trajectory", LATCHED)
-        self._map_output = self.add_output(GridMessage, "map", LATCHED)
+        self._maps = MapOutput(self, settings.map_cells)
         self._points_output = self.add_output(PointCloud2, "map_points", LATCHED)
         self._marker_output = self.add_output(MarkerArray, "~/markers", LATCHED)
         self._tf_output = self.broadcaster()
@@ -88,6 +88,7 @@ class LoopClosureNode(SuiteNode):
         self.add_service(LoadMap, "~/load_map", self._load)
         self.add_timer(settings.tf_period, self._repeat_transform)
         self.add_timer(settings.map_period, self._publish_map)
+        self.add_timer(settings.map_update_period, self._publish_changes)
         if settings.save_period > 0.0 and settings.map_file:
             self.add_timer(settings.save_period, self._save_regularly)
 
@@ -117,6 +118,8 @@ class LoopClosureNode(SuiteNode):
         self._localizer: Localizer | None = None
         self._extend = True
         self._grid = MapGrid(self.settings.resolution)
+        self._maps.forget()
+        self._place: Array | None = None  # (2,) of the sensor in the map, where it is known
 
     def _forget_live(self) -> None:
         self._correction: Array | None = None  # (6,) of the odometry frame in the map
@@ -185,6 +188,7 @@ class LoopClosureNode(SuiteNode):
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(scan, odometry)
             self._correction = spatial(self._slam.correction)
+            self._place = self._slam.pose[:2]
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -229,6 +233,8 @@ class LoopClosureNode(SuiteNode):
         assert self._localizer is not None
         located = self._localizer.process(scan, odometry)
         self._located = located.pose is not None
+        if located.pose is not None and planar(located.pose):
+            self._place = located.pose[:2]
         correction = self._localizer.correction
         if correction is None:
             self._correction = None
@@ -306,18 +312,29 @@ class LoopClosureNode(SuiteNode):
             self._publish_transform()
 
     def _publish_map(self) -> None:
-        if not self._changed or self._stamp is None:
+        flat = len(self._slam.keyframes) > 0 and self._slam.keyframes[0].scan is not None
+        if not self._changed and not (flat and self._maps.outdated(self._grid, self._place)):
             return
-        header = Header(stamp=time_message(self._stamp), frame_id=frame_name(self.settings.map_frame))
+        if self._stamp is None:
+            return
+        header = self._map_header(self._stamp)
         poses = self._base_poses()
         stamps = [self._slam.keyframes[k].stamp for k in range(len(self._slam.keyframes))]
         self._path_output.publish(path_message(header, stamps, poses))
-        if self._slam.keyframes[0].scan is not None:
+        if flat:
             self._grid.update(self._slam)
-            self._map_output.publish(grid_message(header, self._grid.grid))
-        self._points_output.publish(cloud_message(header, map_points(self._slam, self._grid.grid)))
+            self._maps.send(header, self._grid, self._place)
+        self._points_output.publish(cloud_message(header, map_points(self._slam, self._grid.tiles)))
         self._marker_output.publish(marker_messages(header, self._slam))
         self._changed = self._moved = False
+
+    def _publish_changes(self) -> None:
+        if self._changed and self._stamp is not None and self._maps.updates_wanted:
+            self._grid.update(self._slam)
+            self._maps.send_changes(self._map_header(self._stamp), self._grid, self._place)
+
+    def _map_header(self, stamp: int) -> Header:
+        return Header(stamp=time_message(stamp), frame_id=frame_name(self.settings.map_frame))
 
     def _base_poses(self) -> Array:
         """(N, 6) poses of the robot at the keyframes."""
@@ -351,7 +368,7 @@ class LoopClosureNode(SuiteNode):
         target = stem.with_name(stem.name + ".npz")
         if self._slam.keyframes[0].scan is not None:
             self._grid.update(self._slam)
-            self._grid.grid.save(stem, _replace)
+            self._grid.bounded(self.settings.map_cells, self.complain).save(stem, _replace)
         with atomic_path(target) as temporary, temporary.open("wb") as file:
             write_map(self._slam, file)
         return target
@@ -386,7 +403,8 @@ class LoopClosureNode(SuiteNode):
 
     def _look_in(self, slam: Slam, extend: bool, initial: Array | None = None) -> None:
         self._slam = slam
-        self._grid = MapGrid(self.settings.resolution)
+        self._grid, self._place = MapGrid(self.settings.resolution), None
+        self._maps.forget()
         start = None if initial is None else compound(initial, self._mounting)
         self._localizer = Localizer(slam.keyframes, slam.graph.poses, start)
         self._extend = extend

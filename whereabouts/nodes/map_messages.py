@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from geometry_msgs.msg import Point, PoseStamped
+from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from estimation.grid import OccupancyGrid
 from estimation.poses import compound, compound_covariance, inverse, pose_from_matrix
+from estimation.tiles import TiledGrid, View
 from loop_closure.motions import positions
 from loop_closure.slam import Closure, Slam
 from whereabouts.nodes.conversions import array_of, fill_pose, spatial, spatial_covariance
@@ -64,15 +65,25 @@ def path_message(header: Header, stamps: list[float], poses: Array) -> PathMessa
     return message
 
 
-def grid_message(header: Header, grid: OccupancyGrid) -> GridMessage:
-    """Occupancy as nav2 takes it: 0 free, 100 occupied, -1 unknown."""
+def grid_message(header: Header, tiles: TiledGrid, view: View) -> GridMessage:
+    """Occupancy of a view as nav2 takes it: 0 free, 100 occupied, -1 unknown."""
+    values, origin = tiles.values(view), tiles.origin(view)
     message = GridMessage(header=header)
     message.info.map_load_time = header.stamp
-    message.info.resolution = grid.resolution
-    message.info.height, message.info.width = grid.shape
-    message.info.origin.position.x, message.info.origin.position.y = (float(v) for v in grid.origin)
+    message.info.resolution = tiles.resolution
+    message.info.height, message.info.width = values.shape
+    message.info.origin.position.x, message.info.origin.position.y = (float(v) for v in origin)
     message.info.origin.orientation.w = 1.0
-    message.data = array_of("b", np.ascontiguousarray(grid.values()))
+    message.data = array_of("b", values)
+    return message
+
+
+def update_message(header: Header, offset: tuple[int, int], values: NDArray[np.int8]) -> OccupancyGridUpdate:
+    """New occupancy `values` (H, W) for a box of a map; `offset` : column and row of its first cell there."""
+    message = OccupancyGridUpdate(header=header)
+    message.x, message.y = offset
+    message.height, message.width = values.shape
+    message.data = array_of("b", values)
     return message
 
 

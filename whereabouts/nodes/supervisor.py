@@ -62,6 +62,8 @@ class NodeSpec:
         files = [config_file(f"{self.executable}.yaml"), self.parameter_file]
         for path in filter(None, files):
             command += ["--params-file", str(path)]
+        if os.environ.get("ROS_SECURITY_ENABLE") == "true":
+            command += ["--enclave", self.full_name]
         for name, value in self.parameters.items():
             command += ["-p", f"{name}:={_literal(value)}"]
         return command

@@ -76,9 +76,13 @@ class WorldModelNode(SuiteNode):
         if places and places.frame != self._map:
             raise InputError(f"places_file: is in frame '{places.frame}', the world in '{self._map}'")
         store = Store(settings.store_path, settings.history_limit) if settings.store_path else None
-        self._model = WorldModel(config, places, store)
+        # Nobody asks the node to look back.
+        self._model = WorldModel(config, places, store, looks_back=False)
+        if store is not None:
+            store.watch()
         self._model.words = Words(places, symbols)
         self._shown: list[WorldObject] = []
+        self._damages_told = 0
         self._report_store()
         known = {"class": config.classes, "color": config.colors}
         names, numbers = (*known, *config.attributes), tuple(config.quantities)
@@ -179,9 +183,17 @@ class WorldModelNode(SuiteNode):
         store = self._model.store
         if store is None:
             return Health(f"{figures['objects']} objects, not remembered", figures=figures)
-        figures |= {"history rows": store.rows, "failed writes": store.failures}
-        if store.problem:
-            return Health(store.problem, warning=True, figures=figures)
+        figures |= {
+            "history rows": store.rows,
+            "failed writes": store.failures,
+            "damages": len(store.damages),
+        }
+        keeper = store.keeper
+        if keeper is not None:
+            figures |= {"checks of the store": keeper.checks, "snapshots": keeper.snapshots}
+        trouble = store.problem or (keeper.problem if keeper is not None else "")
+        if trouble or store.damages:
+            return Health(trouble or store.damages[-1], warning=True, figures=figures)
         return Health(f"{figures['objects']} objects", figures=figures)
 
     # Evidence.
@@ -302,8 +314,13 @@ class WorldModelNode(SuiteNode):
 
     def _report_store(self) -> None:
         store = self.model.store
-        if store is not None and store.problem:
+        if store is None:
+            return
+        if store.problem:
             self.complain(store.problem, key="store")
+        for damage in store.damages[self._damages_told :]:
+            self.complain(damage, key=damage)
+        self._damages_told = len(store.damages)
 
     # What is published.
 

@@ -6,6 +6,7 @@ from dataclasses import fields
 
 from pydantic import create_model
 
+from estimation.tiles import VIEW_CELLS
 from loop_closure.slam_config import SlamConfig
 from whereabouts.parameters.base import FrameParameters, setting
 from whereabouts.parameters.from_config import settings_of
@@ -43,6 +44,21 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
     )
     map_period: float = setting(
         2.0, "shortest time between published maps and trajectories", unit="s", ge=0.05, le=600.0, fixed=True
+    )
+    map_update_period: float = setting(
+        0.5,
+        "least time between messages on map_updates, which are sent while somebody listens",
+        unit="s",
+        ge=0.05,
+        le=600.0,
+        fixed=True,
+    )
+    map_cells: int = setting(
+        VIEW_CELLS,
+        "most cells of a map that is sent or saved; what does not fit is left out, with a warning",
+        ge=10_000,
+        le=400_000_000,
+        fixed=True,
     )
     resolution: float = setting(0.05, "edge of a map cell", unit="m", ge=0.01, le=1.0, fixed=True)
 

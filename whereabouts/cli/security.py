@@ -1,0 +1,25 @@
+"""`whereabouts security`: SROS2 policies of the nodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def security(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the policies, one file each.")],
+    config: Annotated[
+        Path | None, typer.Option("--config", help="The suite's file, as of `whereabouts run --config`.")
+    ] = None,
+) -> None:
+    """Write least-privilege SROS2 policies for each node, and for those who ask and operate.
+
+    docs/security.md says how to use them.
+    """
+    from whereabouts.security import write_policies
+    from whereabouts.suite_config import read_config
+
+    for path in write_policies(read_config(config, {}), out):
+        typer.echo(str(path))
