@@ -21,6 +21,12 @@ def checked(command: list[str], **options: object) -> str:
     return str(answer.stdout)
 
 
+def build_wheel(source: Path, folder: Path) -> None:
+    """A wheel of a folder with a setup.py or pyproject.toml."""
+    options = ["--no-deps", "--no-build-isolation", "-q", "-w", str(folder)]
+    checked([sys.executable, "-m", "pip", "wheel", *options, str(source)])
+
+
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the tracked files, so that building leaves nothing in the checkout."""
@@ -37,20 +43,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A virtual environment with the wheel in it, and this one's other packages within reach."""
     folder = tmp_path_factory.mktemp("wheel")
-    checked(
-        [
-            sys.executable,
-            "-m",
-            "pip",
-            "wheel",
-            "--no-deps",
-            "--no-build-isolation",
-            "-q",
-            "-w",
-            str(folder),
-            str(source),
-        ]
-    )
+    build_wheel(source, folder)
     venv = folder / "venv"
     checked([sys.executable, "-m", "venv", "--without-pip", str(venv)])
     python = venv / "bin" / "python"
@@ -81,9 +74,17 @@ def test_wheel_carries_all_packages_and_their_data(installed: Path, tmp_path: Pa
     assert all((site / path.relative_to(ROOT)).exists() for path in data)
 
 
-def test_commands_of_the_wheel_run_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
-    listed = checked([str(installed / "bin/whereabouts"), "experiment", "list"], cwd=tmp_path)
-    assert "conversion" in listed
+def test_commands_of_the_wheels_run_outside_the_checkout(
+    source: Path, installed: Path, tmp_path: Path
+) -> None:
+    listing = [str(installed / "bin/whereabouts"), "experiment", "list"]
+    alone = subprocess.run(listing, capture_output=True, text=True, cwd=tmp_path)
+    assert alone.returncode == 1
+    assert alone.stderr.startswith("whereabouts: this command needs the package whereabouts-evaluation")
+    build_wheel(source / "evaluation", tmp_path)
+    wheel, python = next(tmp_path.glob("*.whl")), installed / "bin/python"
+    checked([sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "-q", str(wheel)])
+    assert "conversion" in checked(listing, cwd=tmp_path)
     command = [str(installed / "bin/scan_registration"), "--ros-args", "-p", "max_range:=-1.0"]
     answer = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert answer.returncode == 2

@@ -22,6 +22,10 @@ from whereabouts.cli.view import view
 from whereabouts.cli.world import world
 from whereabouts.interrupts import listen_to_interrupts
 
+NEEDS_EVALUATION = (
+    "this command needs the package whereabouts-evaluation: in a checkout `pip install ./evaluation`, or use the "
+    "environment that `make demo` sets up"
+)
 app = typer.Typer(
     name="whereabouts",
     help="Perception for a mobile service robot: run the nodes, and process recordings.",
@@ -46,6 +50,9 @@ def main() -> None:
         sys.exit(1)
     except ImportError as error:
         package = (error.name or "").partition(".")[0]
+        if package == "evaluation":
+            print(f"whereabouts: {NEEDS_EVALUATION}", file=sys.stderr)
+            sys.exit(1)
         if package != "rclpy" and not package.endswith("_msgs"):
             raise
         print(
