@@ -260,8 +260,11 @@ class SuiteNode(LifecycleNode):
         )
 
     def begin_run(self, reason: str, counted: bool = True) -> None:
-        """Time went back: a new epoch, with a warning. What is known for good stays."""
-        self._end_run(f"a new run begins: {reason}", counted)
+        """Time went back: a new epoch, with a warning. What is known for good stays.
+
+        counted : false where nothing is lost, as no more than one message has been taken before.
+        """
+        self._end_run(f"a new run begins: {reason}" if counted else f"first of all, {reason}", counted)
         self.next_run()
 
     def _end_run(self, reason: str, counted: bool = True) -> None:
