@@ -68,17 +68,18 @@ class LoopClosureNode(SuiteNode):
         settings = self.settings
         self.listen_to_transforms()
         # How sure it is; where the robot is, the transform says that scans wait for.
-        self.add_input(OdometryMessage, "odometry", self._take_odometry, on_demand=True)
+        sure = [self.add_input(OdometryMessage, "odometry", self._take_odometry, on_demand=True)]
         # A person, not a sensor: its stamp says nothing about the run.
         said = Input(self, PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         self.inputs.append(said)
         self._created.append((self.destroy_subscription, said.subscription))
         warm_up()
-        if settings.cloud_topic:
-            taken = self.add_input(PointCloud2, settings.cloud_topic, self._take_cloud, frames=self._frames)
-        else:
-            taken = self.add_input(LaserScan, settings.scan_topic, self._take_scan, frames=self._frames)
-        self._range_input = taken
+        kind, topic, take = (
+            (PointCloud2, settings.cloud_topic, self._take_cloud)
+            if settings.cloud_topic
+            else (LaserScan, settings.scan_topic, self._take_scan)
+        )
+        self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=sure)
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         self._path_output = self.add_output(PathMessage, "trajectory", LATCHED)
         self._map_output = self.add_output(GridMessage, "map", LATCHED)
