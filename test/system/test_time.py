@@ -123,6 +123,31 @@ def test_after_a_restart_one_message_ahead_does_not_age_what_is_remembered(
     assert names(world.states[-1]) == ["cup-1"]
 
 
+def test_a_live_node_judges_alike(graph: Graph) -> None:
+    world = World(graph, report_processed=False)
+    cup = seen(ON_TABLE, "cup", "red")
+
+    def look(seconds: float) -> None:
+        before = len(world.states)
+        graph.publish("evidence", evidence(seconds, cup))
+        graph.until(lambda: len(world.states) > before, f"the look at {seconds}")
+
+    for k in range(15):
+        look(0.1 * k)
+    graph.publish("evidence", evidence(YEAR, cup))
+    for k in range(15, 30):
+        look(0.1 * k)
+    look(0.2)
+    figures = settled(graph, "world_model", world.diagnostics)
+    assert (figures["new runs"], figures["/evidence dropped"], figures["/evidence late"]) == ("0", "1", "1")
+    # The whole again, as a bag that loops: the first look is confirmed by the second.
+    graph.publish("evidence", evidence(-50.0, cup))
+    look(-49.9)
+    figures = settled(graph, "world_model", world.diagnostics)
+    assert (figures["new runs"], figures["/evidence dropped"]) == ("1", "1")
+    assert names(world.states[-1]) == ["cup-1"]
+
+
 def test_a_stalled_detector_comes_back_without_a_reset(graph: Graph) -> None:
     world = World(graph)
     cup = seen(ON_TABLE, "cup", "red")

@@ -307,6 +307,8 @@ class Input:
         self._one_publisher = self._node.count_publishers(self.topic) <= 1
         if not self._one_publisher:
             self._sequence = 0
+        # One that has died keeps nobody waiting.
+        self._expected = None
 
     def _check_period(self, stamp: int) -> None:
         """A gap between stamps of several usual periods: the sensor or its driver left something out."""
