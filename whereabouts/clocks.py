@@ -102,8 +102,10 @@ class SourceClock(Generic[Item]):
         """
         assert self.newest is not None
         assert self.confirmed is not None
+        if abs(stamp - self.newest) <= TOLERANCE:
+            return True
         reach = TOLERANCE + max(3 * (self.gap or 0), elapsed)
-        return -TOLERANCE <= stamp - self.confirmed <= reach or -TOLERANCE <= stamp - self.newest <= reach
+        return any(-TOLERANCE <= stamp - last <= reach for last in (self.newest, self.confirmed))
 
     def take(self, stamp: int, now: int | None) -> bool:
         """Move on; whether the message is late."""
@@ -214,11 +216,11 @@ class Clocks(Generic[Item]):
         return ruling
 
     def _fits(self, source: Hashable, clock: SourceClock[Item], stamp: int, elapsed: int) -> bool:
+        if clock.newest is not None and clock.follows(stamp, elapsed):
+            return True
         others = self._now(without=source)
         if clock.newest is None:
             return others is None or abs(stamp - others) <= 2 * TOLERANCE
-        if clock.follows(stamp, elapsed):
-            return True
         if others is None:
             return False
         # It went to where the others are: it had stalled, or its clock was put right.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,50 @@ def test_one_message_of_any_stamp_costs_the_world_nothing(graph: Graph, off: flo
     wrong = abs(off) > 6.0
     assert figures["/evidence dropped"] == str(int(wrong))
     assert ("held back until others confirm it" in graph.log(world.spec)) == wrong
+
+
+def test_after_a_restart_one_message_ahead_does_not_age_what_is_remembered(
+    graph: Graph, tmp_path: Path
+) -> None:
+    world = World(graph, store_path=str(tmp_path / "world.sqlite"))
+    cup = seen(ON_TABLE, "cup", "red")
+    world.look(0.0, 15, cup)
+    graph.kill(world.spec)
+    world.states.clear()
+    world.start()
+    graph.until(lambda: world.states, "the remembered world")
+    world.send(evidence(YEAR, cup, view=False))
+    # An hour later, and the robot looks elsewhere.
+    for k in range(5):
+        world.send(evidence(3600.0 + 0.1 * k, view=False))
+    graph.until(lambda: world.figures().get("updates") == "5", "all but the wrong one are taken")
+    assert world.figures()["new runs"] == "0"
+    assert names(world.states[-1]) == ["cup-1"]
+
+
+def test_a_live_node_judges_alike(graph: Graph) -> None:
+    world = World(graph, report_processed=False)
+    cup = seen(ON_TABLE, "cup", "red")
+
+    def look(seconds: float) -> None:
+        before = len(world.states)
+        graph.publish("evidence", evidence(seconds, cup))
+        graph.until(lambda: len(world.states) > before, f"the look at {seconds}")
+
+    for k in range(15):
+        look(0.1 * k)
+    graph.publish("evidence", evidence(YEAR, cup))
+    for k in range(15, 30):
+        look(0.1 * k)
+    look(0.2)
+    figures = settled(graph, "world_model", world.diagnostics)
+    assert (figures["new runs"], figures["/evidence dropped"], figures["/evidence late"]) == ("0", "1", "1")
+    # The whole again, as a bag that loops: the first look is confirmed by the second.
+    graph.publish("evidence", evidence(-50.0, cup))
+    look(-49.9)
+    figures = settled(graph, "world_model", world.diagnostics)
+    assert (figures["new runs"], figures["/evidence dropped"]) == ("1", "1")
+    assert names(world.states[-1]) == ["cup-1"]
 
 
 def test_a_stalled_detector_comes_back_without_a_reset(graph: Graph) -> None:

@@ -14,7 +14,7 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -83,6 +83,8 @@ class SuiteNode(LifecycleNode):
         self._silent_until: dict[Any, float] = {}
         self.last_run = ""
         self.time = Timekeeper(self)
+        # In lock-step on recorded time: what follows has to be the same each time.
+        self.replayed = bool(self.settings.report_processed and self.get_parameter("use_sim_time").value)
         self._created: list[tuple[Callable[[Any], object], Any]] = []
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
@@ -137,9 +139,13 @@ class SuiteNode(LifecycleNode):
         frames: Frames | None = None,
         on_demand: bool = False,
         packed: bool = False,
+        companions: Sequence[Input] = (),
     ) -> Input:
         """Subscribe a sensor topic; see `Input`."""
-        item = Input(self, message_type, topic, handler, frames=frames, on_demand=on_demand, packed=packed)
+        item = Input(
+            self, message_type, topic, handler,
+            frames=frames, on_demand=on_demand, packed=packed, companions=companions,
+        )  # fmt: skip
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
         return item
@@ -198,7 +204,7 @@ class SuiteNode(LifecycleNode):
         return output
 
     def add_timer(self, period: float, callback: Callable[[], None]) -> None:
-        """Call back every `period` seconds of the node's ROS clock while it is active."""
+        """Call back every `period` seconds of the node's ROS clock, in a replay of message time, while it is active."""
 
         def tick() -> None:
             if not self.active:
@@ -210,6 +216,9 @@ class SuiteNode(LifecycleNode):
             except Exception as error:
                 self.report_defect(f"timer {getattr(callback, '__name__', '')}", error)
 
+        if self.replayed:
+            self.time.call_every(period, tick)
+            return
         timer = self.create_timer(period, tick)
         self._created.append((self.destroy_timer, timer))
 
@@ -282,8 +291,11 @@ class SuiteNode(LifecycleNode):
         )
 
     def begin_run(self, reason: str, counted: bool = True) -> None:
-        """Time went back: a new epoch, with a warning. What is known for good stays."""
-        self._end_run(f"a new run begins: {reason}", counted)
+        """Time went back: a new epoch, with a warning. What is known for good stays.
+
+        counted : false where nothing is lost, as no more than one message has been taken before.
+        """
+        self._end_run(f"a new run begins: {reason}" if counted else f"first of all, {reason}", counted)
         self.next_run()
 
     def _end_run(self, reason: str, counted: bool = True) -> None:
@@ -324,7 +336,7 @@ class SuiteNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._destroy_created()
-        self.time.begin()
+        self.time.stop()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -350,7 +362,7 @@ class SuiteNode(LifecycleNode):
     def _keep_house(self) -> None:
         """All that is due now and then, in one timer: each wakes the node up."""
         self._check_supervisor()
-        self._serve_waiting()
+        self.serve_waiting()
         if self.active:
             self.time.mind_silence()
             for item in self.inputs:
@@ -394,11 +406,12 @@ class SuiteNode(LifecycleNode):
                 self.transforms.insert(transform, static)
             except InputError as error:
                 problem = error
-        self._serve_waiting(reported=not any(item.on_demand and item.is_transforms for item in self.inputs))
+        self.serve_waiting(reported=not any(item.on_demand and item.is_transforms for item in self.inputs))
         if problem is not None:
             raise problem
 
-    def _serve_waiting(self, reported: bool = False) -> None:
+    def serve_waiting(self, reported: bool = False) -> None:
+        """Go on with what waits for transforms, if they have come; see `Input.serve_waiting`."""
         if self.active:
             for item in self.inputs:
                 item.serve_waiting(reported)

@@ -77,6 +77,8 @@ class Input:
     on_demand : whether messages may lie about until something else wakes the node up: for what is only looked at now
         and then. They are not acknowledged one by one, what the queue had no room for is not lost, and their latency
         counts from when they are taken in.
+        In a replay nothing is on demand, as it would come now sooner, now later.
+    companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
     packed : whether the handler is given a `Packed` message instead of the message itself.
     """
 
@@ -92,8 +94,11 @@ class Input:
         sensor: bool = True,
         on_demand: bool = False,
         packed: bool = False,
+        companions: Sequence[Input] = (),
     ) -> None:
         self._node = node
+        self._companions = companions if node.replayed else ()
+        self._expected: bool | None = None
         self._kind = message_type
         self._packed = packed
         self._envelope = envelope(message_type)
@@ -102,7 +107,7 @@ class Input:
         self._handler = handler
         self._frames = frames
         self._sensor = sensor
-        self.on_demand = on_demand
+        self.on_demand = on_demand and not node.replayed
         self.is_transforms = message_type is TFMessage
         self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
@@ -220,13 +225,25 @@ class Input:
             self._check_period(waiting.stamp)
         self._time.take(waiting.stamp, None)
         needed = self._needed(waiting.message)
-        if needed not in self._waiting and self._ready(needed, waiting.stamp):
+        if needed not in self._waiting and self._complete(needed, waiting.stamp):
             self._handle(waiting.message, waiting.stamp, waiting.arrived)
         else:
             if sum(map(len, self._waiting.values())) >= WAITING_LIMIT:
                 self._make_room()
             bisect.insort(self._waiting.setdefault(needed, []), waiting, key=lambda item: item.stamp)
         self.serve_waiting(reported=True)
+        if self._node.replayed:
+            self._node.serve_waiting(reported=True)
+
+    def _complete(self, needed: Pairs, stamp: int) -> bool:
+        """Whether all is there that belongs to a message."""
+        return self._ready(needed, stamp) and all(item.has_told(stamp) for item in self._companions)
+
+    def has_told(self, stamp: int) -> bool:
+        """Whether messages up to a stamp have come, if anybody sends any."""
+        if self._expected is None:
+            self._expected = self._node.count_publishers(self.topic) > 0
+        return not self._expected or (self._time.newest is not None and self._time.newest >= stamp)
 
     def _make_room(self) -> None:
         longest = max(self._waiting, key=lambda needed: len(self._waiting[needed]))
@@ -283,13 +300,14 @@ class Input:
         for needed in list(self._waiting):
             while needed in self._waiting:
                 first = self._waiting[needed][0]
-                if self._ready(needed, first.stamp):
+                over = give_up or (self._time.confirmed or 0) > first.stamp + timeout
+                if self._complete(needed, first.stamp) or (over and self._ready(needed, first.stamp)):
                     self._take_first(needed)
                     self._handle(first.message, first.stamp, first.arrived)
                     if not reported:
                         # Said again, as there may be more output now.
                         self._acknowledge(first.stamp, self._acknowledged)
-                elif give_up or (self._time.confirmed or 0) > first.stamp + timeout:
+                elif over:
                     self._take_first(needed)
                     self.drop("no transform", self._missing(needed, first.stamp))
                 else:
@@ -342,6 +360,8 @@ class Input:
         self._one_publisher = self._node.count_publishers(self.topic) <= 1
         if not self._one_publisher:
             self._sequence = 0
+        # One that has died keeps nobody waiting.
+        self._expected = None
 
     def _check_period(self, stamp: int) -> None:
         """A gap between stamps of several usual periods: the sensor or its driver left something out."""

@@ -22,6 +22,7 @@ from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
 from estimation.poses import compound, inverse, pose_from_matrix, pose_to_quaternion
+from loop_closure.earlier_map import EarlierMap
 from loop_closure.localization import Localizer
 from loop_closure.map_file import read_map, write_map
 from loop_closure.motions import planar
@@ -67,17 +68,18 @@ class LoopClosureNode(SuiteNode):
         settings = self.settings
         self.listen_to_transforms()
         # How sure it is; where the robot is, the transform says that scans wait for.
-        self.add_input(OdometryMessage, "odometry", self._take_odometry, on_demand=True)
+        sure = [self.add_input(OdometryMessage, "odometry", self._take_odometry, on_demand=True)]
         # A person, not a sensor: its stamp says nothing about the run.
         said = Input(self, PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         self.inputs.append(said)
         self._created.append((self.destroy_subscription, said.subscription))
         warm_up()
-        if settings.cloud_topic:
-            taken = self.add_input(PointCloud2, settings.cloud_topic, self._take_cloud, frames=self._frames)
-        else:
-            taken = self.add_input(LaserScan, settings.scan_topic, self._take_scan, frames=self._frames)
-        self._range_input = taken
+        kind, topic, take = (
+            (PointCloud2, settings.cloud_topic, self._take_cloud)
+            if settings.cloud_topic
+            else (LaserScan, settings.scan_topic, self._take_scan)
+        )
+        self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=sure)
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         self._path_output = self.add_output(PathMessage, "trajectory", LATCHED)
         self._maps = MapOutput(self, settings.map_cells)
@@ -95,7 +97,7 @@ class LoopClosureNode(SuiteNode):
     def start_run(self) -> None:
         self._forget_live()
         self._begin_map()
-        self._earlier: tuple[Slam, Localizer] | None = None
+        self._earlier: EarlierMap | None = None
         stem = self.settings.map_file
         if stem and Path(f"{stem}.npz").exists():
             self._begin_with(Path(f"{stem}.npz"), self.settings.localization_only, None)
@@ -109,9 +111,9 @@ class LoopClosureNode(SuiteNode):
             self._look_in(slam, extend)
             return
         if earlier is not None:
-            slam = earlier[0]
+            slam = earlier.slam
         self._begin_map()
-        self._earlier = (slam, Localizer(slam.keyframes, slam.graph.poses)) if len(slam.keyframes) else None
+        self._earlier = EarlierMap(slam) if len(slam.keyframes) else None
 
     def _begin_map(self) -> None:
         self._slam = Slam(self.settings.slam, thin=self.settings.thin)
@@ -146,7 +148,7 @@ class LoopClosureNode(SuiteNode):
         if self._localizer is not None and not self._located:
             return Health("looking for the robot in the map", warning=True, figures=figures)
         if self._earlier is not None:
-            figures["keyframes of the run before"] = len(self._earlier[0].keyframes)
+            figures["keyframes of the run before"] = len(self._earlier.slam.keyframes)
             return Health("mapping, and looking for the robot in the map of the run before", figures=figures)
         return Health("localising" if self._localizer is not None else "mapping", figures=figures)
 
@@ -186,7 +188,7 @@ class LoopClosureNode(SuiteNode):
         else:
             update = self._slam.process(scan, odometry, known, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
-            self._look_for_earlier(scan, odometry)
+            self._look_for_earlier(scan, odometry, stamp)
             self._correction = spatial(self._slam.correction)
             self._place = self._slam.pose[:2]
         self._slowest = max(self._slowest, time.perf_counter() - begun)
@@ -207,7 +209,7 @@ class LoopClosureNode(SuiteNode):
         else:
             update = self._slam.process(cloud, base, covariance, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
-            self._look_for_earlier(cloud, base)
+            self._look_for_earlier(cloud, base, stamp)
             self._correction = pose_from_matrix(self._slam.correction)
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
@@ -245,23 +247,26 @@ class LoopClosureNode(SuiteNode):
             self._slam.resume(correction)
             self._localizer = None
 
-    def _look_for_earlier(self, scan: Scan | Array, odometry: Array) -> None:
+    def _look_for_earlier(self, scan: Scan | Array, odometry: Array, stamp: int) -> None:
         """Go on with the map of the run before once the robot is found in it; give it up once this one is larger."""
         if self._earlier is None:
             return
-        slam, localizer = self._earlier
-        if localizer.process(scan, odometry).sure and localizer.correction is not None:
+        slam = self._earlier.slam
+        if self._earlier.found(scan, odometry, stamp / NANOSECONDS):
             self.get_logger().info(
                 "the robot is found in the map of the run before; it is extended from here"
             )
-            slam.resume(localizer.correction)
-            # The scan is the first of the map again, so that there is a pose.
-            slam.process(scan, odometry, None, None if self._stamp is None else self._stamp / NANOSECONDS)
             self._slam, self._grid, self._earlier = slam, MapGrid(self.settings.resolution), None
             self._changed = self._moved = True
         elif len(self._slam.keyframes) > len(slam.keyframes):
-            self.complain("the robot is not in the map of the run before: that map is given up")
             self._earlier = None
+            kept = ""
+            if self.settings.map_file:
+                path = Path(f"{self.settings.map_file}.before.npz")
+                with atomic_path(path) as temporary, temporary.open("wb") as file:
+                    write_map(slam, file)
+                kept = f", and kept in {path}"
+            self.alarm(f"the robot is not found in the map of the run before: that map is given up{kept}")
 
     def _take_initial_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
         if frame_name(message.header.frame_id) not in ("", frame_name(self.settings.map_frame)):

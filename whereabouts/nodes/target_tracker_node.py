@@ -52,14 +52,17 @@ class TargetTrackerNode(SuiteNode):
         self.inputs.append(segments)
         self._created.append((self.destroy_subscription, segments.subscription))
         # How uncertain the pose is, odometry or localisation says, whichever is in the frame of the tracks.
+        companions = [segments] if self.settings.use_segments else []
         for kind, topic in ((Odometry, "odometry"), (PoseWithCovarianceStamped, "robot_pose")):
             uncertain = Input(
                 self, kind, topic, self._take_uncertainty, sensor=False, on_demand=kind is Odometry
             )
             self.inputs.append(uncertain)
             self._created.append((self.destroy_subscription, uncertain.subscription))
+            if kind is Odometry:
+                companions.append(uncertain)
         self.listen_to_transforms()
-        self.add_input(LaserScan, "scan", self._take_scan, frames=self._frames)
+        self.add_input(LaserScan, "scan", self._take_scan, frames=self._frames, companions=companions)
         self._targets_output = self.add_output(TargetArray, "targets")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
 

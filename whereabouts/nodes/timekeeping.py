@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from rclpy.clock import JumpThreshold, ROSClock, TimeJump
@@ -23,6 +25,13 @@ CLOCK_JUMP = Duration(seconds=-1)
 Stamped = tuple[Input, Waiting]
 
 
+@dataclass
+class _Tick:
+    period: int
+    callback: Callable[[], None]
+    due: int = 0
+
+
 class Timekeeper:
     """Follows the stamps of a node's sensors, and /clock where the node does.
 
@@ -33,6 +42,7 @@ class Timekeeper:
         self._node = node
         self.clocks: Clocks[Stamped] = Clocks()
         self.heard_at = time.perf_counter()
+        self._ticks: list[_Tick] = []
         # Whether messages have told of a jump that /clock has yet to make.
         self._jump_expected = False
         back = JumpThreshold(min_forward=None, min_backward=CLOCK_JUMP, on_clock_change=False)
@@ -48,6 +58,25 @@ class Timekeeper:
             text = f"{item.topic}: a stamp {where} is held back until others confirm it"
             self._node.complain(text, (item.topic, "time"))
         self._obey(ruling)
+        self._tick()
+
+    def call_every(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back every `period` seconds of message time."""
+        self._ticks.append(_Tick(round(period * NANOSECONDS), callback))
+
+    def _tick(self) -> None:
+        now = self.clocks.now
+        if now is None:
+            return
+        for tick in self._ticks:
+            if not tick.due - tick.period <= now < tick.due:
+                tick.due = now + tick.period
+                tick.callback()
+
+    def stop(self) -> None:
+        """Nobody is to be called any more."""
+        self._ticks.clear()
+        self.begin()
 
     def begin(self, remembered: int | None = None) -> None:
         """The next message tells what time it is; two of them where that is far from what is remembered, ns."""
