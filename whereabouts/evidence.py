@@ -31,8 +31,8 @@ FARTHEST = 1e6
 """m: nothing is farther away, or longer."""
 SHORTEST = 1e-6
 """m: an extent below it was not measured."""
-WIDEST = 1e15
-"""m²: a variance above it says nothing."""
+SUREST, WIDEST = 1e-12, 1e15
+"""m²: a variance below is taken as this one; above it says nothing."""
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,12 @@ def _covariance(name: str, values: Iterable[float]) -> Array | None:
     block = np.array(values, dtype=np.float64).reshape(6, 6)[:3, :3]
     if not (np.abs(block) <= WIDEST).all():
         raise InputError(f"{name} must be finite and below {WIDEST:g}; it holds NaN, infinity or more")
-    return block if block.any() else None
+    if not block.any():
+        return None
+    # A measurement is never surer than this, and what divides by its variance can.
+    places = np.arange(3)
+    block[places, places] = np.maximum(block[places, places], SUREST)
+    return block
 
 
 def _distribution(name: str, given: Any) -> dict[str, float]:

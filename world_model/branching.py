@@ -190,13 +190,13 @@ def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def
             p, q = leaves.rest_cov[a, k, k], leaves.rest_cov[b, k, k]
             if p > 1.5 * q or q > 1.5 * p:
                 return False
-            away += (leaves.rest[a, k] - leaves.rest[b, k]) ** 2 / min(p, q)
+            away += (leaves.rest[a, k] - leaves.rest[b, k]) ** 2 / max(min(p, q), 1e-12)
         return away < 0.15
     for k in range(6):
         p, q = leaves.moving_cov[a, k, k], leaves.moving_cov[b, k, k]
         if p > 1.5 * q or q > 1.5 * p:
             return False
-        away += (leaves.moving[a, k] - leaves.moving[b, k]) ** 2 / min(p, q)
+        away += (leaves.moving[a, k] - leaves.moving[b, k]) ** 2 / max(min(p, q), 1e-12)
     return away < 0.15
 
 

@@ -94,10 +94,12 @@ def report(results: list[Result], shaken: Faults | None) -> bool:
         mine = [result for result in results if result.name == name]
         said = [result.said for result in mine if result.said]
         slope = max((item["bytes_per_s"] for item in said), default=0.0) * 3600.0 / 2**20
-        slowest = max((item["slowest"][0] for item in said), default=0.0)
+        slowest, what = max((item["slowest"] for item in said), default=(0.0, ""))
         errors = sum(sum(item["defects"].values()) for item in said)
         deaths = sum(bool(result.death) for result in mine)
-        print(f"{name:20}{sum(r.inputs for r in mine):10}{deaths:8}{errors:8}{slope:8.0f}{slowest:9.2f} s")
+        print(
+            f"{name:20}{sum(r.inputs for r in mine):10}{deaths:8}{errors:8}{slope:8.0f}{slowest:9.2f} s  {what}"
+        )
     defects: dict[str, tuple[int, int]] = {}
     for result in results:
         if result.death:
@@ -115,7 +117,7 @@ def report(results: list[Result], shaken: Faults | None) -> bool:
         total, deaths = total + shaken.inputs, deaths + shaken.deaths
         print(f"\nover DDS: {shaken}")
     print(f"\n{total} inputs, {deaths} process deaths, {len(defects)} kinds of internal errors")
-    return not deaths and not defects and (shaken is None or not shaken.lost)
+    return not deaths and not defects and (shaken is None or not (shaken.lost or shaken.stalled))
 
 
 def main() -> int:

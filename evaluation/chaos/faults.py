@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -29,7 +30,7 @@ from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts_msgs.msg import Attribute, DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldState
 
-PATIENCE = 120.0
+PATIENCE = 300.0
 LOOKS = 15  # at each object, until it is believed in
 BURST = 20  # broken messages for each input between two looks
 # s of a full disk; what is seen meanwhile is written afterwards.
@@ -47,12 +48,15 @@ class Faults:
     kills: int = 0
     deaths: int = 0
     recoveries: list[float] = field(default_factory=list)
+    stalled: list[str] = field(default_factory=list)
+    """What the world model said of itself when it took nothing in, or did not come back."""
 
     def __str__(self) -> str:
         longest = (
             f"{max(self.recoveries):.1f} s at most to recover" if self.recoveries else "nothing recovered"
         )
-        return f"{self.inputs} inputs, {self.kills} kills, {self.facts} facts, {self.lost} lost, {longest}"
+        said = f"{self.inputs} inputs, {self.kills} kills, {self.facts} facts, {self.lost} lost, {longest}"
+        return "\n".join([said, *(f"stalled: {text}" for text in self.stalled)])
 
 
 class Laboratory:
@@ -70,9 +74,12 @@ class Laboratory:
         self._now = START
         self._evidence = self.node.create_publisher(WorldEvidence, "evidence", 100)
         self.node.create_subscription(WorldState, "world_state", self._hear, STATE_QOS)
+        self.node.create_subscription(DiagnosticArray, "diagnostics", self._note, 10)
+        self._said = "no diagnostics"
         self._publishers: dict[tuple[str, str], Any] = {}
         store = {
             "store_path": str(folder / "world.sqlite"),
+            "region": [-30.0, 30.0, -30.0, 30.0, -0.5, 2.5],
             "classes": ["kettle"],
             "input_reliability": "reliable",
         }
@@ -81,6 +88,16 @@ class Laboratory:
     def _hear(self, message: WorldState) -> None:
         self._known = {item.id for item in message.objects if item.id.startswith("kettle")}
         self._heard += 1
+
+    def _note(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self.world.executable:
+                figures = ", ".join(f"{item.key} {item.value}" for item in status.values if item.value != "0")
+                self._said = f"{status.message}; {figures}"
+
+    def stall(self) -> None:
+        """Note that it goes no further."""
+        self.found.stalled.append(f"{sorted(self._known)} known, {self._heard} heard; {self._said}")
 
     def spin(self, seconds: float) -> None:
         """Let things happen."""
@@ -103,8 +120,8 @@ class Laboratory:
         for _ in range(LOOKS):
             self._now += NANOSECONDS // 10
             kettle = ObjectEvidence(existence_probability=0.95)
-            kettle.pose.pose.position.x = 2.0 * (index % 20)
-            kettle.pose.pose.position.y = 2.0 * (index // 20)
+            kettle.pose.pose.position.x = 2.0 * (index % 20) - 20.0
+            kettle.pose.pose.position.y = 2.0 * (index // 20) - 20.0
             kettle.pose.pose.orientation.w = 1.0
             kettle.pose.covariance = (1e-4 * np.eye(6)).ravel()
             kettle.attributes = [
@@ -213,7 +230,7 @@ def _round(laboratory: Laboratory, other: str, turn: int) -> None:
     while len(laboratory._known) <= turn:
         laboratory.show(turn)
         if time.monotonic() - asked > PATIENCE:
-            found.lost += 1
+            laboratory.stall()
             return
     found.facts += 1
     for shaken in (spec, laboratory.world):
@@ -229,3 +246,4 @@ def _round(laboratory: Laboratory, other: str, turn: int) -> None:
         found.recoveries.append(time.monotonic() - begun)
     else:
         found.lost += turn + 1 - len(laboratory._known)
+        laboratory.stall()

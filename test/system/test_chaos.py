@@ -38,6 +38,7 @@ WELL = {"inputs": 5, "defects": {}, "bytes_per_s": 0.0, "slowest": (0.1, "")}
         (Result("verifier", 1, 5, "", WELL), Faults(inputs=9, facts=3, kills=3), True),
         (Result("verifier", 1, 5, "", WELL), Faults(facts=3, lost=1), False),
         (Result("verifier", 1, 5, "", WELL), Faults(deaths=1), False),
+        (Result("verifier", 1, 5, "", WELL), Faults(stalled=["no diagnostics"]), False),
     ],
 )
 def test_deaths_errors_and_lost_facts_count(result: Result, shaken: Faults | None, well: bool) -> None:
