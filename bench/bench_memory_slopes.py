@@ -4,7 +4,7 @@
 
 Both nodes run in this process and are handed messages directly, without DDS and without waiting: world_model 12,000
 looks (two a second of the demo's apartment, people coming and going under new labels), loop_closure ten hours of
-driving through it (a scan a second, maps every two). Growth is the slope of the process's private memory over the
+driving through it (a scan a second, maps every two). Growth is the slope of the process's anonymous memory over the
 second half; the results are appended to the .txt beside. --blame says which lines hold what came in that half.
 """
 
@@ -28,6 +28,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import rclpy
 from rclpy.serialization import deserialize_message
+from scipy.stats import theilslopes
 from sensor_msgs.msg import LaserScan
 
 from estimation.poses import between, compound, pose_to_quaternion
@@ -57,10 +58,10 @@ Feed = Iterator[float]
 """Hands the node one message after the other; yields the seconds since the start."""
 
 
-def private() -> float:
-    """MiB of the process that are its own."""
+def anonymous() -> float:
+    """MiB that the process has written. Pages of libraries count as private or shared by who else runs meanwhile."""
     text = Path("/proc/self/smaps_rollup").read_text()
-    return sum(map(int, re.findall(r"^Private_(?:Clean|Dirty):\s+(\d+) kB", text, re.MULTILINE))) / 1024.0
+    return int(re.findall(r"^Anonymous:\s+(\d+) kB", text, re.MULTILINE)[0]) / 1024.0
 
 
 def place(node: SuiteNode, parent: str, child: str, stamp: int, pose: np.ndarray) -> None:
@@ -146,7 +147,7 @@ def scan_message(scan: Scan, at: int) -> LaserScan:
 
 def measure(name: str, feed: Feed, seconds: float, figures: SimpleNamespace, blame: bool) -> list[str]:
     """Rows of the table; the slope is in the last."""
-    rows = [f"{name}: hours, private MiB, processor s; {figures.names}"]
+    rows = [f"{name}: hours, anonymous MiB, processor s; {figures.names}"]
     hours: list[float] = []
     memory: list[float] = []
     before = None
@@ -155,14 +156,14 @@ def measure(name: str, feed: Feed, seconds: float, figures: SimpleNamespace, bla
             continue
         gc.collect()
         hours.append(moment / 3600.0)
-        memory.append(private())
+        memory.append(anonymous())
         rows.append(f"{hours[-1]:6.2f} {memory[-1]:8.1f} {time.process_time():8.0f}  {figures.now()}")
         print(rows[-1], flush=True)
         if blame and before is None and len(hours) > ROWS // 2:
             tracemalloc.start(5)
             before = tracemalloc.take_snapshot()
     half = len(hours) // 2
-    slope = float(np.polyfit(hours[half:], memory[half:], 1)[0])
+    slope = float(theilslopes(memory[half:], hours[half:])[0])
     rows.append(f"{name}: {slope:.2f} MiB per hour over the second half of {hours[-1]:.2f} h")
     if before is not None:
         for item in tracemalloc.take_snapshot().compare_to(before, "traceback")[:12]:
