@@ -41,6 +41,7 @@ from whereabouts.nodes.world_messages import (
 )
 from whereabouts.nodes.world_reading import paths_from_message
 from whereabouts.parameters.world_model import WorldModelParameters
+from whereabouts.state_files import StateFiles
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray, WorldHypotheses
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
@@ -170,7 +171,11 @@ class WorldModelNode(SuiteNode):
         store = self._model.store
         if store is None:
             return Health(f"{figures['objects']} objects, not remembered", figures=figures)
-        figures |= {"history rows": store.rows, "failed writes": store.failures, "damages": len(store.damages)}
+        figures |= {
+            "history rows": store.rows,
+            "failed writes": store.failures,
+            "damages": len(store.damages),
+        }
         keeper = store.keeper
         if keeper is not None:
             figures |= {"checks of the store": keeper.checks, "snapshots": keeper.snapshots}
@@ -390,7 +395,8 @@ class WorldModelNode(SuiteNode):
         store = self.model.store
         if store is None:
             raise InputError("there is no store: the parameter store_path is empty")
-        response.path = str(store.save(request.path or None))
+        files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
+        response.path = str(store.save(files.named(request.path, self.settings.store_path, making=True)))
         response.code, response.message = response.SUCCESS, "written"
         return response
 
