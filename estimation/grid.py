@@ -22,6 +22,7 @@ HIT, MISS, MOST = 0.85, -0.4, 6.0  # log-odds of one look; bound, so that a chan
 OCCUPIED_OVER, FREE_BELOW = 0.6, -0.3  # log-odds; one hit is occupied, one look through is free
 # Thresholds of the files. 205, the grey of unknown cells, is 0.19608: with map_saver's 0.25 it would be read as free.
 OCCUPIED_SHARE, FREE_SHARE = 0.65, 0.196
+SIGNATURE = "whereabouts"  # in a comment of the files written here
 ROOM = 64  # cells of spare room when the grid grows
 FARTHEST_CELL = 1e15  # what is beyond is as far: a larger number may not fit into an integer
 MOST_CELLS = 1 << 26  # of a grid that grows; `estimation.tiles` is for what lies far apart
@@ -215,10 +216,10 @@ class OccupancyGrid:
         base = Path(stem)
         write = replace or (lambda path, data: path.write_bytes(data))
         image = np.where(self.occupied, 0, np.where(self.free, 254, 205)).astype(np.uint8)[::-1]
-        header = f"P5\n# {self.resolution:.3f} m/pix\n{image.shape[1]} {image.shape[0]}\n255\n"
+        header = f"P5\n# {SIGNATURE} {self.resolution:.3f} m/pix\n{image.shape[1]} {image.shape[0]}\n255\n"
         write(base.with_name(base.name + ".pgm"), header.encode("ascii") + image.tobytes())
         text = (
-            f"image: {base.name}.pgm\nmode: trinary\nresolution: {self.resolution:.6g}\n"
+            f"# {SIGNATURE}\nimage: {base.name}.pgm\nmode: trinary\nresolution: {self.resolution:.6g}\n"
             f"origin: [{self.origin[0]:.6f}, {self.origin[1]:.6f}, 0]\nnegate: 0\n"
             f"occupied_thresh: {OCCUPIED_SHARE}\nfree_thresh: {FREE_SHARE}\n"
         )
@@ -243,7 +244,7 @@ class OccupancyGrid:
             resolution, origin = float(about["resolution"]), [float(value) for value in about["origin"]]
             negate = bool(about.get("negate", 0))
             over, below = float(about["occupied_thresh"]), float(about["free_thresh"])
-        except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        except (OSError, LookupError, TypeError, ValueError, ArithmeticError, yaml.YAMLError) as error:
             raise InputError(f"{source}: not a map that can be read: {error!r}") from error
         if len(origin) < 2 or (len(origin) > 2 and origin[2] != 0.0):
             raise InputError(f"{source}: an origin [x, y, 0] is expected, got {origin}")
@@ -275,6 +276,16 @@ def placed_scan(
     if rows * columns > MOST_TILES:
         raise InputError("points: a scan that is wider than a map may be")
     return start, ends
+
+
+def is_grid_file(path: Path) -> bool:
+    """Whether a .pgm or .yaml says of itself that `OccupancyGrid.save` wrote it."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(64)
+    except OSError:
+        return False
+    return head.startswith((f"P5\n# {SIGNATURE} ".encode(), f"# {SIGNATURE}\n".encode()))
 
 
 def _read_pgm(data: bytes) -> npt.NDArray[np.float64]:

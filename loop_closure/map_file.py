@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
+from estimation.archive import header_of, read_archive
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.graph import Edge
 from loop_closure.keyframes import Keyframes
+from loop_closure.map_checks import check_map
 from loop_closure.slam import Closure, Slam
 from loop_closure.slam_config import SlamConfig
 from registration.scan import Scan
 
 FORMAT = 1
-# What a damaged archive is said to be: encrypted, of a later version, packed in another way, or broken.
-ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)
+KIND = "whereabouts.map"
+"""What the file says it is; those of before say a format only."""
 
 
 def write_map(slam: Slam, file: BinaryIO) -> None:
@@ -50,7 +51,7 @@ def write_map(slam: Slam, file: BinaryIO) -> None:
         clouds = [frame.points for frame in frames if frame.points is not None]
         arrays["points"] = np.concatenate(clouds).astype(np.float32) if clouds else np.zeros((0, 3))
         arrays["counts"] = np.array([len(cloud) for cloud in clouds])
-    about = json.dumps({"format": FORMAT, "keyframes": len(frames)})
+    about = json.dumps({"kind": KIND, "format": FORMAT, "keyframes": len(frames)})
     np.savez_compressed(file, about=np.array(about), **arrays)
 
 
@@ -59,17 +60,37 @@ def read_map(path: Path | str, config: SlamConfig | None = None, thin: bool = Fa
 
     Raises
     ------
-    InputError : the file is missing, is no map, or was written by a newer version.
+    InputError : the file is missing, is no map, holds what no map can hold, or was written by a newer version.
     """
+    data = read_archive(path)
     try:
-        with np.load(Path(path), allow_pickle=False) as archive:
-            about = json.loads(str(archive["about"]))
-            if about["format"] > FORMAT:
-                raise InputError(f"{path}: written by a newer version (format {about['format']})")
-            data = {name: archive[name] for name in archive.files}
+        _check_kind(data)
+        check_map(data)
         return _restored(data, Slam(config, thin=thin))
-    except (OSError, EOFError, KeyError, ValueError, TypeError, *ARCHIVE_ERRORS) as error:
+    except KeyError as error:
+        raise InputError(f"{path}: not a map that can be read: {error} is missing") from error
+    except (ValueError, TypeError, IndexError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise InputError(f"{path}: not a map that can be read: {error}") from error
+
+
+def is_map(path: Path) -> bool:
+    """Whether a file says of itself that it is a map that `write_map` wrote."""
+    try:
+        _check_kind(read_archive(path))
+    except (InputError, ValueError):
+        return False
+    return True
+
+
+def _check_kind(data: dict[str, NDArray[Any]]) -> None:
+    about = header_of(data, "about")
+    form, kind = about.get("format"), about.get("kind", KIND)
+    if kind != KIND or not isinstance(form, int) or "keyframes" not in about:
+        raise ValueError(f"it says it is {about.get('kind', 'nothing')!r}, not {KIND!r}")
+    if form > FORMAT:
+        raise ValueError(f"written by a newer version (format {form})")
+    if about["keyframes"] != len(data["stamps"]):
+        raise ValueError(f"{len(data['stamps'])} stamps for {about['keyframes']} keyframes")
 
 
 def _restored(data: dict[str, FloatArray], slam: Slam) -> Slam:

@@ -215,11 +215,16 @@ def test_changes_of_a_map_are_sent_to_who_listens(graph: Graph) -> None:
 def test_localises_only_from_an_initial_pose(graph: Graph, tmp_path: Path) -> None:
     robot = Mapper(graph)
     graph.start("scan_registration")
-    spec = graph.start("loop_closure")
+    spec = graph.start("loop_closure", allowed_folders=[str(tmp_path)])
     graph.mount()
     robot.introduce()
     robot.go(0.0, 20.0, 0.25)
     stem = str(tmp_path / "ring")
+    (tmp_path / "mine.yaml").write_text("port: 22")
+    for foreign in (str(tmp_path / "mine"), "/etc/ring", str(tmp_path / ".." / "ring")):
+        refused = graph.call(SaveMap, "loop_closure/save_map", SaveMap.Request(path=foreign))
+        assert refused.code == SaveMap.Response.REFUSED, refused.message
+    assert (tmp_path / "mine.yaml").read_text() == "port: 22"
     refused = graph.call(SaveMap, "loop_closure/save_map", SaveMap.Request())
     assert refused.code == SaveMap.Response.REFUSED
     assert graph.call(SaveMap, "loop_closure/save_map", SaveMap.Request(path=stem)).code == 0

@@ -113,7 +113,7 @@ def teach(people: People, up: int = 3, right: int = 2) -> None:
 
 def test_people_are_learned_predicted_saved_and_loaded(graph: Graph, tmp_path: Path) -> None:
     people = People(graph)
-    first = graph.start(NODE, map_id="hall")
+    first = graph.start(NODE, map_id="hall", allowed_folders=[str(tmp_path)])
     teach(people)
     people.learned(5)
     people.walk("up", until=6.5)
@@ -162,14 +162,19 @@ def test_people_are_learned_predicted_saved_and_loaded(graph: Graph, tmp_path: P
         answer = graph.call(LoadState, f"{NODE}/load", request)
         assert answer.code == answer.REFUSED
         assert expected in answer.message
+    keys = tmp_path / "authorized_keys"
+    keys.write_text("ssh-ed25519 AAAA")
+    answer = graph.call(SaveState, f"{NODE}/save", SaveState.Request(path=str(keys)))
+    assert (answer.code, "not overwritten" in answer.message) == (answer.REFUSED, True)
+    assert keys.read_text() == "ssh-ed25519 AAAA"
     graph.kill(first)
 
     # A restarted node reads its file; one for another map refuses it and does not start.
     graph.start(NODE, namespace="/again", map_id="hall", model_path=str(saved))
     answer = graph.call(SaveState, f"/again/{NODE}/save", SaveState.Request())
     assert "5 trajectories" in answer.message
-    other = graph.start(NODE, namespace="/other", map_id="office")
-    answer = graph.call(LoadState, f"/other/{NODE}/load", LoadState.Request(path=str(saved)))
+    other = graph.start(NODE, namespace="/other", map_id="office", state_dir=str(tmp_path))
+    answer = graph.call(LoadState, f"/other/{NODE}/load", LoadState.Request(path="hall.npz"))
     assert answer.code == answer.REFUSED
     assert "'hall', not 'office'" in answer.message
     assert other is not None

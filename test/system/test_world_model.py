@@ -250,7 +250,7 @@ def test_time_that_goes_back_begins_a_new_run_and_keeps_the_stored_one(graph: Gr
 
 
 def test_services_change_the_world_and_refuse_nonsense(graph: Graph, tmp_path: Path) -> None:
-    world = World(graph, store_path=str(tmp_path / "world.sqlite"))
+    world = World(graph, store_path=str(tmp_path / "world.sqlite"), state_dir=str(tmp_path / "state"))
     world.look(0.0, 12, seen(ON_TABLE, "cup", "red"), seen(ON_COUNTER, "bowl", "green"))
     relabel = RelabelObject.Request(object_id="cup-1", class_name="shoe", new_object_id="annas")
     answer = graph.call(RelabelObject, "world_model/relabel", relabel)
@@ -264,8 +264,12 @@ def test_services_change_the_world_and_refuse_nonsense(graph: Graph, tmp_path: P
     graph.until(lambda: [item.id for item in world.states[-1].objects] == ["annas"], "the world without bowl")
     answer = graph.call(ForgetObject, "world_model/forget", ForgetObject.Request())
     assert answer.code == answer.REFUSED
-    copy = tmp_path / "copy.sqlite"
-    answer = graph.call(SaveState, "world_model/save", SaveState.Request(path=str(copy)))
+    copy = tmp_path / "state" / "copy.sqlite"
+    for path in (str(tmp_path / "copy.sqlite"), "../copy.sqlite", str(tmp_path / "state" / "copy.sqlite")):
+        answer = graph.call(SaveState, "world_model/save", SaveState.Request(path=path))
+        assert (answer.code, "path: " in answer.message) == (answer.REFUSED, True)
+    assert not copy.parent.exists()
+    answer = graph.call(SaveState, "world_model/save", SaveState.Request(path="copy.sqlite"))
     assert (answer.code, answer.path) == (answer.SUCCESS, str(copy))
     with Store(copy) as store:
         memory = store.restore()

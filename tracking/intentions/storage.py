@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-import zipfile
-import zlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.archive import header_of, read_archive
 from estimation.errors import InputError
 from tracking.intentions.config import IntentionConfig
 
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
 
 FORMAT = "whereabouts.intentions"
 VERSION = 1
-# What a damaged archive is said to be: encrypted, of a later version, packed in another way, or broken.
-ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)
+LARGEST = 1e12
 
 
 def save(model: IntentionModel, path: Path, map_id: str) -> Path:
@@ -64,26 +62,45 @@ def load(path: Path, map_id: str | None) -> IntentionModel:
     """Read a model written by `save`."""
     from tracking.intentions.model import IntentionModel
 
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
     try:
-        with np.load(path, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
-        header = json.loads(str(arrays.pop("header")))
-        kind, version = header["format"], header["version"]
-    except (OSError, ValueError, KeyError, TypeError, EOFError, *ARCHIVE_ERRORS) as error:
-        raise InputError(f"{path}: is no saved intention model, or is damaged ({error})") from error
+        arrays = read_archive(path)
+        header = header_of(arrays, "header")
+        arrays.pop("header")
+        kind, version, learned_in = header["format"], header["version"], header["map_id"]
+    except (ValueError, KeyError) as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        if not path.is_file():
+            raise InputError(f"{path}: there is no such file") from error
+        raise InputError(f"{path}: is no saved intention model, or is damaged ({reason})") from error
     if kind != FORMAT:
         raise InputError(f"{path}: holds {kind!r}, not {FORMAT!r}")
     if version != VERSION:
         raise InputError(f"{path}: has version {version}; this program reads version {VERSION}: learn anew")
-    if map_id is not None and header["map_id"] != map_id:
-        raise InputError(f"{path}: was learned in map {header['map_id']!r}, not {map_id!r}")
+    if map_id is not None and learned_in != map_id:
+        raise InputError(f"{path}: was learned in map {learned_in!r}, not {map_id!r}")
     try:
+        _check_magnitudes(arrays)
         model = IntentionModel(IntentionConfig(**header["config"]))
         model.learned = int(header["learned"])
         for prefix, part in (("places_", model.hmm.places), ("hmm_", model.hmm), ("routes_", model.routes)):
             part.from_arrays({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
         raise InputError(f"{path}: is damaged or incomplete ({error})") from error
     return model
+
+
+def is_saved_model(path: Path) -> bool:
+    """Whether a file says of itself that `save` wrote it."""
+    try:
+        return bool(header_of(read_archive(path), "header").get("format") == FORMAT)
+    except ValueError:
+        return False
+
+
+def _check_magnitudes(arrays: dict[str, Any]) -> None:
+    for name, values in arrays.items():
+        if values.dtype.kind != "f":
+            continue
+        # Where something is not known an infinity stands; what is a number is metres, seconds or a count.
+        if np.isnan(values).any() or (np.abs(values[np.isfinite(values)]) > LARGEST).any():
+            raise ValueError(f"{name}: numbers up to {LARGEST:g} expected")

@@ -21,10 +21,11 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
+from estimation.grid import is_grid_file
 from estimation.poses import compound, inverse, pose_from_matrix, pose_to_quaternion
 from loop_closure.earlier_map import EarlierMap
 from loop_closure.localization import Localizer
-from loop_closure.map_file import read_map, write_map
+from loop_closure.map_file import is_map, read_map, write_map
 from loop_closure.motions import planar
 from loop_closure.slam import Closure, Slam
 from loop_closure.warm_up import warm_up
@@ -48,6 +49,7 @@ from whereabouts.nodes.map_output import MapOutput
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
 from whereabouts.parameters.loop_closure import LoopClosureParameters
+from whereabouts.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.msg import LoopClosure
 from whereabouts_msgs.srv import LoadMap, SaveMap
 
@@ -356,12 +358,10 @@ class LoopClosureNode(SuiteNode):
             self._write(Path(self.settings.map_file))
 
     def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
-        stem = request.path or self.settings.map_file
-        if not stem:
-            raise InputError("no path to save to: name one in the request or in the parameter map_file")
+        stem = self._named(request.path, making=True)
         if not len(self._slam.keyframes):
             raise InputError("there is no map yet")
-        response.path = str(self._write(_stem(stem)))
+        response.path = str(self._write(stem))
         response.code, response.message = (
             SaveMap.Response.SUCCESS,
             f"{len(self._slam.keyframes)} keyframes written",
@@ -371,6 +371,10 @@ class LoopClosureNode(SuiteNode):
     def _write(self, stem: Path) -> Path:
         """Each file appears whole; what is there already stays until then."""
         target = stem.with_name(stem.name + ".npz")
+        keep_foreign(target, is_map, "a map of the suite")
+        if not target.exists():
+            for suffix in (".pgm", ".yaml"):
+                keep_foreign(stem.with_name(stem.name + suffix), is_grid_file, "a map of the suite")
         if self._slam.keyframes[0].scan is not None:
             self._grid.update(self._slam)
             self._grid.bounded(self.settings.map_cells, self.complain).save(stem, _replace)
@@ -379,19 +383,23 @@ class LoopClosureNode(SuiteNode):
         return target
 
     def _load(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
-        stem = request.path or self.settings.map_file
-        if not stem:
-            raise InputError("no path to load from: name one in the request or in the parameter map_file")
+        path = self._named(request.path)
         initial: Array | None = None
         frame = frame_name(request.initial_pose.header.frame_id)
         if frame:
             if frame != frame_name(self.settings.map_frame):
                 raise InputError(f"initial_pose in frame {frame!r}: {self.settings.map_frame!r} expected")
             initial = pose_from_message(request.initial_pose.pose)[PLANAR]
-        path = _stem(stem)
         count = self._begin_with(path.with_name(path.name + ".npz"), request.localization_only, initial)
         response.code, response.message = LoadMap.Response.SUCCESS, f"{count} keyframes read"
         return response
+
+    def _named(self, name: str, making: bool = False) -> Path:
+        """Stem of the files that a request names."""
+        files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
+        if name and name != self.settings.map_file:
+            name = f"{_stem(name)}.npz"
+        return _stem(str(files.named(name, self.settings.map_file, making)))
 
     def _begin_with(self, path: Path, localization_only: bool, initial: Array | None) -> int:
         """Take a saved map; the robot is looked for in it, around `initial` (3,) of the robot where given."""

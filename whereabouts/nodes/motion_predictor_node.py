@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
 from tracking.intentions import IntentionModel, Prediction
+from tracking.intentions.storage import is_saved_model
 from tracking.intentions.tracks import TrackKeeper
 from tracking.social_forces import Obstacles
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
@@ -35,6 +36,7 @@ from whereabouts.nodes.intention_messages import (
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
+from whereabouts.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
@@ -159,7 +161,9 @@ class MotionPredictorNode(SuiteNode):
         return super()._reset(request, response)
 
     def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
-        response.path = str(self._model.save(self._path(request), self.settings.map_id))
+        path = self._path(request, making=True)
+        keep_foreign(path, is_saved_model, "a saved intention model")
+        response.path = str(self._model.save(path, self.settings.map_id))
         response.code, response.message = response.SUCCESS, f"{self._model.learned} trajectories saved"
         return response
 
@@ -168,11 +172,9 @@ class MotionPredictorNode(SuiteNode):
         response.code, response.message = response.SUCCESS, f"{self._model.learned} trajectories loaded"
         return response
 
-    def _path(self, request: Any) -> Path:
-        path = request.path or self.settings.model_path
-        if not path:
-            raise InputError("no path: name a file in the request or in the parameter model_path")
-        return Path(path)
+    def _path(self, request: Any, making: bool = False) -> Path:
+        files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
+        return files.named(request.path, self.settings.model_path, making)
 
 
 def main() -> None:

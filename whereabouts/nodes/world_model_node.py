@@ -41,6 +41,7 @@ from whereabouts.nodes.world_messages import (
 )
 from whereabouts.nodes.world_reading import paths_from_message
 from whereabouts.parameters.world_model import WorldModelParameters
+from whereabouts.state_files import StateFiles
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray, WorldHypotheses
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
@@ -409,8 +410,9 @@ class WorldModelNode(SuiteNode):
     def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
         store = self.model.store
         if store is None:
-            raise InputError("there is no store: set the parameter store_path")
-        response.path = str(store.save(request.path or None))
+            raise InputError("there is no store: the parameter store_path is empty")
+        files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
+        response.path = str(store.save(files.named(request.path, self.settings.store_path, making=True)))
         response.code, response.message = response.SUCCESS, "written"
         return response
 

@@ -53,6 +53,19 @@ class NodeParameters(BaseModel):
     )
 
 
+class FileParameters(NodeParameters):
+    """Parameters of nodes that write files."""
+
+    state_dir: str = setting(
+        "",
+        "folder of the files that services name; empty: whereabouts in XDG_STATE_HOME, else in ~/.local/state",
+        fixed=True,
+    )
+    allowed_folders: list[str] = setting(
+        [""], "folders below which services may name absolute paths; [''] allows none", fixed=True
+    )
+
+
 class FrameParameters(NodeParameters):
     """Parameters of nodes that work in the frames of REP-105."""
 

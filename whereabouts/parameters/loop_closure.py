@@ -8,10 +8,10 @@ from pydantic import create_model
 
 from estimation.tiles import VIEW_CELLS
 from loop_closure.slam_config import SlamConfig
-from whereabouts.parameters.base import FrameParameters, setting
+from whereabouts.parameters.base import FileParameters, FrameParameters, setting
 from whereabouts.parameters.from_config import settings_of
 
-_WithSlam = create_model("_WithSlam", __base__=FrameParameters, **settings_of(SlamConfig))  # type: ignore[call-overload]
+_WithSlam = create_model("_WithSlam", __base__=(FrameParameters, FileParameters), **settings_of(SlamConfig))  # type: ignore[call-overload]
 
 
 class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]

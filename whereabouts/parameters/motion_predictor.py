@@ -7,10 +7,10 @@ from dataclasses import fields
 from pydantic import create_model
 
 from tracking.intentions import IntentionConfig
-from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.base import FileParameters, setting
 from whereabouts.parameters.from_config import settings_of
 
-_WithIntentions = create_model("_WithIntentions", __base__=NodeParameters, **settings_of(IntentionConfig))  # type: ignore[call-overload]
+_WithIntentions = create_model("_WithIntentions", __base__=FileParameters, **settings_of(IntentionConfig))  # type: ignore[call-overload]
 
 
 class MotionPredictorParameters(_WithIntentions):  # type: ignore[valid-type, misc]

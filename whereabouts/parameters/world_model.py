@@ -11,7 +11,7 @@ from pydantic import create_model, field_validator, model_validator
 from estimation.errors import InputError
 from estimation.places import Places
 from whereabouts.clocks import SECOND, TOLERANCE
-from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.base import FileParameters, setting
 from whereabouts.parameters.from_config import settings_of
 from world_model import WorldModelConfig
 from world_model.store import LIMIT
@@ -22,7 +22,7 @@ LATEST = 2 * TOLERANCE / SECOND
 # Those that ROS cannot express as they are, or that all nodes have.
 _OTHERWISE = ("classes", "colors", "attributes", "region", "motion", "late_window", "sensor_bias")
 _taken = {name: made for name, made in settings_of(WorldModelConfig).items() if name not in _OTHERWISE}
-_WithWorld = create_model("_WithWorld", __base__=NodeParameters, **_taken)  # type: ignore[call-overload]
+_WithWorld = create_model("_WithWorld", __base__=FileParameters, **_taken)  # type: ignore[call-overload]
 
 
 class WorldModelParameters(_WithWorld):  # type: ignore[valid-type, misc]
