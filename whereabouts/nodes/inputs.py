@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 WAITING_LIMIT = 64
 RELIABLE_DEPTH = 200
 LATENCY_WINDOW = 2000
+LATEST = (2**31 - 1) * NANOSECONDS  # the last stamp that a message can carry
 
 Handler = Callable[[Any, int], None]
 Frames = Callable[[Any], Sequence[tuple[str, str]]]
@@ -135,7 +136,9 @@ class Input:
             message, stamp = self._opened(message)
         except InputError as error:
             self.drop("refused", str(error))
-            self._acknowledge(time.time_ns(), sequence)
+            readable = self._stamped and not self._packed
+            said = nanoseconds(message.header.stamp) if readable else time.time_ns()
+            self._acknowledge(min(max(said, 0), LATEST), sequence)
             return
         # What is latched is said once: a node that ignored it while inactive would never have it.
         if not self._node.active and not self._latched:
