@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -19,8 +18,6 @@ from loop_closure.slam_config import SlamConfig
 from registration.scan import Scan
 
 FORMAT = 1
-# What a damaged archive is said to be: encrypted, of a later version, packed in another way, or broken.
-ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)
 
 
 def write_map(slam: Slam, file: BinaryIO) -> None:
@@ -68,7 +65,7 @@ def read_map(path: Path | str, config: SlamConfig | None = None, thin: bool = Fa
                 raise InputError(f"{path}: written by a newer version (format {about['format']})")
             data = {name: archive[name] for name in archive.files}
         return _restored(data, Slam(config, thin=thin))
-    except (OSError, EOFError, KeyError, ValueError, TypeError, *ARCHIVE_ERRORS) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not a map that can be read: {error}") from error
 
 

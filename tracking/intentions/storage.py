@@ -6,7 +6,6 @@ import json
 import os
 import tempfile
 import zipfile
-import zlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
 
 FORMAT = "whereabouts.intentions"
 VERSION = 1
-# What a damaged archive is said to be: encrypted, of a later version, packed in another way, or broken.
-ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)
 
 
 def save(model: IntentionModel, path: Path, map_id: str) -> Path:
@@ -71,7 +68,7 @@ def load(path: Path, map_id: str | None) -> IntentionModel:
             arrays = {name: content[name] for name in content.files}
         header = json.loads(str(arrays.pop("header")))
         kind, version = header["format"], header["version"]
-    except (OSError, ValueError, KeyError, TypeError, EOFError, *ARCHIVE_ERRORS) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: is no saved intention model, or is damaged ({error})") from error
     if kind != FORMAT:
         raise InputError(f"{path}: holds {kind!r}, not {FORMAT!r}")
