@@ -45,8 +45,6 @@ class StateFiles:
         absolute = name.startswith("/")
         path = Path(name) if absolute else self.folder / name
         try:
-            if making and not absolute:
-                self.folder.mkdir(parents=True, exist_ok=True)
             found = path.resolve()
         except (OSError, RuntimeError, ValueError) as error:
             raise InputError(f"path: {name!r} cannot be used ({error})") from error
@@ -58,7 +56,15 @@ class StateFiles:
                     f"a name without a slash in front is a file in {self.folder}"
                 )
             raise InputError(f"path: {name!r} leads out of {self.folder}")
+        if making and not absolute:
+            self._make_folder()
         return path
+
+    def _make_folder(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be made ({error.strerror}); see state_dir") from error
 
 
 def keep_foreign(path: Path, is_ours: Callable[[Path], bool], what: str) -> None:

@@ -134,7 +134,9 @@ class StoreFile:
                 connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
                 salvage = rebuild(path, why, self.snapshots, connection)
                 if why != [_OLD]:
-                    self.found.append(f"{path}: is damaged: {why[0]}; answered from what is whole: {salvage}")
+                    self.found.append(
+                        f"{path}: is damaged: {_first(why)}; answered from what is whole: {salvage}"
+                    )
             return connection
         except (sqlite3.Error, OSError) as error:
             raise StoreError(f"{path}: cannot be read: {_reason(error)}") from error
@@ -189,7 +191,7 @@ class StoreFile:
             self.aside = None
             return
         self.found.append(
-            f"{path}: is damaged: {'; '.join(why)}; {salvage}; it was set aside as {self.aside.name}"
+            f"{path}: is damaged: {_first(why)}; {salvage}; it was set aside as {self.aside.name}"
         )
         lines = [*self.found[-1:], *salvage.why, *salvage.lost_rows]
         Path(f"{self.aside}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -220,6 +222,10 @@ class StoreFile:
 
 
 _OLD = "an older version"
+
+
+def _first(why: list[str]) -> str:
+    return why[0] if len(why) == 1 else f"{why[0]}, and {len(why) - 1} more"
 
 
 def _tip(sequence: int, name: int) -> bytes:

@@ -83,7 +83,8 @@ def examine(connection: sqlite3.Connection, go_on: Callable[[], bool] = lambda: 
         connection.execute("BEGIN")
         try:
             found = connection.execute(f"PRAGMA integrity_check({MOST})").fetchall()
-            problems = [_text(row[0]) for row in found if _text(row[0]) != "ok"]
+            lines = [line for row in found for line in _text(row[0]).splitlines()]
+            problems = [line for line in lines if line != "ok" and not line.startswith("***")]
             return problems[:MOST] or _unmarked(connection, go_on)
         finally:
             if connection.in_transaction:

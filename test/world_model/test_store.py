@@ -272,7 +272,7 @@ def test_a_damaged_file_is_set_aside_and_what_is_whole_goes_on(tmp_path: Path, d
 
 
 def test_no_single_damage_changes_a_fact_without_a_word() -> None:
-    tally = run(240, seed=3, small=True)
+    tally = run(240, seed=3)
     assert (tally.damages, tally.silent, tally.untrue, tally.refused) == (240, 0, 0, 0), tally.examples
     assert 80 < tally.reported < 240
     assert min(tally.kept) >= 0.99, tally.examples
