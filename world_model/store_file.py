@@ -41,10 +41,6 @@ class StoreVersionError(StoreError):
     """The file is another version's, or no world model's at all; it is left as it is."""
 
 
-class DamagedError(StoreError):
-    """The file is damaged."""
-
-
 class StoreFile:
     """One open file. `connection` is in autocommit mode; transactions are explicit.
 

@@ -87,7 +87,7 @@ class Table:
         """Whether a row, its mark last, is as it was written."""
         try:
             return len(row) == len(self.kinds) + 1 and self.mark(row) == row[-1]
-        except (TypeError, struct.error):
+        except (TypeError, ValueError, AttributeError, struct.error):
             return False
 
 

@@ -18,7 +18,7 @@ from evaluation.store_damage import run
 from world_model import WorldObject, WorldState
 from world_model.store import Store, StoreError
 from world_model.store_file import StoreVersionError, is_store
-from world_model.store_format import VERSION
+from world_model.store_format import OBJECTS, VERSION
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -276,6 +276,13 @@ def test_no_single_damage_changes_a_fact_without_a_word() -> None:
     assert (tally.damages, tally.silent, tally.untrue, tally.refused) == (240, 0, 0, 0), tally.examples
     assert 80 < tally.reported < 240
     assert min(tally.kept) >= 0.99, tally.examples
+
+
+def test_a_row_of_other_kinds_of_values_is_not_whole() -> None:
+    row = (7, 0, "cup-1")
+    assert OBJECTS.is_whole((*row, OBJECTS.mark(row)))
+    for other in ((7, 0, 5, 0), (7, "0", "cup-1", 0), (7, 0, None, None), (7, 0), (7, 1 << 70, "cup-1", 0)):
+        assert not OBJECTS.is_whole(other)
 
 
 def test_a_restart_without_the_head_of_the_log_loses_nothing(tmp_path: Path) -> None:
