@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 
 from whereabouts.interfaces import NODE_INTERFACES, Interface, interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.parameters.readme import model_of
+from whereabouts.parameters.registry import model_of
 from whereabouts.suite_config import SuiteConfig
 
 VERSION = "0.2.0"  # of sros2's policy schema
