@@ -97,6 +97,9 @@ def examine(connection: sqlite3.Connection, go_on: Callable[[], bool] = lambda: 
 
 def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> list[str]:
     """Rows that are not as they were written, or missing."""
+    told = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL").fetchall()
+    if {_text(sql) for (sql,) in told} != set(_statements(SCHEMA + INDICES)):
+        return ["what the file says of its tables is damaged"]
     rows = connection.execute("SELECT * FROM clock").fetchall()
     if len(rows) != 1 or not CLOCK.is_whole(rows[0]):
         return ["the row of clock is damaged"]
@@ -196,7 +199,7 @@ class _Rebuilt:
 
     def _run(self, script: str) -> None:
         # Not `executescript`, which ends the transaction.
-        for statement in script.strip().split(";")[:-1]:
+        for statement in _statements(script):
             self._target.execute(statement)
 
     def take(self, pages: Pages) -> None:
@@ -374,6 +377,10 @@ class _Rebuilt:
         target.execute("COMMIT")
         target.execute(f"PRAGMA application_id = {APPLICATION}")
         target.execute(f"PRAGMA user_version = {VERSION}")
+
+
+def _statements(script: str) -> list[str]:
+    return [statement.strip() for statement in script.split(";") if statement.strip()]
 
 
 def _table_of(row: Row) -> Table | None:

@@ -285,6 +285,18 @@ def test_a_row_of_other_kinds_of_values_is_not_whole() -> None:
         assert not OBJECTS.is_whole(other)
 
 
+def test_a_table_described_otherwise_is_put_right(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        store.record(marching(0))
+    path.write_bytes(path.read_bytes().replace(b"epochs (epoch INTEGER", b"epochs (apoch INTEGER", 1))
+    with Store(path) as store:
+        assert "what the file says of its tables" in store.damages[0]
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 0)
+
+
 def test_a_restart_without_the_head_of_the_log_loses_nothing(tmp_path: Path) -> None:
     path, copy = tmp_path / "world.sqlite", tmp_path / "copy.sqlite"
     with Store(path) as store:
