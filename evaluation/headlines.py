@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,8 +11,8 @@ from dataclasses import dataclass
 class Headline:
     """One line.
 
-    what : in words. ours : `EXPERIMENT:KEY`. beside : whose figure stands beside it; theirs : `EXPERIMENT:KEY` where it
-        was measured in the same run, else the figure as it was published.
+    what : in words. ours : `EXPERIMENT:KEY`. theirs : the figure beside it, likewise; `EXPERIMENT:KEY#printed` for the
+    one that the reference prints. beside : whose it is, in words that may hold `{EXPERIMENT:KEY}`.
     """
 
     what: str
@@ -26,8 +27,51 @@ class Headline:
 
     def peer(self, figure: Callable[..., str]) -> str:
         """The figure beside ours, with its name."""
-        text = figure(self.theirs) if ":" in self.theirs else self.theirs
-        return f"{text} ({self.beside})" if self.beside else text
+        words = re.sub(r"\{(.*?)\}", lambda match: figure(match[1]), self.beside)
+        return f"{figure(self.theirs)} ({words})"
 
 
-HEADLINES: tuple[Headline, ...] = ()
+HEADLINES: tuple[Headline, ...] = (
+    Headline(
+        "Odometry with wheels that stall and jump, in a building nobody tuned on: error of the path",
+        "odometry:logs/mit-csail.clf.bz2-ours-wheels/ate-m",
+        "plain point-to-line matcher",
+        "odometry:logs/mit-csail.clf.bz2-point-to-line-wheels/ate-m",
+    ),
+    Headline(
+        "The same building: revisits that are closed",
+        "slam:logs/mit-csail.clf.bz2-smoothed/revisits-closed-percent",
+        "of {slam:logs/mit-csail.clf.bz2-smoothed/closures} closures lie more than 0.5 m or 10° off the reference",
+        "slam:logs/mit-csail.clf.bz2-smoothed/false-closures",
+    ),
+    Headline(
+        "The same building: places within 1 m recognised at 1 % false alarms",
+        "loops:unseen/best-2d-1-m/d-at-1-percent-fa-percent",
+        "the reference's method",
+        "loops:unseen/plain-2d-1-m/d-at-1-percent-fa-percent",
+    ),
+    Headline(
+        "Two scans up to 0.6 m and 35° apart registered without a guess",
+        "registration:pairs-361-beams-360deg/robust/hard-success-percent",
+        "small_gicp",
+        "registration:pairs-361-beams-360deg/small-gicp-extruded/hard-success-percent",
+    ),
+    Headline(
+        "Moving beams in a crowd, half-circle scanner: F1",
+        "crf:moving/crowd-361-beams-180deg/f1",
+        "free-space violation alone",
+        "crf:moving/crowd-361-beams-180deg/f1-of-free-space-violation",
+    ),
+    Headline(
+        "A person followed outdoors by a moving robot",
+        "people:following/tracked-of-the-labelled-scans/ours",
+        "published for the recording",
+        "people:following/tracked-of-the-labelled-scans/ours#printed",
+    ),
+    Headline(
+        "Crossing targets of many returns: OSPA, 60 m at most",
+        "peers:targets/cross-spawn-stone-soup/ours-ospa-m",
+        "Stone Soup",
+        "peers:targets/cross-spawn-stone-soup/peer-ospa-m",
+    ),
+)

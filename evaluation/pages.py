@@ -60,11 +60,17 @@ class Book:
         return self.results[name]
 
     def figure(self, reference: str, spread: bool = False) -> str:
-        """What stands for `EXPERIMENT:KEY`; a hyphen where the figure is not there."""
+        """What stands for `EXPERIMENT:KEY`; a hyphen where the figure is not there.
+
+        `EXPERIMENT:KEY#printed` is the reference's figure beside it.
+        """
         name, _, key = reference.partition(":")
+        key, _, printed = key.partition("#")
         known = self.result(name).figures.get(key)
         if known is None:
             return markdown.ABSENT
+        if printed:
+            return markdown.with_unit({**known, "value": known["printed"]})
         text = markdown.with_unit(known, spread)
         return f"{text} ({BEFORE})" if name in self.stale else text
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -261,11 +262,13 @@ def test_headlines_stand_beside_a_peers_figure(
 ) -> None:
     result = run()
     monkeypatch.setattr(results, "source_digest", lambda module: result.content["digest"])
-    line = Headline("Error", "sample:errors/ours/error-m", "theirs, same run", "sample:errors/theirs/error-m")
+    ours, theirs_key = "sample:errors/ours/error-m", "sample:errors/theirs/error-m"
+    line = Headline("Error", ours, "theirs, right {sample:errors/theirs/right-percent}", theirs_key)
     monkeypatch.setattr("evaluation.pages.HEADLINES", (line,))
     text = filled("<!-- headlines --><!-- end -->", Book({"sample": result}))
     theirs = markdown.with_unit(result.figures["errors/theirs/error-m"])
-    assert f"{theirs} (theirs, same run) | `whereabouts experiment sample` |" in text
+    assert f"{theirs} (theirs, right 24%) | `whereabouts experiment sample` |" in text
+    assert Book({"sample": result}).figure(f"{ours}#printed") == "0.4 m"
 
 
 def test_files_that_are_no_results_are_refused(tmp_path: Path) -> None:
@@ -304,6 +307,8 @@ def test_compare_tells_what_left_its_spread(run: Callable[..., results.Result]) 
 def test_headlines_refer_to_figures_that_exist() -> None:
     known = results.read_all()
     for line in HEADLINES:
-        for reference in (line.ours, *([line.theirs] if ":" in line.theirs else [])):
+        for reference in (line.ours, line.theirs, *re.findall(r"\{(.*?)\}", line.beside)):
             name, _, key = reference.partition(":")
+            key, _, printed = key.partition("#")
             assert key in known[name].figures, reference
+            assert not printed or "printed" in known[name].figures[key]
