@@ -196,7 +196,9 @@ def test_changes_of_a_map_are_sent_to_who_listens(graph: Graph) -> None:
     updates = graph.collect(OccupancyGridUpdate, "map_updates")
     graph.mount()
     robot.introduce()
-    now = 0.0
+    robot.go(0.0, 1.0, 0.25)
+    graph.until(lambda: maps, "a whole map, of which changes can be told")
+    now = 1.0
     while not updates:
         assert now < 60.0, "the robot is round, and no change of its map was sent"
         robot.go(now, now + 1.0, 0.25)

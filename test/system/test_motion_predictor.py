@@ -157,7 +157,7 @@ def test_people_are_learned_predicted_saved_and_loaded(graph: Graph, tmp_path: P
     assert array.paths[0].label == people.label
     assert np.hypot(*(first_goal(array) - EXITS["up"])) < 0.75
 
-    for path_, expected in ((tmp_path / "absent.npz", "no such file"), (Path(), "no path")):
+    for path_, expected in ((tmp_path / "absent.npz", "no such file"), (Path(), "names a file")):
         request = LoadState.Request(path="" if path_ == Path() else str(path_))
         answer = graph.call(LoadState, f"{NODE}/load", request)
         assert answer.code == answer.REFUSED

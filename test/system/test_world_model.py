@@ -386,10 +386,19 @@ def test_hidden_people_are_where_the_predictor_says(graph: Graph) -> None:
     graph.until(lambda: world.figures().get("predicted paths") == "1", "the prediction is accounted for")
 
 
+def spread(message: Any, values: list[str], probabilities: list[float]) -> None:
+    said = message.objects[0].attributes[0].discrete
+    said.values, said.probabilities = values, probabilities
+
+
 BAD: dict[str, tuple[str, Any]] = {
+    "probability": (
+        "probabilities: a finite number from",
+        lambda m: spread(m, ["cup"], [1.4]),
+    ),
     "sum": (
         "sum to at most one",
-        lambda m: setattr(m.objects[0].attributes[0].discrete, "probabilities", [1.4]),
+        lambda m: spread(m, ["cup", "bowl"], [0.7, 0.7]),
     ),
     "lengths": (
         "probabilities",

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 WAITING_LIMIT = 64
 RELIABLE_DEPTH = 200
 LATENCY_WINDOW = 2000
-LATEST = (2**31 - 1) * NANOSECONDS  # the last stamp that a message can carry
+# The stamps that a message can carry.
+EARLIEST, LATEST = -(2**31) * NANOSECONDS, (2**31 - 1) * NANOSECONDS
 
 Handler = Callable[[Any, int], None]
 Pairs = tuple[tuple[str, str], ...]
@@ -147,7 +148,7 @@ class Input:
             message, stamp = self._opened(message)
         except InputError as error:
             self.drop("refused", str(error))
-            self._acknowledge(min(max(stamp, 0), LATEST), sequence)
+            self._acknowledge(min(max(stamp, EARLIEST), LATEST), sequence)
             return
         # What is latched is said once: a node that ignored it while inactive would never have it.
         if not self._node.active and not self._latched:
