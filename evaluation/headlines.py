@@ -74,4 +74,22 @@ HEADLINES: tuple[Headline, ...] = (
         "Stone Soup",
         "peers:targets/cross-spawn-stone-soup/peer-ospa-m",
     ),
+    Headline(
+        "Objects believed in where there are 100, 20 in view at a time",
+        "anchoring:scenes/100-objects-20-in-view/objects-at-the-end",
+        "WIRE",
+        "anchoring:scenes/100-objects-20-in-view/objects-at-the-end#printed",
+    ),
+    Headline(
+        "Way to keep ten objects verified at 9 nat, of a fixed path's",
+        "maintenance:thresholds/9/distance-of-the-fixed-path-s-times",
+        "the reference, with lower entropy in both",
+        "maintenance:thresholds/9/distance-of-the-fixed-path-s-times#printed",
+    ),
+    Headline(
+        "A round of 200 clouds outdoors, loop closed: error of the path",
+        "peers:round/clouds-to-map-kiss-slam/ours-ate-m",
+        "KISS-SLAM, whose long local maps close no loop here",
+        "peers:round/clouds-to-map-kiss-slam/peer-ate-m",
+    ),
 )
