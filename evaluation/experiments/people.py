@@ -48,8 +48,7 @@ SCENE = ["error, m ↓", "missed, /scan ↓", "false, /scan ↓", "label changes
 def _following(options: Options, report: Report) -> None:
     assert options.data is not None
     path = options.data / "people" / FOLLOWING
-    most = 1500 if options.quick else None
-    judged = follow_person(path, "scan_base2", "ground_truth_people_tracks", most)
+    judged = follow_person(path, "scan_base2", "ground_truth_people_tracks")
     rows: list[list[object]] = [
         ["tracked of the labelled scans, % ↑", 100.0 * judged.share, 81],
         ["changes of the label ↓", judged.changes, 49],
@@ -60,8 +59,7 @@ def _following(options: Options, report: Report) -> None:
             "One person followed outdoors by a moving robot",
             ["", "ours", "reference tracker"],
             rows,
-            f"{FOLLOWING}; tracked: within 0.75 m of the label; odometry from the scans. The recording judged only. "
-            + ("Its first 1500 scans; the reference's figures are of all." if options.quick else ""),
+            f"{FOLLOWING}; tracked: within 0.75 m of the label; odometry from the scans. The recording judged only.",
             "following",
             printed={"reference tracker": REFERENCE},
             data="left out",
