@@ -67,6 +67,10 @@ def _other_days(options: Options, report: Report) -> None:
     with TemporaryDirectory() as folder:
         found = _replayed(FIRST_DAY + options.seed, QUICK if options.quick else None, Path(folder))
     report.tables.append(_table("Days that nobody looked at", "other-days", ROWS, found, "left out"))
+    if options.quick:
+        report.notes.append(
+            f"The other days are cut off after {QUICK:g} s: not everything has been in view by then."
+        )
 
 
 def _replayed(seed: int | None, duration: float | None, folder: Path) -> dict[str, Any]:
