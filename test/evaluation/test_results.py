@@ -312,3 +312,8 @@ def test_headlines_refer_to_figures_that_exist() -> None:
             key, _, printed = key.partition("#")
             assert key in known[name].figures, reference
             assert not printed or "printed" in known[name].figures[key]
+
+
+def test_pictures_are_those_that_the_experiments_drew() -> None:
+    for name, result in results.read_all().items():
+        assert set(result.stale()) <= {"sources"}, f"results/{name}: run the experiment again"
