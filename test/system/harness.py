@@ -223,6 +223,11 @@ class Graph:
             self._latched.add(self._publishers[key].topic_name)
             self._found = 0
 
+    def heard(self, spec: NodeSpec, topic: str) -> int:
+        """How many messages of a topic a node says it has received."""
+        said = self._connections.get(spec.full_name)
+        return 0 if said is None else dict(zip(said.inputs, said.received, strict=True)).get(topic, 0)
+
     def introduce(self, scan: LaserScan, heard: Callable[[], Any], *nodes: str) -> None:
         """Let nodes find each other: one scan again and again until what follows from it arrives, then a fresh start.
 

@@ -31,6 +31,7 @@ from whereabouts.nodes.conversions import cloud_message, fill_pose, spatial
 from whereabouts.nodes.interfaces import message_class
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
+from whereabouts.nodes.supervisor import NodeSpec
 from whereabouts.nodes.transforms import transform_message
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, box, joined
 from whereabouts.simulation.outdoor import SpinningLidar, random_neighbourhood
@@ -266,10 +267,7 @@ class Street:
         for k in range(first, last):
             self.sent += 1
             stamp = START + self.sent * NANOSECONDS // 2
-            at = pose_from_matrix(np.linalg.inv(origin) @ self.truth(k))
-            position, quaternion = pose_to_quaternion(at)
-            base = transform_message("odom", "base_link", stamp, (*position, *quaternion))
-            self.graph.publish("tf", TFMessage(transforms=[base]))
+            self.place(k, stamp, origin)
             cloud = self.lidar.cloud(self.world, self.way[k], self.rng)
             header = Header(stamp=time_message(stamp), frame_id="base_link")
             self.graph.publish("points", cloud_message(header, cloud))
@@ -277,6 +275,21 @@ class Street:
                 lambda header=header: any(answer.stamp == header.stamp for answer in self.processed),
                 f"cloud {k} is processed",
             )
+
+    def place(self, k: int, stamp: int, origin: np.ndarray) -> None:
+        """Say where the robot is."""
+        position, quaternion = pose_to_quaternion(pose_from_matrix(np.linalg.inv(origin) @ self.truth(k)))
+        base = transform_message("odom", "base_link", stamp, (*position, *quaternion))
+        self.graph.publish("tf", TFMessage(transforms=[base]))
+
+    def introduce(self, spec: NodeSpec, k: int, origin: np.ndarray) -> None:
+        """A node that has just begun may miss the first transforms: tell them until it hears one."""
+
+        def again() -> bool:
+            self.place(k, START + self.sent * NANOSECONDS // 2, origin)
+            return self.graph.heard(spec, "/tf") > 0
+
+        self.graph.until(again, "transforms are heard")
 
     def correction(self) -> np.ndarray:
         """Latest pose (4, 4) of odom in map."""
@@ -299,6 +312,7 @@ def test_a_map_of_clouds_is_saved_and_the_robot_found_in_it_again(graph: Graph, 
     robot.transforms.clear()
     spec = graph.start("loop_closure", cloud_topic="points", map_file=stem)
     origin = pose_to_matrix(np.array([30.0, -8.0, 0.5, 0.01, 0.0, 0.9]))
+    robot.introduce(spec, 6, origin)
     robot.go(6, 14, origin)
     graph.until(lambda: len(robot.correction()), "the robot is found in the map")
     found = robot.correction()
