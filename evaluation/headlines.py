@@ -20,11 +20,6 @@ class Headline:
     beside: str
     theirs: str
 
-    @property
-    def command(self) -> str:
-        """What measures it."""
-        return f"whereabouts experiment {self.ours.partition(':')[0]}"
-
     def peer(self, figure: Callable[..., str]) -> str:
         """The figure beside ours, with its name."""
         words = re.sub(r"\{(.*?)\}", lambda match: figure(match[1]), self.beside)

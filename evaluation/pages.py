@@ -35,8 +35,10 @@ Each experiment writes a file, `results/NAME.json`, with every figure, its unit,
 the data that judges it took part in any choice. These pages are written from those files.
 `whereabouts experiment all --out results/` measures everything anew, `--resume` goes on after an interrupt, and
 `whereabouts experiment compare OLD NEW` says which figures left their spread."""
-MARK = re.compile(r"<!-- (figure|results|headlines)\b ?([^>]*?) ?-->(.*?)<!-- end -->", re.DOTALL)
-FENCE = re.compile(r"(```.*?```|`[^`\n]*`)", re.DOTALL)
+# A mark goes on to its end, whatever stands between; one that begins in code is none.
+MARK = re.compile(
+    r"```.*?```|<!-- (figure|results|headlines)\b ?([^>]*?) ?-->.*?<!-- end -->|`[^`\n]*`", re.DOTALL
+)
 
 
 class Book:
@@ -85,10 +87,15 @@ class Book:
             notes.append(f"Measured {BEFORE}.")
         return "\n\n".join([*parts, *(f"*{note}*" for note in notes)])
 
+    def command(self, reference: str) -> str:
+        """What measured `EXPERIMENT:KEY`, with `--quick` where the run was one."""
+        command = str(self.result(reference.partition(":")[0]).content["command"])
+        return command.removesuffix(" --out results/")
+
     def headlines(self) -> str:
         """The table of README.md."""
         rows = [
-            [line.what, self.figure(line.ours, True), line.peer(self.figure), f"`{line.command}`"]
+            [line.what, self.figure(line.ours, True), line.peer(self.figure), f"`{self.command(line.ours)}`"]
             for line in HEADLINES
         ]
         return markdown.pipes(["", "here (spread)", "beside it", "command"], rows)
@@ -99,6 +106,8 @@ def filled(text: str, book: Book) -> str:
 
     def fill(match: re.Match[str]) -> str:
         kind, reference = match[1], match[2]
+        if kind is None:
+            return match[0]
         if kind == "headlines":
             return f"<!-- headlines -->\n{book.headlines()}\n<!-- end -->"
         if kind == "results":
@@ -106,7 +115,7 @@ def filled(text: str, book: Book) -> str:
         key, _, how = reference.partition(" ")
         return f"<!-- figure {reference} -->{book.figure(key, how == 'spread')}<!-- end -->"
 
-    return "".join(part if part.startswith("`") else MARK.sub(fill, part) for part in FENCE.split(text))
+    return MARK.sub(fill, text)
 
 
 def results_page(name: str, summary: str, book: Book) -> str:

@@ -266,6 +266,8 @@ def test_headlines_stand_beside_a_peers_figure(
     line = Headline("Error", ours, "theirs, right {sample:errors/theirs/right-percent}", theirs_key)
     monkeypatch.setattr("evaluation.pages.HEADLINES", (line,))
     text = filled("<!-- headlines --><!-- end -->", Book({"sample": result}))
+    # What was written before goes, though it holds code.
+    assert filled(text.replace("Error", "Old"), Book({"sample": result})) == text
     theirs = markdown.with_unit(result.figures["errors/theirs/error-m"])
     assert f"{theirs} (theirs, right 24%) | `whereabouts experiment sample` |" in text
     assert Book({"sample": result}).figure(f"{ours}#printed") == "0.4 m"
