@@ -29,7 +29,7 @@ from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
-from whereabouts.interrupts import listen_to_interrupts
+from whereabouts.interrupts import interrupts_kept, listen_to_interrupts
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
@@ -427,11 +427,12 @@ def run_node(node_type: type[NodeType]) -> int:
     keep_packed()
     node: NodeType | None = None
     try:
-        node = node_type()
-        if node.settings.autostart and not start(node):
-            return 1
-        settle()
-        _spin(node)
+        with interrupts_kept():
+            node = node_type()
+            if node.settings.autostart and not start(node):
+                return 1
+            settle()
+            _spin(node)
     except ParameterError as error:
         print(f"{node_type.node_name}: {error}", file=sys.stderr)
         return 2

@@ -21,7 +21,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from whereabouts.interrupts import listen_to_interrupts
+from whereabouts.interrupts import interrupts_kept, listen_to_interrupts
 from whereabouts.nodes.supervisor import SuiteError
 
 # The very first start on a machine compiles for a while.
@@ -63,15 +63,16 @@ class LifecycleClient:
             raise SuiteError(f"{self.name} could not be {done}; its log says why")
 
     def _call(self, client: Any, request: Any, wait: float) -> Any:
-        if not client.service_is_ready():
-            self._executor.spin_once(timeout_sec=0.05)
-            return None
-        future = client.call_async(request)
-        self._executor.spin_until_future_complete(future, timeout_sec=wait)
-        if not future.done():
-            client.remove_pending_request(future)
-            return None
-        return future.result()
+        with interrupts_kept():
+            if not client.service_is_ready():
+                self._executor.spin_once(timeout_sec=0.05)
+                return None
+            future = client.call_async(request)
+            self._executor.spin_until_future_complete(future, timeout_sec=wait)
+            if not future.done():
+                client.remove_pending_request(future)
+                return None
+            return future.result()
 
 
 def bring_up(

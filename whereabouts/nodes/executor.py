@@ -12,6 +12,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
+from whereabouts.interrupts import raise_if_interrupt
 from whereabouts.nodes.stamps import NANOSECONDS
 
 Take = Callable[[Any], Any]
@@ -119,6 +120,7 @@ class NodeExecutor(SingleThreadedExecutor):
         report = getattr(node, "report_defect", None)
         if report is None or isinstance(error, ExternalShutdownException | ShutdownException):
             raise error
+        raise_if_interrupt(error)
         report(type(where).__name__.lower(), error)
 
     def _catch_up(self, node: Any) -> None:

@@ -11,6 +11,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from whereabouts.interrupts import interrupts_kept
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.interfaces import UnknownTypeError, message_class
 
@@ -90,7 +91,8 @@ def listen(
                 looked = time.monotonic()
                 for topic in listener.look():
                     on_topic(topic)
-            executor.spin_once(timeout_sec=0.1)
+            with interrupts_kept():
+                executor.spin_once(timeout_sec=0.1)
     except KeyboardInterrupt:
         pass
     finally:
