@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from whereabouts.interrupts import interrupts_kept
 from whereabouts.nodes.executor import NodeExecutor
 
 
-def interrupted_in_compiled_code() -> None:
+def interrupted() -> SystemError:
     """What pybind11 makes of an interrupt that comes while one of its functions runs."""
-    raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+    error = SystemError("returned a result with an exception set")
+    error.__cause__ = KeyboardInterrupt()
+    return error
 
 
 def test_an_interrupt_in_compiled_code_stays_an_interrupt() -> None:
     with pytest.raises(KeyboardInterrupt), interrupts_kept():
-        interrupted_in_compiled_code()
+        raise interrupted()
 
 
 def test_another_error_of_compiled_code_stays_what_it_is() -> None:
@@ -24,19 +28,11 @@ def test_another_error_of_compiled_code_stays_what_it_is() -> None:
 
 
 def test_a_node_does_not_take_an_interrupt_for_a_defect() -> None:
-    class Node:
-        defects: list[Exception] = []
-
-        def report_defect(self, where: str, error: Exception) -> None:
-            self.defects.append(error)
-
-    node = Node()
+    defects: list[Exception] = []
+    node = SimpleNamespace(report_defect=lambda where, error: defects.append(error))
     executor = NodeExecutor.__new__(NodeExecutor)
     with pytest.raises(KeyboardInterrupt):
-        try:
-            interrupted_in_compiled_code()
-        except SystemError as error:
-            executor._survive(node, node, error)
-    assert not node.defects
+        executor._survive(node, node, interrupted())
+    assert not defects
     executor._survive(node, node, SystemError("broken"))
-    assert len(node.defects) == 1
+    assert len(defects) == 1
