@@ -19,7 +19,8 @@ from loop_closure.graph import Edge, SmoothedGraph
 from loop_closure.uncertainty import Uncertainty
 from loop_closure.warm_up import warm_up
 from registration.align_submaps import align_submaps
-from registration.submap import fuse, glance
+from registration.prepared import prepare_scan
+from registration.submap import FAR, fuse
 from whereabouts.simulation import Drive, Lidar, random_floor
 
 
@@ -51,12 +52,12 @@ def main() -> None:
     poses = [drive(t) for t in np.linspace(0.0, drive.duration, 16)]
     for beams in (181, 361, 1081):
         scans = [Lidar(beams).scan(shapes, pose, rng).scan for pose in poses]
-        glances = [glance(scan) for scan in scans]
+        prepared = [prepare_scan(scan, FAR) for scan in scans]
         relative = np.array([between(poses[-1], pose) for pose in poses])
-        place = fuse(glances, relative)
+        place = fuse(prepared, relative)
         print(f"{beams} beams")
-        print(f"  one scan made ready            {best(lambda s=scans: glance(s[0])):8.2f} ms")
-        print(f"  local map of 16 scans          {best(lambda g=glances, r=relative: fuse(g, r)):8.2f} ms")
+        print(f"  one scan made ready            {best(lambda s=scans: prepare_scan(s[0], FAR)):8.2f} ms")
+        print(f"  local map of 16 scans          {best(lambda g=prepared, r=relative: fuse(g, r)):8.2f} ms")
         for reach, turn in ((0.5, 0.2), (2.0, 0.4), (5.0, 1.0), (4.0, np.pi)):
             spent = best(lambda p=place, r=reach, t=turn: align_submaps(p, p, np.zeros(3), r, t))
             print(f"  laid on another, ±{reach:.1f} m, ±{np.degrees(turn):3.0f}°   {spent:8.2f} ms")

@@ -11,8 +11,9 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from loop_closure.motions import length, motion, turn
 from registration.local_map import LocalMap
+from registration.prepared import PreparedScan, prepare_scan
 from registration.scan import Scan
-from registration.submap import RADIUS, Glance, Submap, fuse, glance
+from registration.submap import RADIUS, Submap, fuse
 
 MOST = 24  # scans in one direction from the anchor: a robot that turns on the spot keeps many
 CACHED = 100  # local maps kept for the next who asks; few are asked for again later than that
@@ -23,14 +24,14 @@ class Keyframe:
     """One kept scan or cloud.
 
     stamp : seconds. odometry : pose (3,) or (4, 4) in the odometry frame. path : metres travelled until here.
-    scan, glance : None of a cloud. points : of a cloud (N, 3) metres, None of a scan. number : counted since the
+    scan, prepared : None of a cloud. points : of a cloud (N, 3) metres, None of a scan. number : counted since the
     map was begun or read, whatever was taken out since.
     """
 
     stamp: float
     odometry: FloatArray
     path: float
-    glance: Glance | None
+    prepared: PreparedScan | None
     points: FloatArray | None = None
     scan: Scan | None = None
     number: int = 0
@@ -72,7 +73,7 @@ class Keyframes:
     ) -> Keyframe:
         """Keep a scan; `path` is given where it is known better than from the odometry."""
         travelled = self._path(odometry) if path is None else path
-        return self._add(Keyframe(scan.stamp, odometry, travelled, glance(scan, max_range), None, scan))
+        return self._add(Keyframe(scan.stamp, odometry, travelled, prepare_scan(scan, max_range), None, scan))
 
     def add_cloud(
         self, points: FloatArray, stamp: float, odometry: FloatArray, path: float | None = None
@@ -157,9 +158,9 @@ class Keyframes:
             self._cache.move_to_end(key)
             return self._cache[key]
         anchor = self._frames[k].odometry
-        glances = [frame.glance for frame in frames if frame.glance is not None]
+        scans = [frame.prepared for frame in frames if frame.prepared is not None]
         poses = np.array([motion(anchor, frame.odometry) for frame in frames])
-        made = fuse(glances, poses, self._workspace)
+        made = fuse(scans, poses, self._workspace)
         self._cache[key] = made
         if len(self._cache) > CACHED:
             self._cache.popitem(last=False)

@@ -126,9 +126,9 @@ def sight(j: int, k: int, keyframes: Keyframes, poses: FloatArray) -> Sight:
 
 def single(keyframes: Keyframes, k: int) -> Submap:
     """The outline of one keyframe's scan."""
-    glance = keyframes[k].glance
-    assert glance is not None
-    return fuse([glance], np.zeros((1, 3)))
+    prepared = keyframes[k].prepared
+    assert prepared is not None
+    return fuse([prepared], np.zeros((1, 3)))
 
 
 def _cloud_sight(j: int, k: int, keyframes: Keyframes, relative: FloatArray) -> Sight:

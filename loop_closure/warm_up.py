@@ -10,8 +10,9 @@ from loop_closure.keyframes import Keyframes
 from loop_closure.likeness import Likeness
 from loop_closure.uncertainty import Uncertainty
 from registration.align_submaps import align_submaps
+from registration.prepared import prepare_scan
 from registration.scan import Scan
-from registration.submap import fuse, glance
+from registration.submap import fuse
 
 
 def warm_up() -> None:
@@ -20,8 +21,8 @@ def warm_up() -> None:
     ranges = np.minimum(
         4.0 / np.maximum(np.cos(bearings), 0.1), 3.0 / np.maximum(np.abs(np.sin(bearings)), 0.1)
     )
-    glances = [glance(Scan(ranges, -1.5, 3.0 / 180.0, 0.05, 30.0))] * 2
-    place = fuse(glances, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]))
+    scans = [prepare_scan(Scan(ranges, -1.5, 3.0 / 180.0, 0.05, 30.0))] * 2
+    place = fuse(scans, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]))
     align_submaps(place, place, np.zeros(3), 0.5, 0.2)
     align_submaps(place, place, np.zeros(3), 3.0, 0.2)
     TiledGrid(0.1).integrate(np.zeros(3), place.points)

@@ -19,7 +19,7 @@ from registration.consistency import Agreement, weigh
 from registration.correlative import candidates
 from registration.judgement import LENIENT, STRICT, Asked, judged
 from registration.motion import Array
-from registration.outline import Outline, outline_of
+from registration.prepared import PreparedScan, prepare
 from registration.refine import Refined, refine
 from registration.result import Registration
 from registration.scan import Scan
@@ -66,7 +66,7 @@ def align(
             raise InputError(f"method: clouds are registered by 'robust' only, got {method!r}")
         return align_clouds(np.asarray(source), np.asarray(target), as_guess(guess, (4, 4), np.eye(4)))
     start = as_guess(guess, (3,), np.zeros(3))
-    moving, still = outline_of("source", source), outline_of("target", target)
+    moving, still = prepare("source", source), prepare("target", target)
     if method == "crf":
         if not (isinstance(source, Scan) and isinstance(target, Scan)):
             raise InputError("method: 'crf' registers scans, not bare points")
@@ -97,20 +97,20 @@ def as_guess(guess: ArrayLike | None, shape: tuple[int, ...], default: Array) ->
     return start
 
 
-def among_movers(moving: Outline, still: Outline, start: Array) -> Registration:
+def among_movers(moving: PreparedScan, still: PreparedScan, start: Array) -> Registration:
     """As `align`, for who can tell afterwards what moved: long outlines that contradict are no reason to refuse."""
     return search(moving, still, start, REACH, TURN, LENIENT)
 
 
 def search(
-    moving: Outline, still: Outline, start: Array, reach: float, turn: float, asked: Asked = STRICT
+    moving: PreparedScan, still: PreparedScan, start: Array, reach: float, turn: float, asked: Asked = STRICT
 ) -> Registration:
     """Best of the candidates within `reach` metres and `turn` radians of `start`."""
     return judged(moving, still, *best_of(moving, still, start, reach, turn), asked)
 
 
 def best_of(
-    moving: Outline, still: Outline, start: Array, reach: float, turn: float
+    moving: PreparedScan, still: PreparedScan, start: Array, reach: float, turn: float
 ) -> tuple[Refined | None, Array, tuple[Agreement, Agreement] | None]:
     """Best of the candidates of `search`, `start` and how the outlines see each other then: not judged yet."""
     found = candidates(
@@ -142,7 +142,7 @@ def keep_open(refined: Refined, start: Array) -> Array:
     return pose
 
 
-def agreements(moving: Outline, still: Outline, pose: Array) -> tuple[Agreement, Agreement]:
+def agreements(moving: PreparedScan, still: PreparedScan, pose: Array) -> tuple[Agreement, Agreement]:
     """Each outline judged against the other's."""
     back = inverse(pose)
     return (
@@ -159,7 +159,7 @@ def _merit(views: tuple[Agreement, Agreement], pose: Array, start: Array, reach:
 
 
 def settle(
-    moving: Outline, still: Outline, refined: Refined, views: tuple[Agreement, Agreement]
+    moving: PreparedScan, still: PreparedScan, refined: Refined, views: tuple[Agreement, Agreement]
 ) -> tuple[Refined, tuple[Agreement, Agreement]]:
     """Once more without the pieces that moved."""
     dropped = [movers(outline, view) for outline, view in zip((moving, still), views, strict=True)]
@@ -175,7 +175,7 @@ def settle(
     return again, agreements(moving, still, again.pose)
 
 
-def movers(outline: Outline, view: Agreement) -> np.ndarray:
+def movers(outline: PreparedScan, view: Agreement) -> np.ndarray:
     """Points (N,) of small connected pieces much of which stands in space the other scan saw through."""
     pieces = outline.surface.pieces
     count = int(pieces.max()) + 1 if len(pieces) else 0

@@ -19,7 +19,7 @@ from registration.consistency import Agreement
 from registration.correlative import candidates
 from registration.judgement import GUESS_SIGMA, Asked, judged
 from registration.motion import Array
-from registration.outline import Outline, outline_of
+from registration.prepared import PreparedScan, prepare
 from registration.refine import Refined, refine
 from registration.result import Registration
 from registration.scan import Scan
@@ -65,7 +65,7 @@ def align_globally(
         if method != "robust":
             raise InputError(f"method: clouds are registered by 'robust' only, got {method!r}")
         return _clouds(np.asarray(source), np.asarray(target))
-    found = _outlines(outline_of("source", source), outline_of("target", target))
+    found = _outlines(prepare("source", source), prepare("target", target))
     if method == "crf" and found.converged:
         if not (isinstance(source, Scan) and isinstance(target, Scan)):
             raise InputError("method: 'crf' registers scans, not bare points")
@@ -76,7 +76,7 @@ def align_globally(
     return found
 
 
-def _outlines(moving: Outline, still: Outline) -> Registration:
+def _outlines(moving: PreparedScan, still: PreparedScan) -> Registration:
     start = np.zeros(3)
     found = candidates(
         moving.surface.points, still.surface.points, start, REACH, np.pi, levels=4, keep=KEEP, most=CANDIDATES

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from estimation.poses import compound, rotation_2d, transform_points, wrap_angle
 from registration.motion import Array
-from registration.outline import Outline
+from registration.prepared import PreparedScan
 from registration.refine import TUKEY, Refined, refine
 
 REACH = 1.0  # metres within which points correspond
@@ -23,7 +23,7 @@ CELL = 1.0  # metres, edge of an NDT cell
 STEP = 1e-4  # metres and radians below which the iterations have settled
 
 
-def icp(moving: Outline, still: Outline, start: Array) -> Refined:
+def icp(moving: PreparedScan, still: PreparedScan, start: Array) -> Refined:
     """Point-to-point ICP (Besl and McKay), the minimisation of (2.17) in closed form."""
     points, target = moving.surface.points, still.surface.points
     tree = cKDTree(target)
@@ -43,7 +43,7 @@ def icp(moving: Outline, still: Outline, start: Array) -> Refined:
     return _iterate(moving, still, start, step)
 
 
-def point_to_line(moving: Outline, still: Outline, start: Array) -> Refined:
+def point_to_line(moving: PreparedScan, still: PreparedScan, start: Array) -> Refined:
     """Point-to-line ICP (Chen and Medioni): distances are measured across the target's lines."""
     points = moving.surface.points
     lined = still.surface.lined
@@ -64,7 +64,7 @@ def point_to_line(moving: Outline, still: Outline, start: Array) -> Refined:
     return _iterate(moving, still, start, step)
 
 
-def ndt(moving: Outline, still: Outline, start: Array) -> Refined:
+def ndt(moving: PreparedScan, still: PreparedScan, start: Array) -> Refined:
     """Normal distributions transform (Biber and Strasser): four overlapping grids of Gaussians."""
     points = moving.surface.points
     grids = [_Gaussians(still.surface.points, shift) for shift in ((0, 0), (0.5, 0), (0, 0.5), (0.5, 0.5))]
@@ -127,7 +127,9 @@ class _Gaussians:
         return inside, points[inside] - self._mean[index], self._inverse[index]
 
 
-def _iterate(moving: Outline, still: Outline, start: Array, step: Callable[[Array], Array | None]) -> Refined:
+def _iterate(
+    moving: PreparedScan, still: PreparedScan, start: Array, step: Callable[[Array], Array | None]
+) -> Refined:
     """Apply `step`, a motion in the target frame, until it is nothing."""
     pose, settled = start.copy(), False
     if not len(moving.surface) or not still.surface.lined.any():

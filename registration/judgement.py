@@ -14,7 +14,7 @@ from numba import njit
 from registration.consistency import Agreement
 from registration.influence import borrowed
 from registration.motion import Array
-from registration.outline import Outline
+from registration.prepared import PreparedScan
 from registration.refine import KERNEL, Refined
 from registration.result import Registration
 from registration.scatter import scattered_information
@@ -85,7 +85,7 @@ def _contradicting(labels, pieces, lengths):  # type: ignore[no-untyped-def]
     return count, total, squares
 
 
-def evidence(moving: Outline, still: Outline, views: tuple[Agreement, Agreement]) -> Evidence:
+def evidence(moving: PreparedScan, still: PreparedScan, views: tuple[Agreement, Agreement]) -> Evidence:
     """Sum of both views."""
     agreeing = sum(view.agreeing for view in views)
     standing = sum(view.standing for view in views)
@@ -103,8 +103,8 @@ def evidence(moving: Outline, still: Outline, views: tuple[Agreement, Agreement]
 
 
 def judged(
-    moving: Outline,
-    still: Outline,
+    moving: PreparedScan,
+    still: PreparedScan,
     refined: Refined | None,
     start: Array,
     views: tuple[Agreement, Agreement] | None,
@@ -147,7 +147,7 @@ def _refusal(refined: Refined, found: Evidence, asked: Asked) -> str:
     return ""
 
 
-def pairwise_covariance(refined: Refined, moving: Outline, still: Outline) -> Array:
+def pairwise_covariance(refined: Refined, moving: PreparedScan, still: PreparedScan) -> Array:
     """(3, 3) of x, y, yaw where both scans are noisy."""
     information = scattered_information(refined, moving.surface, still.surface, KERNEL)
     covariance = np.linalg.inv(information + np.diag(GUESS_SIGMA**-2.0))

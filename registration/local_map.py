@@ -11,17 +11,19 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from estimation.sight import THROUGH
 from registration.buckets import CELL, EMPTY, bucket_of, fill, nearest
-from registration.consistency import View
 from registration.motion import Array
+from registration.prepared import View
 from registration.refine import Target
 from registration.surface import Surface
 
 SPACING = 0.06  # metres between elements of one surface
 MOST_HITS = 40.0  # an element goes on following a surface that moves a little
-MARGIN = 0.25  # metres in front of what a beam hit
-SIGHT = 12.0  # metres within which beams are close enough together to tell what they pass
+DOUBT = 0.08  # metres, standard deviation of an element where a scan looks: the map bends
+SIGHT = 12.0  # metres within which the map is straight enough to tell what beams pass
 CAPACITY = 8192
 BUCKETS = 16384
 
@@ -93,32 +95,6 @@ def _nearest_bare(x, y, reach, points, heads, following):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _seen_through(element, count, pose, ranges, angle_min, step, margin, reach, through):  # type: ignore[no-untyped-def]
-    """Mark elements that stand in space this scan saw through; returns how many."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    around = 2.0 * math.pi / abs(step)
-    total = 0
-    for k in range(count):
-        through[k] = False
-        dx, dy = element[k, 0] - pose[0], element[k, 1] - pose[1]
-        x, y = c * dx + s * dy, -s * dx + c * dy
-        distance = math.hypot(x, y)
-        if distance > reach:
-            continue
-        b = (math.atan2(y, x) - angle_min) / step
-        b -= math.floor((b + 0.5) / around) * around
-        i = math.floor(b + 0.5)
-        if i < 1 or i >= len(ranges) - 1:
-            continue
-        # All three beams around it have to pass, or an edge beside the beam would be eaten.
-        least = min(ranges[i - 1], ranges[i], ranges[i + 1])
-        if math.isfinite(least) and distance < least - margin:
-            through[k] = True
-            total += 1
-    return total
-
-
-@njit(cache=True)
 def _keep(element, normal, tilt, facing, hits, seen, count, x, y, radius, oldest):  # type: ignore[no-untyped-def]
     """Move what stays to the front; returns how many stay."""
     kept = 0
@@ -167,6 +143,11 @@ class LocalMap:
         """Mean cosine between each element's normal and the beams that saw it, (M,); a view."""
         return self._facing
 
+    def seen_through(self, view: View, pose: Array) -> NDArray[np.bool_]:
+        """Which elements stand in space that a scan taken at `pose` (3,) saw through, (M,)."""
+        near = np.hypot(self.points[:, 0] - pose[0], self.points[:, 1] - pose[1]) < SIGHT
+        return near & (view.sight(self.points, pose, DOUBT) == THROUGH)
+
     def clear(self) -> None:
         """Forget everything."""
         self._count = 0
@@ -175,11 +156,7 @@ class LocalMap:
     def add(self, surface: Surface, view: View, pose: Array, travelled: float) -> None:
         """Fuse a scan taken at `pose` (3,) after `travelled` metres."""
         if len(view.ranges) > 2 and self._count:
-            passed = np.empty(self._count, dtype=np.bool_)
-            _seen_through(
-                self._points, self._count, pose, view.ranges, view.angle_min, view.step, MARGIN, SIGHT, passed
-            )
-            self._hits[: self._count][passed] -= 2.0
+            self._hits[: self._count][self.seen_through(view, pose)] -= 2.0
         self._prune(pose, travelled)
         self._count = int(
             _insert(
@@ -205,12 +182,3 @@ class LocalMap:
             memory, radius = 0.7 * memory, 0.9 * radius
         # Elements move by fusing, and out of their cell: chained anew each time.
         fill(self._points[: self._count], self._heads, self._following)
-
-
-def seen_through(local_map: LocalMap, pose: Array, view: View) -> float:
-    """Metres of the map's outline in space a scan at `pose` (3,) saw through."""
-    passed = np.empty(len(local_map), dtype=np.bool_)
-    count = _seen_through(
-        local_map.points, len(local_map), pose, view.ranges, view.angle_min, view.step, MARGIN, SIGHT, passed
-    )
-    return SPACING * float(count)

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.poses import between, compound, inverse, wrap_angle
+from estimation.poses import between, transform_points
+from estimation.sight import THROUGH
 from registration.align import keep_open
-from registration.consistency import Agreement, View, weigh
+from registration.consistency import Agreement, weigh
 from registration.correlative import candidates
-from registration.local_map import LocalMap, seen_through
+from registration.local_map import DOUBT, SPACING, LocalMap
 from registration.motion import Array
+from registration.prepared import NOTHING_SEEN, PreparedScan, View
 from registration.refine import Refined, refine
-from registration.surface import Surface
 
 SURE = 0.6  # share of a scan's outline that needs no second look where it was predicted to be
 SURER = 0.9  # the same elsewhere: somebody walking along with the sensor pulls it along
@@ -23,7 +24,6 @@ NEVER = 2.0
 LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
 AGREES, MUCH = 0.65, 6.0  # share and metres of outline that make what contradicts unimportant nearby
 NEW, SOME = 0.3, 2.5  # the same where nothing contradicts
-NOTHING_SEEN = View(np.zeros(0), 0.0, 1.0)
 NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
 WIDE_SEARCH = (2.8, math.pi, 4)
 SIGHT = 15.0  # metres around the prediction a search looks at
@@ -100,8 +100,7 @@ class MapMatcher:
 
     def find(
         self,
-        surface: Surface,
-        view: View,
+        scan: PreparedScan,
         start: Array,
         last: Array,
         far: float = FAR,
@@ -114,68 +113,56 @@ class MapMatcher:
         wide : search around `last` too, where the sensor was last sure to be.
         little : near `start`, little or contradicted agreement is enough: neighbouring scans share little.
         """
-        best = self._refined(surface, start.copy(), self._doubt)
+        best = self._refined(scan, start.copy(), self._doubt)
         if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
             return best, True
         if best.believable(start, far) and best.share >= SURER:
             return best, True
-        tight = self._refined(surface, start.copy(), 0.1)
-        found = [best, tight, *self._search(surface, start, start, NEAR_SEARCH)]
-        best = self._best(found, surface, view, start, far)
+        tight = self._refined(scan, start.copy(), 0.1)
+        found = [best, tight, *self._search(scan, start, start, NEAR_SEARCH)]
+        best = self._best(found, scan, start, far)
         if little and not best.believable(start, far):
-            found = [Match(m.refined, m.agreement, self._against(m, surface, view)) for m in found]
+            found = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
             close = [match for match in found if match.agrees or match.uncontradicted]
             if close:
                 return max(close, key=lambda match: match.agreement.agreeing), True
         if wide and not best.believable(start, far):
-            found = [best, *self._search(surface, last, start, WIDE_SEARCH)]
-            best = self._best(found, surface, view, start, far)
+            found = [best, *self._search(scan, last, start, WIDE_SEARCH)]
+            best = self._best(found, scan, start, far)
         return best, best.believable(start, far)
 
-    def _refined(self, surface: Surface, start: Array, doubt: float) -> Match:
-        refined = refine(surface, self.map.target, start, doubt, self._tolerance)
-        return Match(refined, weigh(surface, self.map.target, NOTHING_SEEN, refined.pose, 0.1))
+    def _refined(self, scan: PreparedScan, start: Array, doubt: float) -> Match:
+        refined = refine(scan.surface, self.map.target, start, doubt, self._tolerance)
+        return Match(refined, weigh(scan.surface, self.map.target, NOTHING_SEEN, refined.pose, 0.1))
 
     def _search(
-        self, surface: Surface, around: Array, start: Array, window: tuple[float, float, int]
+        self, scan: PreparedScan, around: Array, start: Array, window: tuple[float, float, int]
     ) -> list[Match]:
         reach, turn, levels = window
         local = self.map.points
         near = np.ascontiguousarray(local[np.hypot(*(local - around[:2]).T) < SIGHT] - around[:2])
         centre = np.array([0.0, 0.0, around[2]])
         found = []
-        for candidate in candidates(surface.points, near, centre, reach, turn, levels=levels):
+        for candidate in candidates(scan.surface.points, near, centre, reach, turn, levels=levels):
             pose = candidate[1:] + np.array([around[0], around[1], 0.0])
-            match = self._refined(surface, pose, 0.2)
+            match = self._refined(scan, pose, 0.2)
             if match.refined.open_directions in (1, 2):
                 held = keep_open(match.refined, start)
-                match = self._refined(surface, held, 0.2)
+                match = self._refined(scan, held, 0.2)
             found.append(match)
         return found
 
-    def _best(self, found: list[Match], surface: Surface, view: View, start: Array, far: float) -> Match:
-        judged = [Match(m.refined, m.agreement, self._against(m, surface, view)) for m in found]
+    def _best(self, found: list[Match], scan: PreparedScan, start: Array, far: float) -> Match:
+        judged = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
         return max(judged, key=lambda match: (match.believable(start, far), _merit(match, start)))
 
-    def _against(self, match: Match, surface: Surface, view: View) -> float:
+    def _against(self, match: Match, scan: PreparedScan) -> float:
         """Map outline this scan saw through, and scan outline where the last scan saw through; metres."""
-        pose = match.refined.pose
-        through = seen_through(self.map, pose, view)
-        if not len(self._view.ranges):
-            return through
+        pose, surface = match.refined.pose, scan.surface
+        through = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose)))
         odd = match.agreement.labels != 0
-        placed = compound(inverse(self._view_pose), pose)
-        c, s = math.cos(placed[2]), math.sin(placed[2])
-        points = surface.points[odd]
-        x, y = (
-            placed[0] + c * points[:, 0] - s * points[:, 1],
-            placed[1] + s * points[:, 0] + c * points[:, 1],
-        )
-        beam = np.round(wrap_angle(np.arctan2(y, x) - self._view.angle_min) / self._view.step)
-        beam = np.where(beam < 0, beam + round(2.0 * math.pi / abs(self._view.step)), beam).astype(np.int64)
-        inside = beam < len(self._view.ranges)
-        seen = np.where(inside, self._view.ranges[np.where(inside, beam, 0)], -np.inf)
-        standing = np.isfinite(seen) & (np.hypot(x, y) < seen - 0.25)
+        points = transform_points(pose, surface.points[odd])
+        standing = self._view.sight(points, self._view_pose, DOUBT) == THROUGH
         return through + float(surface.length[odd][standing].sum())
 
 

@@ -12,17 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.poses import between, compound, wrap_angle
-from registration.consistency import View, view_of
 from registration.habit import Habit
 from registration.local_map import LocalMap
 from registration.map_matching import FAR, NEVER, SURE, MapMatcher, Match
 from registration.motion import Array, Step
+from registration.prepared import NOISE, PreparedScan, view_of
 from registration.range_offset import RangeOffset
 from registration.refine import EFFICIENCY, Refined
 from registration.scan import Scan
 from registration.surface import Surface, scan_surface, swept_surface
 
-NOISE = 0.01  # metres, of a range, until the data show their own
 MAP_NOISE = (
     1.2  # variance of a scan's pose, map and scan noise together, over that from the scan's noise alone
 )
@@ -67,14 +66,13 @@ class ScanTracker:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
         elapsed = self._elapsed(stamp)
         motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
-        surface = self._surface(scan, motion, elapsed)
-        view = view_of(scan)
-        lined = int(surface.lined.sum())
+        prepared = PreparedScan(self._surface(scan, motion, elapsed), view_of(scan))
+        lined = int(prepared.surface.lined.sum())
         poor = (
             "" if lined >= LEAST_LINED else f"only {lined} points on lines; at least {LEAST_LINED} are needed"
         )
         if not len(self.map):
-            return self._begin(surface, view, motion, poor)
+            return self._begin(prepared, motion, poor)
         start = compound(self.pose, motion)
         if poor:
             return self._predict(motion, guess is not None, poor, 0.0)
@@ -83,7 +81,7 @@ class ScanTracker:
         far = (0.6 if astray else NEVER) if guess is not None else FAR
         steady = guess is None and self._habit.steady
         match, believable = self._matcher.find(
-            surface, view, start, self._sure, far, astray or guess is None, steady
+            prepared, start, self._sure, far, astray or guess is None, steady
         )
         if steady and believable and self._lost < 2:
             # Not longer, lest a sensor that is lost be never found.
@@ -92,7 +90,7 @@ class ScanTracker:
         if not believable:
             reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
             return self._predict(motion, guess is not None, reason, match.share)
-        return self._accept(surface, view, motion, guess is not None, match)
+        return self._accept(prepared, motion, guess is not None, match)
 
     def _elapsed(self, stamp: float) -> float:
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
@@ -111,7 +109,7 @@ class ScanTracker:
         points = ranges[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw))) + share[:, None] * motion[:2]
         return swept_surface(np.ascontiguousarray(points), beams, abs(scan.angle_increment), NOISE)
 
-    def _begin(self, surface: Surface, view: View, motion: Array, poor: str) -> Step:
+    def _begin(self, scan: PreparedScan, motion: Array, poor: str) -> Step:
         """Start a map here: at the first scan, and where the old map is of no use any more."""
         first = self._travelled == 0.0 and not self._lost
         self.pose = self.pose if first else compound(self.pose, motion)
@@ -119,10 +117,10 @@ class ScanTracker:
         self._sure = self.pose
         if not poor:
             self._lost = 0
-            self._insert(surface, view)
+            self._insert(scan)
         reason = poor or ("" if first else "a new map begins at the predicted pose")
         doubt = np.zeros((3, 3)) if first else prediction_covariance(motion)
-        static = surface.points if not poor else surface.points[:0]
+        static = scan.surface.points if not poor else scan.surface.points[:0]
         increment = np.zeros(3) if first else motion
         return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
 
@@ -137,7 +135,7 @@ class ScanTracker:
             self.map.clear()
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
-    def _accept(self, surface: Surface, view: View, motion: Array, wheels: bool, match: Match) -> Step:
+    def _accept(self, scan: PreparedScan, motion: Array, wheels: bool, match: Match) -> Step:
         before, refined = self.pose, match.refined
         found_before = not self._lost
         self._lost = 0
@@ -156,12 +154,12 @@ class ScanTracker:
         moved = float(np.hypot(*(self.pose[:2] - self._key[:2])))
         if moved > self.tuning.key_distance or turned > self.tuning.key_turn:
             if self.tuning.learn_offset:
-                self.offset.learn(surface, refined, self.map.target, self.map.facing)
-            self._insert(surface, view)
+                self.offset.learn(scan.surface, refined, self.map.target, self.map.facing)
+            self._insert(scan)
             drift = self.tuning.drift * in_frame(noise, float(before[2]))
         self._sure = self.pose
-        self._matcher.saw(view, self.pose)
-        static = surface.points[match.agreement.labels == 0]
+        self._matcher.saw(scan.view, self.pose)
+        static = scan.surface.points[match.agreement.labels == 0]
         reason = "" if match.share >= 0.4 else f"only {match.share:.0%} of the scan agrees with the map"
         if refined.open_directions:
             reason = (
@@ -170,8 +168,8 @@ class ScanTracker:
         sure = match.share >= 0.4
         return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
 
-    def _insert(self, surface: Surface, view: View) -> None:
-        self.map.add(surface, view, self.pose, self._travelled)
+    def _insert(self, scan: PreparedScan) -> None:
+        self.map.add(scan.surface, scan.view, self.pose, self._travelled)
         self._key = self.pose.copy()
 
 

@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 
 from estimation.poses import transform_points
 from registration.buckets import any_near, index
-from registration.consistency import View, view_of
 from registration.local_map import LocalMap
 from registration.motion import Array
-from registration.outline import NOISE
+from registration.prepared import NOISE, PreparedScan
 from registration.refine import Target
-from registration.scan import Scan
-from registration.surface import Surface, scan_surface
+from registration.surface import Surface
 
 CELL = 0.1  # metres, of the raster of seen space
 FAR = (
@@ -31,19 +29,6 @@ FAR = (
 MARGIN = 0.2  # metres in front of what a beam hit
 RADIUS = 60.0  # metres around the last scan's sensor that are kept
 SPACING = 0.06  # metres between points of a fused outline
-
-
-@dataclass(frozen=True)
-class Glance:
-    """One scan made ready to be fused: its surface and what it saw through."""
-
-    surface: Surface
-    view: View
-
-
-def glance(scan: Scan, max_range: float = FAR) -> Glance:
-    """A scan's surface up to `max_range` metres and its view."""
-    return Glance(scan_surface(scan, NOISE, max_range), view_of(scan))
 
 
 @dataclass(frozen=True)
@@ -69,7 +54,7 @@ class Submap:
         return self.surface.points
 
 
-def fuse(glances: Sequence[Glance], poses: Array, workspace: LocalMap | None = None) -> Submap:
+def fuse(scans: Sequence[PreparedScan], poses: Array, workspace: LocalMap | None = None) -> Submap:
     """Local map of scans taken at `poses` (K, 3) in the frame of the anchor, in the order they were taken.
 
     workspace : a map to fuse in, cleared first; its memory is not part of the result.
@@ -77,7 +62,7 @@ def fuse(glances: Sequence[Glance], poses: Array, workspace: LocalMap | None = N
     local = workspace if workspace is not None else LocalMap(RADIUS, np.inf)
     local.clear()
     travelled = 0.0
-    for rank, (item, pose) in enumerate(zip(glances, poses, strict=True)):
+    for rank, (item, pose) in enumerate(zip(scans, poses, strict=True)):
         travelled += 0.0 if rank == 0 else float(np.hypot(*(pose[:2] - poses[rank - 1][:2])))
         local.add(item.surface, item.view, np.ascontiguousarray(pose), travelled)
     count = len(local)
@@ -101,16 +86,16 @@ def fuse(glances: Sequence[Glance], poses: Array, workspace: LocalMap | None = N
         0.1,
         np.ones(count),
     )
-    seen, origin = _seen_space(glances, poses)
+    seen, origin = _seen_space(scans, poses)
     return Submap(surface, target, seen, origin, np.array(poses))
 
 
-def _seen_space(glances: Sequence[Glance], poses: Array) -> tuple[NDArray[np.bool_], Array]:
+def _seen_space(scans: Sequence[PreparedScan], poses: Array) -> tuple[NDArray[np.bool_], Array]:
     low = np.asarray(poses)[:, :2].min(axis=0) - FAR
     high = np.asarray(poses)[:, :2].max(axis=0) + FAR
     width, height = (np.ceil((high - low) / CELL).astype(int) + 1).tolist()
     seen = np.zeros((height, width), dtype=np.bool_)
-    for item, pose in zip(glances, poses, strict=True):
+    for item, pose in zip(scans, poses, strict=True):
         _see(seen, low, CELL, pose, item.view.ranges, item.view.angle_min, item.view.step, FAR, MARGIN)
     # Rooms are smaller than what could have been seen, and many local maps are kept.
     rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))

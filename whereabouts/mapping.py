@@ -253,9 +253,9 @@ class MapGrid:
     def _integrate(self, frame: Keyframe, only: Tiles | None) -> Tiles:
         """Draw a scan where it is, into some tiles or all, and note which it touches; clouds are not drawn."""
         item = self._drawn[frame.number]
-        if frame.glance is not None:
+        if frame.prepared is not None:
             try:
-                item.tiles = self.tiles.integrate(item.pose, frame.glance.surface.points, only=only)
+                item.tiles = self.tiles.integrate(item.pose, frame.prepared.surface.points, only=only)
             except InputError:
                 item.beyond = True
         return item.tiles

@@ -210,10 +210,10 @@ def against_scans(slam: Slam, truth: Array, least: float = 3.0, farthest: float 
 
 
 def _alone(frames: Keyframes, k: int, known: dict[int, Submap]) -> Submap:
-    glance = frames[k].glance
-    assert glance is not None
+    prepared = frames[k].prepared
+    assert prepared is not None
     if k not in known:
-        known[k] = fuse([glance], np.zeros((1, 3)))
+        known[k] = fuse([prepared], np.zeros((1, 3)))
     return known[k]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimation.poses import between
 from registration.align import agreements
 from registration.crf.estimate import JointEstimate
-from registration.crf.outlines import outline_of_scan
+from registration.crf.prepared import prepared
 from registration.judgement import LENIENT, judged
 from registration.refine import refine
 from registration.result import Registration
@@ -33,8 +33,8 @@ def without_movers(
         return registration
     left = np.zeros(len(scan_b), dtype=bool)
     left[associations[moving & (associations >= 0)]] = True
-    rest = outline_of_scan(scan_a).without(moving[scan_a.valid])
-    target = outline_of_scan(scan_b).without(left[scan_b.valid])
+    rest = prepared(scan_a).without(moving[scan_a.valid])
+    target = prepared(scan_b).without(left[scan_b.valid])
     refined = refine(rest.surface, target.target, registration.transform.copy(), DOUBT)
     if (
         not refined.settled

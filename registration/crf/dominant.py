@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimation.poses import between, inverse
 from registration.align import among_movers
 from registration.crf.beams import AGREES, TOUCHING, Beams, seen_by
-from registration.crf.outlines import outline_of_scan
+from registration.crf.prepared import prepared
 from registration.motion import Array
 from registration.result import Registration
 from registration.scan import Scan
@@ -58,7 +58,7 @@ def told_by_the_rest(
     big, other = dominant(a), dominant(b)
     if not big.any() and not other.any():
         return registration
-    moving, still = outline_of_scan(scan_a).without(big), outline_of_scan(scan_b).without(other)
+    moving, still = prepared(scan_a).without(big), prepared(scan_b).without(other)
     rest = among_movers(moving, still, registration.transform)
     share = max(float(np.mean(big)), float(np.mean(other)))
     if not guessed and share > MUCH and rest.converged and rest.reason:

@@ -11,7 +11,7 @@ from registration.align import agreements, among_movers, keep_open, settle
 from registration.crf.estimate import UNKNOWN
 from registration.judgement import LENIENT, evidence, judged
 from registration.motion import Array
-from registration.outline import Outline
+from registration.prepared import PreparedScan
 from registration.refine import refine
 from registration.result import Registration
 
@@ -21,7 +21,9 @@ FITS = 0.75  # share of what both could see that has to agree, for nothing else 
 COMMON = 0.5  # share of all outline, likewise
 
 
-def near_expected(moving: Outline, still: Outline, expected: Array, covariance: bool = True) -> Registration:
+def near_expected(
+    moving: PreparedScan, still: PreparedScan, expected: Array, covariance: bool = True
+) -> Registration:
     """As `among_movers`, which searches wide, for who knows the motion (3,) to a decimetre.
 
     covariance : whether it is asked for, and millimetres matter. Without, `UNKNOWN` is given in its place, and

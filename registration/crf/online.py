@@ -20,8 +20,8 @@ from estimation.poses import between, compound, inverse, inverse_jacobian
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.expected import near_expected
 from registration.crf.model import JointModel
-from registration.crf.outlines import outline_of_scan
 from registration.crf.pace import Duration
+from registration.crf.prepared import prepared
 from registration.crf.window import FARTHEST, decide, vote
 from registration.motion import Array
 from registration.scan import Scan
@@ -174,9 +174,7 @@ class ScanSegmenter:
             tried += 1
             # The background's motion is told by the first pair; the others need it only to see what left its place.
             first = not found
-            registration = near_expected(
-                outline_of_scan(scan), outline_of_scan(kept.scan), between(kept.pose, pose), first
-            )
+            registration = near_expected(prepared(scan), prepared(kept.scan), between(kept.pose, pose), first)
             if registration.converged:
                 known = None if first else found[0][0]
                 estimate = self._model.movers(scan, kept.scan, registration, first, known)

@@ -14,8 +14,8 @@ from registration.crf.beams import AGREES, TOUCHING, WIDE, Beams, beams_of, firs
 from registration.crf.candidates import candidates
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
-from registration.crf.outlines import outline_of_scan
 from registration.crf.potentials import DISTANCE, Problem
+from registration.crf.prepared import prepared
 from registration.crf.shape_features import outlier_features, pair_features
 from registration.judgement import LENIENT, Asked, judged
 from registration.motion import Array
@@ -116,7 +116,7 @@ def _register(scan_a: Scan, scan_b: Scan) -> Registration:
 
     Where neither is enough, less is asked of what is near: in a crowd little of the outlines stands.
     """
-    moving, still = outline_of_scan(scan_a), outline_of_scan(scan_b)
+    moving, still = prepared(scan_a), prepared(scan_b)
     nearest = best_of(moving, still, np.zeros(3), REACH, TURN)
     near = judged(moving, still, *nearest, LENIENT)
     if near.converged:

@@ -18,7 +18,7 @@ from registration.align import among_movers
 from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate
 from registration.crf.model import JointModel
-from registration.crf.outlines import outline_of_scan
+from registration.crf.prepared import prepared
 from registration.motion import Array
 from registration.scan import Scan
 
@@ -103,9 +103,9 @@ def segment(
     """Labels (N,) of scan `index` of a recording with sensor poses (M, 3) by odometry; see `decide`."""
     scan = scans[index]
     estimates = []
-    moving = outline_of_scan(scan)
+    moving = prepared(scan)
     for other in partners(stamps, poses, index, intervals):
-        still = outline_of_scan(scans[other])
+        still = prepared(scans[other])
         registration = among_movers(moving, still, between(poses[other], poses[index]))
         estimates.append(model.infer(scan, scans[other], registration if registration.converged else None))
     return decide(scan, vote(estimates, len(scan)))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from estimation.errors import InputError
 from estimation.poses import compound, inverse, transform_points, wrap_angle
 from registration import Registration, Scan, align
-from registration.outline import outline_of
+from registration.prepared import prepare
 from whereabouts.simulation import Lidar, box, corridor, joined
 from whereabouts.simulation.pairs import CROWDED, EASY, HARD, Difficulty, random_pair
 
@@ -173,7 +173,7 @@ def test_a_mover_alone_does_not_fix_a_direction(swapped: bool) -> None:
 def test_length_of_outline_is_not_made_of_noise() -> None:
     """Close to a scanner beams are denser than their noise; the outline is as long as it is nevertheless."""
     scan = Lidar(1081, np.deg2rad(270.0)).scan(box(1.6, 1.6), (0.0, 0.0, 0.0), np.random.default_rng(20)).scan
-    assert outline_of("scan", scan).length == pytest.approx(0.75 * 4 * 1.6, rel=0.05)
+    assert prepare("scan", scan).length == pytest.approx(0.75 * 4 * 1.6, rel=0.05)
 
 
 def test_duplicated_points_change_nothing_but_weights() -> None:

@@ -12,15 +12,18 @@ import pytest
 from estimation.poses import between, wrap_angle
 from registration import align_submaps as submaps
 from registration.align_submaps import LOOSEST, align_submaps, ambiguous, place
+from registration.prepared import prepare_scan
 from registration.refine import TRAIL, Refined, _wavering, refine
-from registration.submap import Submap, fuse, glance, judge
+from registration.submap import FAR, Submap, fuse, judge
 from whereabouts.simulation import Drive, Lidar, Shapes, box, corridor, joined, random_floor
 
 
 def local(shapes: Shapes, poses: list[np.ndarray], rng: np.random.Generator) -> Submap:
     """Local map of scans at true poses, anchored at the last."""
     scans = [Lidar(181).scan(shapes, pose, rng).scan for pose in poses]
-    return fuse([glance(scan) for scan in scans], np.array([between(poses[-1], pose) for pose in poses]))
+    return fuse(
+        [prepare_scan(scan, FAR) for scan in scans], np.array([between(poses[-1], pose) for pose in poses])
+    )
 
 
 def walk(drive: Drive, start: float, end: float, count: int = 8) -> list[np.ndarray]:

@@ -10,13 +10,13 @@ from registration.align import among_movers
 from registration.crf import expected
 from registration.crf.estimate import UNKNOWN
 from registration.crf.expected import near_expected
-from registration.outline import Outline, outline_of
+from registration.prepared import PreparedScan, prepare
 from whereabouts.simulation.labelled_pairs import random_labelled_pairs
 
 
-def outlines_of(seed: int, count: int) -> list[tuple[Outline, Outline, np.ndarray]]:
+def outlines_of(seed: int, count: int) -> list[tuple[PreparedScan, PreparedScan, np.ndarray]]:
     pairs = random_labelled_pairs(np.random.default_rng(seed), "office", count)
-    return [(outline_of("a", p.scan_a), outline_of("b", p.scan_b), p.motions[0]) for p in pairs]
+    return [(prepare("a", p.scan_a), prepare("b", p.scan_b), p.motions[0]) for p in pairs]
 
 
 def test_it_is_what_the_search_finds() -> None:
@@ -37,7 +37,7 @@ def test_the_search_is_spared_where_odometry_is_right_and_not_where_it_is_wrong(
 ) -> None:
     asked = []
 
-    def counting(moving: Outline, still: Outline, start: np.ndarray):  # type: ignore[no-untyped-def]
+    def counting(moving: PreparedScan, still: PreparedScan, start: np.ndarray):  # type: ignore[no-untyped-def]
         asked.append(start)
         return among_movers(moving, still, start)
 

@@ -14,7 +14,7 @@ from registration import Scan
 from registration.align import among_movers
 from registration.crf import JointEstimate, JointModel, setup
 from registration.crf.hypotheses import hypotheses
-from registration.outline import outline_of
+from registration.prepared import prepare
 from whereabouts.simulation import Lidar, Mover, SimulatedScan, box, joined, outlines, random_room
 from whereabouts.simulation.labelled_pairs import protocol
 from whereabouts.simulation.pairs import free_pose
@@ -26,7 +26,7 @@ def test_what_moves_is_what_the_whole_inference_says() -> None:
     model, counts = JointModel.load(), []
     for pair in protocol(6):
         a, b = pair.scan_a, pair.scan_b
-        registration = among_movers(outline_of("a", a), outline_of("b", b), np.zeros(3))
+        registration = among_movers(prepare("a", a), prepare("b", b), np.zeros(3))
         assert registration.converged
         whole, labels = model.infer(a, b, registration), model.movers(a, b, registration)
         assert_array_equal(labels.moving, whole.moving)
@@ -39,7 +39,7 @@ def test_nothing_moves_in_a_room_where_nothing_does() -> None:
     rng = np.random.default_rng(0)
     pose = free_pose(room, rng, 2.0)
     a, b = (LIDAR.scan(room, pose + step, rng).scan for step in (np.zeros(3), np.array([0.2, 0.05, 0.1])))
-    registration = among_movers(outline_of("a", a), outline_of("b", b), np.zeros(3))
+    registration = among_movers(prepare("a", a), prepare("b", b), np.zeros(3))
     found = JointModel.load().movers(a, b, registration)
     assert found.converged
     assert not found.moving.any()
@@ -51,7 +51,7 @@ def test_nothing_moves_in_a_room_where_nothing_does() -> None:
 def test_too_few_returns_are_no_answer() -> None:
     room = random_room(np.random.default_rng(3))
     scan = LIDAR.scan(room, free_pose(room, np.random.default_rng(1), 2.0), np.random.default_rng(0)).scan
-    registration = among_movers(outline_of("a", scan), outline_of("b", scan), np.zeros(3))
+    registration = among_movers(prepare("a", scan), prepare("b", scan), np.zeros(3))
     found = JointModel.load().movers(Scan([1.0], 0.0, 0.1), scan, registration)
     assert not found.converged
     assert "returns" in found.reason
@@ -76,8 +76,8 @@ def test_a_second_pair_confirms_what_the_first_said_and_looks_for_what_it_did_no
     monkeypatch.setattr(setup, "hypotheses", counting)
 
     def against(other: SimulatedScan, known: JointEstimate | None = None) -> JointEstimate:
-        still = outline_of("b", other.scan)
-        registration = among_movers(outline_of("a", now.scan), still, np.zeros(3))
+        still = prepare("b", other.scan)
+        registration = among_movers(prepare("a", now.scan), still, np.zeros(3))
         return model.movers(now.scan, other.scan, registration, known=known)
 
     first = against(before)
