@@ -67,6 +67,11 @@ class Table:
         return packer, whole, real, text, self.name.encode()
 
     @cached_property
+    def texts(self) -> list[int]:
+        """Places of text in a row."""
+        return [index for index, kind in enumerate(self.kinds) if kind == "t"]
+
+    @cached_property
     def insert(self) -> str:
         """Statement that takes a row and its mark."""
         return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.kinds) + 1))})"

@@ -9,7 +9,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -119,22 +119,33 @@ def _overflow(pages: Pages, page: bytes, at: int, size: int) -> bytes:
 
 
 def _record(key: int, content: bytes, at: int, end: int) -> tuple[Any, ...] | None:
-    size = content[at]
-    kinds, place, body = [], at + 1, at + size
-    while place < body:
-        kind, place = _varint(content, place)
-        kinds.append(kind)
-    if place != body or len(kinds) < 3:
+    body = at + content[at]
+    layout = _layout(content[at + 1 : body])
+    if layout is None:
         return None
-    values: list[Any] = []
-    for kind in kinds:
-        length = SIZES[kind] if kind < 10 else (kind - 12) // 2
-        if body + length > end or kind in (10, 11):
-            return None
-        values.append(_value(kind, content[body : body + length]))
-        body += length
+    parts, length = layout
+    if body + length != end or end > len(content):
+        return None
+    values = [_value(kind, content[body + start : body + stop]) for kind, start, stop in parts]
     values[0] = key
-    return tuple(values) if body == end else None
+    return tuple(values)
+
+
+@lru_cache(4096)
+def _layout(head: bytes) -> tuple[tuple[tuple[int, int, int], ...], int] | None:
+    """Kind, start and stop of each value of a record with such a head, and the length of all. Many rows share one."""
+    parts, place, start = [], 0, 0
+    try:
+        while place < len(head):
+            kind, place = _varint(head, place)
+            if kind < 0 or kind in (10, 11):
+                return None
+            stop = start + (SIZES[kind] if kind < 10 else (kind - 12) // 2)
+            parts.append((kind, start, stop))
+            start = stop
+    except IndexError:
+        return None
+    return (tuple(parts), start) if len(parts) >= 3 else None
 
 
 def _value(kind: int, data: bytes) -> Any:

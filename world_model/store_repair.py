@@ -392,11 +392,12 @@ def _table_of(row: Row) -> Table | None:
 
 def _texts(row: Row, table: Table) -> Row:
     """Text as text. Raises UnicodeDecodeError."""
-    kinds = table.kinds.ljust(len(row), " ")
-    return tuple(
-        value.decode() if kind == "t" and isinstance(value, bytes) else value
-        for value, kind in zip(row, kinds, strict=True)
-    )
+    made = list(row)
+    for index in table.texts:
+        value = made[index]
+        if isinstance(value, bytes):
+            made[index] = value.decode()
+    return tuple(made)
 
 
 def _readable(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[Row]:
