@@ -29,6 +29,7 @@ LOCAL = PAGE - 35
 LEAST_LOCAL = (PAGE - 12) * 32 // 255 - 23
 SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)
 """Bytes of the values of serial types 0 to 9."""
+_CODES = {1: "b", 2: "h", 4: "i", 6: "q", 7: "d"}
 _MASK = 0xFFFFFFFF
 # How a record begins: the size of its head, and the type of the key, which is not in it.
 _RECORD = re.compile(rb"[\x05-\x40]\x00")
@@ -123,36 +124,36 @@ def _record(key: int, content: bytes, at: int, end: int) -> tuple[Any, ...] | No
     layout = _layout(content[at + 1 : body])
     if layout is None:
         return None
-    parts, length = layout
-    if body + length != end or end > len(content):
+    packer, others = layout
+    if body + packer.size != end:
         return None
-    values = [_value(kind, content[body + start : body + stop]) for kind, start, stop in parts]
+    values = list(packer.unpack_from(content, body))
+    for index, kind in others:
+        values[index] = _value(kind, values[index])
     values[0] = key
     return tuple(values)
 
 
 @lru_cache(4096)
-def _layout(head: bytes) -> tuple[tuple[tuple[int, int, int], ...], int] | None:
-    """Kind, start and stop of each value of a record with such a head, and the length of all. Many rows share one."""
-    parts, place, start = [], 0, 0
+def _layout(head: bytes) -> tuple[struct.Struct, list[tuple[int, int]]] | None:
+    """How the values lie in a record with such a head, which many rows share, and those that `struct` does not know."""
+    kinds: list[int] = []
+    place = 0
     try:
         while place < len(head):
             kind, place = _varint(head, place)
-            if kind < 0 or kind in (10, 11):
-                return None
-            stop = start + (SIZES[kind] if kind < 10 else (kind - 12) // 2)
-            parts.append((kind, start, stop))
-            start = stop
+            kinds.append(kind)
     except IndexError:
         return None
-    return (tuple(parts), start) if len(parts) >= 3 else None
+    if len(kinds) < 3 or not all(0 <= kind < 2 * LARGEST_ROW and kind not in (10, 11) for kind in kinds):
+        return None
+    codes = [_CODES.get(kind) or f"{SIZES[kind] if kind < 10 else (kind - 12) // 2}s" for kind in kinds]
+    others = [(index, kind) for index, kind in enumerate(kinds) if kind < 10 and kind not in _CODES]
+    return struct.Struct(f">{''.join(codes)}"), others
 
 
 def _value(kind: int, data: bytes) -> Any:
-    if kind >= 12:
-        return data
-    if kind == 7:
-        return struct.unpack(">d", data)[0]
+    """Of a type that `struct` does not know: nothing, 0, 1, and integers of 3 and 6 bytes."""
     if kind in (8, 9):
         return kind - 8
     return None if kind == 0 else int.from_bytes(data, "big", signed=True)
