@@ -101,7 +101,7 @@ def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> list
     if {_text(sql) for (sql,) in told} != set(_statements(SCHEMA + INDICES)):
         return ["what the file says of its tables is damaged"]
     rows = connection.execute("SELECT * FROM clock").fetchall()
-    if len(rows) != 1 or not CLOCK.is_whole(rows[0]):
+    if len(rows) != 1 or not CLOCK.is_whole(rows[0]) or connection.execute(CLOCK.mistyped).fetchall():
         return ["the row of clock is damaged"]
     clock, problems, counts, sums = Clock.of(rows[0]), [], [], []
     for table in COUNTED:
@@ -117,6 +117,8 @@ def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> list
                 continue
             sums.append(row[-1])
         counts.append(count)
+        mistyped = connection.execute(table.mistyped).fetchmany(MOST)
+        problems += [f"row {key} of {table.name} is damaged" for (key,) in mistyped]
     for table, count, expected in zip(COUNTED, counts, clock.counts, strict=True):
         if count != expected:
             problems.append(f"{table.name} has {count} rows instead of {expected}")
