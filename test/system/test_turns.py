@@ -105,7 +105,7 @@ def test_goals_and_results_are_counted_by_whose_they_are() -> None:
 
 
 def test_turns_go_to_those_who_are_listened_to_first() -> None:
-    names = ["/a/world_maintenance", "/world_model", "/shipped/world_model", "/motion_predictor"]
+    names = ["/a/world_maintenance", "/world_model", "/shipped/world_model", "/loop_closure"]
     told: list[str] = []
     node: Any = SimpleNamespace(
         create_publisher=lambda kind, topic, depth: SimpleNamespace(publish=lambda _: told.append(topic))
@@ -119,9 +119,9 @@ def test_turns_go_to_those_who_are_listened_to_first() -> None:
         giver.give(name)
     assert giver.due() == ["/a/world_maintenance"]
     giver.note("/world_model", {kept_name("/world_model"): 1})
-    giver.note("/motion_predictor", {kept_name("/motion_predictor"): 1})
-    assert giver.due() == ["/motion_predictor"]
-    giver.died("/motion_predictor")
+    giver.note("/loop_closure", {kept_name("/loop_closure"): 1})
+    assert giver.due() == ["/loop_closure"]
+    giver.died("/loop_closure")
     giver.died("/a/world_maintenance")
     assert giver.due() == []
     assert told == ["/world_model/turn", "/shipped/world_model/turn"]

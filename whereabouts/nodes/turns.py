@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from whereabouts.nodes.base import SuiteNode
 
 # Who is listened to has its turn first; nodes of one rank say nothing to each other but what is kept.
-RANKS = {"motion_predictor": 1, "verifier": 1, "world_model": 2, "world_maintenance": 3, "object_search": 3}
+RANKS = {"motion_predictor": 1, "verifier": 1, "world_model": 1, "world_maintenance": 2, "object_search": 2}
 # What is kept is done in the order of inputs, then goals, results, and coroutines that have rested.
 GOALS, RESULTS, RESTS = 1000, 1001, 1002
 MARK = 8  # bytes of a goal's id that tell who sent it
