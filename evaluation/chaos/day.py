@@ -31,7 +31,8 @@ HOURS, MORNING, HOUR = 24, 12, 3600 * NANOSECONDS
 LOOKS = 5  # at a thing, between two looks at what the world model says
 # m by which a thing is moved; every how many hours one is, the disk is full, the network loses.
 STEP, MOVES, DISKS, LOSSES = 0.7, 3, 3, 2
-FULL = 0.5  # s of a full disk before and after something is moved
+FULL = 0.5  # s of a full disk before and after something is moved, and between looks afterwards
+RETRIES = 4
 DRAINED = 0.1
 SPOTS = 400
 LEAST_SAMPLES = 6  # hours of one life
@@ -135,9 +136,10 @@ class Day:
         if disk:
             laboratory.spin(FULL)
             laboratory.limit_disk(False)
-            # What was seen meanwhile is written with what is seen next.
-            laboratory.look(after, name)
-            laboratory.spin(FULL)
+            # What was seen meanwhile is written with what is seen next; after some failures once a second.
+            for _ in range(RETRIES):
+                laboratory.look(after, name)
+                laboratory.spin(FULL)
         return moved
 
     def _strike(self, hour: int) -> bool:
