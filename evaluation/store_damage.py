@@ -179,9 +179,10 @@ def damage(
     if kind == "bit":
         data[at] ^= 1 << int(rng.integers(8))
     elif kind == "pages exchanged":
-        other = int(rng.integers(0, len(data))) // size * size
+        # Whole ones: with a short end of a file all that lies behind would be shifted.
+        at, other = (int(rng.integers(0, max(len(data) // size, 1))) * size for _ in range(2))
         data[at : at + size], data[other : other + size] = data[other : other + size], data[at : at + size]
-        places.append(other)
+        places = [at, other]
     elif kind == "cut off":
         del data[at:]
     else:

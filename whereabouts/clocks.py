@@ -91,6 +91,11 @@ class SourceClock(Generic[Item]):
         return TOLERANCE if gap is None else min(max(3 * gap, LEAST_PATIENCE), TOLERANCE)
 
     @property
+    def is_apart(self) -> bool:
+        """Whether what is held goes on by a clock of its own, for longer than one may be wrong."""
+        return len(self.held) > 2 and self.held[-1].stamp - self.held[0].stamp > TOLERANCE
+
+    @property
     def advance(self) -> int:
         """How far it got in the time that is held, while all others were silent, ns."""
         return self.held[-1].stamp - self.mark

@@ -55,6 +55,13 @@ COMMON = (
         "which nodes it is connected to",
         "report_processed",
     ),
+    _I(
+        "in",
+        "~/turn",
+        "std_msgs/Empty",
+        "in a lock-step replay: do what was kept until it is your turn",
+        "report_processed",
+    ),
     _I("service", "~/reset", "whereabouts_msgs/Reset", "start anew; what is stored stays"),
 )
 

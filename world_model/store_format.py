@@ -67,6 +67,22 @@ class Table:
         return packer, whole, real, text, self.name.encode()
 
     @cached_property
+    def mistyped(self) -> str:
+        """Query for keys of rows with bytes for text, or the other way round: to a mark both are bytes."""
+        names = [name.strip() for name in self.columns.split(",")]
+        wrong = [
+            f"typeof({name}) NOT IN ('{'text' if kind == 't' else 'blob'}', 'null')"
+            for name, kind in zip(names, self.kinds, strict=True)
+            if kind in "tb"
+        ]
+        return f"SELECT {names[0]} FROM {self.name} WHERE {' OR '.join(wrong) or '0'}"
+
+    @cached_property
+    def texts(self) -> list[int]:
+        """Places of text in a row."""
+        return [index for index, kind in enumerate(self.kinds) if kind == "t"]
+
+    @cached_property
     def insert(self) -> str:
         """Statement that takes a row and its mark."""
         return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.kinds) + 1))})"

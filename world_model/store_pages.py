@@ -9,7 +9,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ LOCAL = PAGE - 35
 LEAST_LOCAL = (PAGE - 12) * 32 // 255 - 23
 SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)
 """Bytes of the values of serial types 0 to 9."""
+_CODES = {1: "b", 2: "h", 4: "i", 6: "q", 7: "d"}
 _MASK = 0xFFFFFFFF
 # How a record begins: the size of its head, and the type of the key, which is not in it.
 _RECORD = re.compile(rb"[\x05-\x40]\x00")
@@ -119,29 +120,40 @@ def _overflow(pages: Pages, page: bytes, at: int, size: int) -> bytes:
 
 
 def _record(key: int, content: bytes, at: int, end: int) -> tuple[Any, ...] | None:
-    size = content[at]
-    kinds, place, body = [], at + 1, at + size
-    while place < body:
-        kind, place = _varint(content, place)
-        kinds.append(kind)
-    if place != body or len(kinds) < 3:
+    body = at + content[at]
+    layout = _layout(content[at + 1 : body])
+    if layout is None:
         return None
-    values: list[Any] = []
-    for kind in kinds:
-        length = SIZES[kind] if kind < 10 else (kind - 12) // 2
-        if body + length > end or kind in (10, 11):
-            return None
-        values.append(_value(kind, content[body : body + length]))
-        body += length
+    packer, others = layout
+    if body + packer.size != end:
+        return None
+    values = list(packer.unpack_from(content, body))
+    for index, kind in others:
+        values[index] = _value(kind, values[index])
     values[0] = key
-    return tuple(values) if body == end else None
+    return tuple(values)
+
+
+@lru_cache(4096)
+def _layout(head: bytes) -> tuple[struct.Struct, list[tuple[int, int]]] | None:
+    """How the values lie in a record with such a head, which many rows share, and those that `struct` does not know."""
+    kinds: list[int] = []
+    place = 0
+    try:
+        while place < len(head):
+            kind, place = _varint(head, place)
+            kinds.append(kind)
+    except IndexError:
+        return None
+    if len(kinds) < 3 or not all(0 <= kind < 2 * LARGEST_ROW and kind not in (10, 11) for kind in kinds):
+        return None
+    codes = [_CODES.get(kind) or f"{SIZES[kind] if kind < 10 else (kind - 12) // 2}s" for kind in kinds]
+    others = [(index, kind) for index, kind in enumerate(kinds) if kind < 10 and kind not in _CODES]
+    return struct.Struct(f">{''.join(codes)}"), others
 
 
 def _value(kind: int, data: bytes) -> Any:
-    if kind >= 12:
-        return data
-    if kind == 7:
-        return struct.unpack(">d", data)[0]
+    """Of a type that `struct` does not know: nothing, 0, 1, and integers of 3 and 6 bytes."""
     if kind in (8, 9):
         return kind - 8
     return None if kind == 0 else int.from_bytes(data, "big", signed=True)

@@ -101,7 +101,7 @@ def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> list
     if {_text(sql) for (sql,) in told} != set(_statements(SCHEMA + INDICES)):
         return ["what the file says of its tables is damaged"]
     rows = connection.execute("SELECT * FROM clock").fetchall()
-    if len(rows) != 1 or not CLOCK.is_whole(rows[0]):
+    if len(rows) != 1 or not CLOCK.is_whole(rows[0]) or connection.execute(CLOCK.mistyped).fetchall():
         return ["the row of clock is damaged"]
     clock, problems, counts, sums = Clock.of(rows[0]), [], [], []
     for table in COUNTED:
@@ -117,6 +117,8 @@ def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> list
                 continue
             sums.append(row[-1])
         counts.append(count)
+        mistyped = connection.execute(table.mistyped).fetchmany(MOST)
+        problems += [f"row {key} of {table.name} is damaged" for (key,) in mistyped]
     for table, count, expected in zip(COUNTED, counts, clock.counts, strict=True):
         if count != expected:
             problems.append(f"{table.name} has {count} rows instead of {expected}")
@@ -392,11 +394,12 @@ def _table_of(row: Row) -> Table | None:
 
 def _texts(row: Row, table: Table) -> Row:
     """Text as text. Raises UnicodeDecodeError."""
-    kinds = table.kinds.ljust(len(row), " ")
-    return tuple(
-        value.decode() if kind == "t" and isinstance(value, bytes) else value
-        for value, kind in zip(row, kinds, strict=True)
-    )
+    made = list(row)
+    for index in table.texts:
+        value = made[index]
+        if isinstance(value, bytes):
+            made[index] = value.decode()
+    return tuple(made)
 
 
 def _readable(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[Row]:

@@ -6,28 +6,38 @@ Exit status 0 if nothing died, no fact was lost and no exception was one that no
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from evaluation.chaos.faults import Faults, faults
+from evaluation.chaos.day import days
+from evaluation.chaos.faults import Faults
+from evaluation.chaos.times import FAULTS
 from evaluation.chaos.worker import OPEN_VARIABLE
+from evaluation.results import commit
 from whereabouts.node_names import NODES
 from whereabouts.nodes.suite import prepare_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 # s one process runs at most before the next begins with another seed, and beyond its time before it counts as hung.
 TURN, GRACE = 120.0, 300.0
-# Of the time, the part for real nodes over DDS that are killed.
+# Of the time, the part for the simulated day of real nodes over DDS.
 FAULTS_SHARE = 0.2
 SIGNAL_TAIL = 25
+# In the last line of a run.
+TOTAL = re.compile(r"^(\d+) inputs, \d+ process deaths, ", re.MULTILINE)
+DEATHS = re.compile(r"^\d+ inputs, (\d+) process deaths, ", re.MULTILINE)
 
 
 @dataclass
@@ -111,13 +121,26 @@ def report(results: list[Result], shaken: Faults | None) -> bool:
             )
     for text, (count, seed) in sorted(defects.items()):
         print(f"{count} times, seed {seed}: {text}")
+    report_runs(results)
     deaths = sum(bool(result.death) for result in results)
     total = sum(result.inputs for result in results)
     if shaken is not None:
         total, deaths = total + shaken.inputs, deaths + shaken.deaths
         print(f"\nover DDS: {shaken}")
     print(f"\n{total} inputs, {deaths} process deaths, {len(defects)} kinds of internal errors")
-    return not deaths and not defects and (shaken is None or not (shaken.lost or shaken.stalled))
+    return not deaths and not defects and (shaken is None or shaken.well)
+
+
+def report_runs(results: list[Result]) -> None:
+    """Print how many new runs nodes began where clocks were wrong and messages got lost."""
+    plays = [(name, told) for result in results for name, told in result.said.get("plays", {}).items()]
+    if plays:
+        print(f"\n{'':26}{'played':>8}{'new runs':>10}{'expected':>10}")
+    for name in FAULTS:
+        mine = [told for other, told in plays if other == name]
+        if mine:
+            played, runs, wanted = (sum(told[key] for told in mine) for key in ("played", "runs", "wanted"))
+            print(f"{name:26}{played:8}{runs:10}{wanted:10}")
 
 
 def main() -> int:
@@ -130,6 +153,7 @@ def main() -> int:
         "--open", action="store_true", help="without envelopes: the libraries have to hold alone"
     )
     parser.add_argument("--no-faults", action="store_true", help="no real nodes that are killed")
+    parser.add_argument("--append", type=Path, help="also add what is printed to this file of all runs")
     parser.add_argument("names", nargs="*", help=f"readers, {', '.join(NODES)}; all by default")
     given = parser.parse_args()
     prepare_environment(private=True)
@@ -141,8 +165,26 @@ def main() -> int:
         results = feed_all(
             share * given.minutes, given.seed, given.jobs, Path(folder), given.names or ["readers", *NODES]
         )
-        shaken = faults(60.0 * FAULTS_SHARE * given.minutes, given.seed, Path(folder)) if whole else None
-    return 0 if report(results, shaken) else 1
+        shaken = days(60.0 * FAULTS_SHARE * given.minutes, given.seed, Path(folder)) if whole else None
+    said = io.StringIO()
+    with redirect_stdout(said):
+        well = report(results, shaken)
+    print(said.getvalue(), end="")
+    if given.append is not None:
+        keep(given.append, said.getvalue())
+    return 0 if well else 1
+
+
+def keep(path: Path, said: str) -> None:
+    """Add what a run has printed to a file of all runs, and how many inputs there are in it so far."""
+    made, changed = commit()
+    before = path.read_text(encoding="utf-8") if path.exists() else ""
+    said = f"{datetime.now(UTC).date()}, {made}{', changed' if changed else ''}: {' '.join(sys.argv[1:])}\n{said}"
+    total = sum(int(count) for count in TOTAL.findall(before + said))
+    deaths = sum(int(count) for count in DEATHS.findall(before + said))
+    text = f"{before}{said}so far: {total} inputs, {deaths} process deaths\n\n"
+    path.write_text(text, encoding="utf-8")
+    print(f"{path}: {total} inputs in all its runs, {deaths} process deaths")
 
 
 if __name__ == "__main__":

@@ -1,66 +1,90 @@
-"""Real nodes over DDS: broken bytes on every input while they are killed; what was known must be there again."""
+"""Real nodes over DDS: what a laboratory can do to them, and what it has found."""
 
 from __future__ import annotations
 
-import os
+import re
 import resource
 import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
 from evaluation.chaos.generator import START, Fuzzer
+from evaluation.chaos.network import Link
 from whereabouts.interfaces import NODE_INTERFACES
-from whereabouts.node_names import NODES
 from whereabouts.nodes.base import LATCHED
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.interfaces import message_class
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
+from whereabouts.nodes.supervisor import NodeSpec, Supervisor
 from whereabouts_msgs.msg import Attribute, DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldState
 
 PATIENCE = 300.0
-LOOKS = 15  # at each object, until it is believed in
 BURST = 20  # broken messages for each input between two looks
-# s of a full disk; what is seen meanwhile is written afterwards.
-FULL = 2.0
+# m by which what is known may be elsewhere and is still the same; columns of things on the floor, and m between them.
+SAME, COLUMNS, APART = 0.3, 20, 2.0
 STATE_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+Spot = tuple[float, float]
 
 
 @dataclass
 class Faults:
-    """inputs : sent. facts : said by the world model before it was killed. lost : of these, not there afterwards."""
+    """What was done to the nodes and what came of it.
+
+    inputs : sent. facts : said by the world model before it was killed. lost : of these, not there afterwards, or
+    elsewhere. runs : new ones that the world model began; nothing that is done here is a reason for any.
+    hours : that have gone by on the stamps. growth : MiB per such hour of the world model, of each of its lives that
+    was long enough.
+    """
 
     inputs: int = 0
     facts: int = 0
     lost: int = 0
     kills: int = 0
     deaths: int = 0
+    runs: int = 0
+    hours: int = 0
     recoveries: list[float] = field(default_factory=list)
+    growth: list[float] = field(default_factory=list)
     stalled: list[str] = field(default_factory=list)
     """What the world model said of itself when it took nothing in, or did not come back."""
+
+    @property
+    def well(self) -> bool:
+        """Whether nothing was lost, nobody died by himself, and all went on."""
+        return not (self.lost or self.stalled or self.deaths or self.runs)
 
     def __str__(self) -> str:
         longest = (
             f"{max(self.recoveries):.1f} s at most to recover" if self.recoveries else "nothing recovered"
         )
-        said = f"{self.inputs} inputs, {self.kills} kills, {self.facts} facts, {self.lost} lost, {longest}"
+        growth = (
+            f"memory grew by {max(self.growth):.2f} MiB per hour at most"
+            if self.growth
+            else "no life was long enough to tell growth of memory"
+        )
+        said = (
+            f"{self.hours} h of stamps, {self.inputs} inputs, {self.kills} kills, {self.facts} facts, "
+            f"{self.lost} lost, {longest}, {self.runs} new runs, {growth}"
+        )
         return "\n".join([said, *(f"stalled: {text}" for text in self.stalled)])
 
 
 class Laboratory:
-    """The world model and one other node at a time, a publisher for each of their inputs, and what the first says."""
+    """The world model and one other node at a time, a publisher for each of their inputs, and what the first says.
+
+    now : stamp of the next look, ns. known : places of the things that the world model knows.
+    """
 
     def __init__(self, seed: int, folder: Path, context: Context) -> None:
         self.node = Node("chaos", context=context)
@@ -68,36 +92,42 @@ class Laboratory:
         self.executor.add_node(self.node)
         self.supervisor = Supervisor(folder / "nodes", patient=True)
         self.found = Faults()
+        self.known: dict[str, Spot] = {}
+        self.heard = 0
+        self.now = START
         self._fuzzer = Fuzzer(seed)
-        self._known: set[str] = set()
-        self._heard = 0
-        self._now = START
         self._evidence = self.node.create_publisher(WorldEvidence, "evidence", 100)
         self.node.create_subscription(WorldState, "world_state", self._hear, STATE_QOS)
         self.node.create_subscription(DiagnosticArray, "diagnostics", self._note, 10)
-        self._said = "no diagnostics"
+        self._said, self._runs = "no diagnostics", 0
         self._publishers: dict[tuple[str, str], Any] = {}
         store = {
             "store_path": str(folder / "world.sqlite"),
             "region": [-30.0, 30.0, -30.0, 30.0, -0.5, 2.5],
             "classes": ["kettle"],
             "input_reliability": "reliable",
+            "diagnostics_period": 0.2,
         }
         self.world = NodeSpec("world_model", parameters=store)
 
     def _hear(self, message: WorldState) -> None:
-        self._known = {item.id for item in message.objects if item.id.startswith("kettle")}
-        self._heard += 1
+        self.known = {
+            item.id: (item.pose.pose.position.x, item.pose.pose.position.y)
+            for item in message.objects
+            if item.id.startswith("kettle")
+        }
+        self.heard += 1
 
     def _note(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self.world.executable:
-                figures = ", ".join(f"{item.key} {item.value}" for item in status.values if item.value != "0")
-                self._said = f"{status.message}; {figures}"
+                figures = {item.key: item.value for item in status.values if item.value != "0"}
+                told = ", ".join(f"{name} {value}" for name, value in figures.items())
+                self._said, self._runs = f"{status.message}; {told}", int(figures.get("new runs", 0))
 
-    def stall(self) -> None:
+    def stall(self, what: str) -> None:
         """Note that it goes no further."""
-        self.found.stalled.append(f"{sorted(self._known)} known, {self._heard} heard; {self._said}")
+        self.found.stalled.append(f"{what}: {len(self.known)} known, {self.heard} heard; {self._said}")
 
     def spin(self, seconds: float) -> None:
         """Let things happen."""
@@ -106,31 +136,42 @@ class Laboratory:
             self.executor.spin_once(timeout_sec=0.02)
             self.supervisor.check()
 
-    def await_facts(self, count: int, heard: int) -> bool:
-        """Until the world model has said that so many are there, once more than `heard` times."""
+    def await_facts(self, facts: dict[str, Spot], heard: int) -> bool:
+        """Until the world model has said all these again, after more than `heard` words."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
-            if len(self._known) >= count and self._heard > heard:
+            if self.heard > heard and not self.missing(facts):
                 return True
             self.spin(0.05)
         return False
 
-    def show(self, index: int) -> None:
-        """Look at one more kettle."""
-        for _ in range(LOOKS):
-            self._now += NANOSECONDS // 10
-            kettle = ObjectEvidence(existence_probability=0.95)
-            kettle.pose.pose.position.x = 2.0 * (index % 20) - 20.0
-            kettle.pose.pose.position.y = 2.0 * (index // 20) - 20.0
-            kettle.pose.pose.orientation.w = 1.0
-            kettle.pose.covariance = (1e-4 * np.eye(6)).ravel()
-            kettle.attributes = [
-                Attribute(name="class", discrete=DiscreteDistribution(values=["kettle"], probabilities=[1.0]))
-            ]
-            message = WorldEvidence(objects=[kettle])
-            message.header.frame_id, message.header.stamp = "map", time_message(self._now)
-            self._evidence.publish(message)
-            self.spin(0.02)
+    def missing(self, facts: dict[str, Spot]) -> list[str]:
+        """What of these is not known, or is elsewhere."""
+        return [name for name, spot in facts.items() if not near(spot, self.known.get(name))]
+
+    def at(self, spot: Spot) -> str:
+        """What is known at a place; empty if nothing is."""
+        return next((name for name, place in self.known.items() if near(spot, place)), "")
+
+    def look(
+        self, spot: Spot, name: str = "", off: float = 0.0, link: Link[WorldEvidence] | None = None
+    ) -> None:
+        """One look at a kettle. name : the one that it is. off : s by which the stamp is wrong."""
+        self.now += NANOSECONDS // 10
+        kettle = ObjectEvidence(object_id=name, existence_probability=0.95)
+        kettle.pose.pose.position.x, kettle.pose.pose.position.y = spot
+        kettle.pose.pose.orientation.w = 1.0
+        kettle.pose.covariance = (1e-4 * np.eye(6)).ravel()
+        kettle.attributes = [
+            Attribute(name="class", discrete=DiscreteDistribution(values=["kettle"], probabilities=[1.0]))
+        ]
+        message = WorldEvidence(objects=[kettle])
+        stamp = self.now + round(off * NANOSECONDS)
+        message.header.frame_id, message.header.stamp = "map", time_message(stamp)
+        for arriving in [message] if link is None else link.send(message):
+            self._evidence.publish(arriving)
+            self.found.inputs += 1
+        self.spin(0.02)
 
     def shake(self, spec: NodeSpec) -> None:
         """Broken messages on every input of a node. The world model gets only what is no message at all any more."""
@@ -147,8 +188,10 @@ class Laboratory:
                 data = self._fuzzer.bytes(kind)
                 if spec is self.world and _readable(data, kind):
                     continue
-                self._publishers[key].publish(data)
-                self.found.inputs += 1
+                # Not all that is broken can even be sent.
+                with suppress(rclpy_implementation.RCLError):
+                    self._publishers[key].publish(data)
+                    self.found.inputs += 1
             self.spin(0.01)
 
     def kill(self, spec: NodeSpec) -> None:
@@ -158,13 +201,38 @@ class Laboratory:
             node.process.send_signal(signal.SIGKILL)
             node.process.wait()
             self.found.kills += 1
+        if spec is self.world:
+            self.count_runs()
 
-    def fill_disk(self) -> None:
-        """To the world model it is as if the disk were full for a while."""
-        process = self.supervisor.nodes[self.world.full_name].process.pid
-        before = resource.prlimit(process, resource.RLIMIT_FSIZE, (1024, resource.RLIM_INFINITY))
-        self.spin(FULL)
-        resource.prlimit(process, resource.RLIMIT_FSIZE, before)
+    def count_runs(self) -> None:
+        """Add the new runs of the world model's life that ends."""
+        self.found.runs += self._runs
+        self._runs = 0
+
+    def limit_disk(self, full: bool) -> None:
+        """To the world model it is as if the disk were full, or not any more."""
+        unlimited = resource.RLIM_INFINITY
+        resource.prlimit(self._pid, resource.RLIMIT_FSIZE, (1024 if full else unlimited, unlimited))
+
+    @property
+    def memory(self) -> float:
+        """MiB that the world model has written."""
+        text = Path(f"/proc/{self._pid}/smaps_rollup").read_text()
+        return int(re.findall(r"^Anonymous:\s+(\d+) kB", text, re.MULTILINE)[0]) / 1024.0
+
+    @property
+    def _pid(self) -> int:
+        return self.supervisor.nodes[self.world.full_name].process.pid
+
+
+def near(spot: Spot, other: Spot | None) -> bool:
+    """Whether two places are one."""
+    return other is not None and float(np.hypot(spot[0] - other[0], spot[1] - other[1])) < SAME
+
+
+def floor(index: int) -> Spot:
+    """Where the thing of a number stands."""
+    return APART * (index % COLUMNS) - APART * COLUMNS / 2, APART * (index // COLUMNS) - APART * COLUMNS / 2
 
 
 def _readable(data: bytes, kind: Any) -> bool:
@@ -173,77 +241,3 @@ def _readable(data: bytes, kind: Any) -> bool:
     except Exception:
         return False
     return True
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """The middleware says of each broken message that it is one."""
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)
-
-
-def faults(seconds: float, seed: int, folder: Path) -> Faults:
-    """Shake and kill real nodes until the time is over."""
-    with _quiet():
-        return _faults(seconds, seed, folder)
-
-
-def _faults(seconds: float, seed: int, folder: Path) -> Faults:
-    context = Context()
-    rclpy.init(context=context)
-    laboratory = Laboratory(seed, folder, context)
-    found, end, others = (
-        laboratory.found,
-        time.monotonic() + seconds,
-        [n for n in NODES if n != "world_model"],
-    )
-    with laboratory.supervisor as supervisor:
-        supervisor.start(laboratory.world)
-        turn = 0
-        try:
-            while not turn or time.monotonic() < end:
-                _round(laboratory, others[turn % len(others)], turn)
-                turn += 1
-        except SuiteError as error:
-            found.deaths += 1
-            print(error)
-        found.deaths += sum(len(node.deaths) for node in supervisor.nodes.values()) - found.kills
-    laboratory.node.destroy_node()
-    context.try_shutdown()
-    return found
-
-
-def _round(laboratory: Laboratory, other: str, turn: int) -> None:
-    """One more fact while another node is shaken, and then both are killed."""
-    found, supervisor = laboratory.found, laboratory.supervisor
-    # What it makes of nonsense is nothing that the world model should hear.
-    spec = NodeSpec(other, namespace="/shaken")
-    if spec.full_name not in supervisor.nodes:
-        supervisor.start(spec)
-    asked = time.monotonic()
-    while len(laboratory._known) <= turn:
-        laboratory.show(turn)
-        if time.monotonic() - asked > PATIENCE:
-            laboratory.stall()
-            return
-    found.facts += 1
-    for shaken in (spec, laboratory.world):
-        laboratory.shake(shaken)
-    if turn % 3 == 2:
-        laboratory.fill_disk()
-    heard = laboratory._heard
-    laboratory._known.clear()
-    laboratory.kill(laboratory.world)
-    laboratory.kill(spec)
-    begun = time.monotonic()
-    if laboratory.await_facts(turn + 1, heard):
-        found.recoveries.append(time.monotonic() - begun)
-    else:
-        found.lost += turn + 1 - len(laboratory._known)
-        laboratory.stall()

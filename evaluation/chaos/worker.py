@@ -26,6 +26,8 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
 from evaluation.chaos.generator import LINKS, START, Fuzzer
+from evaluation.chaos.times import FAULTS, Plays, Stage, play
+from whereabouts.node_names import NODES
 from whereabouts.nodes import transforms
 from whereabouts.nodes.base import SuiteNode, start
 from whereabouts.nodes.budget import Budget, Purse
@@ -42,6 +44,8 @@ ROOM = 8 << 30
 SENSES = (0.8, 0.97, 0.995, 0.999)
 # Set to let everything in that the middleware delivers: then the libraries have to hold by themselves.
 OPEN_VARIABLE = "WHEREABOUTS_CHAOS_OPEN"
+# Of a process's time, the part for clocks that are wrong; faults to begin with, of those of the seed.
+TIMES_SHARE, AT_LEAST = 0.2, 2
 # What each node may be given besides its defaults, so that what is off by default is tried too.
 PARAMETERS: dict[str, list[dict[str, Any]]] = {
     "scan_registration": [{}, {"cloud_topics": ["points"]}],
@@ -78,6 +82,8 @@ class Worker:
         self.slowest = (0.0, "")
         self.done = 0
         self.actions: list[tuple[Any, Any]] = []
+        self.plays: dict[str, Plays] = {}
+        self._seed = seed
         self._fuzzer = Fuzzer(seed)
         self._watch_defects()
         add_action = self.node.add_action
@@ -135,6 +141,18 @@ class Worker:
             if self.actions and self.done % GOALS < len(self.node.inputs):
                 kind, execute = self.actions[self.done % len(self.actions)]
                 self.executor.create_task(execute(Goal(self._fuzzer.message(kind))))
+
+    def play(self, seconds: float) -> None:
+        """Stamps that are wrong and messages that get lost, for so long; faults in turn, by seed and node."""
+        stage = Stage(self.node, self._seed, self._count)
+        names = [name for name, fault in FAULTS.items() if fault.sources <= len(stage.sources)]
+        end, turn = time.monotonic() + seconds, AT_LEAST * (self._seed + NODES.index(self.node.node_name))
+        first = turn
+        while time.monotonic() < end or turn < first + AT_LEAST:
+            wrong = play(stage, names[turn % len(names)], self.plays)
+            self.defects[wrong] += bool(wrong)
+            turn += 1
+        self.defects += Counter()  # without what was right
 
     def _feed(self, item: Any) -> None:
         fuzzer, kind = self._fuzzer, item._kind
@@ -197,15 +215,17 @@ def main() -> None:
     worker = Worker(name, int(seed), Path(progress))
     if os.environ.get(OPEN_VARIABLE):
         worker.open()
-    half = 0.5 * float(seconds)
+    half = 0.5 * (1.0 - TIMES_SHARE) * float(seconds)
     worker.run(half)
     before, then = resident(), time.monotonic()
     worker.run(half)
     slope = (resident() - before) / (time.monotonic() - then)
+    worker.play(TIMES_SHARE * float(seconds))
     counts = {item.topic: vars(item.counts)["used"] for item in worker.node.inputs}
     said = {
         "node": name, "inputs": worker.done, "defects": dict(worker.defects), "bytes_per_s": slope,
         "used": counts, "slowest": worker.slowest, "resident": resident(),
+        "plays": {name: vars(told) for name, told in worker.plays.items()},
     }  # fmt: skip
     Path(result).write_text(json.dumps(said))
     sys.stdout.flush()

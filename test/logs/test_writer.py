@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +18,7 @@ from estimation.errors import InputError
 from registration import Scan
 from whereabouts.logs import (
     CloudRecord,
+    LogError,
     McapWriter,
     OdometryRecord,
     ScanRecord,
@@ -218,3 +221,22 @@ def test_targets_that_cannot_be_written_are_named(tmp_path):
     writer = McapWriter(tmp_path / "a.mcap")
     with pytest.raises(WriteError, match="not open"):
         writer.write_scan(SCAN)
+
+
+def test_a_record_longer_than_any_file_is_no_defect(tmp_path: Path) -> None:
+    path = tmp_path / "long.mcap"
+    with McapWriter(path) as writer:
+        for k in range(9):
+            writer.write_odometry(OdometryRecord(np.zeros(3), float(k)))
+    whole = path.read_bytes()
+    # The first record follows the mark of eight bytes. A record begins with its kind and length. Kind 6 is a chunk: its
+    # head ends with the length of what is packed in it.
+    at = 8
+    while whole[at] != 6:
+        at += 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
+    for place in range(at + 1, at + 64):
+        broken = bytearray(whole)
+        broken[place] = 0xFF
+        path.write_bytes(broken)
+        with suppress(LogError), open_log(path) as log:
+            list(log)

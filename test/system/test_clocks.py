@@ -151,6 +151,23 @@ def test_a_source_gone_mad_is_refused_as_long_as_others_are_right() -> None:
     assert followed.clocks.sources["mad"].refused > 400
 
 
+def test_a_clock_far_from_the_first_is_known_for_one_and_is_taken_once_it_is_put_right() -> None:
+    near = messages([(0.1, 0.0), (0.1, 20.0)], 8.0)
+    found = Followed(near)
+    first, second = (found.clocks.sources[name] for name in ("s0", "s1"))
+    assert not found.runs
+    assert len(found.taken) == 80
+    assert second.is_apart
+    assert not first.is_apart
+    # A single odd stamp is none.
+    odd = Followed([*messages([(0.1, 0.0)], 1.0), ("s1", round((START - 20.0) * SECOND))])
+    assert not odd.clocks.sources["s1"].is_apart
+    right = Followed(messages([(0.1, 0.0), (0.1, 0.0)], 2.0, START + 8.0), found.clocks)
+    assert not right.runs
+    assert len(right.taken) == 40
+    assert not second.is_apart
+
+
 def test_a_measured_silence_explains_a_leap_at_once() -> None:
     sent = [*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * SECOND))]
     assert Followed(sent).held == [30]

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from harness import START, Graph, room
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 
+from evaluation.repeats import compare, differences, said
 from whereabouts.cli.run import NODES
 from whereabouts.logs import (
     McapWriter,
@@ -26,12 +26,10 @@ from whereabouts.logs import (
     open_log,
     open_raw,
 )
-from whereabouts.nodes.interfaces import message_class
 from whereabouts.nodes.replayer import Replayer
 from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
 from whereabouts.simulation import Drive, Lidar
-from whereabouts.simulation.apartment_bag import record
 from whereabouts_msgs.msg import Connections
 
 ODOMETRY = [("odometry", "nav_msgs/msg/Odometry")]
@@ -83,41 +81,19 @@ def test_lock_step_answers_every_message_and_repeats_exactly(bag: Path, tmp_path
     assert outputs[0] == outputs[1]
 
 
-MADE = (
-    ("odometry", "nav_msgs/msg/Odometry"),
-    ("targets", "whereabouts_msgs/msg/TargetArray"),
-    ("predicted_paths", "whereabouts_msgs/msg/PredictedPathArray"),
-    ("world_state", "whereabouts_msgs/msg/WorldState"),
-    ("trajectory", "nav_msgs/msg/Path"),
-)
-
-
-def made(path: Path, topic: str, type_name: str) -> list[str]:
-    """Messages of a topic by content: gaps between their fields are filled with anything."""
-    kind = message_class(type_name)
-    with open_raw(path, [topic]) as log:
-        return [str(deserialize_message(bytes(message.data), kind)) for message in log]
-
-
-def test_what_nodes_make_of_each_other_repeats_exactly_on_a_busy_machine(tmp_path: Path) -> None:
-    excerpt = tmp_path / "excerpt.mcap"
-    record(excerpt, 15.0)
-    nodes = ("scan_registration", "loop_closure", "target_tracker", "motion_predictor", "world_model")
-    found = []
-    for busy in range(2):
-        others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * busy)]
-        try:
-            out = tmp_path / f"{busy}.mcap"
-            specs = [replay_spec(name) for name in nodes]
-            run_suite(SuiteRun(excerpt, specs, tmp_path / f"logs{busy}", record=MADE, output=out))
-        finally:
-            for other in others:
-                other.kill()
-                other.wait()
-        found.append({topic: made(out, topic, type_name) for topic, type_name in MADE})
-    for topic, _ in MADE:
-        assert found[0][topic]
-        assert found[0][topic] == found[1][topic], topic
+def test_the_demo_through_all_nodes_repeats_exactly_on_a_busy_machine(tmp_path: Path) -> None:
+    found, count = compare(tmp_path, 15.0, 2)
+    assert found == []
+    assert count > 500
+    everything = said(tmp_path / "alone" / "recording.mcap")
+    assert {"/targets", "/predicted_paths", "/world_state", "/trajectory", "/map"} <= set(everything)
+    # A difference would be seen.
+    others = said(tmp_path / "busy" / "recording.mcap")
+    at, (state, *_) = others["/world_state"][-1]
+    changed = [(name, 2 if name == "epoch" else value) for name, value in state]
+    others["/world_state"][-1] = (at, [tuple(changed)])
+    (text,) = differences(everything, others)
+    assert text.endswith(".epoch: 0 and 2")
 
 
 def test_replay_at_a_rate_loses_nothing(bag: Path, tmp_path: Path) -> None:

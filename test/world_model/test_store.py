@@ -285,6 +285,33 @@ def test_a_row_of_other_kinds_of_values_is_not_whole() -> None:
         assert not OBJECTS.is_whole(other)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE history SET numbers = CAST(numbers AS TEXT) WHERE row = 3",
+        "UPDATE history SET attributes = CAST(attributes AS BLOB) WHERE row = 3",
+        "UPDATE current SET behaviors = CAST(behaviors AS BLOB)",
+        "UPDATE clock SET identity = CAST(identity AS BLOB)",
+    ],
+)
+def test_text_that_became_bytes_or_the_other_way_round_is_damage(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(20):
+            store.record(marching(step))
+        rows = store.rows
+    with sqlite3.connect(path) as connection:
+        assert connection.execute(change).rowcount > 0
+    connection.close()
+    with Store(path) as store:
+        assert store.damages
+        assert "nothing lost" in store.damages[0]
+        assert store.rows == rows
+        memory = store.restore()
+        assert memory is not None
+        assert same_world(memory.objects, 19)
+
+
 def test_a_table_described_otherwise_is_put_right(tmp_path: Path) -> None:
     path = tmp_path / "world.sqlite"
     with Store(path) as store:

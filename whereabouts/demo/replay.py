@@ -80,8 +80,13 @@ def replay(
         )
 
         def between(message: RawMessage) -> None:
-            director.look(message)
             assert run.supervisor is not None
+            assert run.replayer is not None
+            replayer = run.replayer
+            director.note = replayer.note
+            if rate is None:
+                director.is_over = lambda name: replayer.sent_by_nodes(name) > 0
+            director.look(message)
             nodes = run.supervisor.nodes.items()
             meter.look({name: node.process.pid for name, node in nodes if not name.startswith(BESIDE)})
 

@@ -41,6 +41,7 @@ _DECODING_ERRORS = (
     MemoryError,
     struct.error,
     McapError,
+    OverflowError,  # a length that no file has
     zstandard.ZstdError,
 )
 

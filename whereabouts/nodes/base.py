@@ -26,6 +26,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
+from std_msgs.msg import Empty
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
@@ -39,6 +40,7 @@ from whereabouts.nodes.outputs import QUIET, Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
 from whereabouts.nodes.timekeeping import Timekeeper
 from whereabouts.nodes.transforms import TransformBuffer
+from whereabouts.nodes.turns import Caller, Turns, turn_topic
 from whereabouts.parameters.base import NodeParameters
 from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
@@ -53,6 +55,8 @@ SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 # A file that a node makes once it is active: from then on its death is no failure to start.
 ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Of two that come at once the first is heard as well: a replay counts them.
+HEARD_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NodeType = TypeVar("NodeType", bound="SuiteNode")
@@ -66,7 +70,7 @@ class SuiteNode(LifecycleNode):
     settings : the current parameters, an instance of `parameters_model`.
     active : whether the lifecycle state is active; inputs and timers rest otherwise.
     epoch : number of the run; counts up when time goes back. last_run : why the last one began.
-    time : what the stamps of all sensors tell.
+    time : what the stamps of all sensors tell. turns : what is kept in a lock-step replay until it is its turn.
     """
 
     parameters_model: ClassVar[type[NodeParameters]] = NodeParameters
@@ -85,6 +89,7 @@ class SuiteNode(LifecycleNode):
         self.time = Timekeeper(self)
         # In lock-step on recorded time: what follows has to be the same each time.
         self.replayed = bool(self.settings.report_processed and self.get_parameter("use_sim_time").value)
+        self.turns = Turns(self)
         self._created: list[tuple[Callable[[Any], object], Any]] = []
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
@@ -140,19 +145,22 @@ class SuiteNode(LifecycleNode):
         on_demand: bool = False,
         packed: bool = False,
         companions: Sequence[Input] = (),
+        in_turn: bool = False,
     ) -> Input:
         """Subscribe a sensor topic; see `Input`."""
         item = Input(
             self, message_type, topic, handler,
-            frames=frames, on_demand=on_demand, packed=packed, companions=companions,
+            frames=frames, on_demand=on_demand, packed=packed, companions=companions, in_turn=in_turn,
         )  # fmt: skip
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
         return item
 
-    def add_latched_input(self, message_type: type, topic: str, handler: Handler) -> Input:
+    def add_latched_input(
+        self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
+    ) -> Input:
         """Subscribe a state that is kept for those who come late, such as a map."""
-        item = Input(self, message_type, topic, handler, qos=LATCHED, sensor=False)
+        item = Input(self, message_type, topic, handler, qos=HEARD_LATCHED, sensor=False, in_turn=in_turn)
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
         return item
@@ -163,6 +171,8 @@ class SuiteNode(LifecycleNode):
         """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted."""
 
         inside = envelope(action_type.Goal)  # type: ignore[attr-defined]
+        full_name = self.resolve_topic_name(name)
+        self.turns.serves(full_name)
 
         def judge(goal: Any) -> GoalResponse:
             try:
@@ -174,11 +184,14 @@ class SuiteNode(LifecycleNode):
 
         async def run(handle: Any) -> Any:
             try:
+                await self.turns.begin(full_name)
                 return await execute(handle)
             except Exception as error:
                 self.report_defect(f"action {name}", error)
                 handle.abort()
                 return action_type.Result(message=f"{type(error).__name__}: {error}")  # type: ignore[attr-defined]
+            finally:
+                self.turns.ended(full_name, handle)
 
         server = ActionServer(
             self, action_type, name, run, goal_callback=judge, cancel_callback=lambda _: CancelResponse.ACCEPT
@@ -186,8 +199,17 @@ class SuiteNode(LifecycleNode):
         self._created.append((lambda item: item.destroy(), server))
         return server
 
+    def add_caller(self, action_type: type, name: str, answers: bool = True) -> Caller:
+        """Call an action; see `Caller`."""
+        caller = Caller(self, action_type, name, answers)
+        self._created.append((lambda client: client.destroy(), caller.client))
+        return caller
+
     async def pause(self, seconds: float) -> None:
-        """Let other callbacks run for a while; for coroutines of actions."""
+        """Let other callbacks run for a while; for coroutines of actions. In a replay by message time."""
+        if self.turns.on:
+            await self.turns.rest(seconds)
+            return
         done = Future()
         timer = self.create_timer(seconds, lambda: done.set_result(None), clock=self._steady)
         try:
@@ -256,6 +278,12 @@ class SuiteNode(LifecycleNode):
             self.inputs.append(item)
             self._created.append((self.destroy_subscription, item.subscription))
 
+    @property
+    def now(self) -> int:
+        """ns that the node's clock shows; in a lock-step replay, what the stamps say, as /clock comes at any moment."""
+        now = self.time.clocks.now if self.turns.on else None
+        return int(self.get_clock().now().nanoseconds) if now is None else now
+
     def broadcaster(self) -> Output:
         """A publisher for tf; give it lists of transforms in a TFMessage."""
         return self.add_output(TFMessage, "tf", TF_QOS)
@@ -311,6 +339,11 @@ class SuiteNode(LifecycleNode):
         try:
             self.setup()
             self.add_service(Reset, "~/reset", self._reset)
+            if self.replayed:
+                topic = turn_topic(self.get_fully_qualified_name())
+                turn = Input(self, Empty, topic, self.turns.take, sensor=False, qos=QoSProfile(depth=10))
+                self.inputs.append(turn)
+                self._created.append((self.destroy_subscription, turn.subscription))
             self.start_run()
         except WhereaboutsError as error:
             self.get_logger().error(f"cannot configure: {error}")
@@ -350,6 +383,7 @@ class SuiteNode(LifecycleNode):
         self._created.clear()
         self.inputs.clear()
         self.outputs.clear()
+        self.turns.clear()
         self.transforms = TransformBuffer()
 
     def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
@@ -362,7 +396,9 @@ class SuiteNode(LifecycleNode):
     def _keep_house(self) -> None:
         """All that is due now and then, in one timer: each wakes the node up."""
         self._check_supervisor()
-        self.serve_waiting()
+        # In a replay only messages change what there is to go on with.
+        if not self.turns.on:
+            self.serve_waiting()
         if self.active:
             self.time.mind_silence()
             for item in self.inputs:
@@ -379,8 +415,13 @@ class SuiteNode(LifecycleNode):
         if not (self.settings.report_processed and self.active):
             return
         now = time.monotonic()
-        counts = [output.count for output in self.outputs]
+        counts = [*self.put_out.values()]
+        turns = self.turns if self.replayed else None
         subscribers = [output.subscribers for output in self.outputs]
+        if turns is not None:
+            subscribers += map(turns.listeners, turns.counts)
+        came = {item.topic: item.counts.received for item in self.inputs}
+        came |= {} if turns is None else turns.received
         if (
             now < self._report_due
             and counts == self.reported_counts
@@ -390,14 +431,27 @@ class SuiteNode(LifecycleNode):
         self._report_due = now + REPORT_PERIOD
         self.reported_counts, self._reported_subscribers = counts, subscribers
         message = Connections(
-            inputs=[item.topic for item in self.inputs],
-            received=[item.counts.received for item in self.inputs],
+            inputs=[*came],
+            received=[*came.values()],
             on_demand=[item.topic for item in self.inputs if item.on_demand],
-            outputs=[output.topic for output in self.outputs],
+            outputs=[*self.put_out],
             sent=counts,
             subscribers=subscribers,
         )
         self._connections.publish(message)
+
+    @property
+    def put_out(self) -> dict[str, int]:
+        """What was sent, by topic; in a replay also what else others or the replay have to know of."""
+        sent = {output.topic: output.count for output in self.outputs}
+        return sent | self.turns.counts if self.replayed else sent
+
+    def acknowledge(self, message: Processed) -> None:
+        """Say that something is done with, and what was sent because of it."""
+        sent = self.put_out
+        message.output_topics, message.output_counts = [*sent], [*sent.values()]
+        self.processed.publish(message)
+        self.reported_counts = [*sent.values()]
 
     def _take_transforms(self, message: TFMessage, static: bool) -> None:
         problem: InputError | None = None
@@ -407,6 +461,8 @@ class SuiteNode(LifecycleNode):
             except InputError as error:
                 problem = error
         self.serve_waiting(reported=not any(item.on_demand and item.is_transforms for item in self.inputs))
+        for item in self.inputs:
+            item.transforms_came()
         if problem is not None:
             raise problem
 

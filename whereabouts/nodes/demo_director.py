@@ -21,6 +21,7 @@ from whereabouts.logs import RawMessage
 from whereabouts.nodes.base import LATCHED
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.stamps import NANOSECONDS
+from whereabouts.nodes.turns import goal_id, goals_name, mark_of, results_name
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import QueryWorld, TriggerVerification
 
@@ -65,7 +66,8 @@ class Director:
     """Acts at given moments of a replay; a context manager.
 
     wanted : class of the thing. verify_at, search_at : seconds of the bag. The base is said to be taken all the time,
-    as the robot drives where it drove: maintenance then looks only at what is in view.
+    as the robot drives where it drove: maintenance then looks only at what is in view. note : called with the name of
+    what is about to be sent. is_over : whether a result is on its way, by its name; in lock-step, else None.
     """
 
     def __init__(self, wanted: str, verify_at: float, search_at: float) -> None:
@@ -73,6 +75,9 @@ class Director:
         self._verify_at, self._search_at = verify_at, search_at
         self._now = 0.0
         self._base_taken = False
+        self._result: Any = None
+        self.note: Callable[[str], None] = lambda name: None
+        self.is_over: Callable[[str], bool] | None = None
 
     def __enter__(self) -> Director:
         self._context = Context()
@@ -84,6 +89,10 @@ class Director:
         self._trigger = self._node.create_client(TriggerVerification, "world_maintenance/trigger")
         self._query = self._node.create_client(QueryWorld, "world_model/query")
         self._find = ActionClient(self._node, FindObject, "find_object")
+        self._action, self._me = (
+            self._node.resolve_topic_name("find_object"),
+            self._node.get_fully_qualified_name(),
+        )
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
         return self
@@ -91,6 +100,8 @@ class Director:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._result is not None and self._result.done():
+            self._end()
         self._context.try_shutdown()
         self._thread.join()
         self._node.destroy_node()
@@ -105,7 +116,9 @@ class Director:
         self._now = message.log_time / NANOSECONDS
         if not self._base_taken:
             self._base_taken = True
-            self._base.publish(Bool(data=False))
+            self._take_base()
+        if self._result is not None and (self._result.done() or self._is_over()):
+            self._end()
         if self.account.verified_at is None and self._now >= self._verify_at:
             self._verify()
         if self.account.started is None and self._now >= self._search_at:
@@ -125,13 +138,16 @@ class Director:
             self.account.outcome = "no node offers the action find_object"
             return
         goal = FindObject.Goal(class_name=self.account.search)
-        future = self._find.send_goal_async(goal, feedback_callback=self._told)
+        self.note(goals_name(self._action))
+        future = self._find.send_goal_async(goal, self._told, goal_id(self._me))
         if not _wait(future) or not future.result().accepted:
             self.account.outcome = "the search was refused"
             return
-        future.result().get_result_async().add_done_callback(self._ended)
-        # The bag goes on when the search has said what it is about to do, or that it knows already.
-        _until(lambda: bool(self.account.steps) or self.account.ended is not None)
+        self._result = future.result().get_result_async()
+        # The bag goes on when the search has said what it is about to do, or that it knows already. In lock-step it
+        # begins when its node has its turn.
+        if self.is_over is None:
+            _until(lambda: bool(self.account.steps) or self._result.done())
 
     def _told(self, message: Any) -> None:
         said, at = message.feedback, message.feedback.goal.pose.position
@@ -139,8 +155,14 @@ class Director:
             Step(self._now, said.kind, said.object_id, said.reason, (at.x, at.y), said.probability)
         )
 
-    def _ended(self, future: Any) -> None:
-        result = future.result().result
+    def _is_over(self) -> bool:
+        return self.is_over is not None and self.is_over(results_name(self._action, mark_of(self._me)))
+
+    def _end(self) -> None:
+        answer, self._result = self._result, None
+        if not _wait(answer):
+            return
+        result = answer.result().result
         account = self.account
         account.ended, account.outcome = self._now, result.message
         account.found, account.distance = result.code == result.FOUND, result.distance
@@ -148,6 +170,10 @@ class Director:
             account.object_id = result.object[0].id
             account.place = (result.pose.pose.position.x, result.pose.pose.position.y)
         # The search gave the base back, but it is still the recording that drives.
+        self._take_base()
+
+    def _take_base(self) -> None:
+        self.note(self._base.topic_name)
         self._base.publish(Bool(data=False))
 
     def ask(self, question: str, stamp: float | None = None, **about: Any) -> None:

@@ -130,6 +130,11 @@ class NodeExecutor(SingleThreadedExecutor):
                 if not self._call(node, self._take_subscription, subscription):
                     break
 
+    def go_on(self, node: Any) -> None:
+        """Go on at once with what awaits something, from within a callback."""
+        if self._fits:
+            self._continue_tasks(node)
+
     def _continue_tasks(self, node: Any) -> None:
         """Go on with what awaits something, in rclpy's order."""
         if not self._tasks:

@@ -8,6 +8,7 @@ import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -81,6 +82,7 @@ class Input:
         counts from when they are taken in.
         In a replay nothing is on demand, as it would come now sooner, now later.
     companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
+    in_turn : whether a message is kept, in a lock-step replay, until it is the node's turn; see `Turns`.
     packed : whether the handler is given a `Packed` message instead of the message itself.
     """
 
@@ -97,8 +99,10 @@ class Input:
         on_demand: bool = False,
         packed: bool = False,
         companions: Sequence[Input] = (),
+        in_turn: bool = False,
     ) -> None:
         self._node = node
+        self._in_turn = in_turn
         self._companions = companions if node.replayed else ()
         self._expected: bool | None = None
         self._kind = message_type
@@ -157,7 +161,10 @@ class Input:
             # Not every middleware tells when it received a message.
             received = 0 if self.on_demand else int(info.get("received_timestamp") or 0)
             queued = max(0, time.time_ns() - received) / NANOSECONDS if received else 0.0
-            self._within_budget(message, stamp, arrived - queued)
+            if self._kept:
+                self._keep(lambda: self._guarded(message, stamp, arrived - queued))
+            else:
+                self._within_budget(message, stamp, arrived - queued)
         self._acknowledge(stamp, sequence)
 
     def _within_budget(self, message: Any, stamp: int, arrived: float) -> None:
@@ -182,6 +189,13 @@ class Input:
         if self._shed is not None and not self._purse.over(time.perf_counter()):
             kept, self._shed = self._shed, None
             self._within_budget(*kept)
+
+    @property
+    def _kept(self) -> bool:
+        return self._in_turn and self._node.turns.on
+
+    def _keep(self, work: Callable[[], None]) -> None:
+        self._node.turns.keep(self._node.inputs.index(self), work)
 
     def _guarded(self, message: Any, stamp: int, arrived: float) -> None:
         try:
@@ -291,6 +305,11 @@ class Input:
         """Whether messages wait for their transforms."""
         return bool(self._waiting)
 
+    def transforms_came(self) -> None:
+        """Go on with what waits when it is the node's turn, if that is how it is."""
+        if self._kept and self._waiting:
+            self._keep(partial(self.serve_waiting, reported=True))
+
     def serve_waiting(self, reported: bool = False, give_up: bool = False) -> None:
         """Handle messages whose transforms have come, and drop those that time has left behind.
 
@@ -298,6 +317,8 @@ class Input:
 
         reported : whether the caller is about to say what the node has published. give_up : nothing more will come.
         """
+        if self._kept and not (self._node.turns.taken or give_up):
+            return
         timeout = round(self._node.settings.transform_timeout * NANOSECONDS)
         for needed in list(self._waiting):
             while needed in self._waiting:
@@ -384,8 +405,6 @@ class Input:
         if self.on_demand or not self._node.settings.report_processed:
             return
         self._acknowledged = sequence
-        outputs = self._node.outputs
-        counts = [output.count for output in outputs]
         message = Processed(
             stamp=time_message(stamp),
             topic=self.topic,
@@ -393,11 +412,8 @@ class Input:
             received=self.counts.received,
             dropped=self.counts.dropped,
             lost=max(self.counts.lost, self.counts.reported_lost),
-            output_topics=[output.topic for output in outputs],
-            output_counts=counts,
         )
-        self._node.processed.publish(message)
-        self._node.reported_counts = counts
+        self._node.acknowledge(message)
 
 
 def sensor_qos(reliability: str) -> QoSProfile:

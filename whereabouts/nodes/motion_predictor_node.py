@@ -51,7 +51,7 @@ class MotionPredictorNode(SuiteNode):
     def setup(self) -> None:
         self._restart()
         self.listen_to_transforms(on_demand=True)
-        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames)
+        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True)
         walls = Input(self, OccupancyGrid, "map", self._take_map, qos=LATCHED, sensor=False)
         self.inputs.append(walls)
         self._created.append((self.destroy_subscription, walls.subscription))

@@ -48,7 +48,7 @@ class ObjectSearchNode(SuiteNode):
         self._search = ObjectSearch(self._relations, settings.search, settings.places)
         self._serial = 0
         self.listen_to_transforms(on_demand=True)
-        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True)
+        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, in_turn=True)
         self._latest = LatestState(states.refuse)
         self.add_latched_input(GridMessage, "map", self._take_map)
         self._goal_output = self.add_output(FindObject.Feedback().goal.__class__, "search_goal", LATCHED)
@@ -137,7 +137,7 @@ class ObjectSearchNode(SuiteNode):
     async def _drive(self, handle: Any, request: Any, wanted: str, serial: int, result: Any) -> None:
         """Goals until the object is believed in, nothing is left to try, or somebody has had enough."""
         limit = nanoseconds(request.timeout) / NANOSECONDS
-        begun = self.get_clock().now().nanoseconds
+        begun = self.now
         place: Array | None = None
         said: tuple[Any, ...] = ()
         step: SearchStep | None = None
@@ -164,7 +164,7 @@ class ObjectSearchNode(SuiteNode):
                     handle.abort()
                     result.code, result.message = result.NOT_FOUND, step.reason
                     return
-            elapsed = (self.get_clock().now().nanoseconds - begun) / NANOSECONDS
+            elapsed = (self.now - begun) / NANOSECONDS
             tired = 0.0 < request.max_distance < result.distance
             if tired or 0.0 < limit < elapsed:
                 handle.abort()
@@ -199,7 +199,7 @@ class ObjectSearchNode(SuiteNode):
         Where no world state comes any more, PATIENCE has to do.
         """
         assert self._state is not None
-        now = self.get_clock().now().nanoseconds / NANOSECONDS
+        now = self.now / NANOSECONDS
         if self._arrived is None:
             newest = self.transforms.newest(self._map_frame, self._base) or 0
             self._arrived = (max(newest / NANOSECONDS, self._state.stamp), now)

@@ -8,6 +8,7 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 
 from whereabouts.logs import McapWriter, Topic
 from whereabouts.nodes.interfaces import definition, message_class
@@ -25,6 +26,8 @@ class Recorder:
         self._writer = writer
         self.now = time.time_ns
         self.counts: dict[str, int] = {}
+        # When each node's diagnostics came last, s of the monotonic clock.
+        self.told: dict[str, float] = {}
         self.last_arrival = time.monotonic()
         self._subscriptions = [self._subscribe(node, name, type_name) for name, type_name in topics]
 
@@ -35,11 +38,15 @@ class Recorder:
 
     def _subscribe(self, node: Node, name: str, type_name: str) -> Any:
         topic: list[Topic] = []
+        kind = message_class(type_name)
 
         def keep(data: bytes) -> None:
             self.counts[topic[0].name] = self.counts.get(topic[0].name, 0) + 1
             # Diagnostics never end.
-            if not name.endswith("diagnostics"):
+            if name.endswith("diagnostics"):
+                for status in deserialize_message(bytes(data), kind).status:
+                    self.told[status.name] = time.monotonic()
+            else:
                 self.last_arrival = time.monotonic()
             self._writer.write_raw(topic[0], bytes(data), max(0, self.now()))
 
@@ -47,6 +54,6 @@ class Recorder:
         latched = name.rsplit("/", 1)[-1] in ("tf_static", "map", "trajectory")
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
-        subscription = node.create_subscription(message_class(type_name), name, keep, qos, raw=True)
+        subscription = node.create_subscription(kind, name, keep, qos, raw=True)
         topic.append(Topic(subscription.topic_name, type_name, definition(type_name)))
         return subscription

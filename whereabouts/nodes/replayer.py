@@ -19,10 +19,14 @@ from whereabouts.nodes.dead_ends import DeadEnds
 from whereabouts.nodes.flow import Flow
 from whereabouts.nodes.interfaces import UnknownTypeError, message_class
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.turn_giver import TurnGiver
+from whereabouts.nodes.turns import turn_topic
 from whereabouts_msgs.msg import Connections, Processed
 
 DEPTH = 200
 PATIENCE = 30.0
+# s after which a turn is given again that nobody has answered: the node was not yet found.
+AGAIN = 0.5
 # s between two looks whether those that are waited for still run.
 CARE_PERIOD = 0.1
 
@@ -56,7 +60,7 @@ class Replayer:
     node, executor : a node of the caller's to publish with, and what spins it.
     rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every
         watched node that subscribes to its topic has reported the one before as processed, and whatever the nodes
-        sent each other because of it has been taken in as well.
+        sent each other because of it has been taken in as well, each in its turn; see `Turns`.
     watched : full names of the nodes to wait for; not for what they take in on demand.
     namespace : put before the recorded topic names.
     is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
@@ -98,6 +102,10 @@ class Replayer:
         self._on_demand: dict[str, frozenset[str]] = {}
         self._reported: dict[str, int] = {}
         self._dead = DeadEnds(node)
+        self._turns = TurnGiver(node, self.watched if rate is None else ())
+        # Whether somebody else has sent something that the nodes have to be done with. Called after each message.
+        self._noted = False
+        self.on_settled: Callable[[], None] = lambda: None
         self._died: dict[str, int] = {}
         self._born: dict[str, float] = {}
         self._subscriptions = [
@@ -119,6 +127,7 @@ class Replayer:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._node.destroy_publisher(self._clock)
+        self._turns.close(self._node.destroy_publisher)
 
     def _listen(self, watched: str) -> Any:
         def keep(message: Processed, info: dict[str, Any]) -> None:
@@ -126,6 +135,7 @@ class Replayer:
                 return
             self._answers[watched, message.topic] = message
             published = dict(zip(message.output_topics, message.output_counts, strict=True))
+            self._turns.note(watched, published)
             self._flow.note(watched, {message.topic: message.received}, published)
 
         return self._node.create_subscription(
@@ -150,7 +160,9 @@ class Replayer:
                 self._consumers.clear()
             self._reported[watched] = int(info["source_timestamp"])
             received = dict(zip(message.inputs, message.received, strict=True))
-            self._flow.note(watched, received, dict(zip(message.outputs, message.sent, strict=True)))
+            published = dict(zip(message.outputs, message.sent, strict=True))
+            self._turns.note(watched, published)
+            self._flow.note(watched, received, published)
 
         return self._node.create_subscription(
             Connections,
@@ -190,6 +202,11 @@ class Replayer:
             self._send(message)
             if on_message is not None:
                 on_message(message)
+            if self._noted and self._rate is None:
+                self._noted = False
+                self._wait_while(self._flow.behind)
+                self._give_turns()
+            self.on_settled()
         self._settle()
         self.account.bag_seconds = (self.now - (first or 0)) / NANOSECONDS
         self.account.wall_seconds = time.monotonic() - started
@@ -218,15 +235,49 @@ class Replayer:
         if self._rate is None:
             self._wait_for_answers(message.topic)
 
+    def note(self, name: str) -> None:
+        """Somebody else is about to send a message or a goal (by its name) that the nodes have to be done with."""
+        self._sent[name] += 1
+        self._noted = True
+
     def _wait_for_answers(self, topic: Topic) -> None:
         """Until every watched subscriber is done with this topic's latest message and with what followed from it."""
         name = self._name(topic)
-        waiting = self._behind(name)
+        self._wait_while(lambda: self._behind(name))
+        self._give_turns()
+
+    def _give_turns(self) -> None:
+        """Let nodes do what they have kept, until nobody has anything."""
+        while due := self._turns.due():
+            for name in due:
+                self._turns.give(name)
+            self._wait_while(lambda due=due: self._in_turn(due) or self._flow.behind())  # type: ignore[misc]
+
+    def _in_turn(self, names: Sequence[str]) -> list[str]:
+        """Who of these is not done with his turn."""
+        return [name for name in names if self._answered(name, turn_topic(name)) < self._turns.given(name)]
+
+    def begin_turns(self) -> None:
+        """Tell all nodes that there are turns, and wait until they know; those that were told know it twice."""
+        takers = [name for name in self.watched if turn_topic(name) in self._inputs.get(name, ())]
+        deadline, again = time.monotonic() + PATIENCE, 0.0
+        waiting = takers if self._rate is None else []
+        while waiting and time.monotonic() < deadline:
+            if time.monotonic() >= again:
+                for name in waiting:
+                    self._turns.give(name)
+                again = time.monotonic() + AGAIN
+            self._executor.spin_once(timeout_sec=0.05)
+            waiting = self._in_turn(waiting)
+
+    def _wait_while(self, behind: Callable[[], list[str]]) -> None:
+        """Until nobody is behind any more."""
+        waiting = behind()
         now = time.monotonic()
         deadline, care = now + PATIENCE, now + CARE_PERIOD
         while waiting and now < deadline:
             self._executor.spin_once(timeout_sec=CARE_PERIOD)
-            waiting = self._behind(name)
+            waiting = behind()
             now = time.monotonic()
             if waiting and now >= care:
                 care = now + CARE_PERIOD
@@ -263,12 +314,14 @@ class Replayer:
         )
 
     def _subscribers(self, name: str) -> list[str]:
+        # Goals and results are on no topic.
+        counted = [node for node in self.watched if name in self._inputs.get(node, ())]
         found = {
             f"{end.node_namespace.rstrip('/')}/{end.node_name}"
             for end in self._node.get_subscriptions_info_by_topic(name)
             if tuple(end.endpoint_gid) not in self._dead
         }
-        return [node for node in self.watched if node in found]
+        return [node for node in self.watched if node in found] or counted
 
     def _is_kept_for(self, name: str, topic: str) -> bool:
         """Whether a node that came late is given the latched message; one that asks for a volatile topic is not."""
@@ -281,6 +334,10 @@ class Replayer:
     def sent_by_nodes(self, topic: str) -> int:
         """Messages that the watched nodes have reported to have published on a topic."""
         return self._flow.published(topic)
+
+    def sent_by_all(self, topic: str) -> int:
+        """The same with those of the bag."""
+        return self._flow.published(topic) + self._sent[topic]
 
     def unconnected(self, recorded: Collection[str] = ()) -> list[str]:
         """What has yet to be found before nothing can get lost, as sentences; empty once all is connected.
@@ -326,6 +383,7 @@ class Replayer:
         self._inputs.pop(node, None)
         self._consumers.clear()
         self._died[node] = time.time_ns()
+        self._turns.died(node)
         self._flow.died(node)
         self._dead.bury(node)
         self._born[node] = time.monotonic()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -29,6 +30,8 @@ START_TIMEOUT = 180.0
 # Nodes find each other within moments; a mismatch of reliability or durability is the usual reason why they do not.
 CONNECT_TIMEOUT = 60.0
 QUIET = 0.5
+# s that a recording waits for what nodes say that they have sent.
+RECORDER_PATIENCE = 2.0
 # What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
 REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
 
@@ -56,6 +59,7 @@ class SuiteRun:
     on_progress: Callable[[float], None] = lambda share: None
     on_message: Callable[[RawMessage], None] = lambda message: None
     supervisor: Supervisor | None = field(default=None, init=False)
+    replayer: Replayer | None = field(default=None, init=False)
 
 
 def prepare_environment(private: bool = False) -> None:
@@ -100,11 +104,14 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
         )
         stack.callback(replayer.close)
         supervisor.on_death = replayer.bury
+        run.replayer = replayer
         recorder = None
         if run.output is not None:
             writer = stack.enter_context(McapWriter(run.output))
             recorder = Recorder(node, writer, run.record)
             recorder.now = lambda: replayer.now
+            if run.rate is None:
+                replayer.on_settled = _CatchUp(executor, recorder, replayer)
         for spec in run.nodes:
             supervisor.start(spec)
         watch = _Watch(
@@ -179,6 +186,7 @@ class _Watch:
             self._supervisor.check()
             self._executor.spin_once(timeout_sec=0.05)
         self._replayer.nodes_changed()
+        self._replayer.begin_turns()
 
     def _is_active(self, client: Any) -> bool:
         if not client.service_is_ready():
@@ -192,14 +200,45 @@ class _Watch:
         return bool(future.result().current_state.id == State.PRIMARY_STATE_ACTIVE)
 
 
+class _CatchUp:
+    """Lets the recorder take in what the nodes have sent because of a message, so that it is of that moment."""
+
+    def __init__(self, executor: Any, recorder: Recorder, replayer: Replayer) -> None:
+        self._executor, self._recorder, self._replayer = executor, recorder, replayer
+        self._forgiven: Counter[str] = Counter()
+
+    def __call__(self) -> None:
+        deadline = time.monotonic() + RECORDER_PATIENCE
+        while behind := self._behind():
+            if time.monotonic() > deadline:
+                # A node that died has not sent all that it had counted.
+                self._forgiven.update(behind)
+                return
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _behind(self) -> dict[str, int]:
+        lacks = {
+            topic: self._replayer.sent_by_all(topic)
+            - self._recorder.counts.get(topic, 0)
+            - self._forgiven[topic]
+            for topic in self._recorder.topics
+            if not topic.endswith("diagnostics")
+        }
+        return {topic: count for topic, count in lacks.items() if count > 0}
+
+
 def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) -> None:
     """The nodes are done; what they have sent last is still on its way."""
 
     def quiet() -> float:
         return time.monotonic() - recorder.last_arrival
 
+    begun = time.monotonic()
+
     def complete() -> bool:
-        return all(
+        # The last word of every node is of the end.
+        last = all(recorder.told.get(name.lstrip("/"), begun) >= begun for name in replayer.watched)
+        return last and all(
             recorder.counts.get(topic, 0) >= replayer.sent_by_nodes(topic) for topic in recorder.topics
         )
 

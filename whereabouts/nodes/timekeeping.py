@@ -56,6 +56,13 @@ class Timekeeper:
             off = (waiting.stamp - (self.clocks.now or 0)) / NANOSECONDS
             where = f"{abs(off):.3f} s {'ahead of' if off > 0 else 'behind'} the time of all inputs"
             text = f"{item.topic}: a stamp {where} is held back until others confirm it"
+            clock = self.clocks.sources.get(item.topic)
+            if clock is not None and clock.is_apart:
+                # Nobody can tell which is right; that it was heard first is no reason to be silent about it.
+                text = (
+                    f"{item.topic}: its clock goes on {where}, that were heard first; what it says is dropped "
+                    "until they agree: synchronise the clocks"
+                )
             self._node.complain(text, (item.topic, "time"))
         self._obey(ruling)
         self._tick()
@@ -68,6 +75,7 @@ class Timekeeper:
         now = self.clocks.now
         if now is None:
             return
+        self._node.turns.look(now)
         for tick in self._ticks:
             if not tick.due - tick.period <= now < tick.due:
                 tick.due = now + tick.period

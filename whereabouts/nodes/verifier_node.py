@@ -80,7 +80,7 @@ class VerifierNode(SuiteNode):
             box, settings.frames, settings.points, settings.clear, grid, settings.widest
         )
         limit = nanoseconds(request.timeout) / NANOSECONDS or settings.timeout
-        begun, taken = self.get_clock().now().nanoseconds, self._count
+        begun, taken = self.now, self._count
         outcome: str | None = None
         while outcome is None:
             if handle.is_cancel_requested:
@@ -93,7 +93,7 @@ class VerifierNode(SuiteNode):
                 handle.publish_feedback(
                     VerifyObject.Feedback(frames=verification.frames, visible_share=verification.visible)
                 )
-            if outcome is None and (self.get_clock().now().nanoseconds - begun) / NANOSECONDS > limit:
+            if outcome is None and (self.now - begun) / NANOSECONDS > limit:
                 break
             await self.pause(0.02)
         self._answer(handle, request, verification, outcome, result)

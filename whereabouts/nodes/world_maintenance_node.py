@@ -68,21 +68,20 @@ class WorldMaintenanceNode(SuiteNode):
         self._grid: OccupancyGrid | None = None
         self._available = True
         self.listen_to_transforms(on_demand=True)
-        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True)
+        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, in_turn=True)
         self._latest = LatestState(states.refuse, self._observe)
         self.add_latched_input(GridMessage, "map", self._take_map)
-        self.add_latched_input(Bool, "base_available", self._take_available)
+        self.add_latched_input(Bool, "base_available", self._take_available, in_turn=True)
         self._task_output = self.add_output(TaskMessage, "verification_tasks")
         self._goal_output = self.add_output(PoseStamped, "maintenance_goal", LATCHED)
         self._evidence_output = self.add_output(WorldEvidence, "evidence")
         self.add_service(TriggerVerification, "~/trigger", self._trigger)
-        self._verifier = ActionClient(self, VerifyObject, "verify_object")
-        self._created.append((lambda client: client.destroy(), self._verifier))
+        self._verifier = self.add_caller(VerifyObject, "verify_object")
         self._finder = (
-            ActionClient(self, FindObject, "find_object") if self.settings.search_for_lost else None
+            self.add_caller(FindObject, "find_object", answers=False)
+            if self.settings.search_for_lost
+            else None
         )
-        if self._finder is not None:
-            self._created.append((lambda client: client.destroy(), self._finder))
         self._navigator = self._nav2()
         self.add_timer(1.0 / settings.rate, self._tick)
 
@@ -224,7 +223,7 @@ class WorldMaintenanceNode(SuiteNode):
     # Verification.
 
     def _verify(self, task: VerificationTask) -> None:
-        if not self._verifier.server_is_ready():
+        if not self._verifier.ready:
             # It may not have been found yet, or be on its way back.
             self.complain("no node offers the action verify_object", key="verifier")
             if self._now() - self._since > self.settings.task_timeout:
@@ -236,20 +235,13 @@ class WorldMaintenanceNode(SuiteNode):
             timeout=Duration(seconds=self.settings.verify_timeout).to_msg(),
         )  # fmt: skip
         self._verifying, self._asked = True, (self._now(), time.monotonic())
-        self._verifier.send_goal_async(goal).add_done_callback(lambda done: self._accepted(task, done))
-
-    def _accepted(self, task: VerificationTask, done: Any) -> None:
-        handle = done.result()
-        if handle is None or not handle.accepted:
-            self._verified(task, None)
-            return
-        handle.get_result_async().add_done_callback(lambda result: self._verified(task, result.result()))
+        self._verifier.send(goal, lambda answer: self._verified(task, answer))
 
     def _unanswered(self) -> bool:
         """Whether the verifier has let its time pass: it died, or what it said got lost."""
         ros, steady = self._asked
         limit = self.settings.verify_timeout + ANSWER_MARGIN
-        return self._now() - ros > limit and time.monotonic() - steady > limit
+        return self._now() - ros > limit and (self.turns.on or time.monotonic() - steady > limit)
 
     def _verified(self, task: VerificationTask, answer: Any) -> None:
         if task is not self._task or not self._verifying:
@@ -307,7 +299,7 @@ class WorldMaintenanceNode(SuiteNode):
         """Have an object searched for; by its class alone where it is the only one of it."""
         if self._finder is None:
             return
-        if not self._finder.server_is_ready():
+        if not self._finder.ready:
             self.complain(f"{object_id} is lost, and no node offers the action find_object", key="search")
             return
         others = any(
@@ -315,9 +307,7 @@ class WorldMaintenanceNode(SuiteNode):
             for item in state.objects
         )
         self._searches += 1
-        self._finder.send_goal_async(
-            FindObject.Goal(class_name=class_name, object_id=object_id if others else "")
-        )
+        self._finder.send(FindObject.Goal(class_name=class_name, object_id=object_id if others else ""))
 
     def _finish(self, task: VerificationTask, outcome: str) -> None:
         self._outcomes[outcome] += 1
@@ -330,13 +320,13 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _now(self) -> float:
         """s of the node's clock."""
-        return self.get_clock().now().nanoseconds / NANOSECONDS
+        return self.now / NANOSECONDS
 
     def _pose(self) -> Array | None:
         return planar_pose(self.transforms, self._map_frame, self._base)
 
     def _header(self) -> Header:
-        now = self.get_clock().now().nanoseconds
+        now = self.now
         newest = self.transforms.newest(self._map_frame, self._base) or 0
         # Evidence has to be placed by tf at its stamp.
         stamp = min(now, newest) if newest else now

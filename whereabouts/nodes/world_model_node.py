@@ -91,16 +91,21 @@ class WorldModelNode(SuiteNode):
         self._messages = ObjectMessages(self._model.words)
         self.listen_to_transforms(on_demand=True)
         # An old pose is no jump of time: localisation says it again when somebody asks.
-        pose = Input(self, PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False)
+        pose = Input(
+            self, PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False, in_turn=True
+        )
         self.inputs.append(pose)
         self._created.append((self.destroy_subscription, pose.subscription))
-        self.add_input(EvidenceMessage, "evidence", self._take_evidence, frames=self._frames)
-        self.add_input(Detection3DArray, "detections", self._take_detections, frames=self._frames)
-        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames)
+        self.add_input(EvidenceMessage, "evidence", self._take_evidence, frames=self._frames, in_turn=True)
+        self.add_input(
+            Detection3DArray, "detections", self._take_detections, frames=self._frames, in_turn=True
+        )
+        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True)
         # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
         paths = Input(
-            self, PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False
-        )
+            self, PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False,
+            in_turn=True,
+        )  # fmt: skip
         self.inputs.append(paths)
         self._created.append((self.destroy_subscription, paths.subscription))
         self._state_output = self.add_output(StateMessage, "world_state", STATE_QOS)
