@@ -36,8 +36,12 @@ HEADLINES: tuple[Headline, ...] = (
     Headline(
         "The same building: revisits that are closed",
         "slam:logs/mit-csail.clf.bz2-smoothed/revisits-closed-percent",
-        "of {slam:logs/mit-csail.clf.bz2-smoothed/closures} closures lie more than 0.5 m or 10° off the reference",
-        "slam:logs/mit-csail.clf.bz2-smoothed/false-closures",
+        "proximity search with small_gicp; closures over 0.5 m or 10° off the reference: "
+        "{slam:logs/mit-csail.clf.bz2-smoothed/false-closures} of "
+        "{slam:logs/mit-csail.clf.bz2-smoothed/closures} here, "
+        "{slam:logs/mit-csail.clf.bz2-proximity-search-small-gicp-gtsam/false-closures} of "
+        "{slam:logs/mit-csail.clf.bz2-proximity-search-small-gicp-gtsam/closures} there",
+        "slam:logs/mit-csail.clf.bz2-proximity-search-small-gicp-gtsam/revisits-closed-percent",
     ),
     Headline(
         "The same building: places within 1 m recognised at 1 % false alarms",
