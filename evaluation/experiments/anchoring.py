@@ -177,17 +177,21 @@ def _draw_counts(folder: Path, run: AntRun) -> Path:
 def _simulated_landmarks(options: Options, report: Report) -> None:
     """Worlds with and without errors of the camera, each with learning and without; settings were chosen on others."""
     rows: list[list[Any]] = []
+    detections: dict[str, int] = {}
     minutes = 1.5 if options.quick else 15.0
     (seed,) = _seeds(options, 4, 1)
     for errors in (True, False):
         world = LandmarkWorld(seed, minutes, errors)
         plain, learned = (anchored(world.sightings(), learn=learn) for learn in (False, True))
         kind = "with errors" if errors else "without errors"
+        detections[kind] = plain.detections
         rows.append([kind, *(100.0 * share for share in (plain.right, learned.right, learned.corrected))])
     columns = ["camera", "at once, nothing learned, % ↑", "at once, % ↑", "looking back, % ↑"]
     note = f"Detections that get the right landmark of those 17 cm apart; {minutes:g} minutes of driving."
     title = "Landmarks, simulated"
-    report.tables.append(Table(title, columns, rows, note, "simulated-landmarks", data="simulated"))
+    report.tables.append(
+        Table(title, columns, rows, note, "simulated-landmarks", data="simulated", samples=detections)
+    )
 
 
 def _landmarks(options: Options, report: Report) -> None:
@@ -231,7 +235,9 @@ def _vehicles(options: Options, report: Report) -> None:
     ]
     note = "σ 0.2 m, p_D 0.9, 0.3 false detections per frame. Beside it: global nearest neighbour."
     title = "Vehicles and pedestrians of KITTI, simulated detections"
-    report.tables.append(Table(title, columns, rows, note, "kitti", data="tuned on"))
+    labels = {str(row[0]): int(row[1]) for row in rows[:-1]}
+    labels["all"] = sum(labels.values())
+    report.tables.append(Table(title, columns, rows, note, "kitti", data="tuned on", samples=labels))
 
 
 PARTS = {

@@ -89,7 +89,14 @@ def _tables_of_the_text(report: Report, polar: dict[int, tracking.Run], chosen: 
     title = "Steps of each kind, and what they take"
     report.tables.append(
         Table(
-            title, ["step", "here", "text"], rows, note, "steps", {"text": "Tables 6.1 to 6.3"}, "simulated"
+            title,
+            ["step", "here", "text"],
+            rows,
+            note,
+            "steps",
+            {"text": "Tables 6.1 to 6.3"},
+            "simulated",
+            len(polar[3].kinds),
         )
     )
 

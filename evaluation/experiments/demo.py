@@ -105,6 +105,7 @@ def _table(
         name,
         {"asked for": "design"},
         data,
+        1,
     )
 
 

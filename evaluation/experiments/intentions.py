@@ -110,7 +110,7 @@ def growth(options: Options, report: Report, outcomes: dict[str, protocol.Online
     ]
     note = "The text learns a measurement in less than 4 ms and updates a belief in 0.5 ms. Here it is whole walks."
     title = "Growth of map and model, 1 August by time"
-    report.tables.append(Table(title, columns, rows, note, "growth", data="tuned on"))
+    report.tables.append(Table(title, columns, rows, note, "growth", data="tuned on", samples=1))
     for name, outcome in (("ghmm", plain), ("routes", routes)):
         for what, times in (("learn", outcome.learn_ms), ("believe", outcome.belief_ms)):
             median = Figure(float(np.median(times)), "ms", "lower", "tuned on", len(times))

@@ -131,6 +131,7 @@ def readings(options: Options, report: Report, recordings: Mapping[str, Recordin
             "Within so many metres; each building is judged by a classifier of the others.",
             "readings",
             data="tuned on",
+            samples=len(buildings),
         )
     )
 
@@ -150,6 +151,7 @@ def chosen_logs(
         return replace(rule_of(recording, distance), neighbours=True, apart=10.0)
 
     rows: list[list[Any]] = []
+    samples: dict[str, int] = {}  # pairs of all logs at all distances
     for rule, ruled in (("20 m of path apart", rule_of), ("loose", loose)):
         sets = _sets(options, scans, ruled)
         found = []
@@ -158,6 +160,7 @@ def chosen_logs(
             rows.append([rule, " and ".join(own), *found[-1]])
         mean = _mean(found)
         rows.append([rule, "mean", *mean])
+        samples[rule] = sum(len(y) for at in sets.values() for _, y in at.values())
     report.tables.append(
         Table(
             "Which logs learn and which judge: the text's method",
@@ -167,6 +170,7 @@ def chosen_logs(
             " least 10 m apart.",
             "chosen",
             data="tuned on",
+            samples=samples,
         )
     )
 

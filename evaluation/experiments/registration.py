@@ -94,13 +94,12 @@ def _pairs(options: Options, report: Report) -> None:
             kind: [random_pair(rng, lidar, difficulty) for _ in range(count)]
             for kind, difficulty in DIFFICULTIES.items()
         }
+        compared = options.share(COMPARED, COMPARED)
         rows = []
         for name, aligner in track(methods().items(), label):
             row: list[object] = [name]
             for pairs in sets.values():
-                row += measure(
-                    aligner, pairs if name == "robust" else pairs[: options.share(COMPARED, COMPARED)]
-                ).row()
+                row += measure(aligner, pairs if name == "robust" else pairs[:compared]).row()
             rows.append(row)
         covered = np.mean(
             [np.mean(scan.owners > 0) for pair in sets["movers"] for scan in (pair.source, pair.target)]
@@ -114,6 +113,7 @@ def _pairs(options: Options, report: Report) -> None:
                 note,
                 f"pairs-{slug(label)}",
                 data="simulated",
+                samples={str(row[0]): count if row[0] == "robust" else min(compared, count) for row in rows},
             )
         )
 
@@ -222,7 +222,7 @@ def _spatial(options: Options, report: Report) -> None:
             away = 1e3 * float(np.linalg.norm(off[:3, 3]))
             rows.append([name, how, round(away, 3), round(float(angle), 5), found.converged, found.fitness])
     columns = ["clouds", "from", "off, mm ↓", "turned, ° ↓", "believed", "fitness ↑"]
-    report.tables.append(Table("Clouds", columns, rows, "", "clouds", data="left out"))
+    report.tables.append(Table("Clouds", columns, rows, "", "clouds", data="left out", samples=1))
 
 
 def _about_vertical(yaw: float) -> np.ndarray:

@@ -103,6 +103,7 @@ def shaken(options: Options, report: Report) -> None:
             worst, false_in_all = max(worst, miss), false_in_all + false
             closures += len(slam.closures)
     rows.append(["all", "the worst and the sum", false_in_all, worst, closures, "", ""])
+    samples["all"] = sum(samples.values())
     note = (
         "False: more than 0.5 m or 10° off a mapper's poses. Over the seeds the greatest number is the "
         "worst run. No wheels: noise on odometry is put on every step, and its covariance does not say so."
