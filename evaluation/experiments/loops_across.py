@@ -49,7 +49,7 @@ def across_places(
                 _training_sets(report, sets, options.seed)
     report.tables.append(
         Table(
-            "Across places: the text's features, trained on the other buildings",
+            "The text's features, trained on the other buildings",
             [
                 "log", "pairs", "within", "method", "positives", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑",
                 "D at 1 % FA, % ↑",
@@ -154,8 +154,8 @@ def shipped_models(report: Report) -> None:
             "Shipped models: each place judged by a model trained without it",
             ["model", "judged on", "within", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑"],
             rows,
-            "From the cards in loop_closure/models; docs/loop_closure_models.md has the commands. What was"
-            " chosen besides (features, depth, grades) was chosen on these buildings.",
+            "From the cards in loop_closure/models; docs/loop_closure_models.md has the commands. Features, depth and "
+            "grades were chosen with these buildings in view.",
             "shipped",
             data="model left out",
             samples={name: max(shipped_model(name).card.get("places", [0])) for name in NAMES},

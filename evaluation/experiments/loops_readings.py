@@ -125,10 +125,11 @@ def readings(options: Options, report: Report, recordings: Mapping[str, Recordin
         rows.append([label, *mean])
     report.tables.append(
         Table(
-            "Other readings of App. A.A: the text's method, mean over places",
+            "Other readings of App. A.A: the text's method, mean over buildings",
             ["reading", *COLUMNS],
             rows,
-            "Within so many metres; each building is judged by a classifier of the others.",
+            "The columns state the distance that counts as the same place. Each building is judged by a classifier of "
+            "the others.",
             "readings",
             data="tuned on",
             samples=len(buildings),
@@ -166,8 +167,8 @@ def chosen_logs(
             "Which logs learn and which judge: the text's method",
             ["pairs", "judged on, trained on the others", *COLUMNS],
             rows,
-            "Within so many metres. Loose: positive pairs may be near along the path, negative ones are at"
-            " least 10 m apart.",
+            "The columns state the distance that counts as the same place. Loose: positive pairs may be near along the "
+            "path, and negative ones are at least 10 m apart.",
             "chosen",
             data="tuned on",
             samples=samples,

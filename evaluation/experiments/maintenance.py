@@ -130,7 +130,8 @@ def _table(
         rows.append([f"{value:g}", *_cells(accounts, fixed), *([THEIRS.get(value, "")] if printed else [])])
     if printed:
         rows += [[label, *_cells(accounts, fixed), ""] for label, accounts in benchmarks.items()]
-    note = f"Entropies are means over {PLAN.duration:g} s; worst is the object known worst, total the sum of all."
+    note = f"Entropies are means over {PLAN.duration:g} s. Worst: of the least certain object. Total: the sum "
+        "over all objects."
     if printed:
         note += (
             " The text's worst case is below the fixed path's at every threshold. Asked for: at 5 nat -0.5 nat, -2 nat "
@@ -176,7 +177,9 @@ def _counts(options: Options, report: Report) -> None:
         goals = float(np.mean([account.goals.sum() for account in accounts]))
         rows.append([name, updates, printed[0], goals, printed[1]])
     columns = ["", "updates", "text: updates", "goals", "text: goals"]
-    note = "Of all ten objects together. Here whatever is in view is updated twice a second. The text shows one run."
+    note = (
+        "Sums over ten objects. Here every object in view is updated twice a second. The text shows one run."
+    )
     report.tables.append(
         Table(
             "Updates and goals of a run, ω = 1, IG_thr = 8 nat", columns, rows, note, "counts",

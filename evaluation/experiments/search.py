@@ -73,7 +73,7 @@ def _strategies(options: Options, report: Report) -> None:
         ("failures", "Searches that fail", [f"{s}, % ↓" for s in STRATEGIES[:-1]], failures, note),
         (
             "paths", "Path until the target is seen", [f"{s}, m ↓" for s in STRATEGIES], lengths,
-            "A search that fails ends in a sweep.",
+            "After a failed search the robot sweeps the whole room.",
         ),
         (
             "shares", "Path beside that of the direct neighbours and of the sweep",
