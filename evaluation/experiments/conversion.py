@@ -283,7 +283,8 @@ def between(options: Options, report: Report) -> None:
     ]
     note = (
         "Here K of the measurement demands particles all the time. A third mode, such as a Gaussian mixture, cannot "
-        "gain more than very many particles gain over the Kalman mode. So it pays only if the last row is clearly below 0."
+        "gain more than very many particles gain over the Kalman mode. So it pays only if the last row is clearly "
+        "below 0."
     )
     columns = ["filter", "RMSE, mm ↓", "ANEES", "RMSE less the Kalman filter's, mm ↓", "step, µs ↓"]
     title = "What a third mode could gain, scenario 2"
