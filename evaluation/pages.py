@@ -34,7 +34,7 @@ JUDGED = """\
 The column "judged on" says what the data had to do with any choice:
 
 * **left out**: it took part in no choice and in no training.
-* **model left out**: what is trained was trained without it. Parameters that are set by hand were chosen with it in view.
+* **model left out**: what is trained was trained without it. Parameters set by hand were chosen with it in view.
 * **tuned on**: it took part in training or in a choice, or somebody looked at it meanwhile.
 * **simulated**: it was drawn at random, by rules that were known to those who tuned."""
 OVERVIEW = """\

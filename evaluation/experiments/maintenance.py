@@ -134,8 +134,8 @@ def _table(
     if printed:
         note += (
             " The text's worst case is below the fixed path's at every threshold. Targets beside the fixed path: at "
-            "5 nat 0.5 nat less at worst, 2 nat less in total and the same distance; at 9 nat no higher total and 0.65 × "
-            "the distance; at 15 nat 0.1 × the distance."
+            "5 nat 0.5 nat less at worst, 2 nat less in total and the same distance; at 9 nat no higher total and "
+            "0.65 × the distance; at 15 nat 0.1 × the distance."
         )
     columns = [parameter, *COLUMNS, *printed]
     report.tables.append(
