@@ -36,8 +36,12 @@ HEADLINES: tuple[Headline, ...] = (
     Headline(
         "The same building: revisits that are closed",
         "slam:logs/mit-csail.clf.bz2-smoothed/revisits-closed-percent",
-        "of {slam:logs/mit-csail.clf.bz2-smoothed/closures} closures lie more than 0.5 m or 10° off the reference",
-        "slam:logs/mit-csail.clf.bz2-smoothed/false-closures",
+        "proximity search with small_gicp. Over 0.5 m or 10° off the reference: "
+        "{slam:logs/mit-csail.clf.bz2-smoothed/false-closures} of "
+        "{slam:logs/mit-csail.clf.bz2-smoothed/closures} closures here, "
+        "{slam:logs/mit-csail.clf.bz2-proximity-search-small-gicp-gtsam/false-closures} of "
+        "{slam:logs/mit-csail.clf.bz2-proximity-search-small-gicp-gtsam/closures} there",
+        "slam:logs/mit-csail.clf.bz2-proximity-search-small-gicp-gtsam/revisits-closed-percent",
     ),
     Headline(
         "The same building: places within 1 m recognised at 1 % false alarms",
@@ -46,7 +50,7 @@ HEADLINES: tuple[Headline, ...] = (
         "loops:unseen/plain-2d-1-m/d-at-1-percent-fa-percent",
     ),
     Headline(
-        "Two scans up to 0.6 m and 35° apart registered without a guess",
+        "Two scans up to 0.6 m and 35° apart, registered without a guess",
         "registration:pairs-361-beams-360deg/robust/hard-success-percent",
         "small_gicp",
         "registration:pairs-361-beams-360deg/small-gicp-extruded/hard-success-percent",
@@ -70,15 +74,15 @@ HEADLINES: tuple[Headline, ...] = (
         "peers:targets/cross-spawn-stone-soup/peer-ospa-m",
     ),
     Headline(
-        "Objects believed in where there are 100, 20 in view at a time",
+        "Objects in the world model, in a scene of 100 with 20 in view at a time",
         "anchoring:scenes/100-objects-20-in-view/objects-at-the-end",
         "WIRE",
         "anchoring:scenes/100-objects-20-in-view/objects-at-the-end#printed",
     ),
     Headline(
-        "Way to keep ten objects verified at 9 nat, of a fixed path's",
+        "Distance driven to keep ten objects verified (threshold 9 nat), relative to a fixed path",
         "maintenance:thresholds/9/distance-of-the-fixed-path-s-times",
-        "the reference, with lower entropy in both",
+        "the reference; entropy is below the fixed path's in both",
         "maintenance:thresholds/9/distance-of-the-fixed-path-s-times#printed",
     ),
     Headline(

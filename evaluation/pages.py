@@ -28,8 +28,15 @@ from whereabouts.datasets import data_directory
 BEFORE = "before the last change"
 SPREAD = (
     "What draws at random is repeated over five seeds: the mean, and in brackets the smallest and the largest. "
-    "↓ and ↑ say which direction is better."
+    "↓ and ↑ say which direction is better. “The text” is the thesis or paper that a part follows."
 )
+JUDGED = """\
+The column "judged on" says what the data had to do with any choice:
+
+* **left out**: it took part in no choice and in no training.
+* **model left out**: what is trained was trained without it. Parameters set by hand were chosen with it in view.
+* **tuned on**: it took part in training or in a choice, or somebody looked at it meanwhile.
+* **simulated**: it was drawn at random, by rules that were known to those who tuned."""
 OVERVIEW = """\
 Each experiment writes a file, `results/NAME.json`, with every figure, its unit, its spread over the seeds, and whether
 the data that judges it took part in any choice. These pages are written from those files.
@@ -156,6 +163,7 @@ def overview(summaries: Mapping[str, str], book: Book) -> str:
         "<!-- Written by `make docs`. -->",
         "# Results",
         OVERVIEW,
+        JUDGED,
         markdown.pipes(["experiment", "what it shows", "run", "figures"], rows),
     ]
     if missing:

@@ -23,7 +23,8 @@ class Options:
 
     out : folder for pictures. seed : of every random draw. jobs : processes to use.
     quick : fewer repetitions of the same protocol. seeds : over how many seeds the part is repeated.
-    data : folder of recordings, None where they are absent.
+    data : folder of recordings, None where they are absent. kept : folder for what other parts of the same run use
+    again; files named after the experiment are gone once it is written. None: nothing is kept.
     """
 
     out: Path
@@ -32,6 +33,7 @@ class Options:
     quick: bool = False
     data: Path | None = None
     seeds: int = 1
+    kept: Path | None = None
 
     def share(self, whole: int, quick: int) -> int:
         """Of so many repetitions in all, those of this seed."""
@@ -51,7 +53,8 @@ class Figure:
     """One number that was measured.
 
     better : "lower", "higher", or "" where neither is. data : whether the data that judges it took part in any
-    choice ("tuned on", "left out", "simulated"). samples : what the number is a mean, share or median of.
+    choice ("tuned on", "left out", "simulated"; "model left out": what is trained was trained without it, but it was
+    looked at when parameters were set by hand). samples : what the number is a mean, share or median of.
     """
 
     value: float
@@ -128,6 +131,7 @@ class Part:
 def slug(text: str) -> str:
     """Lower-case words and numbers joined by hyphens."""
     kept = text.replace("σ", "sigma").replace("θ", "theta").replace("±", "spread").replace("°", "deg")
+    kept = kept.replace("µ", "u").replace("μ", "u")
     kept = kept.replace("%", "percent").replace("×", "times").replace("/", " per ")
     return re.sub(r"[^a-z0-9.]+", "-", kept.lower()).strip("-.") or "value"
 

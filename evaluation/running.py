@@ -191,7 +191,9 @@ def _kept_or_run(asked: Run, key: str, part: Part, seed: int, digest: str) -> di
         folder = asked.out / asked.name if seed == asked.seed else Path(aside)
         folder.mkdir(parents=True, exist_ok=True)
         report = Report(asked.name)
-        part.run(Options(folder, seed, asked.jobs, asked.quick, asked.data, len(_seeds(part, asked))), report)
+        seeds = len(_seeds(part, asked))
+        options = Options(folder, seed, asked.jobs, asked.quick, asked.data, seeds, kept.parent)
+        part.run(options, report)
     if seed != asked.seed:
         report.pictures = []
     record = results.record(report) | {"mark": mark, "seconds": round(time.perf_counter() - begun, 1)}

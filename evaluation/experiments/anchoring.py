@@ -111,8 +111,8 @@ def _situations(options: Options, report: Report) -> None:
             share = 100.0 * float(np.mean([each[k][2] for each in found]))
             rows.append([name, share, Printed("yes", f"section {section}"), said])
     columns = ["situation", "runs, %", "text", "what happens"]
-    note = "Of the false box less is better: the text shows with it what goes wrong."
-    title = "Situations of the text"
+    note = "The false box shows a failure: fewer runs are better there."
+    title = "Situations that the text describes"
     printed = {"text": "sections 2.6.1 and 2.6.2"}
     report.tables.append(Table(title, columns, rows, note, "situations", printed, "simulated", count))
 
@@ -177,21 +177,25 @@ def _draw_counts(folder: Path, run: AntRun) -> Path:
 def _simulated_landmarks(options: Options, report: Report) -> None:
     """Worlds with and without errors of the camera, each with learning and without; settings were chosen on others."""
     rows: list[list[Any]] = []
+    detections: dict[str, int] = {}
     minutes = 1.5 if options.quick else 15.0
     (seed,) = _seeds(options, 4, 1)
     for errors in (True, False):
         world = LandmarkWorld(seed, minutes, errors)
         plain, learned = (anchored(world.sightings(), learn=learn) for learn in (False, True))
         kind = "with errors" if errors else "without errors"
+        detections[kind] = plain.detections
         rows.append([kind, *(100.0 * share for share in (plain.right, learned.right, learned.corrected))])
     columns = ["camera", "at once, nothing learned, % ↑", "at once, % ↑", "looking back, % ↑"]
     note = f"Detections that get the right landmark of those 17 cm apart; {minutes:g} minutes of driving."
     title = "Landmarks, simulated"
-    report.tables.append(Table(title, columns, rows, note, "simulated-landmarks", data="simulated"))
+    report.tables.append(
+        Table(title, columns, rows, note, "simulated-landmarks", data="simulated", samples=detections)
+    )
 
 
 def _landmarks(options: Options, report: Report) -> None:
-    """A recording of five robots; how large a camera's errors are on the whole was seen in it."""
+    """A recording of five robots; the usual size of a camera's errors was taken from it."""
     assert options.data is not None
     rows: list[list[Any]] = []
     for robot in (1,) if options.quick else range(1, 6):
@@ -229,9 +233,11 @@ def _vehicles(options: Options, report: Report) -> None:
         "IDF1 ↑",
         "nearest neighbour: IDF1 ↑",
     ]
-    note = "σ 0.2 m, p_D 0.9, 0.3 false detections per frame. Beside it: global nearest neighbour."
+    note = "σ 0.2 m, p_D 0.9, 0.3 false detections per frame. The peer is global nearest neighbour."
     title = "Vehicles and pedestrians of KITTI, simulated detections"
-    report.tables.append(Table(title, columns, rows, note, "kitti", data="tuned on"))
+    labels = {str(row[0]): int(row[1]) for row in rows[:-1]}
+    labels["all"] = sum(labels.values())
+    report.tables.append(Table(title, columns, rows, note, "kitti", data="tuned on", samples=labels))
 
 
 PARTS = {

@@ -112,8 +112,8 @@ def _binned(report: Report, rng: np.random.Generator) -> None:
         "samples skipped, %",
     ]
     note = (
-        "Bins in which the Gaussian is empty hold the samples it misses. Where they are skipped, linearisation looks "
-        "best at large angles."
+        "Some samples lie where the Gaussian has no mass. If their bins are skipped, linearisation looks best at large "
+        "angles."
     )
     report.tables.append(
         Table(
@@ -177,8 +177,8 @@ def where_k_fails(options: Options, report: Report) -> None:
         x = limits.find_limit(1.0, 0.0, relative, 0.0, int(rng.integers(2**31)))
         rows.append([f"{relative:g}", np.degrees(x.measured), np.degrees(x.by_ratio)])
     note = (
-        "Only σ_r / range matters. Where it is large the product of both noises is not Gaussian even for tiny angles. "
-        "K does not see that until 0.3, where it exceeds 1.075 at any angle. A hyphen: no angle is small enough."
+        "Only σ_r / range matters. If it is large, the product of both noises is not Gaussian even at tiny angles. K "
+        "shows this only from 0.3 on, where it exceeds 1.075 at every angle. A hyphen: no angle is small enough."
     )
     columns = ["σ_r / range", "largest angle, °", "largest by K, °"]
     title = "Where K fails: range noise large against the range"
@@ -212,8 +212,8 @@ def drive(options: Options, report: Report) -> None:
             ranges[f"σ_θ,obj = {degrees}°, K in {label}"] = values
             rows.append([f"{degrees}°", label, *np.percentile(values, [10, 50, 90]).tolist()])
     note = (
-        "A simulated drive of 24 m in place of the text's log. The text (Figure 6.11): 2.5 to 6 m most of the time, "
-        "below 10 m most of the time for 2° and more."
+        "A simulated drive of 24 m replaces the text's log. In the text (Figure 6.11) the range is 2.5 to 6 m most of "
+        "the time, and below 10 m most of the time from 2° on."
     )
     columns = ["σ_θ,obj", "K of", "10 of 100 below, m", "median, m", "90 of 100 below, m"]
     title = "Range from which on K exceeds 1.075"
@@ -282,11 +282,12 @@ def between(options: Options, report: Report) -> None:
         for name, values in found.items()
     ]
     note = (
-        "K of the measurement asks for particles all the time here. A third mode, such as a Gaussian mixture, can gain "
-        "at most what very many particles gain over the Kalman mode. It pays only if the last row is clearly below 0."
+        "Here K of the measurement demands particles all the time. A third mode, such as a Gaussian mixture, cannot "
+        "gain more than very many particles gain over the Kalman mode. So it pays only if the last row is clearly "
+        "below 0."
     )
     columns = ["filter", "RMSE, mm ↓", "ANEES", "RMSE less the Kalman filter's, mm ↓", "step, µs ↓"]
-    title = "Room between the modes, scenario 2"
+    title = "What a third mode could gain, scenario 2"
     report.tables.append(Table(title, columns, rows, note, "between", data="simulated", samples=count))
 
 

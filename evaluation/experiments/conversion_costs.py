@@ -83,13 +83,20 @@ def _tables_of_the_text(report: Report, polar: dict[int, tracking.Run], chosen: 
         for table, what, here, theirs in said
     ]
     note = (
-        "The text's machine was a 2.8 GHz laptop of 2008 with C++: compare ratios, not milliseconds. K leaves the "
-        "robot's position out, as in the text, but for the last row. Processor time, argument checks included."
+        "The text used C++ on a 2.8 GHz laptop of 2008: compare ratios, not milliseconds. As in the text, K leaves out "
+        "the robot's position, except in the last row. Processor time includes the checks of arguments."
     )
     title = "Steps of each kind, and what they take"
     report.tables.append(
         Table(
-            title, ["step", "here", "text"], rows, note, "steps", {"text": "Tables 6.1 to 6.3"}, "simulated"
+            title,
+            ["step", "here", "text"],
+            rows,
+            note,
+            "steps",
+            {"text": "Tables 6.1 to 6.3"},
+            "simulated",
+            len(polar[3].kinds),
         )
     )
 

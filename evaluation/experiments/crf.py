@@ -131,10 +131,10 @@ def _table_of_motions(found: dict[str, list[Scores]], report: Report) -> None:
     columns += ["on the same, m ↓", "joint model on the same, m ↓", "objects right ↑"]
     texts = {"text: rotation": "Table III", "text: translation": "Table III"}
     note = (
-        "Mean error of motions, translation where the object is. First of correctly clustered objects and "
-        "the background, then of these objects alone, then of all objects (those not found taken to stand)"
-        f" and the background; on the same: where both the technique and the joint model are right. {total}"
-        " objects with the first seed."
+        "Mean errors of motions; translations are at the object. The first two columns are of the background and the "
+        "correctly clustered objects, the next two of these objects alone. All: of the background and all objects; an "
+        "object that was not found counts as stationary. On the same: of the objects that both the technique and the "
+        f"joint model cluster correctly. The first seed has {total} objects."
     )
     report.tables.append(
         Table(
@@ -228,7 +228,10 @@ def _poses(options: Options, report: Report) -> None:
     columns = ["method"] + [
         f"{kind}, {what}, mm ↓" for kind in ("few move", "many move") for what in ("median", "mean")
     ]
-    note = "Crowds that `align` is sure of; many: movers cover over a quarter of the view. Errors are cut at 0.5 m."
+    note = (
+        "Crowds in which `align` accepts the placement. Many: movers cover over a quarter of the view. "
+        "An error above 0.5 m counts as 0.5 m."
+    )
     report.tables.append(
         Table("Pose among movers", columns, rows, note, "poses", data="simulated", samples=len(pairs))
     )
@@ -253,7 +256,10 @@ def _timing(options: Options, report: Report) -> None:
             late = 1e3 * float(np.percentile(seconds, 99))
             rows.append([label, schedule, 1e3 * float(np.median(seconds)), late, float(np.mean(score[:2]))])
     columns = ["scanner", "schedule", "median, ms ↓", "99 % within, ms ↓", "log score ↑"]
-    note = "One core, offices and crowds. The text: up to 4 minutes. Log score: mean over the same two pairs."
+    note = (
+        "One core, offices and crowds. The text takes up to 4 minutes. "
+        "The log score is a mean over the same two pairs."
+    )
     report.tables.append(
         Table("Time of an inference", columns, rows, note, "time", data="simulated", samples=2 * count)
     )

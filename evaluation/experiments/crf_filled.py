@@ -38,8 +38,8 @@ def filled(options: Options, report: Report) -> None:
         rows.append([f"{100.0 * low:.0f} to {100.0 * high:.0f} % of the beams", right, refused, wrong])
         low = high
     note = (
-        f"A box 0.3 to 1 m off in streets, halls and offices. Numbers of pairs; wrong: sure, and off by over "
-        f"{WRONG} m or {WRONG_TURN} rad."
+        f"A box moves 0.3 to 1 m away in streets, halls and offices. The columns count pairs. Wrong: accepted, but off "
+        f"by more than {WRONG} m or {WRONG_TURN} rad."
     )
     report.tables.append(
         Table(

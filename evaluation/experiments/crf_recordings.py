@@ -103,8 +103,8 @@ def recordings(options: Options, report: Report) -> None:
                 [recorded.name, how, f1, hits / max(hits + wrong, 1.0), hits / max(hits + missed, 1.0)]
             )
     note = (
-        "Truth from motion capture. No recording was used in training; how a window looks at these two was looked at "
-        "on them. A vote of free space over 15 scans with one decision per cluster: F1 0.79."
+        "Truth is from motion capture. No recording was used in training, but the windows of scans were chosen on "
+        "these two."
     )
     report.tables.append(
         Table(

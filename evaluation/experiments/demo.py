@@ -66,7 +66,9 @@ def _other_days(options: Options, report: Report) -> None:
     """The same home, people and things, drawn anew: another seed of every noise."""
     with TemporaryDirectory() as folder:
         found = _replayed(FIRST_DAY + options.seed, QUICK if options.quick else None, Path(folder))
-    report.tables.append(_table("Days that nobody looked at", "other-days", ROWS, found, "left out"))
+    report.tables.append(
+        _table("Other days, left out of every choice", "other-days", ROWS, found, "left out")
+    )
     if options.quick:
         report.notes.append(
             f"The other days are cut off after {QUICK:g} s: not everything has been in view by then."
@@ -96,7 +98,7 @@ def _table(
     title: str, name: str, rows: tuple[tuple[str, str, float | None], ...], found: dict[str, Any], data: str
 ) -> Table:
     cells = [[heading, "" if wanted is None else wanted, _count(found[key])] for key, heading, wanted in rows]
-    note = "Expected are people who were in plain view for 1.5 s, until they have been hidden for 3 s."
+    note = "A person is expected after 1.5 s in plain view, until hidden for 3 s."
     return Table(
         title,
         ["", "asked for", "here"],
@@ -105,6 +107,7 @@ def _table(
         name,
         {"asked for": "design"},
         data,
+        1,
     )
 
 

@@ -110,7 +110,7 @@ def growth(options: Options, report: Report, outcomes: dict[str, protocol.Online
     ]
     note = "The text learns a measurement in less than 4 ms and updates a belief in 0.5 ms. Here it is whole walks."
     title = "Growth of map and model, 1 August by time"
-    report.tables.append(Table(title, columns, rows, note, "growth", data="tuned on"))
+    report.tables.append(Table(title, columns, rows, note, "growth", data="tuned on", samples=1))
     for name, outcome in (("ghmm", plain), ("routes", routes)):
         for what, times in (("learn", outcome.learn_ms), ("believe", outcome.belief_ms)):
             median = Figure(float(np.median(times)), "ms", "lower", "tuned on", len(times))
@@ -138,7 +138,7 @@ def orders(options: Options, report: Report) -> None:
     rng = np.random.default_rng([options.seed, 1])
     chosen = [rng.permutation(len(walks)) for _ in range(options.share(20, 5))]
     alone = [walk - [0.0, 0.0, walk[0, 2]] for walk in walks]
-    note = "Complete walks of 1 August. Times count from each start: nobody is known to have come together."
+    note = "Complete walks of 1 August. Times count from the start of each walk, so nobody is known to come together."
     rows = elsewhere.correct("hall, random orders", [[alone[k] for k in order] for order in chosen], NAMES)
     count = len(chosen) * (len(walks) - protocol.FIRST)
     columns = ["walks", "method", *elsewhere.COLUMNS]
@@ -179,7 +179,7 @@ def hotel(options: Options, report: Report) -> None:
     report.tables.append(Table(title, columns, rows, note, "hotel", data="tuned on", samples=moments))
     gone = [walk for walk in people.values() if np.hypot(*(walk[-1] - walk[0])[:2]) > 3.0]
     rows = elsewhere.correct("hotel", [by_time(gone)], NAMES)
-    note = f"All who got on by more than 3 m. The exits are the open ends of a street. {elsewhere.ONLINE}"
+    note = f"All people who walked more than 3 m. The exits are the open ends of a street. {elsewhere.ONLINE}"
     columns = ["walks", "method", *elsewhere.COLUMNS]
     title, count = "Correct exits at the hotel", len(gone) - protocol.FIRST
     report.tables.append(Table(title, columns, rows, note, "hotel-exits", data="tuned on", samples=count))
@@ -203,8 +203,8 @@ def forces(report: Report, people: list[Array]) -> None:
     ]
     columns = ["forces", "relaxation, s", "people, m/s²", "range, m", "error over 4.8 s, m ↓"]
     note = (
-        "Half of the moments are fitted, the other half judged. The text sets a relaxation of 4 s and a range of "
-        "1.24 m, at 24.7 mm a pixel."
+        "The model is fitted on half of the moments and judged on the other half. The text sets a relaxation "
+        "of 4 s and a range of 1.24 m, at 24.7 mm a pixel."
     )
     title = "Social forces from the hotel's people"
     report.tables.append(

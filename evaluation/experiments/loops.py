@@ -25,7 +25,7 @@ from evaluation.experiments.loops_features import informative_features, repetiti
 from evaluation.experiments.loops_judging import Judgement, draw_curves
 from evaluation.experiments.loops_readings import chosen_logs, readings
 from evaluation.experiments.loops_retrieval import retrieval
-from evaluation.report import Options, Part, Report, Table
+from evaluation.report import Figure, Options, Part, Report, Table
 from loop_closure import (
     AdaBoost,
     PlaceDatabase,
@@ -174,10 +174,12 @@ def _resolution(options: Options, report: Report, recordings: dict[str, Recordin
     if "clouds" in recordings:
         compared.append(("clouds", recordings["clouds"], 63, 99))
     rows: list[list[Any]] = []
+    samples: dict[str, int] = {}
     for label, recording, zero, one in compared:
         pairs = recording.pairs(rule_of(recording, 3.0), most, most, options.seed)
         found = _folds(options, recording, pairs, repetitions)
         rows.append([label, *(100.0 * found.spread(rate).mean for rate in (0.0, 0.01)), zero, one])
+        samples[label] = pairs.positives
     texts = dict.fromkeys(TEXTS, "Table 6")
     report.tables.append(
         Table(
@@ -189,6 +191,7 @@ def _resolution(options: Options, report: Report, recordings: dict[str, Recordin
             "resolution",
             printed=texts,
             data="tuned on",
+            samples=samples,
         )
     )
 
@@ -220,6 +223,7 @@ def _times(options: Options, report: Report) -> None:
             "times",
             printed=texts,
             data="simulated",
+            samples=20,
         )
     )
 
@@ -250,8 +254,9 @@ def _unseen(options: Options, report: Report) -> None:
         for distance in (1.0, 2.0, 3.0):
             pairs = recording.pairs(rule_of(recording, distance), 6000, 3000, options.seed)
             curve = roc(model.score_pairs(recording.places, pairs), pairs.same)
-            rates = [100.0 * curve.detection_at(rate) for rate in (0.0, 0.001, 0.01)]
-            rows.append([name, f"{distance:g} m", *rates, curve.positives])
+            rates = (100.0 * curve.detection_at(rate) for rate in (0.0, 0.001, 0.01))
+            figures = [Figure(rate, "%", "higher", "left out", curve.positives) for rate in rates]
+            rows.append([name, f"{distance:g} m", *figures, curve.positives])
     columns = ["model", "within", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑", "positives"]
     note = "csail, single scans with headings within 45°; seeds draw the 6000 negative pairs."
     report.tables.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ def translation(options: Options, report: Report, recordings: Mapping[str, Recor
     recording = recordings["freiburg-079"]
     count = 150 if options.quick else 400
     places, poses = recording.places[:count], recording.poses[:count]
-    rows = []
+    rows: list[list[Any]] = []
     scores = {}
     apart, alike = [], []
     for i in range(0, count, 4):
@@ -49,6 +50,7 @@ def translation(options: Options, report: Report, recordings: Mapping[str, Recor
             "shipped models have seen this log.",
             "translation",
             data="tuned on",
+            samples={str(row[0]): int(row[1]) for row in rows},
         )
     )
 

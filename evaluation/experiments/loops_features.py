@@ -28,11 +28,13 @@ def training_rounds(
 ) -> None:
     """Figure 4: training and validation error against T, within one data set and on another place."""
     rows = []
+    samples: dict[str, int] = {}
     for name in ("intel", "killian", "clouds"):
         if name not in recordings:
             continue
         recording = recordings[name]
         F, y = _pairs(recording, rule_of(recording, 2.0), options, 1500)
+        samples[name] = len(y)
         half = np.random.default_rng(options.seed).permutation(len(y)) < len(y) // 2
         for rounds, train, validation in round_curve(ROUNDS, (F[half], y[half]), (F[~half], y[~half])):
             rows.append([name, f"T = {rounds}", 100.0 * train, 100.0 * validation])
@@ -44,6 +46,7 @@ def training_rounds(
             "The text: validation errors stop decreasing after about 50 rounds.",
             "rounds",
             data="tuned on",
+            samples=samples,
         )
     )
 
@@ -79,8 +82,10 @@ def repetitive_structure(
 ) -> None:
     """Figure 10: share of features whose ratios (25) and (26) are below 0.5, and those at 0.9 and above."""
     rows = []
+    samples: dict[str, int] = {}
     for name, recording in recordings.items():
         F, y = _pairs(recording, rule_of(recording, 1.0), options, 2000)
+        samples[name] = len(y)
         means, deviations = repetitiveness(F, y)
         alike = np.flatnonzero((means >= 0.9) | (deviations >= 0.9)) + 1
         low = [100.0 * float(np.mean(ratios < 0.5)) for ratios in (means, deviations)]
@@ -94,6 +99,7 @@ def repetitive_structure(
             "about 80 % of the cases, outdoors. Corridors repeat themselves more.",
             "repetition",
             data="tuned on",
+            samples=samples,
         )
     )
 

@@ -125,12 +125,14 @@ def readings(options: Options, report: Report, recordings: Mapping[str, Recordin
         rows.append([label, *mean])
     report.tables.append(
         Table(
-            "Other readings of App. A.A: the text's method, mean over places",
+            "Other readings of App. A.A: the text's method, mean over buildings",
             ["reading", *COLUMNS],
             rows,
-            "Within so many metres; each building is judged by a classifier of the others.",
+            "The columns state the distance that counts as the same place. Each building is judged by a classifier of "
+            "the others.",
             "readings",
             data="tuned on",
+            samples=len(buildings),
         )
     )
 
@@ -150,6 +152,7 @@ def chosen_logs(
         return replace(rule_of(recording, distance), neighbours=True, apart=10.0)
 
     rows: list[list[Any]] = []
+    samples: dict[str, int] = {}  # pairs of all logs at all distances
     for rule, ruled in (("20 m of path apart", rule_of), ("loose", loose)):
         sets = _sets(options, scans, ruled)
         found = []
@@ -158,15 +161,17 @@ def chosen_logs(
             rows.append([rule, " and ".join(own), *found[-1]])
         mean = _mean(found)
         rows.append([rule, "mean", *mean])
+        samples[rule] = sum(len(y) for at in sets.values() for _, y in at.values())
     report.tables.append(
         Table(
             "Which logs learn and which judge: the text's method",
             ["pairs", "judged on, trained on the others", *COLUMNS],
             rows,
-            "Within so many metres. Loose: positive pairs may be near along the path, negative ones are at"
-            " least 10 m apart.",
+            "The columns state the distance that counts as the same place. Loose: positive pairs may be near along the "
+            "path, and negative ones are at least 10 m apart.",
             "chosen",
             data="tuned on",
+            samples=samples,
         )
     )
 

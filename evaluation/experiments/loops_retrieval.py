@@ -67,6 +67,7 @@ def retrieval(options: Options, report: Report, recordings: Mapping[str, Recordi
             "csail.",
             "retrieval",
             data="tuned on",
+            samples=len(queries),
         )
     )
 

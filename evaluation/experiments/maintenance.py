@@ -130,11 +130,12 @@ def _table(
         rows.append([f"{value:g}", *_cells(accounts, fixed), *([THEIRS.get(value, "")] if printed else [])])
     if printed:
         rows += [[label, *_cells(accounts, fixed), ""] for label, accounts in benchmarks.items()]
-    note = f"Entropies are means over {PLAN.duration:g} s; worst is the object known worst, total the sum of all."
+    note = f"Entropies are means over {PLAN.duration:g} s. Worst: of the least certain object. Total: of all objects."
     if printed:
         note += (
-            " The text's worst case is below the fixed path's at every threshold. Asked for: at 5 nat -0.5 nat, -2 nat "
-            "and 1 × the distance, at 9 nat no higher total and 0.65 ×, at 15 nat 0.1 ×."
+            " The text's worst case is below the fixed path's at every threshold. Targets beside the fixed path: at "
+            "5 nat 0.5 nat less at worst, 2 nat less in total and the same distance; at 9 nat no higher total and "
+            "0.65 × the distance; at 15 nat 0.1 × the distance."
         )
     columns = [parameter, *COLUMNS, *printed]
     report.tables.append(
@@ -176,7 +177,9 @@ def _counts(options: Options, report: Report) -> None:
         goals = float(np.mean([account.goals.sum() for account in accounts]))
         rows.append([name, updates, printed[0], goals, printed[1]])
     columns = ["", "updates", "text: updates", "goals", "text: goals"]
-    note = "Of all ten objects together. Here whatever is in view is updated twice a second. The text shows one run."
+    note = (
+        "Sums over ten objects. Here every object in view is updated twice a second. The text shows one run."
+    )
     report.tables.append(
         Table(
             "Updates and goals of a run, ω = 1, IG_thr = 8 nat", columns, rows, note, "counts",

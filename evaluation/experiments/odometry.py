@@ -145,9 +145,9 @@ def _recorded(options: Options, report: Report) -> None:
             outcome = follow(records, False, by=follower)
             rows.append([name, method, *errors(outcome, outcome.poses, truth)])
     note = (
-        "ATE: RMS of what is left of the positions after the best rigid motion onto a mapper's poses; single poses of "
-        "csail's are off by up to 0.7 m. 20 m error: median over 20 m of path. Corrected logs hold one scan per metre "
-        "and no wheels; an endless corridor then leaves the motion along it open."
+        "ATE: RMS of what is left of the positions after the best rigid motion onto a mapper's poses, as they "
+        "are; `experiment slam` says how good these are. 20 m error: median over 20 m of path. Corrected logs hold one "
+        "scan per metre and no wheels; an endless corridor then leaves the motion along it open."
     )
     report.tables.append(
         Table(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.util import find_spec
 from typing import Any
@@ -81,6 +81,7 @@ def _clouds(options: Options, report: Report) -> None:
         rows,
         "left out",
         "Ours refines by small_gicp too.",
+        options.share(25, 10),
     )
 
 
@@ -106,7 +107,7 @@ def _scans(options: Options, report: Report) -> None:
     rows = [
         ["scan to odometry, KISS-ICP", *least, least[1] / least[0], errors["local_map"], errors["kiss_icp"]]
     ]
-    _add(report, "Odometry of planar scans: ATE, mm", "scans", rows, "simulated", "")
+    _add(report, "Odometry of planar scans: ATE, mm", "scans", rows, "simulated", "", len(records))
 
 
 def _clouds_around(options: Options, report: Report) -> None:
@@ -129,7 +130,9 @@ def _clouds_around(options: Options, report: Report) -> None:
     errors = [absolute_trajectory_error(each, truth).rmse for each in (ours, theirs[:, :3, 3])]
     row = ["clouds to map, KISS-SLAM", *taken, taken[1] / taken[0], *errors, len(slam.closures), closures]
     columns = [*COLUMNS, "ours: ATE, m ↓", "peer: ATE, m ↓", "ours: closures", "peer: closures"]
-    report.tables.append(Table("A round of clouds", columns, [row], ROUND, "round", data="simulated"))
+    report.tables.append(
+        Table("A round of clouds", columns, [row], ROUND, "round", data="simulated", samples=len(clouds))
+    )
 
 
 def _places(seed: int, count: int) -> tuple[Array, Array]:
@@ -164,7 +167,10 @@ def _classifiers(options: Options, report: Report) -> None:
         quality = [right(ours.score(G)), right(theirs.predict_proba(G)[:, 1])]
         rows.append([f"learn {len(F)} pairs, {name}", *learn, *quality])
         rows.append([f"score {len(many)} pairs, {name}", *score, *quality])
-    _add(report, "Classifiers: held-out pairs told right, % ↑", "classifiers", rows, "simulated", "")
+    note = f"Times are medians over {rounds} rounds."
+    _add(
+        report, "Classifiers: held-out pairs told right, % ↑", "classifiers", rows, "simulated", note, len(G)
+    )
 
 
 def _learners(seed: int) -> list[tuple[str, AdaBoost | GradientBoosting, Any]]:
@@ -190,6 +196,7 @@ def _targets(options: Options, report: Report) -> None:
     """Recorded scans of extended targets, other realisations for each seed."""
     assert options.data is not None
     rows: list[list[object]] = []
+    scans: dict[str, int] = {}
     for scene in ("cross_spawn", "parallel", "six", "six_pd09"):
         with np.load(options.data / "extended_targets" / f"{scene}.npz") as data:
             truth, returns, given = data["truth"], data["meas"], json.loads(str(data["params"]))
@@ -210,6 +217,7 @@ def _targets(options: Options, report: Report) -> None:
         ratio = float(np.median(np.array(times[1]) / np.array(times[0])))
         means = [float(np.median(each)) for each in times] + [float(np.mean(each)) for each in errors]
         rows.append([f"{scene}, Stone Soup", *means[:2], ratio, *means[2:]])
+        scans[f"{scene}, Stone Soup"] = len(times[0])
     _add(
         report,
         "Extended targets: OSPA, m",
@@ -217,13 +225,24 @@ def _targets(options: Options, report: Report) -> None:
         rows,
         "left out",
         "Stone Soup: GM-PHD on clusters of DBSCAN.",
+        scans,
     )
 
 
-def _add(report: Report, title: str, name: str, rows: list[list[object]], data: str, note: str) -> None:
+def _add(
+    report: Report,
+    title: str,
+    name: str,
+    rows: list[list[object]],
+    data: str,
+    note: str,
+    samples: int | Mapping[str, int],
+) -> None:
     quality = title.partition(": ")[2]
     columns = [*COLUMNS, f"ours: {quality}", f"peer: {quality}"]
-    report.tables.append(Table(title.partition(":")[0], columns, rows, note, name, data=data))
+    report.tables.append(
+        Table(title.partition(":")[0], columns, rows, note, name, data=data, samples=samples)
+    )
 
 
 def _installed(module: str, part: Callable[[Options, Report], None]) -> Callable[[Options, Report], None]:

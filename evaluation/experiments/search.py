@@ -29,6 +29,7 @@ from world_model.search import ObjectSearch, SearchConfig
 
 Array = np.ndarray
 TARGET = "remote control"
+ROOMS_SEEN = 30  # rooms that relations are learned from
 NEIGHBOURS = ("coffee table", "side table", "two-seater", "tv")
 STRATEGIES = ("belief", "belief, room unknown", "chain", "chain, p(o|T)", "direct", "sweep")
 SIZES = (8.0, 10.0, 12.0, 15.0)  # m, of rooms beside those of RECIPE_SIZE
@@ -49,7 +50,7 @@ def _relations(options: Options, report: Report) -> None:
     ]
     note = "The text does not print its recipe: its rooms are others."
     title = "What is seen together, learned from simulation"
-    report.tables.append(Table(title, columns, rows, note, "relations", theirs, "simulated"))
+    report.tables.append(Table(title, columns, rows, note, "relations", theirs, "simulated", ROOMS_SEEN))
 
 
 def _strategies(options: Options, report: Report) -> None:
@@ -72,7 +73,7 @@ def _strategies(options: Options, report: Report) -> None:
         ("failures", "Searches that fail", [f"{s}, % ↓" for s in STRATEGIES[:-1]], failures, note),
         (
             "paths", "Path until the target is seen", [f"{s}, m ↓" for s in STRATEGIES], lengths,
-            "A search that fails ends in a sweep.",
+            "After a failed search the robot sweeps the whole room.",
         ),
         (
             "shares", "Path beside that of the direct neighbours and of the sweep",
@@ -89,7 +90,9 @@ def _strategies(options: Options, report: Report) -> None:
 
 
 def _learned(seed: int, view_scale: float, width: float = RECIPE_SIZE) -> Relations:
-    return Relations.from_frames(learning_frames(np.random.default_rng([seed, 4]), view_scale, width=width))
+    return Relations.from_frames(
+        learning_frames(np.random.default_rng([seed, 4]), view_scale, ROOMS_SEEN, width)
+    )
 
 
 def _known_room(width: float = RECIPE_SIZE) -> Places:

@@ -62,11 +62,8 @@ def driven(log: Followed) -> Driven:
     return Driven(estimate, kept, paths, closures, len(slam.keyframes), elapsed)
 
 
-def row(
-    name: str, log: Followed, tolerance: float, graph: G2oGraph | None = None
-) -> tuple[list[object], dict[str, float]]:
-    """The line of a log in the experiment's table; of a `graph` also how many of its own revisits were closed."""
-    run = driven(log)
+def row(name: str, kind: str, log: Followed, run: Driven, tolerance: float) -> list[object]:
+    """The line of a log in the experiment's table."""
     known = np.flatnonzero(np.isfinite(log.truth[:, 0]))
     truth, estimate = log.truth[known], run.estimate[known]
     before = absolute_trajectory_error(log.poses[known, :2], truth[:, :2]).rmse
@@ -79,13 +76,12 @@ def row(
     closed = {rank[again] for _, again, _ in run.closures} & set(found)
     relations = relations_error(*relations_of(estimate, truth), tolerance=0.5)
     close = relations_error(*relations_of(estimate, truth, *CLOSE), tolerance=0.5)
-    cells: list[object] = [
-        name, "as the node", float(before), float(after), len(run.closures),
+    return [
+        name, kind, float(before), float(after), len(run.closures),
         len(false_closures(run, log, tolerance)), worst, 100.0 * len(closed) / max(len(found), 1), "",
         float(relations.translation_mean), float(relations.translation_std),
         float(np.degrees(relations.rotation_mean)), float(close.translation_mean), "", run.left,
     ]  # fmt: skip
-    return cells, {} if graph is None else _known_revisits(run, log, graph)
 
 
 def false_closures(run: Driven, log: Followed, tolerance: float) -> list[int]:
@@ -95,7 +91,7 @@ def false_closures(run: Driven, log: Followed, tolerance: float) -> list[int]:
     return false_among(earlier, later, [relative for _, _, relative in run.closures], tolerance)
 
 
-def _known_revisits(run: Driven, log: Followed, graph: G2oGraph) -> dict[str, float]:
+def known_revisits(run: Driven, log: Followed, graph: G2oGraph) -> dict[str, float]:
     """How many of the graph's own revisits were closed, by the same rule as in the demo's report."""
     stamps = np.array([record.stamp for record in log.records])
     replayed = Replayed(

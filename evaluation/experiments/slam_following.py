@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.poses import between, compound, inverse, wrap_angle
+from estimation.poses import compound, inverse
 from evaluation.experiments.odometry import joined
 from evaluation.experiments.slam_judging import Followed
 from loop_closure.graph import PoseGraph
@@ -18,7 +18,6 @@ from whereabouts.follow import Follower
 from whereabouts.logs import OdometryRecord, ScanRecord, open_log
 
 Array = NDArray[np.float64]
-DENIED, TURNED = 0.4, np.deg2rad(10.0)  # between what a reference and what odometry say of one step
 
 
 def followed(path: Path, truth_path: Path | None, wheels: bool) -> Followed:
@@ -55,21 +54,7 @@ def followed_records(
     for number, record in zip(index, known, strict=True):
         if number >= 0 and record.pose is not None:
             truth[number] = record.pose
-    if corrected is not None:
-        truth[outliers(truth, np.array(poses))] = np.nan
     return Followed(records, np.array(poses), np.array(covariances), truth, elapsed)
-
-
-def outliers(truth: Array, poses: Array) -> NDArray[np.int64]:
-    """Numbers of the true poses (N, 3) whose steps from the one before and to the one after odometry both denies.
-
-    Odometry is good to centimetres from one pose of a mapper to the next; single poses of csail's mapper are not.
-    """
-    known = np.flatnonzero(np.isfinite(truth[:, 0]))
-    a, b = known[:-1], known[1:]
-    off = between(between(truth[a], truth[b]), between(poses[a], poses[b]))
-    denied = (np.hypot(off[:, 0], off[:, 1]) > DENIED) | (np.abs(wrap_angle(off[:, 2])) > TURNED)
-    return known[1:-1][denied[:-1] & denied[1:]]
 
 
 def mapped(log: Followed, graph: PoseGraph) -> tuple[Slam, Array, float]:

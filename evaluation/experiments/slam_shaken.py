@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimation.metrics import absolute_trajectory_error
 from estimation.poses import between, compound
+from evaluation.experiments import slam_places
 from evaluation.experiments.odometry import CORRECTED
 from evaluation.experiments.slam_following import followed_records, mapped
 from evaluation.experiments.slam_judging import (
@@ -82,7 +83,7 @@ def shaken(options: Options, report: Report) -> None:
     rows: list[list[object]] = []
     samples: dict[str, int] = {}
     worst, false_in_all, closures = 0.0, 0, 0
-    for number, name in enumerate(CORRECTED[: 1 if options.quick else 2]):
+    for number, name in enumerate(CORRECTED[: 1 if options.quick else None]):
         with open_log(options.data / "carmen" / name) as log:
             records = list(log.scans())
         samples[name] = len(records)
@@ -91,7 +92,8 @@ def shaken(options: Options, report: Report) -> None:
             followed = followed_records(change(records, rng), None, False)
             if sigma > 0.0:
                 followed = noisy_odometry(followed, sigma, rng)
-            slam, estimate, _ = mapped(followed, SmoothedGraph())
+            with slam_places.without(slam_places.BUILDINGS[name], options):
+                slam, estimate, _ = mapped(followed, SmoothedGraph())
             places = keyframe_truth(slam, followed)
             false, miss = len(false_closures(slam, places, TOLERANCE)), largest_miss(slam, places)
             closed, revisits = recall(slam, places)
@@ -101,10 +103,12 @@ def shaken(options: Options, report: Report) -> None:
             worst, false_in_all = max(worst, miss), false_in_all + false
             closures += len(slam.closures)
     rows.append(["all", "the worst and the sum", false_in_all, worst, closures, "", ""])
+    samples["all"] = sum(samples.values())
     note = (
         "False: more than 0.5 m or 10° off a mapper's poses. Over the seeds the greatest number is the "
         "worst run. No wheels: noise on odometry is put on every step, and its covariance does not say so."
-        " The logs took part in training the place model; the changes to them took part in nothing."
+        " The place model was trained without the building; parameters that are set by hand were chosen with the"
+        " unshaken logs in view."
     )
     columns = [
         "log",
@@ -116,5 +120,7 @@ def shaken(options: Options, report: Report) -> None:
         "ATE, m ↓",
     ]
     report.tables.append(
-        Table("Closures on shaken logs", columns, rows, note, "shaken", data="tuned on", samples=samples)
+        Table(
+            "Closures on shaken logs", columns, rows, note, "shaken", data="model left out", samples=samples
+        )
     )

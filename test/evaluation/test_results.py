@@ -19,7 +19,7 @@ from evaluation import digest, markdown, results, running
 from evaluation.compare import compare
 from evaluation.headlines import HEADLINES, Headline
 from evaluation.pages import BEFORE, Book, filled, results_page
-from evaluation.report import SEEDS, Figure, Options, Part, Printed, Report, Table
+from evaluation.report import SEEDS, Figure, Options, Part, Printed, Report, Table, slug
 
 
 def tables(options: Options, report: Report) -> None:
@@ -319,3 +319,7 @@ def test_headlines_refer_to_figures_that_exist() -> None:
 def test_pictures_are_those_that_the_experiments_drew() -> None:
     for name, result in results.read_all().items():
         assert set(result.stale()) <= {"sources"}, f"results/{name}: run the experiment again"
+
+
+def test_keys_keep_greek_units() -> None:
+    assert slug("step, µs") == slug("step, μs") == "step-us"

@@ -13,7 +13,6 @@ from estimation.poses import between, compound
 from evaluation.experiments import slam_shaken
 from evaluation.experiments.slam_as_node import Driven
 from evaluation.experiments.slam_as_node import false_closures as false_of_node
-from evaluation.experiments.slam_following import outliers
 from evaluation.experiments.slam_judging import (
     CLOSE,
     Followed,
@@ -111,17 +110,6 @@ def test_what_the_node_said_is_judged_by_scans_whatever_was_taken_out_since() ->
     assert false_of_node(run, log, 0.5) == [1, 2]
     assert false_of_node(run, log, 3.0) == [2]
     assert false_of_node(replace(run, closures=[]), log, 3.0) == []
-
-
-def test_single_reference_poses_that_odometry_denies_are_found() -> None:
-    truth, moved = TRUTH.copy(), np.array([compound(np.array([3.0, -2.0, 0.7]), pose) for pose in TRUTH])
-    assert not len(outliers(truth, moved))
-    truth[40, 0] += 0.7
-    # What moves for good is no single pose.
-    truth[100:, 1] += 0.7
-    truth[::3] = np.nan
-    truth[40] = TRUTH[40] + np.array([0.7, 0.0, 0.0])
-    assert outliers(truth, moved).tolist() == [40]
 
 
 def test_a_shaken_log_keeps_what_is_not_shaken() -> None:

@@ -37,8 +37,8 @@ def convert(
         typer.Option(
             "--max-range",
             min=0.1,
-            help="Metres from which a reading is a no-return, instead of what a CARMEN or g2o log says "
-            "(50 m where it says nothing).",
+            help="Readings beyond this are no-returns, in metres. Default: the log's own limit, or 50 m "
+            "if a CARMEN or g2o log states none.",
         ),
     ] = None,
     rate: Annotated[
@@ -46,8 +46,8 @@ def convert(
         typer.Option(
             "--rate",
             min=0.001,
-            help="Scans per second: stamp the scans of a CARMEN or g2o log anew, from 0 on. For logs whose "
-            "stamps are zero, rounded or beyond what ROS can express.",
+            help="Replace the stamps of a CARMEN or g2o log: from 0 on, this many scans per second. For logs whose "
+            "stamps are zero, rounded or outside of what ROS can express.",
         ),
     ] = None,
     json_file: JsonFile = None,
@@ -55,14 +55,14 @@ def convert(
     """Convert a robot log to a rosbag2 recording in MCAP, for `ros2 bag`.
 
     CARMEN and g2o logs become sensor_msgs/LaserScan on /scan (rear laser: /rear_scan), nav_msgs/Odometry on
-    /wheel_odom and the laser's mount on /tf_static. Of a ROS 1 bag all messages are kept that ROS 2 knows.
-    A ROS 2 bag is copied, also if its recorder was killed.
+    /wheel_odom and the laser's mount on /tf_static. From a ROS 1 bag it keeps all messages
+    whose type ROS 2 knows. It copies a ROS 2 bag, even if its recorder was killed.
 
-    Header stamps stay as recorded. Log times, which set the pace of a player, never go backwards: a message with an
-    earlier stamp than the one before gets the time of that one.
+    Header stamps stay as recorded. Log times set the pace of a player, so they never go backwards: a message that is
+    stamped earlier than the one before it gets that one's log time.
 
-    OUT appears when everything is written; after an error nothing is left behind. What was left out, or is
-    unusual, is listed on standard error with the place of its first occurrence.
+    OUT appears only when everything is written. Warnings on standard error list what was left out or is unusual, and
+    where it occurs first.
     """
     from whereabouts.logs.conversion import convert_log
     from whereabouts.progress import progress_bar

@@ -25,20 +25,20 @@ def experiment(
         typer.Argument(metavar="[OLD NEW]", help="For `compare`: two folders or files of results."),
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="Folder for NAME.json and its pictures.")] = OUT,
-    seed: Annotated[int, typer.Option("--seed", help="First of five seeds.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the first repetition; the others follow.")] = 0,
     jobs: Annotated[
         int | None,
         typer.Option(
             "--jobs",
             min=1,
-            help="Processes to use: one, but every core for `all`.",
+            help="Number of processes. Default: 1; for `all` one per core.",
         ),
     ] = None,
     dask: Dask = "",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repetitions of the same protocol.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where a run was interrupted.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
     left_out: Annotated[
-        bool, typer.Option("--left-out", help="Only what is judged on data that had no part in any choice.")
+        bool, typer.Option("--left-out", help="Show only the results on data that took part in no choice.")
     ] = False,
     json_file: JsonFile = None,
 ) -> None:

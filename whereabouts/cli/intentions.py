@@ -41,10 +41,10 @@ def intentions(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Predict recorded walks one after the other, and learn each after it was predicted.
+    """Predict recorded walks one by one. Learn each walk after its prediction.
 
-    It prints how often the exit was right after parts of each walk, and the error of the predicted path beside that of
-    constant velocity. Walks that are not learned are counted with the reason.
+    It prints how often the predicted exit was right, after different parts of a walk. It also prints the error of the
+    predicted path, and that of constant velocity for comparison. Walks that it does not learn are counted by reason.
     """
     from dataclasses import replace
 

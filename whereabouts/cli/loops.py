@@ -174,8 +174,8 @@ def evaluate(
 ) -> None:
     """Judge a classifier of places: detection rate D at 0, 0.1 and 1 % false alarms.
 
-    Pairs are scans of a log more than --path-gap metres of path apart: positive within each of --distances, negative a
-    random subset of the others.
+    The two scans of a pair are more than --path-gap metres of path apart. A pair is positive if they lie within one of
+    --distances. Negative pairs are drawn at random from the rest.
     """
     from dataclasses import replace
 
@@ -230,10 +230,10 @@ def inspect(
     seed: Seed = 0,
     json_file: JsonFile = None,
 ) -> None:
-    """Say of each log which features tell its places apart, how many stumps are enough, and how repetitive it is.
+    """Show for each log which features tell its places apart, how many stumps are enough, and how repetitive it is.
 
-    Test 1: features chosen in the first five rounds. Test 2: features whose removal costs most. Then training and
-    validation error by rounds, and the features that are alike at different places.
+    Test 1: the features of the first five rounds. Test 2: the features whose removal costs most. After the tests it
+    prints training and validation error by rounds, and the features that do not differ between places.
     """
     from evaluation.experiments.loops_data import Reading, read_recording
     from evaluation.experiments.loops_judging import look_into

@@ -70,8 +70,8 @@ def run(
     """Run nodes and end them cleanly on Ctrl-C.
 
     All nodes are configured, then activated, in order. A node that dies is started again. With --bag the bag is
-    replayed with /clock at --rate (default 1), or in lock-step. The end prints how many messages were sent, lost and
-    not processed.
+    replayed with /clock at --rate (default 1), or in lock-step. At the end it prints how many messages were
+    sent, lost and not processed.
     """
     from whereabouts.nodes.suite import prepare_environment
     from whereabouts.suite_config import read_config

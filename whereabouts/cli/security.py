@@ -14,7 +14,7 @@ def security(
         Path | None, typer.Option("--config", help="The suite's file, as of `whereabouts run --config`.")
     ] = None,
 ) -> None:
-    """Write least-privilege SROS2 policies for each node, and for those who ask and operate.
+    """Write least-privilege SROS2 policies: one for each node, one for clients and one for operators.
 
     docs/security.md says how to use them.
     """

@@ -36,9 +36,9 @@ def segment(
 ) -> None:
     """Label every beam of a recording: moving or static.
 
-    The file holds `labels` (N, beams): number of the moving segment from 1, 0 static, -1 no return or unknown;
-    `stamps` (N,) seconds; `poses` (N, 3) of the sensor, metres and radians in the frame of the first scan. Scans with
-    fewer beams than the longest are filled with -1.
+    The file holds three arrays. `labels` (N, beams): number of the moving segment from 1 on; 0 static; -1 no return or
+    unknown. `stamps` (N,): seconds. `poses` (N, 3): of the sensor in the frame of the first scan, metres and radians.
+    Short scans are filled up with -1.
     """
     from estimation.errors import InputError
 

@@ -58,7 +58,7 @@ def slam(
     In a saved map the trajectory is in the map's frame. It has no line for a scan while the robot's place is unknown.
     """
     if in_map is None and initial is not None:
-        raise typer.BadParameter("--initial goes with --in-map")
+        raise typer.BadParameter("--initial needs --in-map")
     if in_map is not None and (closures is not None or map_file is not None):
         raise typer.BadParameter("--in-map changes no map and closes no loop: neither --closures nor --map")
     if in_map is not None:

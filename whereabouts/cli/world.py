@@ -46,7 +46,7 @@ def world(
         typer.Option(
             "--look-back",
             metavar="corrected.csv",
-            help="At the end, explain all detections of a moving sensor once more and write the object of each.",
+            help="For a moving sensor: at the end assign all detections to objects once more, and write them.",
         ),
     ] = None,
     learn: Annotated[
@@ -78,8 +78,8 @@ def world(
 ) -> None:
     """Estimate which objects exist and where they are, from recorded evidence; or ask a store.
 
-    Evidence is used in the order of recording. The end prints the world, or the answer to the question: one line per
-    object, the most probable first.
+    It uses the evidence in the order of recording. At the end it prints the world, or the answer to the question: one
+    line per object, the most probable first.
     """
     from estimation.errors import InputError
     from whereabouts.world_output import moment, settings_from, write_events, write_looked_back
