@@ -4,6 +4,7 @@ from tracking.people import PeopleTracker, Person
 from tracking.people_config import PeopleConfig
 from tracking.phd import ExtendedTargetPhd, PhdHealth, PointTargetPhd
 from tracking.phd_config import PhdConfig
+from tracking.scan_filters import PointsTracker, tracker_of
 from tracking.target import Target
 
 __all__ = [
@@ -14,5 +15,7 @@ __all__ = [
     "PhdConfig",
     "PhdHealth",
     "PointTargetPhd",
+    "PointsTracker",
     "Target",
+    "tracker_of",
 ]
