@@ -19,10 +19,11 @@ from estimation.metrics import ospa
 from evaluation.experiments.people_judging import RETURNS
 from evaluation.nearest_neighbour import NearestNeighbour
 from registration.scan import Scan
+from tracking.cluster_tracker import ClusterTracker
 from tracking.people import PeopleTracker
 from tracking.target import Target
 from whereabouts.logs import open_log
-from whereabouts.simulation.people_scenes import PeopleScan, Scene
+from whereabouts.simulation.people_scenes import Scene
 from whereabouts.track import track_people
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +31,7 @@ NEAR = 0.75  # m between a person and its estimate
 OPEN = (
     0.3  # m from walls and large furniture, whose corners may look like legs; thin things stand at open floor
 )
-FARTHEST = 10.0  # m, of people who have to be found by a robot that drives
+FARTHEST = 10.0  # m, of people who have to be found: as far as the trackers look
 SETTLED = 10  # scans after which the number of people can be known
 
 
@@ -43,6 +44,7 @@ class Tracker(Protocol):
 
 TRACKERS: dict[str, Callable[[], Any]] = {
     "people tracker": PeopleTracker,
+    "mixture of clusters": ClusterTracker,
     "plain nearest neighbour": NearestNeighbour,
 }
 
@@ -92,7 +94,7 @@ class Yardstick:
 def measure(scene: Scene, rng: np.random.Generator, tracker: Tracker, everybody: bool = False) -> Yardstick:
     """Track a scene.
 
-    Expected are people with three returns in the scan up to 10 m away; with `everybody` all in the scanner's range and
+    Expected are people up to 10 m away with three returns in the scan; with `everybody` all in the scanner's range and
     opening, hidden or not. Others are no error, found or not.
     """
     marks = Yardstick()
@@ -102,7 +104,8 @@ def measure(scene: Scene, rng: np.random.Generator, tracker: Tracker, everybody:
     together: dict[tuple[int, int], int] = {}
     for scan in scene.scans(rng):
         targets = tracker.step(scan.scan, scan.pose, scan.scan.stamp)
-        expected = scan.in_view if everybody else _plain(scan)
+        within = np.linalg.norm(scan.people - scan.pose[:2], axis=1) < FARTHEST
+        expected = within & (scan.in_view if everybody else scan.returns >= RETURNS)
         spots = np.array([target.mean[:2] for target in targets]).reshape(-1, 2)
         names = [int(target.label) for target in targets]
         gaps = np.linalg.norm(scan.people[:, None] - spots[None], axis=2).reshape(
@@ -182,9 +185,3 @@ def nobody_recorded(
             for name, other in others.items():
                 told[name].append(len(other.step(tracked.scan, tracked.pose, tracked.stamp)))
     return {name: float(np.mean(counts)) for name, counts in told.items()}
-
-
-def _plain(scan: PeopleScan) -> npt.NDArray[np.bool_]:
-    """Who is in plain view (P,)."""
-    away = np.linalg.norm(scan.people - scan.pose[:2], axis=1)
-    return np.asarray((scan.returns >= RETURNS) & (away < FARTHEST))
