@@ -75,8 +75,8 @@ def trackers(config: PhdConfig) -> dict[str, Tracker]:
     """What is compared."""
     text = {**config.__dict__, "filter": "phd"}
     found: dict[str, Tracker] = {
-        "PMBM (default)": ExtendedTargetPhd(config),
-        "ET-GM-PHD (the text)": ExtendedTargetPhd(PhdConfig(**text)),
+        "mixture (default)": ExtendedTargetPhd(config),
+        "ET-GM-PHD with sub-partitions": ExtendedTargetPhd(PhdConfig(**text)),
         "ET-GM-PHD, one partition": ExtendedTargetPhd(
             PhdConfig(**{**text, "partitioner": "single", "subpartitions": False})
         ),

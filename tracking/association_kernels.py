@@ -3,7 +3,7 @@
 A *structure* says which targets gave returns at all and which new ones there are. Within a structure, which return
 is whose is summed out by a variational bound: return i belongs to target k with probability r_ik, and
 
-    F(r) = Σ_k f_k(n_k, z̄_k, Z_k) + Σ_i r_i0 log κ - Σ r log r ≤ log of the sum over all associations,
+    F(r) = Σ_k f_k(n_k, z̄_k, Z_k) + Σ_i r_i0 log κ_i - Σ r log r ≤ log of the sum over all associations,
 
 where n_k, z̄_k, Z_k are count, mean and scatter of the returns weighted by r_ik and f_k is the log-likelihood of a
 cell (9d) with the same factorisation, n_k fractional. With every r either 0 or 1 it is the weight of one partition.
@@ -96,12 +96,12 @@ def evaluate(
     centres: Any,
     started: bool,
     gate: float,
-    log_clutter: float,
+    log_clutter: Any,
     rate_known: bool,
     spread_known: bool,
     sweeps: int,
 ) -> float:
-    """F of a structure: the sources `on` (S,) share the returns z (n, 2) with clutter.
+    """F of a structure: the sources `on` (S,) share the returns z (n, 2) with clutter of log-density log_clutter (n,).
 
     cells (S, 9), centres (S, 2) : with `started` where the sweeps begin, otherwise from the predictions; filled with
     the cells and the corrected positions. Returns -inf where a source that is on gets no return.
@@ -134,8 +134,8 @@ def evaluate(
         total[:] = 0.0
         entropy, clutter = 0.0, 0.0
         for i in range(n):
-            shares[K] = log_clutter
-            top = log_clutter
+            shares[K] = log_clutter[i]
+            top = log_clutter[i]
             for a in range(K):
                 x, y = z[i, 0] - terms[a, 4], z[i, 1] - terms[a, 5]
                 square = terms[a, 1] * x * x + 2.0 * terms[a, 2] * x * y + terms[a, 3] * y * y
@@ -150,7 +150,7 @@ def evaluate(
                 if share > 1e-9:
                     entropy -= share * math.log(share)
                     if a == K:
-                        clutter += share
+                        clutter += share * log_clutter[i]
                     else:
                         x, y = z[i, 0] - centres[index[a], 0], z[i, 1] - centres[index[a], 1]
                         total[a, N] += share
@@ -189,7 +189,7 @@ def evaluate(
             centres[k, 0], centres[k, 1] = nx, ny
         if starved:
             return -np.inf
-        value = entropy + clutter * log_clutter
+        value = entropy + clutter
         if sweep > 0 and moved < 1e-4:
             break
     for a in range(K):
@@ -224,7 +224,7 @@ def search(
     births: int,
     seeds: Any,
     gate: float,
-    log_clutter: float,
+    log_clutter: Any,
     rate_known: bool,
     spread_known: bool,
     sweeps: int,
@@ -236,7 +236,8 @@ def search(
 
     sources (S, 16): `known` targets, then `births` places for new ones, whose sweeps begin at `seeds` (births, 2),
     then, two for each known target or none at all, targets that may have split off it. Structures within `margin` of
-    the best are kept, `most` at most; each of the best `expansions` is varied by one target at a time.
+    the best are kept, `most` at most; each of the best `expansions` is varied by one target at a time. log_clutter (n,)
+    is the log-density of clutter at each return.
     """
     S = len(sources)
     size = most + 1

@@ -87,6 +87,7 @@ class PeopleTracker:
         self._shape = shape_model()
         self._given = 0
         self._named = 0
+        self._numbers: dict[int, int] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -367,8 +368,9 @@ class PeopleTracker:
             (exists > self.config.report) & (person > self.config.report) & (tracks.doubled == 0.0),
         )
         for t in np.flatnonzero(tracks.shown & (tracks.public < 0)):
-            tracks.public[t] = self._given
-            self._given += 1
+            tracks.public[t] = self._number(int(tracks.names[t]))
+        present = set(tracks.names.tolist())
+        self._numbers = {name: number for name, number in self._numbers.items() if name in present}
         self.health.potential = len(tracks)
 
     def _remember(
@@ -390,14 +392,41 @@ class PeopleTracker:
         ignore = own | people[clusters.labels]
         self.background.add(sweep, stamp, ignore)
 
+    def _number(self, name: int) -> int:
+        """The label of a track, given when it is first told of, as a person or as anything."""
+        if name not in self._numbers:
+            self._numbers[name] = self._given
+            self._given += 1
+        return self._numbers[name]
+
+    @property
+    def targets(self) -> list[Target]:
+        """Everything that stands free or moves, people among it, after the last scan; `person` says which.
+
+        States and units as of what `step` returns, which are those of these that are told of as people. What begins to
+        look like a person keeps its label.
+        """
+        tracks = self.tracks
+        there = (tracks.exists > self.config.report) & (tracks.doubled == 0.0) & (tracks.hidden == 0.0)
+        return self._told(np.flatnonzero(there | self._people()))
+
+    def _people(self) -> BoolArray:
+        """Who is told of as a person, (T,)."""
+        tracks = self.tracks
+        near = tracks.within(WELL_LOCATED)
+        return np.asarray(tracks.shown & ((tracks.hidden == 0.0) | (near > self.config.located)))
+
     def _reported(self) -> list[Target]:
+        return self._told(np.flatnonzero(self._people()))
+
+    def _told(self, chosen: IntArray) -> list[Target]:
+        """Tracks as targets, by label."""
         tracks = self.tracks
         weights = tracks.exists
         person = self._person(tracks)
-        near = tracks.within(WELL_LOCATED)
         found: list[Target] = [
             Person(
-                int(tracks.public[t]),
+                int(tracks.public[t]) if tracks.public[t] >= 0 else self._number(int(tracks.names[t])),
                 *self._located(tracks.means[t], tracks.covariances[t]),
                 float(weights[t]),
                 tracks.extents[t].copy(),
@@ -406,7 +435,7 @@ class PeopleTracker:
                 bool(tracks.hidden[t] > 0.0),
                 float(tracks.last_seen[t]),
             )
-            for t in np.flatnonzero(tracks.shown & ((tracks.hidden == 0.0) | (near > self.config.located)))
+            for t in chosen.tolist()
         ]
         return sorted(found, key=lambda target: target.label)
 

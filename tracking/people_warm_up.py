@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from registration.scan import Scan
-from tracking.people import PeopleTracker
 from tracking.people_config import PeopleConfig
+from tracking.scan_filters import tracker_of
 
 
-def warm_up(config: PeopleConfig | None = None) -> None:
-    """Tracks a leg for a second of made-up scans."""
-    tracker = PeopleTracker(config)
+def warm_up(config: PeopleConfig | None = None, name: str = "mixture") -> None:
+    """Tracks a leg for a second of made-up scans with the tracker of a name."""
+    tracker = tracker_of(name, config)
     bearings = np.linspace(-1.0, 1.0, 181)
     for k in range(25):
         ranges = np.full(181, 4.0)

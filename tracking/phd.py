@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray, as_finite, as_floats
 from estimation.errors import InputError
-from tracking.detection import OcclusionDetection
+from tracking.detection import BearingDetection, OcclusionDetection
 from tracking.phd_config import PhdConfig
 from tracking.phd_models import ConstantDetection, Detection
 from tracking.phd_recursion import PhdRecursion
@@ -55,25 +55,30 @@ class _Scan:
 class ExtendedTargetPhd:
     """Follows targets that give any number of returns per scan.
 
-    `PhdConfig.filter` chooses the recursion: "pmbm" (the default: on `extended_targets` it is better in everything
-    measured) or "phd", the ET-GM-PHD filter of Paper B.
+    `PhdConfig.filter` chooses the recursion: "mixture" (the default: on `extended_targets` it is better in everything
+    measured), "phd", the ET-GM-PHD filter of Paper B, or "gmphd", Vo and Ma's for one return per target.
     """
 
     def __init__(self, config: PhdConfig | None = None, detection: Detection | None = None) -> None:
         """`detection` replaces p_D as configured: constant, and lower behind other targets where poses are given."""
         self.config = config or PhdConfig()
-        self.detection: Detection = detection or (
-            OcclusionDetection(self.config) if self.config.occlusion else ConstantDetection(self.config)
-        )
+        self.detection: Detection = detection or self._detection()
         self.recursion = self._recursion()
         self.health = PhdHealth()
         self.stamp: float | None = None
         self._scans: list[_Scan] = []
 
+    def _detection(self) -> Detection:
+        if not self.config.occlusion:
+            return ConstantDetection(self.config)
+        if self.config.occluders == "bearings":
+            return BearingDetection(self.config)
+        return OcclusionDetection(self.config)
+
     def _recursion(self) -> PhdRecursion | PmbmRecursion:
-        if self.config.filter == "phd":
-            return PhdRecursion(self.config, self.detection)
-        return PmbmRecursion(self.config, self.detection)
+        if self.config.filter == "mixture":
+            return PmbmRecursion(self.config, self.detection)
+        return PhdRecursion(self.config, self.detection, points=self.config.filter == "gmphd")
 
     @property
     def expected_count(self) -> float:

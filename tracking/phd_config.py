@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from estimation.errors import InputError
 from estimation.gaussians import repair_covariance
 
 Birth = tuple[float, FloatArray, FloatArray]
-FILTERS = ("pmbm", "phd")
+FILTERS = ("mixture", "phd", "gmphd")
+OCCLUDERS = ("bodies", "bearings")
 PARTITIONERS = ("distance", "kmeans", "all", "single")
 
 
@@ -34,8 +36,9 @@ class PhdConfig:
     Probabilities and weights of survival, birth and spawn are per `scan_period`; other intervals scale them.
     """
 
-    filter: str = "pmbm"
-    """"pmbm": Poisson multi-Bernoulli mixture, the best by measurement; "phd": the text's ET-GM-PHD filter."""
+    filter: str = "mixture"
+    """"mixture": Poisson multi-Bernoulli mixture, the best by measurement; "phd": the text's ET-GM-PHD filter, as
+    `as_printed` configures it or with more; "gmphd": the GM-PHD filter of Vo and Ma for one return per target."""
     surveillance: tuple[tuple[float, float], tuple[float, float]] = ((-1000.0, 1000.0), (-1000.0, 1000.0))
     """((x0, x1), (y0, y1)), m: where clutter falls, uniformly."""
     clutter_rate: float = 10.0
@@ -55,13 +58,16 @@ class PhdConfig:
     spawn: tuple[float, FloatArray] | None = field(default_factory=_default_spawn)
     """Targets that split off: (expected number per target and `scan_period`, added covariance (4, 4))."""
     rate_spread: float = 0.0
-    """pmbm: relative standard deviation of γ over targets: 0 where every target has the configured rate, otherwise
+    """mixture: relative standard deviation of γ over targets: 0 where every target has the configured rate, otherwise
     each one's own is learnt and used (0.5 for people in a laser scan, near and far)."""
     spread_known: bool = True
-    """pmbm: whether returns spread as configured (`measurement_noise`); otherwise each target's own extent is learnt
+    """mixture: whether returns spread as configured (`measurement_noise`); otherwise each target's own extent is learnt
     and used. Both are estimated and reported either way."""
     occlusion: bool = True
     """Whether targets hide each other, where `step` is told the pose of the sensor."""
+    occluders: str = "bodies"
+    """How they do: "bodies" cover what is behind them, of which fewer returns are then expected; "bearings": the text's
+    way, p_D is lower behind each component by its weight and bearing deviation."""
     occluder_width: float = 2.5
     """Half of what a target hides, in standard deviations of its returns."""
     sensor_range: float = 1e6
@@ -79,22 +85,25 @@ class PhdConfig:
     count_reassignments: bool = True
     """Whether a sub-partition also carries the weight of the reassignments of single returns it stands for."""
     max_hypotheses: int = 20
-    """pmbm: hypotheses kept per group of targets that share returns."""
+    """mixture: hypotheses kept per group of targets that share returns."""
     hypothesis_margin: float = 9.0
-    """pmbm: a hypothesis this far below the likeliest in log-weight is dropped."""
+    """mixture: a hypothesis this far below the likeliest in log-weight is dropped."""
     hypothesis_distance: float = 2.0
-    """pmbm: squared Mahalanobis distance up to which two hypotheses say the same of a target."""
+    """mixture: squared Mahalanobis distance up to which two hypotheses say the same of a target."""
     prune_weight: float = 1e-3
     """Components of less weight are dropped."""
     merge_distance: float = 4.0
     """Squared Mahalanobis distance within which components are merged."""
+    merge_targets: bool = False
+    """phd, gmphd: whether components that weigh as much as a target each are merged, too, as Vo and Ma do; two targets
+    in one place are then reported as one."""
     max_components: int = 300
     """Components kept at most, the heaviest."""
     extraction_weight: float = 0.45
     """Weight from which a target is reported, in (0, 1); below a half, as one scan without returns at
     p_D = p_S = 0.99 leaves 0.4975."""
     confirmation_weight: float = 0.9
-    """pmbm: weight from which a target is reported for the first time, in (0, 1)."""
+    """mixture: weight from which a target is reported for the first time, in (0, 1)."""
     gate_probability: float = 0.9999
     """Probability of a target's own cell falling in its gate, in (0, 1)."""
     memory: float = 10.0
@@ -131,7 +140,7 @@ class PhdConfig:
             self._number(name, 0.0, 1.0, open_below=True)
         for name in ("hypothesis_margin", "hypothesis_distance"):
             self._number(name, 0.0, np.inf)
-        for name in ("spread_known", "occlusion", "subpartitions", "count_reassignments"):
+        for name in ("spread_known", "occlusion", "subpartitions", "count_reassignments", "merge_targets"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise InputError(f"{name} must be true or false, not {getattr(self, name)!r}")
         for name in ("extraction_weight", "confirmation_weight", "gate_probability"):
@@ -148,7 +157,27 @@ class PhdConfig:
             raise InputError(f"filter must be one of {FILTERS}, not {self.filter!r}")
         if self.partitioner not in PARTITIONERS:
             raise InputError(f"partitioner must be one of {PARTITIONERS}, not {self.partitioner!r}")
+        if self.occluders not in OCCLUDERS:
+            raise InputError(f"occluders must be one of {OCCLUDERS}, not {self.occluders!r}")
         self._shapes()
+
+    @classmethod
+    def as_printed(cls, **settings: Any) -> PhdConfig:
+        """The text's ET-GM-PHD filter as printed in Paper B, with other `settings` where the scene has its own.
+
+        Partitions by distance and none of their sub-partitions, birth (17), spawn (18) and the values of Table 1,
+        p_D by weight and bearing deviation (Section 5.3), and whatever weighs more than a half is reported, as Vo
+        and Ma do. Raises InputError naming the field.
+        """
+        printed: dict[str, Any] = {
+            "filter": "phd",
+            "subpartitions": False,
+            "count_reassignments": False,
+            "occluders": "bearings",
+            "merge_targets": True,
+            "extraction_weight": 0.5,
+        }
+        return cls(**printed | settings)
 
     def _shapes(self) -> None:
         """Births and spawn as arrays, checked."""

@@ -127,10 +127,13 @@ class PmbmRecursion:
         """The targets of the likeliest hypotheses."""
         return self.extractor.extract(self.hypotheses)
 
-    def update(self, points: FloatArray, dt: float, pose: FloatArray | None) -> None:
-        """One scan (N, 2), dt seconds after the last."""
+    def update(
+        self, points: FloatArray, dt: float, pose: FloatArray | None, log_clutter: FloatArray | None = None
+    ) -> None:
+        """One scan (N, 2), dt seconds after the last; log_clutter (N,) where clutter is not uniform."""
         predicted = self._predict(points, dt, pose)
-        updates = self._associate(predicted, points)
+        clutter = np.full(len(points), self.log_clutter) if log_clutter is None else log_clutter
+        updates = self._associate(predicted, points, clutter)
         tracks = self._corrected(predicted, updates)
         hypotheses = Hypotheses.of(tracks, updates.groups)
         hypotheses.tracks.covariances = self._sound(hypotheses.tracks.covariances)
@@ -215,7 +218,7 @@ class PmbmRecursion:
         table[:tracks, kernels.OFF] = np.log1p(-np.minimum(sources.weights * seen, 1.0 - 1e-12)[:tracks])
         return table, seen
 
-    def _associate(self, predicted: Predicted, points: FloatArray) -> Updates:
+    def _associate(self, predicted: Predicted, points: FloatArray, clutter: FloatArray) -> Updates:
         """The hypotheses that follow from every group's hypotheses and returns."""
         tracks, births = predicted.tracks, predicted.births
         names, label = np.unique(predicted.sources.labels[:tracks], return_inverse=True)
@@ -243,7 +246,9 @@ class PmbmRecursion:
             members = returns.get(where, nothing)
             seeds, places = self._seeds(predicted, points, members, narrow)
             if where in groups or len(seeds):
-                self._group(predicted, points[members], alternatives, places, seeds, updates)
+                self._group(
+                    predicted, points[members], clutter[members], alternatives, places, seeds, updates
+                )
         return updates
 
     def _narrow(self, predicted: Predicted) -> npt.NDArray[np.bool_]:
@@ -297,6 +302,7 @@ class PmbmRecursion:
         self,
         predicted: Predicted,
         points: FloatArray,
+        clutter: FloatArray,
         alternatives: list[Alternative],
         places: list[int],
         seeds: FloatArray,
@@ -323,7 +329,7 @@ class PmbmRecursion:
                 len(places),
                 seeds,
                 self.gate,
-                self.log_clutter,
+                clutter,
                 config.rate_spread == 0.0,
                 config.spread_known,
                 SWEEPS,

@@ -19,15 +19,20 @@ DISTINCT = 0.3
 
 
 @njit(cache=True)
-def _clusters(weights: FloatArray, means: FloatArray, inverses: FloatArray, limit: float) -> IntArray:
-    """Index (J,) of the heaviest component each is merged into; components come heaviest first."""
+def _clusters(
+    weights: FloatArray, means: FloatArray, inverses: FloatArray, limit: float, established: float
+) -> IntArray:
+    """Index (J,) of the heaviest component each is merged into; components come heaviest first.
+
+    Those of the weight `established` or more are merged into none.
+    """
     leader = np.full(len(means), -1)
     for i in range(len(means)):
         if leader[i] >= 0:
             continue
         leader[i] = i
         for j in range(i + 1, len(means)):
-            if leader[j] >= 0 or weights[j] >= ESTABLISHED:
+            if leader[j] >= 0 or weights[j] >= established:
                 continue
             square = 0.0
             for a in range(4):
@@ -89,7 +94,8 @@ class Reducer:
         """Components within the merging distance of a heavier one, joined with their moments kept."""
         inverses: FloatArray = np.linalg.inv(components.covariances).astype(np.float64)
         limit = float(self.config.merge_distance)
-        leader = _clusters(components.weights, components.means, inverses, limit)
+        established = np.inf if self.config.merge_targets else ESTABLISHED
+        leader = _clusters(components.weights, components.means, inverses, limit, established)
         leaders, member = np.unique(leader, return_inverse=True)
         weights: FloatArray = np.bincount(member, components.weights).astype(np.float64)
         share = components.weights / weights[member]

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from estimation.poses import between, compound
 from registration.scan import Scan
+from tracking.cluster_tracker import ClusterTracker
 from tracking.people import PeopleTracker
 from tracking.people_config import PeopleConfig
+from tracking.scan_filters import PointsTracker
 from tracking.target import Target
 from whereabouts.follow import follow
 from whereabouts.logs import Log, ScanRecord
@@ -24,7 +26,7 @@ class TrackedScan:
     """People at one scan.
 
     stamp : seconds, of the scan's header. pose : (3,) of the scanner in the frame of the first robot pose.
-    targets : in that frame. scan : what was seen.
+    targets : in that frame, people, or all of any class. scan : what was seen.
     """
 
     stamp: float
@@ -44,9 +46,10 @@ def track_people(
     config: PeopleConfig | None = None,
     topic: str | None = None,
     use_wheels: bool = True,
-    tracker: PeopleTracker | None = None,
+    tracker: PeopleTracker | PointsTracker | ClusterTracker | None = None,
+    every_class: bool = False,
 ) -> Iterator[TrackedScan]:
-    """People in the scans of a log, one result per scan.
+    """People in the scans of a log, one result per scan; with `every_class` targets of any class.
 
     Where the scans hardly ever tell how the robot moved, it is taken to stand still: a guess goes astray, and a person
     who walks ahead of the robot then looks like one who stands.
@@ -70,4 +73,4 @@ def track_people(
         last, sure = followed.pose, followed.converged
         sensor = pose if record.sensor_pose is None else compound(pose, record.sensor_pose)
         targets = tracker.step(record.scan, sensor, record.stamp, pose_known=known)
-        yield TrackedScan(record.stamp, sensor, targets, record.scan)
+        yield TrackedScan(record.stamp, sensor, tracker.targets if every_class else targets, record.scan)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.errors import InputError
+from evaluation.experiments.people_beside import PHANTOM_NEEDS, among_people, one_stands, phantom_benchmark
 from evaluation.experiments.people_judging import (
     Constant,
     SceneJudgement,
@@ -280,6 +281,9 @@ PARTS = {
     "rooms": Part(_rooms),
     "to and fro": Part(_to_and_fro),
     "occlusions": Part(_occlusions),
+    "driving": Part(among_people),
+    "one stands": Part(one_stands),
+    "phantoms": Part(phantom_benchmark, random=False, needs=PHANTOM_NEEDS),
     "home": Part(_home),
     "hidden": Part(_hidden),
     "recorded": Part(_demo, random=False, needs=(f"people/{DEMO}",)),

@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from estimation.metrics import ospa
 from estimation.poses import compound
+from tracking.cluster_tracker import ClusterTracker
 from tracking.people import PeopleTracker, Person
 from whereabouts.logs import Log, MessageRecord, Record, ScanRecord, open_log
 from whereabouts.simulation.apartment_day import LASER_MOUNT, SCAN_RATE, Day
@@ -58,7 +59,9 @@ class Judgement:
         return self.false / max(self.labelled, 1)
 
 
-def follow_person(path: Path, scans: str, labels: str, most: int | None = None) -> Judgement:
+def follow_person(
+    path: Path, scans: str, labels: str, most: int | None = None, tracker: ClusterTracker | None = None
+) -> Judgement:
     """One labelled person, labels in the scanner's frame; each belongs to the scan recorded before it."""
     truth: dict[float, Array] = {}
     found: list[tuple[float, list[tuple[int, Array]]]] = []
@@ -74,7 +77,7 @@ def follow_person(path: Path, scans: str, labels: str, most: int | None = None) 
                 yield record
 
     with open_log(path, topics=[scans, labels]) as log:
-        for count, tracked in enumerate(track_people(cast(Log, records(log)))):
+        for count, tracked in enumerate(track_people(cast(Log, records(log)), tracker=tracker)):
             people = [(target.label, tracked.in_laser(target)[:2]) for target in tracked.targets]
             found.append((tracked.stamp, people))
             if most is not None and count >= most:

@@ -14,22 +14,33 @@ from whereabouts.simulation.hidden_people import ENTRY, PERIOD, POSE, RANGE, hid
 
 # Table 1, experiments: standard deviation σ = 0.1 m, γ = 12, spawn 0.01.
 BIRTHS = ((-9.0, 8.0), (-3.0, 11.0), (3.0, 11.0), (9.0, 8.0), (8.0, 3.0))
+# What distinguishes `PhdConfig.as_printed` from the defaults.
+PRINTED = {
+    name: value
+    for name, value in vars(PhdConfig.as_printed()).items()
+    if name not in ("births", "spawn") and value != getattr(PhdConfig, name)
+}
 FILTERS: dict[str, tuple[dict[str, Any], bool]] = {
-    "ET-GM-PHD, constant p_D": ({"filter": "phd"}, False),
-    "ET-GM-PHD, variable p_D": ({"filter": "phd"}, True),
-    "PMBM, constant p_D": ({}, False),
-    "PMBM, variable p_D": ({}, True),
-    "PMBM, variable p_D, own rates": ({"rate_spread": 0.5}, True),
+    "as printed, constant p_D": (PRINTED, False),
+    "as printed, variable p_D": (PRINTED, True),
+    "with sub-partitions, p_D by bodies": ({"filter": "phd"}, True),
+    "mixture, constant p_D": ({}, False),
+    "mixture, variable p_D": ({}, True),
+    "mixture, variable p_D, own rates": ({"rate_spread": 0.5}, True),
 }
 
 
 @dataclass(frozen=True)
 class HiddenRun:
-    """Over the sweeps: expected and true numbers; whether the hidden person kept its label; largest jump."""
+    """Over the sweeps: expected and true numbers, and who was hidden when.
+
+    followed : whether a target was within 1 m of the hidden person before, while and after. kept : under one label.
+    """
 
     expected: np.ndarray
     truth: np.ndarray
     hidden: np.ndarray
+    followed: bool
     kept: bool
 
     @property
@@ -82,9 +93,10 @@ def follow(
     within = np.flatnonzero(hidden)
     before, after = int(within[0]) - 5, min(int(within[-1]) + 8, len(names) - 1)
     labels = [_nearest(names[k], world.scene.positions[k][1]) for k in (before, *within, after)]
-    kept = labels[0] is not None and all(label == labels[0] for label in labels)
+    followed = None not in labels
+    kept = followed and len(set(labels)) == 1
     truth = np.array([len(there) for there in world.scene.positions])
-    return HiddenRun(np.array(expected), truth, hidden, kept)
+    return HiddenRun(np.array(expected), truth, hidden, followed, kept)
 
 
 def _nearest(found: dict[int, np.ndarray], position: np.ndarray) -> int | None:
@@ -103,7 +115,7 @@ def draw(out: Path, runs: dict[str, HiddenRun]) -> Path:
 
     figure, panels = plt.subplots(2, 1, figsize=(7, 5), sharex=True)
     for name, run in runs.items():
-        panels[int(name.startswith("PMBM"))].plot(run.expected, label=name)
+        panels[int(name.startswith("mixture"))].plot(run.expected, label=name)
     for axes, run in zip(panels, (next(iter(runs.values())),) * 2, strict=True):
         axes.plot(run.truth, "k:", lw=1, label="true")
         axes.fill_between(np.arange(len(run.hidden)), 0, 3, where=run.hidden, color="0.9", label="hidden")

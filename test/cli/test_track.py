@@ -66,3 +66,25 @@ def test_a_log_without_scans_says_so_and_leaves_no_file(tmp_path: Path) -> None:
     result = runner.invoke(app, ["track", str(empty), "--out", str(out)])
     assert result.exit_code != 0
     assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["mixture", "phd", "gmphd"])
+def test_every_filter_follows_the_walker_and_all_targets_carry_their_class(
+    bag: Path, tmp_path: Path, name: str
+) -> None:
+    out = tmp_path / "tracks.csv"
+    result = runner.invoke(
+        app, ["track", str(bag), "--out", str(out), "--filter", name, "--targets", "all", "--frame", "laser"]
+    )
+    assert result.exit_code == 0, result.output
+    with out.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[-1] == "person"
+    assert all(0.0 <= float(row["person"]) <= 1.0 for row in rows)
+    # In the last scans there is a target where the walker is.
+    for k in (45, 49):
+        truth = compound(between(DRIVE(0.1 * k), np.zeros(3)), np.array([*PERSON.position(0.1 * k), 0.0]))
+        spots = [
+            (float(row["x"]), float(row["y"])) for row in rows if abs(float(row["time"]) - STAMPS[k]) < 0.01
+        ]
+        assert min(np.hypot(x - truth[0], y - truth[1]) for x, y in spots) < 0.5

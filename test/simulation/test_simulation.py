@@ -23,6 +23,7 @@ from whereabouts.simulation import (
     random_room,
 )
 from whereabouts.simulation.pairs import CROWDED, EASY, random_pair
+from whereabouts.simulation.people_scenes import peopled_floor
 from whereabouts.simulation.robot import relative
 
 angles = st.floats(-np.pi, np.pi)
@@ -162,3 +163,16 @@ def test_a_corridor_looks_the_same_from_every_place_along_it() -> None:
     a, _ = cast(corridor(), np.array([0.0, 0.3]), angles_around, 10.0)
     b, _ = cast(corridor(), np.array([7.0, 0.3]), angles_around, 10.0)
     np.testing.assert_allclose(a, b)
+
+
+def test_people_on_a_floor_keep_off_each_other_the_robot_and_the_furniture() -> None:
+    scene = peopled_floor(np.random.default_rng(2), duration=20.0)
+    assert 6 <= len(scene.people) <= 12
+    assert set(scene.standing.tolist()) == {True, False}
+    assert callable(scene.pose)
+    solid = joined([scene.room, scene.things])
+    for time in np.arange(0.0, 20.0, 0.2):
+        spots = np.array([scene.pose(time)[:2], *(person.position(time) for person in scene.people)])
+        gaps = np.linalg.norm(spots[:, None] - spots[None], axis=2)[~np.eye(len(spots), dtype=bool)]
+        assert gaps.min() > 0.59
+        assert min(solid.distance(spot) for spot in spots[1:]) > 0.3

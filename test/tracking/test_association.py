@@ -91,6 +91,11 @@ def test_unknown_spread_is_integrated_out() -> None:
     assert kernels.log_cell(row, cell, True, False) - (known - alone) == pytest.approx(sampled, abs=0.02)
 
 
+def clutter_at(z: np.ndarray) -> np.ndarray:
+    """Log-density of clutter at returns (n, 2): it need not be uniform."""
+    return LOG_CLUTTER - 0.2 * (1.0 + np.sin(z[:, 0]))
+
+
 def exact(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
     """Log of the sum over all associations in which every source that is on gives a return."""
     active = np.flatnonzero(on)
@@ -100,7 +105,7 @@ def exact(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
         owners = np.array(choice)
         if not set(active) <= set(choice):
             continue
-        value = base + LOG_CLUTTER * (owners == -1).sum()
+        value = base + clutter_at(z)[owners == -1].sum()
         logs.append(value + sum(log_stacked(sources[k], z[owners == k]) for k in active))
     return float(logsumexp(logs))
 
@@ -108,7 +113,7 @@ def exact(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
 def bound(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
     S = len(sources)
     cells, centres = np.zeros((S, kernels.CELL)), np.zeros((S, 2))
-    return float(kernels.evaluate(z, sources, on, cells, centres, False, GATE, LOG_CLUTTER, True, True, 30))
+    return float(kernels.evaluate(z, sources, on, cells, centres, False, GATE, clutter_at(z), True, True, 30))
 
 
 @pytest.mark.parametrize(("apart", "slack"), [(12.0, 0.05), (3.0, 1.0), (0.5, 1.2)])
@@ -139,7 +144,7 @@ def test_search_finds_the_best_of_all_structures() -> None:
     z = np.vstack([rng.normal(0, 1, (4, 2)), rng.normal((0.0, 9.0), 1, (3, 2)), [[20.0, -20.0]]])
     seeds = sources[2:, :2].copy()
     values, active, cells = kernels.search(
-        z, sources, 2, 2, seeds, GATE, LOG_CLUTTER, True, True, 30, 20.0, 20, 10
+        z, sources, 2, 2, seeds, GATE, clutter_at(z), True, True, 30, 20.0, 20, 10
     )
     every = {}
     for choice in product([False, True], repeat=4):
@@ -163,7 +168,7 @@ def test_a_target_may_split() -> None:
     z = np.vstack([rng.normal((-2.0, 0.0), 1, (8, 2)), rng.normal((2.0, 0.0), 1, (8, 2))])
     sources = np.array([parent, child, child])
     _, active, cells = kernels.search(
-        z, sources, 1, 0, np.zeros((0, 2)), GATE, LOG_CLUTTER, True, True, 30, 9.0, 20, 4
+        z, sources, 1, 0, np.zeros((0, 2)), GATE, clutter_at(z), True, True, 30, 9.0, 20, 4
     )
     assert active[0].tolist() in ([True, True, False], [True, False, True])
     found = cells[0, active[0]]

@@ -9,7 +9,7 @@ from estimation.errors import InputError
 from evaluation.experiments.phd_hidden import FILTERS, follow
 from tracking import ExtendedTargetPhd, PhdConfig
 from tracking.components import Components
-from tracking.detection import OcclusionDetection
+from tracking.detection import BearingDetection, OcclusionDetection
 from tracking.phd_models import ConstantVelocityMotion, Labels, Sight
 
 POSE = np.array([0.0, 0.0, 0.5 * np.pi])
@@ -113,10 +113,48 @@ def test_a_hidden_person_is_kept_under_its_label(walk: tuple[float, tuple[float,
     """Hidden for up to a second: kept, and no surplus when it re-appears; lost with a constant p_D."""
     speed, away = walk
     for seed in range(3):
-        run = follow(*FILTERS["PMBM, variable p_D, own rates"], seed, speed, away)
+        run = follow(*FILTERS["mixture, variable p_D, own rates"], seed, speed, away)
         assert run.kept
         assert run.jump < 0.1
-        assert not follow(*FILTERS["PMBM, constant p_D"], seed, speed, away).kept
+        assert not follow(*FILTERS["mixture, constant p_D"], seed, speed, away).kept
+
+
+def test_p_d_of_the_text_falls_by_weight_and_bearing_deviation_behind_a_component() -> None:
+    model = BearingDetection(CONFIG)
+
+    def p(at: tuple[float, float], weight: float = 1.0, deviation: float = 1e-6) -> float:
+        both = people([(0.0, 4.0), at], deviation)
+        return float(model.in_scene(both, np.array([weight, 1.0]), 2, POSE).probability[1])
+
+    assert p((0.0, 8.0)) == pytest.approx(0.01)
+    assert p((0.0, 2.0)) == 0.95
+    assert p((3.0, 8.0)) == pytest.approx(0.95)
+    # Half as deep by half the weight; at the edge of a body; and nowhere near where a body stands.
+    assert p((0.0, 8.0), 0.5) == pytest.approx(0.95 - 0.5)
+    edge = CONFIG.occluder_width * CONFIG.measurement_noise / 4.0
+    assert p((8.0 * np.sin(edge), 8.0 * np.cos(edge))) == pytest.approx(0.95 - 0.5, abs=1e-3)
+    assert p((0.0, 4.3)) == pytest.approx(0.95)
+    # A shadow whose bearing is uncertain is as much, but spread: its integral over bearing stays.
+    bearings = np.linspace(-0.6, 0.6, 601)
+    sums = [
+        sum(0.95 - p((8.0 * np.sin(b), 8.0 * np.cos(b)), 0.5, deviation) for b in bearings)
+        for deviation in (1e-6, 0.3)
+    ]
+    assert sums[1] == pytest.approx(sums[0], rel=0.01)
+    assert p((0.0, 8.0), 0.5, 0.3) > p((0.0, 8.0), 0.5)
+
+
+def test_the_text_s_filter_follows_a_hidden_person_and_jumps_by_less_than_one_and_a_half_when_it_is_back() -> (
+    None
+):
+    """Figure 4: lost with constant p_D; with variable p_D no shortfall, and 1 + P_E (1 - p_D) at a detection."""
+    for seed in range(2):
+        run = follow(*FILTERS["as printed, variable p_D"], seed, 0.5, (5.0, 7.0))
+        assert run.followed
+        assert run.fall < 0.5 < run.jump < 1.5
+        constant = follow(*FILTERS["as printed, constant p_D"], seed, 0.5, (5.0, 7.0))
+        assert not constant.followed
+        assert constant.fall > 0.9
 
 
 def test_a_detection_model_sees_the_scene() -> None:

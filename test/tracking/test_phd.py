@@ -59,7 +59,7 @@ def test_one_target_is_followed() -> None:
     assert np.linalg.eigvalsh(target.covariance).min() > 0
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [("pmbm", 0.2), ("phd", 0.25)])
+@pytest.mark.parametrize(("name", "tolerance"), [("mixture", 0.2), ("phd", 0.25)])
 def test_rate_and_extent_are_estimated(name: str, tolerance: float) -> None:
     """Configured for 10 returns of 20 m spread; the target gives 13, wider in x than in y.
 
@@ -179,7 +179,7 @@ def test_broken_points_are_dropped_and_counted() -> None:
     assert clean.health.dropped == 0
 
 
-@pytest.mark.parametrize("name", ["pmbm", "phd"])
+@pytest.mark.parametrize("name", ["mixture", "phd"])
 def test_thousands_of_returns_are_thinned_with_a_warning(name: str) -> None:
     filter_ = ExtendedTargetPhd(PhdConfig(max_measurements=500, max_partitions=10, filter=name))
     z = np.random.default_rng(6).normal(0, 100, (5000, 2))
@@ -201,6 +201,31 @@ def test_a_crowded_place_of_birth_costs_no_more_than_is_allowed() -> None:
     assert np.isfinite(filter_.expected_count)
 
 
+def test_gmphd_is_the_filter_for_points() -> None:
+    rng = np.random.default_rng(4)
+    ours, theirs = ExtendedTargetPhd(PhdConfig(filter="gmphd")), PointTargetPhd(PhdConfig())
+    for k in range(5):
+        z = scan(rng, [[250.0, 250.0]], rate=1.0)
+        np.testing.assert_array_equal(positions(ours.step(z, float(k))), positions(theirs.step(z, float(k))))
+    assert ours.expected_count == theirs.expected_count
+
+
+def test_as_printed_is_the_text_s_filter_with_the_scene_s_own_values() -> None:
+    """Table 1 and (17), (18) for the simulations; no sub-partitions; the thresholds of Section 4.1."""
+    config = PhdConfig.as_printed()
+    assert (config.filter, config.subpartitions, config.occluders) == ("phd", False, "bearings")
+    assert config.distance_probabilities == (0.30, 0.80)
+    assert (config.measurement_rate, config.measurement_noise, config.process_noise) == (10.0, 20.0, 2.0)
+    weight, mean, covariance = config.births[1]
+    np.testing.assert_array_equal(mean, [-250.0, -250.0, 0.0, 0.0])
+    np.testing.assert_array_equal(covariance, np.diag([100.0, 100.0, 25.0, 25.0]))
+    assert (weight, config.spawn[0]) == (0.1, 0.05)
+    assert PhdConfig.as_printed(clutter_rate=3.0, births=BIRTHS).clutter_rate == 3.0
+    for name, value in {"occluders": "both", "filter": "pmbm", "merge_targets": 1}.items():
+        with pytest.raises(InputError, match=name):
+            PhdConfig.as_printed(**{name: value})
+
+
 def test_stamps_equal_old_and_far_apart() -> None:
     filter_ = ExtendedTargetPhd(PhdConfig(births=BIRTHS, late_window=1.0, max_gap=30.0))
     followed(filter_)
@@ -215,7 +240,7 @@ def test_stamps_equal_old_and_far_apart() -> None:
     assert filter_.health.restarts == 2
 
 
-@pytest.mark.parametrize("name", ["pmbm", "phd"])
+@pytest.mark.parametrize("name", ["mixture", "phd"])
 def test_late_scans_end_where_punctual_ones_do(name: str) -> None:
     """Scans that arrive in another order within the window give the same targets under the same labels."""
     rng = np.random.default_rng(9)

@@ -35,7 +35,7 @@ def test_a_detection_counts_once_however_improbable_it_was() -> None:
     """1 + P_E (1 - p_D) targets is what a PHD filter makes of one detection (Section 5.3); one is right."""
     rng = np.random.default_rng(0)
     counts = {}
-    for name in ("pmbm", "phd"):
+    for name in ("mixture", "phd"):
         config = PhdConfig(
             births=BIRTHS, spawn=None, detection_probability=0.3, filter=name, clutter_rate=0.01
         )
@@ -45,8 +45,8 @@ def test_a_detection_counts_once_however_improbable_it_was() -> None:
         counts[name] = filter_.expected_count
     # What may be there unseen is counted by both.
     unseen = 0.1 * 0.7 / (1 - 0.7)
-    assert counts["pmbm"] == pytest.approx(1.0 + unseen, abs=0.05)
-    assert counts["phd"] > counts["pmbm"] + 0.3
+    assert counts["mixture"] == pytest.approx(1.0 + unseen, abs=0.05)
+    assert counts["phd"] > counts["mixture"] + 0.3
 
 
 def test_existence_after_a_miss_is_bayes() -> None:

@@ -14,6 +14,21 @@ from whereabouts.cli.common import JsonFile, TopicToUse, WithWheels, write_figur
 COLUMNS = ("time", "label", "x", "y", "vx", "vy", "weight")
 
 
+class Filter(StrEnum):
+    """Trackers by name."""
+
+    mixture = "mixture"
+    phd = "phd"
+    gmphd = "gmphd"
+
+
+class Targets(StrEnum):
+    """What is written."""
+
+    people = "people"
+    all = "all"
+
+
 class Frame(StrEnum):
     """Frames in which tracks are written."""
 
@@ -28,12 +43,28 @@ def track(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="tracks.csv", help="Write the tracks: time, label, x, y, vx, vy, weight."
+            "--out",
+            metavar="tracks.csv",
+            help="Write the tracks: time, label, x, y, vx, vy, weight (and person).",
         ),
     ] = None,
     frame: Annotated[
         Frame, typer.Option(help="Frame of the tracks: the scanner, or the robot's pose at the first scan.")
     ] = Frame.odom,
+    filter_: Annotated[
+        Filter,
+        typer.Option(
+            "--filter",
+            help="People tracker, the reference's PHD filter on the returns, or one for points on clusters. The last "
+            "two know no classes.",
+        ),
+    ] = Filter.mixture,
+    targets: Annotated[
+        Targets,
+        typer.Option(
+            help="People only, or all that stands free or moves, with the probability of being a person."
+        ),
+    ] = Targets.people,
     topic: TopicToUse = None,
     wheels: WithWheels = True,
     json_file: JsonFile = None,
@@ -45,12 +76,17 @@ def track(
     """
     import csv
 
+    from tracking.people import Person
+    from tracking.scan_filters import tracker_of
     from whereabouts.atomic import atomic_path
     from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.logs import open_log
     from whereabouts.progress import progress_bar
     from whereabouts.track import track_people
 
+    every = targets is Targets.all
+    columns = (*COLUMNS, "person") if every else COLUMNS
+    tracker = tracker_of(filter_.value)
     rows: list[list[str]] = []
     labels: set[int] = set()
     scans, most = 0, 0
@@ -58,7 +94,7 @@ def track(
     started = time.perf_counter()
     with open_log(source) as log, progress_bar() as bar:
         task = bar.add_task(f"tracking in {source.name}", total=100)
-        for tracked in track_people(log, topic=topic, use_wheels=wheels):
+        for tracked in track_people(log, topic=topic, use_wheels=wheels, tracker=tracker, every_class=every):
             first = tracked.stamp if scans == 0 else first
             last = tracked.stamp
             scans += 1
@@ -67,6 +103,9 @@ def track(
                 labels.add(target.label)
                 state = tracked.in_laser(target) if frame is Frame.laser else target.mean
                 numbers = [f"{value:.4f}" for value in (*state, target.weight)]
+                if every:
+                    assert isinstance(target, Person)
+                    numbers.append(f"{target.person:.4f}")
                 rows.append([f"{tracked.stamp:.9f}", str(target.label), *numbers])
             if scans % 50 == 0:
                 bar.update(task, completed=round(100 * log.progress))
@@ -79,11 +118,12 @@ def track(
     if out is not None:
         with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(COLUMNS)
+            writer.writerow(columns)
             writer.writerows(rows)
     elapsed = time.perf_counter() - started
+    what = "targets" if every else "people"
     typer.echo(
-        f"{scans} scans over {last - first:.1f} s: {len(labels)} people, at most {most} at a time, "
+        f"{scans} scans over {last - first:.1f} s: {len(labels)} {what}, at most {most} at a time, "
         f"{len(rows) / scans:.2f} per scan, {scans / elapsed:.0f} scans/s{f', written to {out}' if out else ''}"
     )
     write_figures(

@@ -22,8 +22,9 @@ from visualization_msgs.msg import MarkerArray
 from estimation.errors import InputError
 from estimation.pose_drift import PoseUncertainty
 from registration.mounting import level_pose, upright
-from tracking.people import PeopleTracker, Person
+from tracking.people import Person
 from tracking.people_warm_up import warm_up
+from tracking.scan_filters import tracker_of
 from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.conversions import PLANAR, pose_from_message, scan_from_message
 from whereabouts.nodes.diagnostics import Health
@@ -45,7 +46,7 @@ class TargetTrackerNode(SuiteNode):
     settings: TargetTrackerParameters
 
     def setup(self) -> None:
-        warm_up(self.settings.people)
+        warm_up(self.settings.people, self.settings.filter)
         # All that is known of a scan is taken in when the transform comes that it waits for, and just before it.
         # Labels may come late, after the scan was thought about; that is no new run.
         segments = Input(self, ScanSegments, "segments", self._take_segments, sensor=False, on_demand=True)
@@ -67,7 +68,7 @@ class TargetTrackerNode(SuiteNode):
         self._markers_output = self.add_output(MarkerArray, "~/markers")
 
     def start_run(self) -> None:
-        self._tracker = PeopleTracker(self.settings.people)
+        self._tracker = tracker_of(self.settings.filter, self.settings.people)
         self._segments: dict[int, ScanSegments] = {}
         self._trails: dict[int, deque[tuple[int, Array]]] = {}
         window = self.settings.drift_window or np.inf

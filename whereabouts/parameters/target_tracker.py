@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Literal
 
 from pydantic import create_model
 
@@ -19,6 +20,12 @@ _WithPeople = create_model("_WithPeople", __base__=NodeParameters, **_SETTINGS) 
 class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
     """Parameters of `target_tracker`: its own, and all settings of `PeopleConfig`."""
 
+    filter: Literal["mixture", "phd", "gmphd"] = setting(
+        "mixture",
+        "mixture: the people tracker; phd: the reference's filter on the returns; gmphd: the one for points, on "
+        "clusters. The last two know no classes: all that stands free or moves is told of",
+        fixed=True,
+    )
     odom_frame: str = setting("odom", "frame in which people are tracked and published", fixed=True)
     use_segments: bool = setting(True, "use the labels of scan_registration, if they arrive in time")
     drift_window: float = setting(

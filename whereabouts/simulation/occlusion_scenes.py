@@ -136,6 +136,35 @@ def to_and_fro(rng: np.random.Generator, name: str, body: str = "round", duratio
     return Scene(joined(parts), people, duration, plan.lidar, pose)
 
 
+def one_hardly_moves(rng: np.random.Generator, duration: float = 20.0) -> Scene:
+    """Three round people who walk to and fro and one who goes 0.4 m in `duration` seconds, on an empty floor.
+
+    The scanner stands and looks ahead. Of the ways drawn, those are taken on which somebody is wholly hidden for half a
+    second in all.
+    """
+    times = np.arange(0.0, duration, 0.1)
+    kind = OcclusionKind("open", "straight")
+    while True:
+        bearing, away = rng.uniform(-0.8, 0.8), rng.uniform(2.0, 5.0)
+        spot, way = away * _unit(bearing), _unit(rng.uniform(-np.pi, np.pi))
+        slow = Walker(np.array([spot - 0.2 * way, spot + 0.2 * way]), 0.4 / duration, _build(rng, "round"))
+        people = [slow]
+        paths = [np.array([slow.position(time) for time in times])]
+        for _ in range(100):
+            walker = _walker(rng, kind, Shapes(), False, duration)
+            path = np.array([walker.position(time) for time in times])
+            if min(np.linalg.norm(path - other, axis=1).min() for other in [*paths, 0.0 * path]) < APART:
+                continue
+            people.append(walker)
+            paths.append(path)
+            if len(people) == 4:
+                break
+        scene = Scene(Shapes(), [*people[1:], people[0]], duration)
+        hidden = sum(int((scan.in_view & (scan.returns == 0)).sum()) for scan in scene.scans(rng))
+        if len(people) == 4 and hidden >= 0.5 * scene.rate:
+            return scene
+
+
 def _scanner(rng: np.random.Generator, drives: bool) -> tuple[Lidar, float]:
     """Scanners one meets: (the scanner, Hz). One that looks ahead only would lose people by driving."""
     choices = [

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from registration.scan import Scan
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.people import Walker, positions, random_build, seen, wander
 from whereabouts.simulation.robot import Drive
-from whereabouts.simulation.rooms import random_room
+from whereabouts.simulation.rooms import random_floor, random_room
 from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon
 
 SCANNER = Lidar(beams=361, opening=np.pi, range_max=12.0, sigma=0.01)
@@ -35,7 +36,10 @@ class PeopleScan:
 
 @dataclass(frozen=True)
 class Scene:
-    """Outlines, people, a scanner and how it moves: `pose` (3,) or a function of time that gives it."""
+    """Outlines, people, a scanner and how it moves: `pose` (3,) or a function of time that gives it.
+
+    things : what stands about on open floor and may be taken for somebody.
+    """
 
     room: Shapes
     people: list[Walker]
@@ -43,13 +47,22 @@ class Scene:
     lidar: Lidar = SCANNER
     pose: Array | Callable[[float], Array] = field(default_factory=lambda: np.zeros(3))
     rate: float = 10.0
+    things: Shapes = field(default_factory=Shapes)
+
+    @property
+    def standing(self) -> NDArray[np.bool_]:
+        """Who walks less than a metre in all, (P,)."""
+        return np.array([person.walked(np.inf) < 1.0 for person in self.people], dtype=bool)
 
     def scans(self, rng: np.random.Generator) -> Iterator[PeopleScan]:
         """The scene, scan by scan."""
         for k in range(int(self.duration * self.rate) + 1):
             time = k / self.rate
-            shapes = joined([self.room, seen(self.people, time)])
-            simulated = self.lidar.scan(shapes, self.pose, rng, time)
+            shapes = joined([self.room, self.things, seen(self.people, time)])
+            # A scanner that needs no time for a sweep is in one place.
+            still = callable(self.pose) and self.lidar.sweep_time == 0.0
+            pose = self.pose(time) if still and callable(self.pose) else self.pose
+            simulated = self.lidar.scan(shapes, pose, rng, time)
             people = positions(self.people, time)
             returns = np.array(
                 [np.sum(simulated.owners == i + 1) for i in range(len(people))], dtype=np.int64
@@ -156,6 +169,77 @@ def crowded_room(
                 break
         people.append(walker)
     return Scene(room, people, duration, lidar, pose)
+
+
+def empty_floor(rng: np.random.Generator, rooms: int = 3, duration: float = 60.0) -> Scene:
+    """A robot that drives through furnished rooms along a corridor: chairs, tables, bins, poles, and nobody."""
+    return _furnished_floor(rng, rooms, duration)[0]
+
+
+def _furnished_floor(rng: np.random.Generator, rooms: int, duration: float) -> tuple[Scene, list[Array]]:
+    """A floor without people, and the middles (2,) of its rooms."""
+    floor, way = random_floor(rng, rooms)
+    # The way turns round in the middle of each room.
+    middles = [b for a, b, c in zip(way, way[1:], way[2:], strict=False) if np.allclose(a, c)]
+    things: list[Shapes] = []
+    path = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(way)])
+    for room in middles:
+        for spot in room + rng.uniform(-3.0, 3.0, (8, 2)):
+            alone = [floor, *things]
+            if np.linalg.norm(path - spot, axis=1).min() > 1.1 and joined(alone).distance(spot) > 1.0:
+                things.append(_thing(rng, spot))
+    return Scene(floor, [], duration, SCANNER, Drive(way, 0.5), things=joined(things)), middles
+
+
+def _thing(rng: np.random.Generator, spot: Array) -> Shapes:
+    """A chair or a table, of which the legs are seen, a bin or a pole."""
+    kind = str(rng.choice(["chair", "chair", "table", "bin", "pole"]))
+    if kind in ("bin", "pole"):
+        size = rng.uniform(0.03, 0.07) if kind == "pole" else rng.uniform(0.1, 0.2)
+        return circle(spot[0], spot[1], size)
+    length, width = (0.42, 0.42) if kind == "chair" else rng.uniform((0.8, 0.6), (1.4, 0.8))
+    corners = 0.5 * np.array([[-length, -width], [length, -width], [length, width], [-length, width]])
+    legs = joined([circle(x, y, rng.uniform(0.012, 0.035)) for x, y in corners])
+    return legs.moved((*spot, rng.uniform(-np.pi, np.pi)))
+
+
+def peopled_floor(
+    rng: np.random.Generator, most: int = 12, duration: float = 60.0, standing: float = 0.4
+) -> Scene:
+    """A robot that drives through rooms with up to `most` people, of whom a share `standing` stands all the time.
+
+    The rooms are those of `empty_floor`, the scanner looks ahead. Legs are seen, of one in four a skirt. Walkers go to
+    and fro and rest at the ends. Nobody comes nearer than 0.6 m to anybody or to the robot, or 0.45 m to an outline.
+    """
+    scene, rooms = _furnished_floor(rng, 3, duration)
+    assert callable(scene.pose)
+    times = np.arange(0.0, duration, 0.2)
+    robot = np.array([scene.pose(time)[:2] for time in times])
+    visited = [room for room in rooms if np.linalg.norm(robot - room, axis=1).min() < 5.0]
+    solid = joined([scene.room, scene.things])
+    people: list[Walker] = []
+    taken = [robot]
+    walking = most - round(standing * most)
+    for _ in range(100 * most):
+        build = random_build(rng, str(rng.choice(["legs", "legs", "legs", "skirt"])))
+        spot = visited[int(rng.integers(len(visited)))] + rng.uniform(-3.0, 3.0, 2)
+        points, rests = spot[None], np.zeros(1)
+        if len(people) < walking:
+            other = spot + rng.uniform(2.0, 5.0) * _unit(rng.uniform(-np.pi, np.pi))
+            points = np.array([spot, other] * 12)
+            rests = rng.uniform(0.0, 3.0, len(points))
+        line = np.linspace(points[0], points[-1], 15)
+        if min(solid.distance(place) for place in line) < 0.45:
+            continue
+        walker = Walker(points, rng.uniform(0.7, 1.4), build, 0.0, rests, rng.uniform(0.0, 6.0))
+        path = np.array([walker.position(time) for time in times])
+        if min(np.linalg.norm(path - other, axis=1).min() for other in taken) < 0.6:
+            continue
+        people.append(walker)
+        taken.append(path)
+        if len(people) == most:
+            break
+    return replace(scene, people=people)
 
 
 def _unit(angle: float) -> Array:

@@ -1,0 +1,149 @@
+"""The mixture with clusters of laser scans: what can be seen, what is clutter, and who is followed through hiding."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from estimation.gradient_boosting import GradientBoosting
+from evaluation.experiments.people_yardsticks import measure
+from registration.scan import Scan
+from tracking.background import Background
+from tracking.cluster_model import ClusterScan, ScanDetection, StandingOrWalking
+from tracking.cluster_tracker import ClusterTracker
+from tracking.people_shape import shape_model
+from tracking.people_sweep import Sweep
+from tracking.person_class import NAMES, ClassModel
+from tracking.phd_config import PhdConfig
+from tracking.phd_models import ConstantVelocityMotion, Labels
+from whereabouts.simulation import Drive, Lidar, box, circle, joined
+from whereabouts.simulation.occlusion_scenes import one_hardly_moves
+from whereabouts.simulation.people import Build, Walker
+from whereabouts.simulation.people_scenes import Scene
+
+LIDAR = Lidar(361, np.pi, range_max=12.0, sigma=0.01)
+
+
+class Everybody(ClassModel):
+    """Calls everything a person."""
+
+    def odds(self, features: list[list[float]]) -> np.ndarray:
+        assert all(len(row) == len(NAMES) for row in features)
+        return np.full(len(features), 9.0)
+
+
+def everybody() -> ClusterTracker:
+    return ClusterTracker(classes=Everybody(GradientBoosting(), (), 0.0))
+
+
+def seen_of(scan: Scan, background: Background | None = None) -> ClusterScan:
+    sweep = Sweep.of(scan, np.zeros(3), None, 0.1)
+    own = np.zeros(len(scan), dtype=bool)
+    return ClusterScan.of(scan, sweep, background or Background(), shape_model(), 0.1, 10.0, own)
+
+
+def test_legs_are_measurements_at_their_middles_and_walls_are_none() -> None:
+    legs = [(2.0, 0.12), (2.0, -0.12)]
+    world = joined([box(10.0, 8.0), *(circle(x, y, 0.06) for x, y in legs)])
+    seen = seen_of(LIDAR.scan(world, np.zeros(3), np.random.default_rng(0)).scan)
+    assert len(seen.places) == 2
+    np.testing.assert_allclose(seen.places[np.argsort(-seen.places[:, 1])], legs, atol=0.03)
+
+
+def test_what_always_stood_somewhere_is_dense_in_clutter_there() -> None:
+    world = joined([box(10.0, 8.0), circle(2.0, 0.0, 0.06), circle(3.0, 1.5, 0.06)])
+    before = joined([box(10.0, 8.0), circle(2.0, 0.0, 0.06)])
+    background, rng = Background(), np.random.default_rng(1)
+    for k in range(40):
+        scan = LIDAR.scan(before, np.zeros(3), rng).scan
+        background.add(Sweep.of(scan, np.zeros(3), None, 0.1), 0.1 * k, np.zeros(361, dtype=bool))
+    seen = seen_of(LIDAR.scan(world, np.zeros(3), rng).scan, background)
+    order = np.argsort(seen.places[:, 0])
+    stood, new = seen.log_clutter[order] + np.clip(seen.shape[order], -2.0, 2.0)
+    assert stood == pytest.approx(new + 4.0, abs=0.2)
+
+
+def test_what_a_scan_cannot_show_is_not_missed_and_is_believed_to_be_behind_what_hides_it() -> None:
+    world = joined([box(20.0, 20.0), circle(2.0, 0.0, 0.3)])
+    detection = ScanDetection(0.98, 10.0)
+    detection.scan = LIDAR.scan(world, np.zeros(3), np.random.default_rng(2)).scan
+    spots = np.array([[5.0, 0.0, 0.0, 0.0], [4.0, 3.0, 0.0, 0.0], [5.0, 1.0, 0.0, 0.0]])
+    P = np.tile(np.diag([0.01, 0.01, 0.1, 0.1]), (3, 1, 1))
+    P[2, 1, 1] = 0.2
+    people = ConstantVelocityMotion(PhdConfig()).fresh(np.ones(3), spots, P, Labels())
+    sight = detection.in_scene(people, np.ones(3), 3, np.zeros(3))
+    assert sight.probability[0] < 0.1
+    assert sight.probability[1] == pytest.approx(0.98, abs=0.01)
+    np.testing.assert_allclose(sight.means[1], spots[1], atol=0.01)
+    # Of one who may be hidden or not: the mean over samples of his place, weighted by the chance of not being seen.
+    drawn = 1.0 + np.sqrt(0.2) * np.random.default_rng(3).standard_normal(4000)
+    single = ConstantVelocityMotion(PhdConfig()).fresh(
+        np.ones(4000),
+        np.column_stack([np.full(4000, 5.0), drawn, np.zeros((4000, 2))]),
+        np.tile(1e-6 * np.eye(4), (4000, 1, 1)),
+        Labels(),
+    )
+    missed = 1.0 - detection.in_scene(single, np.ones(4000), 4000, np.zeros(3)).probability
+    assert sight.means[2, 1] == pytest.approx(float(missed @ drawn / missed.sum()), abs=0.15)
+    assert sight.means[2, 1] < 0.8
+    assert np.linalg.eigvalsh(sight.covariances).min() > 0.0
+    assert detection.in_scene(people, np.ones(3), 3, None).probability.tolist() == [0.98] * 3
+
+
+def test_people_who_hide_each_other_and_one_who_hardly_moves_are_followed() -> None:
+    rng = np.random.default_rng(11)
+    marks = measure(one_hardly_moves(rng), rng, everybody(), everybody=True)
+    assert marks.found[0] / marks.there[0] > 0.94
+    assert marks.found[1] / marks.there[1] > 0.9
+    assert np.mean(marks.ospa_all) < 0.15
+
+
+def test_bad_input_is_refused_and_late_scans_change_nothing() -> None:
+    tracker, scan = everybody(), Scan(np.full(10, 3.0), -0.5, 0.1, 0.05, 10.0, 0.0)
+    with pytest.raises(InputError, match="pose"):
+        tracker.step(scan, np.zeros(2), 0.0)
+    with pytest.raises(InputError, match="stamp"):
+        tracker.step(scan, np.zeros(3), np.inf)
+    for stamp in (10.0, 10.1, 9.9, 10.2, 1.0):
+        tracker.step(scan, np.zeros(3), stamp)
+    assert (tracker.health.late, tracker.health.restarts) == (1, 1)
+    empty = Scan(np.full(10, np.inf), -0.5, 0.1, 0.05, 10.0, 0.0)
+    assert tracker.step(empty, np.zeros(3), 1.1) == []
+
+
+def test_velocity_fades_the_same_over_two_steps_as_over_one_and_who_stands_stays_better_known() -> None:
+    config = PhdConfig(process_noise=2.5, scan_period=0.1, survival_probability=1.0)
+    motion = StandingOrWalking(config)
+    means = np.array([[1.0, 2.0, 1.2, -0.4], [1.0, 2.0, 0.0, 0.0]])
+    P = np.tile(np.diag([0.01, 0.01, 1e-4, 1e-4]), (2, 1, 1))
+    both = motion.fresh(np.ones(2), means, P, Labels())
+    once, _ = motion.survivors(both, 0.2)
+    halfway, _ = motion.survivors(both, 0.1)
+    twice, _ = motion.survivors(halfway, 0.1)
+    np.testing.assert_allclose(once.means, twice.means, rtol=1e-12)
+    np.testing.assert_allclose(once.means[0, 2:], np.exp(-0.2 / 3.0) * means[0, 2:])
+    # The way is the integral of the fading velocity.
+    times = np.linspace(0.0, 0.2, 2001)
+    way = np.trapezoid(np.exp(-times / 3.0), times) * means[0, 2:]
+    np.testing.assert_allclose(once.means[0, :2] - means[0, :2], way, rtol=1e-6)
+    added = [once.covariances[k] - 0.0 for k in range(2)]
+    assert added[0][2, 2] > 10.0 * (added[1][2, 2] - 1e-4)
+    assert np.linalg.eigvalsh(once.covariances).min() > 0.0
+
+
+def test_the_shipped_classes_tell_somebody_who_stands_from_a_pole() -> None:
+    """Neither ever moves; the robot drives past both."""
+    person = Walker(np.array([[3.0, 1.2]]), build=Build("legs"))
+    drive = Drive([(0.0, 0.0), (2.0, 0.0)], 0.4)
+    scene = Scene(box(14.0, 9.0), [person], 5.0, LIDAR, drive, things=circle(3.0, -1.2, 0.04))
+    tracker, odds = ClusterTracker(), []
+    for scan in scene.scans(np.random.default_rng(4)):
+        tracker.step(scan.scan, scan.pose, scan.scan.stamp)
+        near = {
+            name: [t.person for t in tracker.targets if np.hypot(*(t.mean[:2] - spot)) < 0.4]  # type: ignore[attr-defined]
+            for name, spot in (("person", (3.0, 1.2)), ("pole", (3.0, -1.2)))
+        }
+        odds.append((np.mean(near["person"] or [0.0]), max(near["pole"], default=0.0)))
+    who, what = np.array(odds[10:]).mean(0)
+    assert who > 0.5 > what
