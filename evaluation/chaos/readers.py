@@ -208,7 +208,7 @@ class Readers:
             pass
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{place.filename}:{place.name} line {place.lineno}"
+            where = f"{'/'.join(Path(place.filename).parts[-3:])}:{place.name} line {place.lineno}"
             self.defects[f"{name}: {type(error).__name__} | {where}"] += 1
         self.slowest = max(self.slowest, (time.perf_counter() - begun, f"{name} #{self.done}"))
         self.done += 1
