@@ -16,7 +16,7 @@ from types import TracebackType
 
 from estimation.checks import require_count
 from world_model.state import WorldObject, WorldState
-from world_model.store_file import StoreError, StoreFile, copy_store, is_damage
+from world_model.store_file import StoreError, StoreFile, copy_store, is_damage, is_full
 from world_model.store_format import CLOCK, CURRENT, EPOCHS, HISTORY, NAMES, OBJECTS, Clock, Table, summed
 from world_model.store_keeper import Keeper
 from world_model.store_records import HistoryEntry, Memory, Records
@@ -365,7 +365,8 @@ class Store(Records):
     def _fail(self, error: BaseException, stamp: float) -> None:
         self.failures += 1
         self._failed_in_a_row += 1
-        self._retry_at = stamp
+        # A full disk answers at once, and what waits for room is nowhere but in this process: it does not wait longer.
+        self._retry_at = -float("inf") if is_full(error) else stamp
         self.problem = f"{self.path}: not written: {error}"
         if is_damage(error):
             try:

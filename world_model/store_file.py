@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import shutil
@@ -312,8 +313,16 @@ def _compare(path: Path, expected: tuple[object, ...]) -> None:
 
 def is_damage(error: BaseException) -> bool:
     """Whether an error of SQLite says that the file itself is damaged."""
-    code = getattr(error, "sqlite_errorcode", 0) or 0
-    return isinstance(error, sqlite3.DatabaseError) and (code & 0xFF) in DAMAGED
+    return isinstance(error, sqlite3.DatabaseError) and _code(error) in DAMAGED
+
+
+def is_full(error: BaseException) -> bool:
+    """Whether there was no room for a write."""
+    return _code(error) == sqlite3.SQLITE_FULL or getattr(error, "errno", None) == errno.ENOSPC
+
+
+def _code(error: BaseException) -> int:
+    return (getattr(error, "sqlite_errorcode", 0) or 0) & 0xFF
 
 
 def has_space(path: Path) -> bool:

@@ -494,8 +494,9 @@ def test_a_full_disk_stops_neither_the_model_nor_what_was_stored(tmp_path: Path)
         assert memory is not None
         assert same_world(memory.objects, 19)
         store._execute("PRAGMA max_page_count = 100000")
+        store.record(state(24, *many))
+        assert store.problem == "", "what waits for room is written at once when there is room"
         store.record(state(30, *many))
-        assert store.problem == ""
     with Store(path) as store:
         memory = store.restore()
         assert memory is not None

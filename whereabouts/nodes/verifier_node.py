@@ -19,7 +19,7 @@ from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.conversions import points_from_message, pose_from_message, spatial_covariance
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
-from whereabouts.nodes.transforms import TransformError, frame_name
+from whereabouts.nodes.transforms import Matrix, TransformError, frame_name
 from whereabouts.nodes.world_reading import grid_from_message
 from whereabouts.parameters.verifier import VerifierParameters
 from whereabouts_msgs.action import VerifyObject
@@ -47,7 +47,7 @@ class VerifierNode(SuiteNode):
         self.add_action(VerifyObject, "verify_object", self._serve)
 
     def start_run(self) -> None:
-        self._latest: Any = None
+        self._latest: tuple[LaserScan | PointCloud2, Matrix] | None = None
         self._count = 0
         self._answers = dict.fromkeys(("found", "occluded", "not_found"), 0)
 
@@ -60,7 +60,8 @@ class VerifierNode(SuiteNode):
         return [(self._map_frame, message.header.frame_id)]
 
     def _take(self, message: LaserScan | PointCloud2, stamp: int) -> None:
-        self._latest = (message, stamp)
+        # Where the sensor was is known now; by the time an action looks, tf may have begun anew.
+        self._latest = (message, self.transforms.lookup(self._map_frame, message.header.frame_id, stamp))
         self._count += 1
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
@@ -80,16 +81,17 @@ class VerifierNode(SuiteNode):
             box, settings.frames, settings.points, settings.clear, grid, settings.widest
         )
         limit = nanoseconds(request.timeout) / NANOSECONDS or settings.timeout
-        begun, taken = self.now, self._count
+        begun, taken = self.now, self._latest
         outcome: str | None = None
         while outcome is None:
             if handle.is_cancel_requested:
                 handle.canceled()
                 result.code, result.message = result.CANCELED, "cancelled"
                 return result
-            if self._count > taken:
-                taken = self._count
-                outcome = verification.take(self._frame(box))
+            if self._latest is not None and self._latest is not taken:
+                taken = self._latest
+                outcome = verification.take(self._frame(box, *taken))
+                result.evidence.header.stamp = taken[0].header.stamp
                 handle.publish_feedback(
                     VerifyObject.Feedback(frames=verification.frames, visible_share=verification.visible)
                 )
@@ -116,7 +118,6 @@ class VerifierNode(SuiteNode):
         result.message = f"{request.object_id or request.class_name}: {said.replace('_', ' ')}, {share}"
         if said == FOUND:
             position, covariance = verification.measurement(self.settings.sigma)
-            result.evidence.header.stamp = self._latest[0].header.stamp
             result.evidence.header.frame_id = self._map_frame
             result.evidence.sensor = request.sensor
             item = ObjectEvidence(object_id=request.object_id, attributes=request.attributes)
@@ -141,9 +142,7 @@ class VerifierNode(SuiteNode):
             )[0]
         return Box(centre, size)
 
-    def _frame(self, box: Box) -> Frame:
-        message, stamp = self._latest
-        sensor = self.transforms.lookup(self._map_frame, message.header.frame_id, stamp)
+    def _frame(self, box: Box, message: LaserScan | PointCloud2, sensor: Matrix) -> Frame:
         reach = self.settings.max_range
         if isinstance(message, LaserScan):
             farthest = min(message.range_max, reach) if message.range_max > 0.0 else reach
