@@ -5,7 +5,9 @@ For each object, and for each class, how long it was at each named place in each
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from itertools import groupby
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +15,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.places import Places
 from world_model.state import Box, WorldObject
-from world_model.store_records import HistoryEntry
+from world_model.store_records import Note
 
 DAY = 86400.0
 BINS = 24
@@ -32,11 +34,7 @@ WATCHED = 60.0
 class History(Protocol):
     """The part of a store that habits are learned from."""
 
-    def epochs(self) -> list[tuple[int, float | None, float | None]]: ...
-
-    def events(self, epoch: int | None = None) -> Iterable[tuple[float, str, str]]: ...
-
-    def history(self, object_id: str, epoch: int | None = None) -> list[HistoryEntry]: ...
+    def notes(self) -> Iterable[Note]: ...
 
 
 class Habits:
@@ -52,14 +50,20 @@ class Habits:
 
     def add(self, item: WorldObject, begin: float, end: float) -> None:
         """An object was where it is from `begin` to `end`, s; of more than a day the last counts."""
-        if not self._names or item.lost or not end > begin:
+        if self._names and not item.lost:
+            self._count(item.id, item.most_probable("class"), item.position, item.covariance, begin, end)
+
+    def _count(
+        self, name: str, kind: str, position: FloatArray, covariance: FloatArray, begin: float, end: float
+    ) -> None:
+        if not end > begin:
             return
-        spread = self._spread(item)
+        spread = self._spread(position, covariance)
         begin = max(begin, end - DAY)
         while begin < end:
             hour = np.floor(begin / DAY * BINS + 1e-9)
             until = min(end, (hour + 1.0) * DAY / BINS)
-            for key in (f"id {item.id}", f"class {item.most_probable('class')}"):
+            for key in (f"id {name}", f"class {kind}"):
                 if key not in self._seconds:
                     self._seconds[key] = np.zeros((BINS, len(self._names)))
                     self._total[key] = np.zeros(BINS)
@@ -69,18 +73,25 @@ class Habits:
 
     def learn(self, store: History) -> None:
         """Everything that a store's history says: objects stay where they were noted until they are noted elsewhere."""
-        for epoch, *_ in store.epochs():
-            names = sorted({name for _, _, name in store.events(epoch)})
-            for name in names:
-                entries = store.history(name, epoch)
-                for entry, after in zip(entries, [*entries[1:], None], strict=True):
-                    if entry.event in ("lost", "gone"):
-                        continue
-                    end = entry.object.last_seen + WATCHED
-                    if after is not None:
-                        stayed = np.linalg.norm(after.object.position - entry.object.position) < 0.5
-                        end = after.stamp if stayed else min(end, after.stamp)
-                    self.add(entry.object, entry.stamp, max(end, entry.stamp))
+        if not self._names:
+            return
+        for _, of_one in groupby(store.notes(), key=lambda note: (note.epoch, note.object_id)):
+            notes = list(of_one)
+            for note, after in zip(notes, [*notes[1:], None], strict=True):
+                if note.lost or note.event in ("lost", "gone"):
+                    continue
+                end = note.last_seen + WATCHED
+                if after is not None:
+                    stayed = math.dist(after.position, note.position) < 0.5
+                    end = after.stamp if stayed else min(end, after.stamp)
+                self._count(
+                    note.object_id,
+                    note.kind,
+                    note.position,
+                    note.covariance,
+                    note.stamp,
+                    max(end, note.stamp),
+                )
 
     def watch(self, objects: Iterable[WorldObject], stamp: float) -> None:
         """Take in where things are now; call it with every world, once a minute something is done."""
@@ -131,14 +142,14 @@ class Habits:
         place = min(around, key=lambda place: place.area)
         return 1.0 - trust * believed + trust * believed * usual[place.name] * area / place.area
 
-    def _spread(self, item: WorldObject) -> FloatArray:
+    def _spread(self, position: FloatArray, covariance: FloatArray) -> FloatArray:
         """Probabilities (P,) of the places; positions to the decimetre share theirs."""
-        sigma = float(np.sqrt(max(item.covariance.diagonal().max(), 1e-6)))
-        key = (*np.round(item.position, 1).tolist(), float(np.round(np.log2(sigma))))
+        variance = max(*covariance.diagonal().tolist(), 1e-6)
+        key = (*(round(10.0 * x) for x in position.tolist()), round(0.5 * math.log2(variance)))
         if key not in self._spreads:
-            found = self.places.probabilities(item.position, item.covariance)
+            found = self.places.probabilities(position, covariance)
             self._spreads[key] = np.array([found[name] for name in self._names])
             if len(self._spreads) > 10_000:
                 self._spreads.clear()
-                return self._spread(item)
+                return self._spread(position, covariance)
         return self._spreads[key]

@@ -47,8 +47,12 @@ class WorldObject:
 
     def most_probable(self, attribute: str) -> str:
         """The most probable value of an attribute, "" where nothing is known about it."""
-        distribution = self.attributes.get(attribute)
-        return max(distribution, key=distribution.__getitem__) if distribution else ""
+        return most_probable(self.attributes.get(attribute))
+
+
+def most_probable(distribution: Mapping[str, float] | None) -> str:
+    """The most probable value, "" where nothing is known."""
+    return max(distribution, key=distribution.__getitem__) if distribution else ""
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
+from operator import itemgetter
 from typing import Any
 
 from world_model.store_rows import COLUMNS
@@ -25,6 +26,8 @@ APPLICATION = 0x77686272
 """Marks the file as a world model's among all that SQLite may have written."""
 PAGE = 4096
 MAGIC = b"SQLite format 3\0"
+
+Picked = Callable[[Sequence[Any]], tuple[Any, ...]]
 
 _OBJECT = (
     "numbers BLOB NOT NULL, existence REAL NOT NULL, lost INTEGER NOT NULL, last_seen REAL NOT NULL, "
@@ -58,13 +61,13 @@ class Table:
     kinds: str
 
     @cached_property
-    def _layout(self) -> tuple[struct.Struct, list[int], list[int], list[int], bytes]:
+    def _layout(self) -> tuple[struct.Struct, Picked, Picked, Picked, bytes]:
         whole, real, text = (
             [index for index, kind in enumerate(self.kinds) if kind in letters]
             for letters in ("i", "r", "tb")
         )
         packer = struct.Struct(f"<{len(whole)}q{len(real)}d{len(text)}q")
-        return packer, whole, real, text, self.name.encode()
+        return packer, _picked(whole), _picked(real), _picked(text), self.name.encode()
 
     @cached_property
     def mistyped(self) -> str:
@@ -90,13 +93,14 @@ class Table:
     def mark(self, values: Sequence[Any]) -> int:
         """Hash (64 bits, signed) of a row. Raises TypeError or struct.error for values of other kinds."""
         packer, whole, real, text, name = self._layout
-        texts = [_bytes(values[index]) for index in text]
+        texts = text(values)
+        parts = [b"" if part is None else part if type(part) is bytes else part.encode() for part in texts]
         packed = packer.pack(
-            *[values[index] for index in whole],
-            *[math.nan if (value := values[index]) is None else value + 0.0 for index in real],
-            *[-1 if values[index] is None else len(part) for index, part in zip(text, texts, strict=True)],
+            *whole(values),
+            *[math.nan if value is None else value + 0.0 for value in real(values)],
+            *[-1 if value is None else len(part) for value, part in zip(texts, parts, strict=True)],
         )
-        digest = blake2b(packed + b"".join(texts), digest_size=8, person=name).digest()
+        digest = blake2b(packed + b"".join(parts), digest_size=8, person=name).digest()
         return int.from_bytes(digest, "little", signed=True)
 
     def is_whole(self, row: Sequence[Any]) -> bool:
@@ -107,10 +111,11 @@ class Table:
             return False
 
 
-def _bytes(value: str | bytes | None) -> bytes:
-    if value is None:
-        return b""
-    return value if isinstance(value, bytes) else value.encode()
+def _picked(places: list[int]) -> Picked:
+    """Takes what is at these places of a row; rows are many."""
+    if len(places) > 1:
+        return itemgetter(*places)
+    return lambda values: tuple(values[place] for place in places)
 
 
 CLOCK = Table(

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimation.checks import FloatArray
 from estimation.places import LIKELY, Place
-from world_model.state import WorldObject
+from world_model.state import WorldObject, most_probable
 from world_model.store_file import StoreFile
 from world_model.store_format import Clock
 from world_model.store_rows import COLUMNS, Written, decode
@@ -39,6 +42,20 @@ class HistoryEntry:
     event: str
     object: WorldObject
     epoch: int
+
+
+class Note(NamedTuple):
+    """The part of an event that habits are learned from. kind : most probable class. covariance : (3, 3), m²."""
+
+    epoch: int
+    object_id: str
+    stamp: float
+    event: str
+    position: FloatArray
+    covariance: FloatArray
+    lost: bool
+    last_seen: float
+    kind: str
 
 
 class Records:
@@ -138,8 +155,25 @@ class Records:
             self._epoch if epoch is None else epoch,
         )
 
+    def notes(self) -> Iterator[Note]:
+        """All events of all runs, by run and object, oldest first."""
+        rows = self._execute(
+            "SELECT o.epoch, o.id, h.stamp, h.event, h.numbers, h.lost, h.last_seen, h.attributes "
+            "FROM history h JOIN objects o ON o.key = h.key ORDER BY o.epoch, o.id, h.stamp, h.row"
+        )
+        for epoch, name, stamp, happened, numbers, lost, last_seen, text in rows:
+            values = np.frombuffer(numbers, "<f8")
+            around = values[6:15].reshape(3, 3)
+            yield Note(epoch, name, stamp, happened, values[:3], around, bool(lost), last_seen, _kind(text))
+
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
         return self._file.connection.execute(statement, values)
+
+
+@lru_cache(1024)
+def _kind(attributes: str) -> str:
+    """The most probable class in a row's JSON; few rows differ in it."""
+    return most_probable(json.loads(attributes).get("class"))
 
 
 def _aged(item: WorldObject, age: float) -> WorldObject:
