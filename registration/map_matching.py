@@ -106,14 +106,20 @@ class MapMatcher:
         far: float = FAR,
         wide: bool = False,
         little: bool = False,
+        other: Array | None = None,
     ) -> tuple[Match, bool]:
         """Best match around `start` (3,), and whether it is to be believed.
 
+        other : a second prediction (3,) that is far from `start`; what the scan agrees with more is followed.
         far : share asked of a match far from the prediction, above 1 for never.
         wide : search around `last` too, where the sensor was last sure to be.
         little : near `start`, little or contradicted agreement is enough: neighbouring scans share little.
         """
         best = self._refined(scan, start.copy(), self._doubt)
+        if other is not None:
+            rival = self._refined(scan, other.copy(), self._doubt)
+            if self._outdoes(rival, best, scan):
+                best, start = rival, other
         if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
             return best, True
         if best.believable(start, far) and best.share >= SURER:
@@ -130,6 +136,11 @@ class MapMatcher:
             found = [best, *self._search(scan, last, start, WIDE_SEARCH)]
             best = self._best(found, scan, start, far)
         return best, best.believable(start, far)
+
+    def _outdoes(self, rival: Match, match: Match, scan: PreparedScan) -> bool:
+        """Whether more of the scan's outline agrees there, less what contradicts."""
+        ours, theirs = (m.agreement.agreeing - self._against(m, scan) for m in (match, rival))
+        return rival.refined.open_directions < 3 and theirs > ours
 
     def _refined(self, scan: PreparedScan, start: Array, doubt: float) -> Match:
         refined = refine(scan.surface, self.map.target, start, doubt, self._tolerance)

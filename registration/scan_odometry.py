@@ -26,6 +26,7 @@ MAP_NOISE = (
     1.2  # variance of a scan's pose, map and scan noise together, over that from the scan's noise alone
 )
 OUT_OF_VIEW = 2.0  # metres without a sure pose after which a sensor that never stops begins a new map
+RIVAL = (0.25, 0.2)  # metres, radians between wheels and the last motion from which both are tried
 LEAST_LINED = 15  # points on lines below which a scan is not registered
 
 
@@ -81,7 +82,7 @@ class ScanTracker:
         far = (0.6 if astray else NEVER) if guess is not None else FAR
         steady = guess is None and self._habit.steady
         match, believable = self._matcher.find(
-            prepared, start, self._sure, far, astray or guess is None, steady
+            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess)
         )
         if steady and believable and self._lost < 2:
             # Not longer, lest a sensor that is lost be never found.
@@ -91,6 +92,15 @@ class ScanTracker:
             reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
             return self._predict(motion, guess is not None, reason, match.share)
         return self._accept(prepared, motion, guess is not None, match)
+
+    def _rival(self, guess: Array | None) -> Array | None:
+        """Where the last motion leads, if wheels say something quite different: they may stall, catch up or jump."""
+        if guess is None or self._lost:
+            return None
+        away = between(guess, self._last)
+        if np.hypot(*away[:2]) < RIVAL[0] and abs(away[2]) < RIVAL[1]:
+            return None
+        return compound(self.pose, self._last)
 
     def _elapsed(self, stamp: float) -> float:
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
