@@ -66,6 +66,7 @@ class Search:
     only_certain: bool = False  # leave out what would have to wait
     farthest: float = 25.0  # standard deviation beyond which only what looks alike is laid on the map
     alike: int = 5  # candidates that look alike
+    anywhere: bool = False  # only what looks alike is laid on the map, wherever it is
 
 
 def look(
@@ -93,9 +94,12 @@ def look(
     for j in chosen:
         target = keyframes.local_map(j, search.around, search.around)
         guess = motion(poses[j], poses[k])
-        loose = gate.sigma[j] > search.certain
-        reach = search.deviations * float(gate.sigma[j]) + 0.3
-        window = min(search.deviations * float(gate.turn[j]) + 0.12, np.pi)
+        # What looks alike far from the estimate makes that as doubtful as it is far off.
+        outside = search.anywhere and length(guess) > search.near + search.deviations * gate.sigma[j]
+        sigma = max(float(gate.sigma[j]), length(guess) / search.deviations if outside else 0.0)
+        loose = sigma > search.certain
+        reach = search.deviations * sigma + 0.3
+        window = np.pi if outside else min(search.deviations * float(gate.turn[j]) + 0.12, np.pi)
         if loose:
             # As far as corridors repeat, even where less would do: odometry that slipped by a door is sure of itself.
             reach = search.near + search.spread
@@ -103,7 +107,6 @@ def look(
         placements = align_submaps(source, target, guess, reach, window)
         if not placements or not placements[0].sure:
             continue
-        sigma = float(gate.sigma[j])
         alone = not ambiguous(placements)
         # Where the place is not known well, what fits half as well elsewhere waits as a rival.
         for placement in placements if loose else placements[:1]:
@@ -136,6 +139,8 @@ def candidates_of(
 ) -> list[int]:
     """Earlier keyframes that may show the place of `k`, the most promising first."""
     paths = keyframes.paths[: len(poses)]
+    if search.anywhere:
+        return _spread([], sorted(likely, key=lambda j: -likely[j]), paths, search.spread, search.alike)
     where = positions(poses)
     away = np.linalg.norm(where - where[k], axis=1)
     reach = search.near + search.deviations * gate.sigma

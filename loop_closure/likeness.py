@@ -26,14 +26,16 @@ class Likeness:
         self._recognizer: PlaceRecognizer | None = None
         self._around = LocalMap(LENGTH)
         self._next = 0
+        self._found: dict[int, dict[int, float]] = {}
 
     def of(self, k: int, keyframes: Keyframes, apart: float) -> dict[int, float]:
         """Likelihood that the newest keyframe `k` shows the place of others, `apart` metres of path before it.
 
-        Empty for a keyframe that is not the newest, or brings no scan, and until all earlier ones are taken in.
+        What was found for an earlier keyframe is remembered. Empty for one that nobody asked about when it was the
+        newest, or that brings no scan, and until all earlier ones are taken in.
         """
         if k < self._next or keyframes[k].scan is None:
-            return {}
+            return self._found.get(k, {})
         if self._recognizer is None:
             self._recognizer = PlaceRecognizer()
         for n in range(self._next, min(k, self._next + AT_ONCE)):
@@ -46,7 +48,8 @@ class Likeness:
         self._recognizer.add(place, keyframes[k].stamp)
         self._next = k + 1
         farthest = keyframes.paths[k] - apart
-        return {j: value for j, value in found if value >= LEAST and keyframes[j].path <= farthest}
+        self._found[k] = {j: v for j, v in found if v >= LEAST and keyframes[j].path <= farthest}
+        return self._found[k]
 
     def _features(self, k: int, keyframes: Keyframes) -> PlaceFeatures:
         frame = keyframes[k]

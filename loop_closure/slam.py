@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,7 @@ from loop_closure.motions import (
     planar,
     positions,
 )
-from loop_closure.slam_config import SlamConfig
+from loop_closure.slam_config import Proposals, SlamConfig
 from loop_closure.spatial import LEAF, as_cloud, polished_step, thinned
 from loop_closure.steps import StepDoubt
 from loop_closure.thinning import Thinning
@@ -84,11 +85,13 @@ class Slam:
         self,
         config: SlamConfig | None = None,
         graph: PoseGraph | None = None,
-        recognise: bool = True,
+        proposals: Proposals = "both",
         thin: bool = False,
         every_scan: bool | None = None,
     ) -> None:
-        """`recognise` : ask the classifier for candidates where the estimate is too wide to say where to look.
+        """`proposals` : what says where a loop may close. "path": the estimate, within its uncertainty. "places": the
+        classifier alone, asked about every keyframe against all before it (Paper A, section 4.3). "both": the estimate,
+        and the classifier where that is too wide to say where to look. Clouds are not classified: only "path" proposes.
 
         thin : for runs without an end; takes out keyframes of places that others show as well. Memory then grows
         with the place and not with the time. every_scan : remember where each scan was taken; not by default if `thin`.
@@ -96,7 +99,9 @@ class Slam:
         self.config = config or SlamConfig()
         if thin and not isinstance(graph, SmoothedGraph | None):
             raise InputError("thin: nodes can be taken out of a SmoothedGraph only")
-        self._recognise, self._thins = recognise, thin
+        if proposals not in get_args(Proposals):
+            raise InputError(f"proposals: {' | '.join(get_args(Proposals))} expected, got {proposals!r}")
+        self.proposals, self._thins = proposals, thin
         self._every_scan = not thin if every_scan is None else every_scan
         self._new_graph = graph
         self.reset()
@@ -120,8 +125,9 @@ class Slam:
         self._new_run = False
         self._dirty = False
         self._search = Search(
-            apart=self.config.loop_path, certain=self.config.certain, farthest=self.config.farthest
-        )
+            apart=self.config.loop_path, certain=self.config.certain, farthest=self.config.farthest,
+            anywhere=self.proposals == "places",
+        )  # fmt: skip
 
     def process(
         self,
@@ -141,11 +147,14 @@ class Slam:
 
         Raises
         ------
-        InputError : wrong shapes, numbers that are not finite, or a change between scans and clouds.
+        InputError : wrong shapes, numbers that are not finite, a change between scans and clouds, or clouds where the
+            classifier alone is to propose.
         """
         here = as_pose("odometry", odometry)
         if isinstance(scan, Scan) != planar(here):
             raise InputError("odometry: (3,) goes with a Scan, (4, 4) with a cloud")
+        if self.proposals == "places" and not planar(here):
+            raise InputError("proposals: 'places' needs scans; clouds are not classified")
         if self._visits and planar(here) != planar(self._visits.last.odometry):
             raise InputError("scan: scans and clouds cannot be mixed; call reset() first")
         when = (
@@ -302,7 +311,8 @@ class Slam:
         gate = Gate(*self._uncertainty.around(poses, k))
         search = replace(self._search, only_certain=True) if both and only_certain else self._search
         likely: dict[int, float] = {}
-        if self._recognise and not both and planar(poses) and lost(k, self.keyframes, poses, gate, search):
+        asks = not both and self.proposals == "both" and lost(k, self.keyframes, poses, gate, search)
+        if planar(poses) and (asks or self.proposals == "places"):
             likely = self._likeness.of(k, self.keyframes, self._search.apart)
         fits = look(k, self.keyframes, poses, gate, search, likely, both)
         if not fits:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from estimation.errors import InputError
+
+Proposals = Literal["both", "path", "places"]
+"""What says where a loop may close; see `loop_closure.slam.Slam`."""
 
 
 def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:

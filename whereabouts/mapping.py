@@ -17,7 +17,7 @@ from loop_closure.keyframes import Keyframe
 from loop_closure.localization import Localizer
 from loop_closure.map_file import write_map
 from loop_closure.slam import Slam
-from loop_closure.slam_config import SlamConfig
+from loop_closure.slam_config import Proposals, SlamConfig
 from whereabouts.atomic import atomic_path
 from whereabouts.follow import FollowedPose, follow
 from whereabouts.logs import CloudRecord, Log
@@ -47,9 +47,10 @@ def map_log(
     use_wheels: bool = True,
     topic: str | None = None,
     on_scan: Callable[[int], None] = lambda count: None,
+    proposals: Proposals = "both",
 ) -> Mapped:
-    """Follow a log and close its loops."""
-    mapped = Mapped(Slam(config))
+    """Follow a log and close its loops; `proposals` : what says where, see `Slam`."""
+    mapped = Mapped(Slam(config, proposals=proposals))
     for followed in follow(log, use_wheels=use_wheels, topic=topic):
         add(mapped, followed)
         on_scan(len(mapped.stamps))

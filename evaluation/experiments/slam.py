@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.metrics import absolute_trajectory_error, relations_error
-from evaluation.experiments import slam_as_node, slam_in_map, slam_places, slam_proximity, slam_shaken
+from evaluation.experiments import (
+    slam_as_node,
+    slam_in_map,
+    slam_places,
+    slam_proposals,
+    slam_proximity,
+    slam_shaken,
+)
 from evaluation.experiments.odometry import CORRECTED, NEEDS, RAW
 from evaluation.experiments.slam_direct import Direct, check, single_errors
 from evaluation.experiments.slam_following import followed, mapped
@@ -299,4 +306,7 @@ PARTS = {
     "killian": Part(_killian, random=False),
     "outdoor": Part(_outdoor),
     "in a map": Part(slam_in_map.table),
+    "proposals": Part(
+        slam_proposals.table, random=False, needs=tuple(f"carmen/{name}" for name in slam_proposals.LOGS)
+    ),
 }

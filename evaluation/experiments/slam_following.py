@@ -14,6 +14,7 @@ from evaluation.experiments.odometry import joined
 from evaluation.experiments.slam_judging import Followed
 from loop_closure.graph import PoseGraph
 from loop_closure.slam import Slam
+from loop_closure.slam_config import Proposals
 from whereabouts.follow import Follower
 from whereabouts.logs import OdometryRecord, ScanRecord, open_log
 
@@ -57,10 +58,10 @@ def followed_records(
     return Followed(records, np.array(poses), np.array(covariances), truth, elapsed)
 
 
-def mapped(log: Followed, graph: PoseGraph) -> tuple[Slam, Array, float]:
+def mapped(log: Followed, graph: PoseGraph, proposals: Proposals = "both") -> tuple[Slam, Array, float]:
     """A log with its loops closed, the poses (N, 3) of its scans, and seconds taken, odometry included."""
     begun = time.perf_counter()
-    slam = Slam(graph=graph)
+    slam = Slam(graph=graph, proposals=proposals)
     for record, pose, covariance in zip(log.records, log.poses, log.covariances, strict=True):
         slam.process(record.scan, pose, covariance)
     estimate = slam.trajectory()[:, 1:]

@@ -61,8 +61,8 @@ def recorded(drive: Drive, seed: int, drift: float) -> tuple[list[Scan], np.ndar
     return scans, np.array(odometry), np.array(truth)
 
 
-def mapped(scans: list[Scan], odometry: np.ndarray) -> Slam:
-    slam = Slam()
+def mapped(scans: list[Scan], odometry: np.ndarray, **more: Any) -> Slam:
+    slam = Slam(**more)
     for scan, pose in zip(scans, odometry, strict=True):
         slam.process(scan, pose)
     return slam
@@ -95,6 +95,25 @@ def test_a_second_round_is_closed_and_the_drift_gone(same_way: tuple[Slam, np.nd
     assert max(wrong(slam, truth)) < 0.2
     for closure in slam.closures:
         assert np.linalg.eigvalsh(closure.covariance).min() > 0.0
+
+
+def test_the_classifier_alone_proposes_what_the_path_does_not_allow() -> None:
+    scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    # A guessed step of odometry that is sure of itself puts the second round where the first never was.
+    half = len(scans) // 2
+    odometry[half:, :2] += [60.0, -40.0]
+    by_path, by_places = (mapped(scans, odometry, proposals=mode) for mode in ("path", "places"))
+    for slam in (by_path, by_places):
+        assert max(wrong(slam, truth), default=0.0) < 0.2
+    assert not [c for c in by_path.closures if c.later > half]
+    assert len([c for c in by_places.closures if c.earlier_stamp < 0.25 * half <= c.later_stamp]) >= 8
+
+
+def test_proposals_are_one_of_three_words() -> None:
+    with pytest.raises(InputError, match="proposals: both"):
+        Slam(proposals="nose")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="needs scans"):
+        Slam(proposals="places").process(np.zeros((100, 3)), np.eye(4))
 
 
 def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:

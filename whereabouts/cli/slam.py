@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,14 @@ from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, wr
 
 if TYPE_CHECKING:
     from whereabouts.logs import Log
+
+
+class Proposals(StrEnum):
+    """`loop_closure.slam_config.Proposals`, which is imported only when it is needed."""
+
+    both = "both"
+    path = "path"
+    places = "places"
 
 
 def slam(
@@ -45,6 +54,12 @@ def slam(
             help="With --in-map: initial pose in the map, in m and rad. Default: search for it.",
         ),
     ] = None,
+    proposals: Annotated[
+        Proposals,
+        typer.Option(
+            help="What says where a loop may close: the path and its uncertainty, the place classifier alone, or both."
+        ),
+    ] = Proposals.both,
     topic: TopicToUse = None,
     wheels: WithWheels = True,
     json_file: JsonFile = None,
@@ -64,7 +79,7 @@ def slam(
     if in_map is not None:
         _locate(source, in_map, initial, out, topic, wheels, json_file)
     else:
-        _map(source, out, closures, map_file, topic, wheels, json_file)
+        _map(source, out, closures, map_file, proposals, topic, wheels, json_file)
 
 
 def _map(
@@ -72,6 +87,7 @@ def _map(
     out: Path | None,
     closures: Path | None,
     map_file: Path | None,
+    proposals: Proposals,
     topic: str | None,
     wheels: bool,
     json_file: Path | None,
@@ -84,7 +100,7 @@ def _map(
 
     started = time.perf_counter()
     with _reading(source, "mapping") as (log, advance):
-        mapped = map_log(log, use_wheels=wheels, topic=topic, on_scan=advance)
+        mapped = map_log(log, use_wheels=wheels, topic=topic, on_scan=advance, proposals=proposals.value)
     _require_scans(source, topic, len(mapped.stamps))
     elapsed = time.perf_counter() - started
     poses = np.array(mapped.poses)

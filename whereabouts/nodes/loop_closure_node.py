@@ -118,7 +118,7 @@ class LoopClosureNode(SuiteNode):
         self._earlier = EarlierMap(slam) if len(slam.keyframes) else None
 
     def _begin_map(self) -> None:
-        self._slam = Slam(self.settings.slam, thin=self.settings.thin)
+        self._slam = Slam(self.settings.slam, proposals=self.settings.proposals, thin=self.settings.thin)
         self._localizer: Localizer | None = None
         self._extend = True
         self._grid = MapGrid(self.settings.resolution)

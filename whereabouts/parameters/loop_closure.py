@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Literal
 
 from pydantic import create_model
 
@@ -62,6 +63,12 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
     )
     resolution: float = setting(0.05, "edge of a map cell", unit="m", ge=0.01, le=1.0, fixed=True)
 
+    proposals: Literal["both", "path", "places"] = setting(
+        "both",
+        "what says where a loop may close. path: the estimate, within its uncertainty; places: the place classifier "
+        "alone, scans only; both: the estimate, and the classifier where that is too uncertain",
+        fixed=True,
+    )
     thin: bool = setting(
         True,
         "remove keyframes of places that others cover: memory then grows with the area, not with time",
