@@ -15,9 +15,11 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_vectors, require_count
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
+from estimation.sight import AGREES, THROUGH, sight
 
 CELLS = 9  # probes along each side of a region
-MARGIN = 0.1  # m in front of a probe that a return may be and still show it
+PROBE = 0.02  # m, standard deviation of a probe: the map and the sensor's place in it
+MARGIN = 0.1  # m in front of a probe that a return of a cloud may be and still show it
 MAPPED = 0.15  # m around what the map has occupied that belongs to the map
 BEHIND = 0.3  # m: what a cloud shows this near to a probe's direction decides about it
 OCCLUDED, FOUND, NOT_FOUND = "occluded", "found", "not_found"
@@ -74,32 +76,23 @@ def look_with_scan(
     ranges : (B,) m, no-returns as inf, NaN or at least range_max. sensor : (4, 4) pose of the level scanner in the map.
     """
     pose = np.asarray(sensor, dtype=np.float64)
-    position, height = pose[:2, 3], pose[2, 3]
+    height = float(pose[2, 3])
     low, high = box.centre[2] - 0.5 * box.size[2], box.centre[2] + 0.5 * box.size[2]
     measured = np.asarray(ranges, dtype=np.float64)
-    if angle_increment < 0.0:
-        measured, angle_min = measured[::-1], angle_min + angle_increment * (len(measured) - 1)
-        angle_increment = -angle_increment
     if not low <= height <= high or not len(measured):
         return Frame(np.zeros((0, 3)), 0.0)
-    returned = np.isfinite(measured) & (measured < range_max) & (measured > 0.0)
-    seen = np.where(returned, measured, np.where(np.isnan(measured), 0.0, range_max))
-    heading = math.atan2(pose[1, 0], pose[0, 0])
     # A scanner that hangs upside down sweeps the other way.
     sign = 1.0 if pose[2, 2] > 0.0 else -1.0
-    bearings = heading + sign * (angle_min + angle_increment * np.arange(len(measured)))
-    ends = position + np.where(returned, measured, 0.0)[:, None] * np.stack(
-        [np.cos(bearings), np.sin(bearings)], axis=1
-    )
-    points = np.column_stack([ends, np.full(len(ends), height)])[returned]
-    offsets = box.probes() - position
-    away = np.hypot(*offsets.T)
-    turn = sign * (np.arctan2(offsets[:, 1], offsets[:, 0]) - heading) - angle_min
-    beams = np.round((turn % (2.0 * math.pi)) / angle_increment).astype(np.int64)
-    around = round(2.0 * math.pi / angle_increment)
-    beams = np.where(beams == around, 0, beams)
-    inside = beams < len(measured)
-    visible = inside & (seen[np.where(inside, beams, 0)] >= away - MARGIN)
+    first, step = sign * angle_min, sign * angle_increment
+    place = np.array([pose[0, 3], pose[1, 3], math.atan2(pose[1, 0], pose[0, 0])])
+    returned = np.isfinite(measured) & (measured < range_max) & (measured > 0.0)
+    # Nothing came back: free as far as the sensor reaches. NaN tells nothing.
+    seen = np.where(returned, measured, np.where(np.isnan(measured), np.inf, range_max))
+    labels = sight(box.probes(), place, PROBE, seen, first, step)
+    bearings = place[2] + first + step * np.flatnonzero(returned)
+    ends = place[:2] + measured[returned, None] * np.column_stack((np.cos(bearings), np.sin(bearings)))
+    points = np.column_stack((ends, np.full(len(ends), height)))
+    visible = (labels == AGREES) | (labels == THROUGH)
     return Frame(points[box.contains(points)], float(visible.mean()))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from estimation.sight import beam_at
 from registration.motion import Array
 from registration.scan import Scan
 
@@ -152,15 +153,6 @@ def _pieces(points, beams, step):  # type: ignore[no-untyped-def]
         elif i + 2 < n and pieces[i + 1] < 0 and _joined(points, beams, step, i, i + 2, fresh):
             pieces[i + 2] = pieces[i]
     return pieces
-
-
-@njit(cache=True, inline="always")
-def beam_at(x, y, angle_min, step):  # type: ignore[no-untyped-def]
-    """Number of the beam that looks at (x, y); may lie outside the scan."""
-    b = (math.atan2(y, x) - angle_min) / step
-    around = 2.0 * math.pi / abs(step)
-    b -= math.floor((b + 0.5) / around) * around
-    return math.floor(b + 0.5)
 
 
 @njit(cache=True, inline="always")

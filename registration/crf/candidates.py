@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import Beams, beam_at, half_window, length
+from estimation.sight import beam_at
+from registration.crf.beams import Beams, half_window, length
 from registration.motion import Array
 
 MOST = 8  # candidates of a point, without the outlier

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-from registration.crf.beams import AGREES, FREE, UNSEEN, beam_at, length, sight
+from estimation.sight import beam_at
+from registration.crf.beams import AGREES, FREE, UNSEEN, length, sight
 from registration.crf.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements

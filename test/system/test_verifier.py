@@ -6,15 +6,18 @@ import math
 from typing import Any
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import Point, Vector3
 from harness import Graph, room, scan_message
 from rclpy.action.client import ActionClient
 from tf2_msgs.msg import TFMessage
 
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.transforms import TransformError, transform_message
+from whereabouts.nodes.verifier_node import VerifierNode
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts_msgs.action import VerifyObject
+from world_model.verification import Box
 
 POSE = np.array([-3.0, -1.5, 0.4])
 THING = (-1.5, -1.4)
@@ -87,35 +90,23 @@ def test_what_is_there_is_found_and_measured_and_what_is_not_is_missed(graph: Gr
 
 
 def test_a_frame_is_where_the_sensor_was_when_it_came_though_tf_has_begun_anew_since(graph: Graph) -> None:
-    graph.start("verifier")
-    graph.mount()
-    lidar, rng, moment = Lidar(beams=361, opening=np.pi, range_max=25.0), np.random.default_rng(3), 0
-
-    def where(stamp: int) -> TFMessage:
-        half = 0.5 * POSE[2]
-        pose = (POSE[0], POSE[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
-        return TFMessage(transforms=[transform_message("map", "base_link", stamp, pose)])
-
-    client = ActionClient(graph.node, VerifyObject, "verify_object")
-    graph.until(client.server_is_ready, "verify_object is served")
-    sent = client.send_goal_async(goal(*THING))
+    node = VerifierNode(context=graph.context)
+    node.trigger_configure()
+    node.trigger_activate()
+    lidar, rng = Lidar(beams=361, opening=np.pi, range_max=25.0), np.random.default_rng(3)
     thing = box(0.3, 0.3, (*THING, 0.2))
-
-    def answered(future: Any) -> bool:
-        nonlocal moment
-        moment += 1
-        message = scan_message(lidar.scan(joined([room(), thing]), POSE, rng, 0.1 * moment).scan)
-        stamp = nanoseconds(message.header.stamp)
-        graph.publish("/tf", where(stamp))
-        graph.publish("scan", message)
-        for later in (1, 2):
-            graph.publish("/tf", where(stamp + (100 * moment + later) * NANOSECONDS))
-        return bool(future.done())
-
-    graph.until(lambda: answered(sent), "the goal is answered")
-    result = sent.result().get_result_async()
-    graph.until(lambda: answered(result), "the verifier has decided")
-    found = result.result().result
-    assert found.code == found.FOUND, found.message
-    assert found.evidence.header.stamp.sec + found.evidence.header.stamp.nanosec > 0
-    client.destroy()
+    message = scan_message(lidar.scan(joined([room(), thing]), POSE, rng, 0.1).scan)
+    stamp = nanoseconds(message.header.stamp)
+    half = 0.5 * POSE[2]
+    pose = (POSE[0], POSE[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+    node.transforms.insert(transform_message("map", message.header.frame_id, stamp, pose))
+    node._take(message, stamp)
+    for later in (100, 101):
+        moment = stamp + later * NANOSECONDS
+        node.transforms.insert(transform_message("map", message.header.frame_id, moment, pose))
+    with pytest.raises(TransformError):
+        node.transforms.lookup("map", message.header.frame_id, stamp)
+    assert node._latest is not None
+    region = Box(np.array([*THING, 0.2]), np.full(3, 0.6))
+    assert len(node._frame(region, *node._latest).points) >= 3
+    node.destroy_node()
