@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -123,6 +124,33 @@ def test_an_interrupted_run_goes_on_where_it_was(
     assert not (tmp_path / running.UNFINISHED).exists()
     run(resume=False)
     assert calls[6:] == [0, 1, 2, 3, 4]
+
+
+def test_several_workers_begin_with_the_longest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what a run of the same length took, in the output or as committed; first what nothing is known of."""
+    out, committed = tmp_path / "out", tmp_path / "committed"
+    known = (out, "a", True, 20.0), (committed, "a", True, 900.0), (committed, "b", True, 70.0)
+    for folder, name, quick, seconds in (*known, (out, "c", False, 5.0), (committed, "d", False, 600.0)):
+        folder.mkdir(exist_ok=True)
+        content = {"schema": results.SCHEMA, "experiment": name, "quick": quick, "seconds": seconds}
+        empty = {"figures": {}, "tables": [], "pictures": {}, "digest": "", "recordings": {}}
+        (folder / f"{name}.json").write_text(json.dumps(content | empty))
+    (out / "d.json").write_text("cut off")
+    monkeypatch.setattr(results, "FOLDER", committed)
+
+    class Pool(ThreadPoolExecutor):
+        def __init__(self, workers: int, mp_context: object) -> None:
+            super().__init__(1)
+
+    begun: list[str] = []
+    monkeypatch.setattr(running, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(running, "run", lambda asked: begun.append(asked.name))
+    asked = [running.Run(name, out, quick=True) for name in "abcd"]
+    assert len(list(running.run_each(asked, 2))) == 4
+    assert begun == ["c", "d", "b", "a"]
+    begun.clear()
+    list(running.run_each([replace(each, quick=False) for each in asked], 2))
+    assert begun == ["a", "b", "d", "c"]
 
 
 def test_absent_recordings_are_said(
