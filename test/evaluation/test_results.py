@@ -13,6 +13,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import evaluation.experiments
 from estimation.errors import InputError
@@ -21,6 +22,7 @@ from evaluation.compare import compare
 from evaluation.headlines import HEADLINES, Headline
 from evaluation.pages import BEFORE, Book, filled, results_page
 from evaluation.report import SEEDS, Figure, Options, Part, Printed, Report, Table, slug
+from whereabouts.cli.main import app
 
 
 def tables(options: Options, report: Report) -> None:
@@ -332,6 +334,39 @@ def test_compare_tells_what_left_its_spread(run: Callable[..., results.Result]) 
     assert (change.verdict, change.old, change.new, change.unit) == ("worse", 20, 15.0, "1/s")
     (change,) = compare(old, changed(result, "errors/ours/right-percent", value=None))
     assert change.verdict == "gone"
+
+
+def test_compare_as_it_is_typed(run: Callable[..., results.Result], tmp_path: Path) -> None:
+    """Exit status 1 where a figure is worse, and only there."""
+    result = run(out=tmp_path / "old")
+    for name, value, status, said in (
+        ("same", 20.0, 0, "0 worse, 0 better"),
+        ("worse", 15.0, 1, "1 worse, 0 better"),
+        ("better", 25.0, 0, "0 worse, 1 better"),
+    ):
+        content = changed(result, "speed", value=value)["sample"].content
+        path = tmp_path / name / "sample.json"
+        path.parent.mkdir()
+        path.write_text(json.dumps(content))
+        answer = CliRunner().invoke(app, ["experiment", "compare", str(tmp_path / "old"), str(path.parent)])
+        assert answer.exit_code == status
+        assert said in answer.output
+
+
+@pytest.mark.usefixtures("experiment")
+def test_all_with_resume_leaves_out_what_is_done(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def typed(*more: str) -> str:
+        command = ["experiment", "all", "--jobs", "1", "--out", str(tmp_path), *more]
+        return CliRunner().invoke(app, command).output
+
+    done = "sample: done before"
+    assert done not in typed("--quick", "--resume")
+    assert done in typed("--quick", "--resume")
+    assert done not in typed("--quick")
+    assert done not in typed("--resume")
+    for module in (results, running):
+        monkeypatch.setattr(module, "source_digest", lambda _: "of other sources")
+    assert done not in typed("--resume")
 
 
 def test_headlines_refer_to_figures_that_exist() -> None:
