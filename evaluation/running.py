@@ -22,7 +22,7 @@ from evaluation import results
 from evaluation.digest import data_digest, file_digest, source_digest
 from evaluation.report import SEEDS, Options, Part, Report
 from whereabouts.atomic import atomic_path
-from whereabouts.progress import progress_bar
+from whereabouts.progress import progress_bar, silence
 
 UNFINISHED = ".unfinished"
 """Folder below the output with the reports of parts that are done, until the experiment is."""
@@ -149,7 +149,7 @@ def run_each(asked: Sequence[Run], workers: int) -> Iterator[results.Result]:
         yield from map(run, asked)
         return
     longest_first = sorted(asked, key=lambda each: each.expected_seconds, reverse=True)
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=silence) as pool:
         running = [pool.submit(run, each) for each in longest_first]
         try:
             for done in as_completed(running):
