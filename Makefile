@@ -54,8 +54,14 @@ chaos: setup-test
 docs: setup-test
 	$(BIN)/python -m evaluation.pages
 
+# With npm the library that draws the diagrams becomes part of the site; without it browsers load it from the network.
+MERMAID := mermaid-11.4.1
 site:
 	$(call bootstrap,site)
+	@if [ ! -e .venv/$(MERMAID) ] && command -v npm >/dev/null; then \
+		mkdir .venv/$(MERMAID) && npm pack --silent --pack-destination .venv/$(MERMAID) $(subst mermaid-,mermaid@,$(MERMAID)) >/dev/null \
+		&& tar -xzf .venv/$(MERMAID)/$(MERMAID).tgz -C .venv/$(MERMAID) --strip-components=2 package/dist/mermaid.min.js \
+		&& rm .venv/$(MERMAID)/$(MERMAID).tgz || { rm -rf .venv/$(MERMAID); echo "site: npm could not fetch $(MERMAID)"; }; fi
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "site: open site/index.html"
 

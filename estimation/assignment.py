@@ -22,7 +22,7 @@ def cheapest(costs: FloatArray) -> tuple[IntArray, IntArray]:
     from scipy.optimize import linear_sum_assignment
 
     if np.isnan(costs).any():
-        raise InputError("costs hold NaN: what is assigned was never measured")
+        raise InputError("costs must not hold NaN")
     rows, columns = linear_sum_assignment(costs)
     return rows, columns
 

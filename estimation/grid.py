@@ -271,10 +271,10 @@ def placed_scan(
     ends = (sensor[:2] + found @ np.array([[c, s], [-s, c]])) / resolution
     every = np.vstack((ends, start[None]))
     if float(np.abs(every).max()) > FARTHEST:
-        raise InputError(f"pose: {float(np.hypot(*sensor[:2])):.3g} m from the origin is out of every map")
+        raise InputError(f"pose: {float(np.hypot(*sensor[:2])):.3g} m from the origin is too far for a map")
     rows, columns = np.ptp(every, axis=0) / TILE + 2.0
     if rows * columns > MOST_TILES:
-        raise InputError("points: a scan that is wider than a map may be")
+        raise InputError("points: the scan is too wide for a map")
     return start, ends
 
 

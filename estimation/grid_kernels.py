@@ -90,7 +90,7 @@ def mark_scan(start, ends):  # type: ignore[no-untyped-def]
         low_j, high_j = min(low_j, j), max(high_j, j)
     rows, columns = high_j - low_j + 1, high_i - low_i + 1
     if rows * columns > MOST_TILES:
-        raise ValueError("a scan that is too wide")
+        raise ValueError("points: the scan is too wide for a map")
     # In the scan's own box. Rounding may lift what lies just below a border onto it, and out of the box.
     x, y = _inside(start[0], low_i, columns), _inside(start[1], low_j, rows)
     placed = np.empty((len(ends), 2))

@@ -27,7 +27,7 @@ from whereabouts.datasets import data_directory
 
 BEFORE = "before the last change"
 SPREAD = (
-    "What draws at random is repeated over five seeds: the mean, and in brackets the smallest and the largest. "
+    "What draws at random is repeated over {seeds}: the mean, and in brackets the smallest and the largest. "
     "↓ and ↑ say which direction is better. “The text” is the thesis or paper that a part follows."
 )
 JUDGED = """\
@@ -130,12 +130,13 @@ def results_page(name: str, summary: str, book: Book) -> str:
     result = book.result(name)
     content = result.content
     length = "Quick run, with fewer repetitions of the same protocol," if content["quick"] else "Whole run"
+    spread = SPREAD.format(seeds="five seeds, long parts over fewer" if content["quick"] else "five seeds")
     parts = [
         "<!-- Written by `make docs` from the file of results. -->",
         f"# {name}",
         summary,
         f"```\n{content['command']}\n```",
-        f"{length} of {content['finished']}; {content['seconds']:.0f} s on {content['processor']}. {SPREAD}",
+        f"{length} of {content['finished']}; {content['seconds']:.0f} s on {content['processor']}. {spread}",
     ]
     if name in book.stale:
         parts.append(f"**These figures are from {BEFORE} of what they measure.**")

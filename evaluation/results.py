@@ -36,6 +36,7 @@ LIBRARIES = (
     "gtsam",
     "scikit-learn",
     "lightgbm",
+    "stonesoup",
 )
 FOLDER = ROOT / "results"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import pkgutil
 import tempfile
 import time
@@ -21,7 +22,7 @@ from evaluation import results
 from evaluation.digest import data_digest, file_digest, source_digest
 from evaluation.report import SEEDS, Options, Part, Report
 from whereabouts.atomic import atomic_path
-from whereabouts.progress import progress_bar
+from whereabouts.progress import progress_bar, silence
 
 UNFINISHED = ".unfinished"
 """Folder below the output with the reports of parts that are done, until the experiment is."""
@@ -44,6 +45,18 @@ class Run:
         """What to type to get these results."""
         seed = f" --seed {self.seed}" if self.seed else ""
         return f"whereabouts experiment {self.name}{' --quick' if self.quick else ''}{seed} --out results/"
+
+    @property
+    def expected_seconds(self) -> float:
+        """What an earlier run of the same length took, here or as committed; infinite where there is none."""
+        for folder in (self.out, results.FOLDER):
+            try:
+                before = results.read(folder / f"{self.name}.json").content
+            except InputError:
+                continue
+            if before["quick"] == self.quick:
+                return float(before["seconds"])
+        return math.inf
 
     def finished(self) -> bool:
         """Whether the output holds what this run would write: the same sources, as long, with its pictures."""
@@ -128,12 +141,16 @@ def run(asked: Run) -> results.Result:
 
 
 def run_each(asked: Sequence[Run], workers: int) -> Iterator[results.Result]:
-    """Run several experiments and give each result as it comes; with several workers, each in a process of its own."""
+    """Run several experiments and give each result as it comes; with several workers, each in a process of its own.
+
+    Several workers begin with the longest, so that none is idle while another ends a long one.
+    """
     if workers == 1:
         yield from map(run, asked)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        running = [pool.submit(run, each) for each in asked]
+    longest_first = sorted(asked, key=lambda each: each.expected_seconds, reverse=True)
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=silence) as pool:
+        running = [pool.submit(run, each) for each in longest_first]
         try:
             for done in as_completed(running):
                 yield done.result()

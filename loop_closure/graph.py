@@ -86,7 +86,7 @@ class SmoothedGraph:
         try:
             self._restart()
         except RuntimeError as error:
-            raise InputError(f"a pose graph that determines no poses: {error}") from None
+            raise InputError(f"the edges of the pose graph do not determine its poses: {error}") from None
 
     def _start(self, pose: FloatArray) -> None:
         import gtsam

@@ -38,10 +38,10 @@ def check_map(data: Arrays) -> None:
     _check_edges(data, count, edges)
     breaks = _numbers(data, "breaks", 1e9).reshape(-1, 2) if "breaks" in data else np.zeros((0, 2))
     if len(breaks) and (not _within(breaks[:, 0], count) or (breaks[:, 1] < 0.0).any()):
-        raise ValueError("breaks: of keyframes that are not there")
+        raise ValueError("breaks: a keyframe does not exist")
     closures = _numbers(data, "closures", 1e12).reshape(-1, 4)
     if len(closures) and not _within(closures[:, :2], count):
-        raise ValueError("closures: of keyframes that are not there")
+        raise ValueError("closures: a keyframe does not exist")
     if "scans" in data:
         _check_scans(data, count)
     else:
@@ -83,7 +83,7 @@ def _check_edges(data: Arrays, count: int, edges: int) -> None:
     lean = np.abs(covariances - covariances.transpose(0, 2, 1)).max(axis=(1, 2))
     size = np.abs(covariances).max(axis=(1, 2))
     if (lean > 1e-6 * size + 1e-12).any() or (np.linalg.eigvalsh(covariances)[:, 0] < -1e-6 * size).any():
-        raise ValueError("covariances: symmetric and positive ones expected")
+        raise ValueError("covariances: symmetric matrices without negative eigenvalues expected")
 
 
 def _check_scans(data: Arrays, count: int) -> None:
@@ -94,10 +94,10 @@ def _check_scans(data: Arrays, count: int) -> None:
         raise ValueError("ranges: a row of numbers expected")
     beams = scans[:, 0]
     if not _within(beams, len(ranges) + 1) or beams.sum() != len(ranges):
-        raise ValueError("scans: their beams are not as many as there are ranges")
+        raise ValueError("scans: the number of beams is not the number of ranges")
     turned = np.abs(scans[:, 1]) + np.abs(scans[:, 2]) * beams
     if (turned > 8.0 * np.pi).any() or (scans[:, 3] < 0.0).any() or (scans[:, 4] <= scans[:, 3]).any():
-        raise ValueError("scans: bearings or bounds of ranges that no scanner has")
+        raise ValueError("scans: bearings or range limits that no scanner has")
 
 
 def _check_clouds(data: Arrays, count: int) -> None:
@@ -107,4 +107,4 @@ def _check_clouds(data: Arrays, count: int) -> None:
     if counts.shape != (count,) or (
         count and (not _within(counts, len(points) + 1) or counts.sum() != len(points))
     ):
-        raise ValueError("counts: not as many points as there are")
+        raise ValueError("counts: their sum is not the number of points")

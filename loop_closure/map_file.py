@@ -86,7 +86,7 @@ def _check_kind(data: dict[str, NDArray[Any]]) -> None:
     about = header_of(data, "about")
     form, kind = about.get("format"), about.get("kind", KIND)
     if kind != KIND or not isinstance(form, int) or "keyframes" not in about:
-        raise ValueError(f"it says it is {about.get('kind', 'nothing')!r}, not {KIND!r}")
+        raise ValueError(f"kind {KIND!r} expected, got {about.get('kind', 'nothing')!r}")
     if form > FORMAT:
         raise ValueError(f"written by a newer version (format {form})")
     if about["keyframes"] != len(data["stamps"]):

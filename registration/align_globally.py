@@ -98,7 +98,7 @@ def _outlines(moving: PreparedScan, still: PreparedScan) -> Registration:
     if not outcome.converged:
         return outcome
     if refined.open_directions:
-        return _refused(outcome, outcome.reason + "; without a guess they stay unknown")
+        return _refused(outcome, outcome.reason + " and there is no guess")
     for merit, rival, views in ranked[1:]:
         away = between(refined.pose, rival.pose)
         if np.hypot(*away[:2]) < 0.3 and abs(away[2]) < 0.15:

@@ -126,7 +126,7 @@ def judged(
     doubt = borrowed(refined, moving.surface, still.surface, KERNEL, GUESS_SIGMA[0] ** 2)
     covariance = covariance + doubt
     if asked.alone and np.diag(doubt).max() > MOST_BORROWED**2:
-        reason = "only one small segment constrains a direction of motion; without it that is open"
+        reason = "only one small segment constrains a direction of motion"
         return Registration(refined.pose, covariance, found.fitness, False, reason)
     if refined.open_directions:
         reason = f"{refined.open_directions} of 3 directions of motion are open: the guess is kept there"

@@ -215,11 +215,11 @@ class MapGrid:
         if view.left_out:
             share = view.left_out / len(tiles)
             parts.append(
-                f"{share:.0%} of what was seen is left out, up to {view.farthest:.0f} m away: it lies apart from the "
-                "part shown, or there would be too many cells"
+                f"{share:.0%} of the map is left out, up to {view.farthest:.0f} m away: it lies apart from the part "
+                "shown, or the map would have too many cells"
             )
         if self.beyond:
-            parts.append(f"{self.beyond} keyframes are not drawn: no map reaches where they are")
+            parts.append(f"{self.beyond} keyframes are not drawn: they are too far away for a map")
         return "; ".join(parts)
 
     def changed(self) -> Tiles:

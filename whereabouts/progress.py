@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 T = TypeVar("T")
+_silenced = False
 
 
 def progress_bar() -> Progress:
@@ -21,8 +22,14 @@ def progress_bar() -> Progress:
         TimeRemainingColumn(),
         console=console,
         transient=True,
-        disable=not console.is_terminal,
+        disable=_silenced or not console.is_terminal,
     )
+
+
+def silence() -> None:
+    """Show no progress from here on: for processes that share a terminal."""
+    global _silenced
+    _silenced = True
 
 
 def track(items: Iterable[T], description: str, total: int | None = None) -> Iterator[T]:

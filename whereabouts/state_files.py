@@ -53,9 +53,9 @@ class StateFiles:
             if absolute:
                 raise InputError(
                     f"path: {name!r} is not below a folder of the parameter allowed_folders; "
-                    f"a name without a slash in front is a file in {self.folder}"
+                    f"a relative name is a file in {self.folder}"
                 )
-            raise InputError(f"path: {name!r} leads out of {self.folder}")
+            raise InputError(f"path: {name!r} is outside {self.folder}")
         if making and not absolute:
             self._make_folder()
         return path

@@ -86,7 +86,7 @@ class EvidenceLog:
             raise InputError("header.frame_id is empty")
         self.frame = self.frame or frame
         if frame != self.frame:
-            raise InputError(f"is in frame '{frame}', the world in '{self.frame}'")
+            raise InputError(f"is in frame '{frame}', '{self.frame}' expected")
         stamp = int(header.stamp.sec) + int(header.stamp.nanosec) / NANOSECONDS
         missing: list[str] = []
         if type_name == EVIDENCE:

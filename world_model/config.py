@@ -96,10 +96,10 @@ class WorldModelConfig:
     """
 
     classes: Sequence[str] = field(
-        default=(), metadata={"description": "names of known classes; none: any name is taken"}
+        default=(), metadata={"description": "names of known classes; an empty list allows any"}
     )
     colors: Sequence[str] = field(
-        default=(), metadata={"description": "names of known colours; none: any name is taken"}
+        default=(), metadata={"description": "names of known colours; an empty list allows any"}
     )
     region: Box = field(
         default=((-10.0, 10.0), (-10.0, 10.0), (-0.5, 3.0)),

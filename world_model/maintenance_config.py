@@ -51,7 +51,7 @@ class MaintenanceConfig:
     anticipation: float = _setting(
         0.75,
         "",
-        "share of the entropy that will have grown by the observation which counts as gain",
+        "share of the entropy's growth until the observation that counts as gain",
         0.0,
         1.0,
     )
@@ -60,7 +60,7 @@ class MaintenanceConfig:
     )
     retry_after: float = _setting(5.0, "s", "an occluded object is left alone for this long", 0.0, 1e6)
     process_noise: float = _setting(
-        1e-4, "m²/s", "growth of the position's variance where an object states none", 0.0, 1e3
+        1e-4, "m²/s", "growth of the position's variance for objects that state none", 0.0, 1e3
     )
     verified_actions: tuple[str, ...] = VERIFIED_ACTIONS
     class_thresholds: Mapping[str, float] = field(default_factory=dict)

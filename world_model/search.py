@@ -388,7 +388,7 @@ class ObjectSearch:
     def _towards(self, name: str, spot: FloatArray, chance: float) -> SearchStep:
         said = f"{self._target} is not in view. It is often found with {name} (p = {chance:.2f}): look there."
         if self._value(name) <= 0.0:
-            said = f"{self._target} is not in view, nor anything it is usually found with: look at {name}."
+            said = f"{self._target} is not in view, and neither is anything it is usually found with: look at {name}."
         return SearchStep("intermediate", spot, name, said, chance)
 
     def _anywhere(self, known: Mapping[str, FloatArray], place: FloatArray, unknown: bool) -> SearchStep:

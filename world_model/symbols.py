@@ -201,7 +201,7 @@ class Symbols:
         cov = cov.reshape(size, size)
         finite = np.isfinite(values).all() and np.isfinite(cov).all()
         if not finite or np.linalg.eigvalsh(0.5 * (cov + cov.T))[0] < -1e-9 * max(1.0, np.abs(cov).max()):
-            raise InputError(f"{where}: finite values and a covariance that is not indefinite expected")
+            raise InputError(f"{where}: finite values and a covariance without negative eigenvalues expected")
         return {part: (float(v), float(p)) for part, v, p in zip(parts, values, np.diag(cov), strict=True)}
 
     def _mass(self, predicate: Predicate, quantities: Mapping[str, Gaussian]) -> float:

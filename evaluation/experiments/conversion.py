@@ -226,7 +226,7 @@ def drive(options: Options, report: Report) -> None:
 def comparison(options: Options, report: Report) -> None:
     """Section 6.8.2: error and consistency of the filters on the same walks."""
     rows: list[list[object]] = []
-    count = options.share(40, 10)
+    count = options.share(40, 6)
     seeds = np.random.default_rng([options.seed, 5]).integers(2**31, size=count).tolist()
     for scenario, seconds in {1: 6.0, 2: 12.0, 3: 12.0}.items():
         names = list(tracking.FILTERS)
@@ -297,7 +297,7 @@ PARTS = {
     "operating points": Part(operating_points),
     "where K fails": Part(where_k_fails),
     "drive": Part(drive),
-    "filters": Part(comparison),
+    "filters": Part(comparison, quick_seeds=3),
     "between": Part(between),
     "costs": Part(costs.costs),
 }

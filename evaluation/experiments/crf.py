@@ -240,7 +240,7 @@ def _poses(options: Options, report: Report) -> None:
 def _timing(options: Options, report: Report) -> None:
     model = JointModel.load()
     rows: list[list[object]] = []
-    count = options.share(60, 10)
+    count = options.share(60, 4)
     for label, lidar in LIDARS.items():
         rng = np.random.default_rng([options.seed, 9])
         pairs = random_labelled_pairs(rng, "office", count, lidar=lidar)
@@ -266,10 +266,10 @@ def _timing(options: Options, report: Report) -> None:
 
 
 PARTS = {
-    "tables": Part(_tables),
+    "tables": Part(_tables, quick_seeds=3),
     "moving": Part(_moving),
     "filled": Part(filled),
     "poses": Part(_poses),
     "recordings": Part(recordings, random=False, needs=("moving_objects/*.bag",)),
-    "time": Part(_timing),
+    "time": Part(_timing, quick_seeds=2),
 }

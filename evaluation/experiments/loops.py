@@ -275,7 +275,7 @@ PARTS = {
         random=False,
         needs=NEEDS,
     ),
-    "across": Part(_part(lambda o, r, d: across_places(o, r, d, rule_of)), needs=NEEDS),
+    "across": Part(_part(lambda o, r, d: across_places(o, r, d, rule_of)), quick_seeds=3, needs=NEEDS),
     "readings": Part(
         _part(lambda o, r, d: readings(o, r, d, rule_of), lambda o, r, d: chosen_logs(o, r, d, rule_of)),
         random=False,

@@ -331,7 +331,7 @@ def _simulated(options: Options, report: Report) -> None:
 
 PARTS = {
     "logs": Part(_recorded, random=False, needs=NEEDS),
-    "noise": Part(_noise, needs=(f"carmen/{CORRECTED[-1]}",)),
-    "wheels": Part(_wheels),
+    "noise": Part(_noise, quick_seeds=3, needs=(f"carmen/{CORRECTED[-1]}",)),
+    "wheels": Part(_wheels, quick_seeds=3),
     "floors": Part(_simulated),
 }

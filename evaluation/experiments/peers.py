@@ -72,7 +72,7 @@ def _clouds(options: Options, report: Report) -> None:
     def off(found: Array) -> float:
         return 1e3 * float(np.linalg.norm((np.linalg.inv(truth) @ found)[:3, 3]))
 
-    numbers = in_turn(lambda: align(source, target), theirs, options.share(25, 10))
+    numbers = in_turn(lambda: align(source, target), theirs, options.share(25, 4))
     rows = [["two clouds, GICP of small_gicp", *numbers, off(align(source, target).transform), off(theirs())]]
     _add(
         report,
@@ -81,7 +81,7 @@ def _clouds(options: Options, report: Report) -> None:
         rows,
         "left out",
         "Ours refines by small_gicp too.",
-        options.share(25, 10),
+        options.share(25, 4),
     )
 
 
@@ -258,7 +258,7 @@ def _installed(module: str, part: Callable[[Options, Report], None]) -> Callable
 
 
 PARTS = {
-    "clouds": Part(_installed("small_gicp", _clouds), needs=("scans_3d/*.ply",)),
+    "clouds": Part(_installed("small_gicp", _clouds), quick_seeds=2, needs=("scans_3d/*.ply",)),
     "scans": Part(_installed("kiss_icp", _scans)),
     "round of clouds": Part(_clouds_around, quick_seeds=1),
     "classifiers": Part(_classifiers),

@@ -281,10 +281,10 @@ PARTS = {
     "rooms": Part(_rooms),
     "to and fro": Part(_to_and_fro),
     "occlusions": Part(_occlusions),
-    "driving": Part(among_people),
+    "driving": Part(among_people, quick_seeds=2),
     "one stands": Part(one_stands),
     "phantoms": Part(phantom_benchmark, random=False, needs=PHANTOM_NEEDS),
-    "home": Part(_home),
+    "home": Part(_home, quick_seeds=3),
     "hidden": Part(_hidden),
     "recorded": Part(_demo, random=False, needs=(f"people/{DEMO}",)),
 }

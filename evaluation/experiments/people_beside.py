@@ -57,7 +57,7 @@ def _percent(part: float, whole: float) -> float:
 
 def among_people(options: Options, report: Report) -> None:
     """A robot drives through rooms with up to twelve people."""
-    scenes = options.share(10, 5)
+    scenes = options.share(10, 2)
     rows: list[list[Any]] = []
     for name, marks in _measured(options, peopled_floor, 7, scenes, False).items():
         walking, standing = (_percent(marks.found[k], marks.there[k]) for k in range(2))

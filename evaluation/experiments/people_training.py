@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -173,6 +174,7 @@ def simulated(seed: int, scenes: int = 250) -> list[Examples]:
     return [Examples("simulated", np.array(rows), np.array(labels, dtype=bool))]
 
 
+@cache
 def examples(folder: Path, seed: int = 0) -> list[Examples]:
     """All training examples by source."""
     people = folder / "people"

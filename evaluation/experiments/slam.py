@@ -109,7 +109,9 @@ def _logs(options: Options, report: Report) -> None:
                 rows.append(row)
                 about.append(line)
                 checked.append(check_row)
-            rows.append(slam_as_node.row(name, "as the node", log, slam_as_node.driven(log), 0.5))
+            # A quick run drives the long log once only.
+            if not options.quick or name not in RAW:
+                rows.append(slam_as_node.row(name, "as the node", log, slam_as_node.driven(log), 0.5))
         plain = slam_proximity.driven(log)
         rows.append(slam_as_node.row(name, slam_proximity.KIND, log, plain, 0.5))
     for name, (error, relations, spread, turn) in PUBLISHED.items():
@@ -302,7 +304,7 @@ def _outdoor(options: Options, report: Report) -> None:
 
 PARTS = {
     "logs": Part(_logs, random=False, needs=NEEDS),
-    "shaken": Part(slam_shaken.shaken, needs=tuple(f"carmen/{name}" for name in CORRECTED)),
+    "shaken": Part(slam_shaken.shaken, quick_seeds=2, needs=tuple(f"carmen/{name}" for name in CORRECTED)),
     "killian": Part(_killian, random=False),
     "outdoor": Part(_outdoor),
     "in a map": Part(slam_in_map.table),

@@ -178,7 +178,7 @@ def test_a_place_no_map_reaches_is_refused(x: float) -> None:
     for grid in (TiledGrid(RESOLUTION), OccupancyGrid(RESOLUTION)):
         with pytest.raises(InputError):
             grid.integrate([x, 0.0, 0.0], np.ones((3, 2)))
-    with pytest.raises(InputError, match="wider"):
+    with pytest.raises(InputError, match="too wide"):
         TiledGrid(RESOLUTION).integrate(np.zeros(3), np.array([[1e6, 1e6]]))
 
 

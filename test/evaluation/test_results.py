@@ -6,12 +6,14 @@ import json
 import re
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import evaluation.experiments
 from estimation.errors import InputError
@@ -20,6 +22,7 @@ from evaluation.compare import compare
 from evaluation.headlines import HEADLINES, Headline
 from evaluation.pages import BEFORE, Book, filled, results_page
 from evaluation.report import SEEDS, Figure, Options, Part, Printed, Report, Table, slug
+from whereabouts.cli.main import app
 
 
 def tables(options: Options, report: Report) -> None:
@@ -123,6 +126,33 @@ def test_an_interrupted_run_goes_on_where_it_was(
     assert not (tmp_path / running.UNFINISHED).exists()
     run(resume=False)
     assert calls[6:] == [0, 1, 2, 3, 4]
+
+
+def test_several_workers_begin_with_the_longest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what a run of the same length took, in the output or as committed; first what nothing is known of."""
+    out, committed = tmp_path / "out", tmp_path / "committed"
+    known = (out, "a", True, 20.0), (committed, "a", True, 900.0), (committed, "b", True, 70.0)
+    for folder, name, quick, seconds in (*known, (out, "c", False, 5.0), (committed, "d", False, 600.0)):
+        folder.mkdir(exist_ok=True)
+        content = {"schema": results.SCHEMA, "experiment": name, "quick": quick, "seconds": seconds}
+        empty = {"figures": {}, "tables": [], "pictures": {}, "digest": "", "recordings": {}}
+        (folder / f"{name}.json").write_text(json.dumps(content | empty))
+    (out / "d.json").write_text("cut off")
+    monkeypatch.setattr(results, "FOLDER", committed)
+
+    class Pool(ThreadPoolExecutor):
+        def __init__(self, workers: int, mp_context: object, initializer: object) -> None:
+            super().__init__(1)
+
+    begun: list[str] = []
+    monkeypatch.setattr(running, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(running, "run", lambda asked: begun.append(asked.name))
+    asked = [running.Run(name, out, quick=True) for name in "abcd"]
+    assert len(list(running.run_each(asked, 2))) == 4
+    assert begun == ["c", "d", "b", "a"]
+    begun.clear()
+    list(running.run_each([replace(each, quick=False) for each in asked], 2))
+    assert begun == ["a", "b", "d", "c"]
 
 
 def test_absent_recordings_are_said(
@@ -304,6 +334,41 @@ def test_compare_tells_what_left_its_spread(run: Callable[..., results.Result]) 
     assert (change.verdict, change.old, change.new, change.unit) == ("worse", 20, 15.0, "1/s")
     (change,) = compare(old, changed(result, "errors/ours/right-percent", value=None))
     assert change.verdict == "gone"
+
+
+def test_compare_as_it_is_typed(run: Callable[..., results.Result], tmp_path: Path) -> None:
+    """Exit status 1 where a figure is worse, and only there."""
+    result = run(out=tmp_path / "old")
+    for name, value, status, said in (
+        ("same", 20.0, 0, "0 worse, 0 better"),
+        ("worse", 15.0, 1, "1 worse, 0 better"),
+        ("better", 25.0, 0, "0 worse, 1 better"),
+    ):
+        content = changed(result, "speed", value=value)["sample"].content
+        path = tmp_path / name / "sample.json"
+        path.parent.mkdir()
+        path.write_text(json.dumps(content))
+        answer = CliRunner().invoke(app, ["experiment", "compare", str(tmp_path / "old"), str(path.parent)])
+        assert answer.exit_code == status
+        assert said in answer.output
+
+
+@pytest.mark.usefixtures("experiment")
+def test_all_with_resume_leaves_out_what_is_done(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def typed(*more: str) -> str:
+        command = ["experiment", "all", "--jobs", "1", "--out", str(tmp_path), *more]
+        return CliRunner().invoke(app, command).output
+
+    done = "sample: done before"
+    first = typed("--quick", "--resume")
+    assert done not in first
+    assert "sample: 1 of 1, 0 s" in first
+    assert done in typed("--quick", "--resume")
+    assert done not in typed("--quick")
+    assert done not in typed("--resume")
+    for module in (results, running):
+        monkeypatch.setattr(module, "source_digest", lambda _: "of other sources")
+    assert done not in typed("--resume")
 
 
 def test_headlines_refer_to_figures_that_exist() -> None:

@@ -210,14 +210,16 @@ def test_what_is_latched_is_waited_for_only_where_it_is_kept(graph: Graph, tmp_p
             lambda: len(node.get_subscriptions_info_by_topic("/tf_static")) == 1, "it is in the graph"
         )
         said.publish(Connections(inputs=["/tf_static"], received=[0]))
-        graph.until(lambda: "has not said" not in "".join(replayer.unconnected()), "the replay has heard it")
+        graph.until(
+            lambda: "has not reported" not in "".join(replayer.unconnected()), "the replay has heard it"
+        )
         missing = replayer.unconnected()
         node.destroy_subscription(subscription)
         graph.until(lambda: not node.get_subscriptions_info_by_topic("/tf_static"), "it is gone")
         return missing
 
     assert unconnected(DurabilityPolicy.TRANSIENT_LOCAL) == [
-        "/tester has not got what was said on /tf_static"
+        "/tester has not received the last message on /tf_static"
     ]
     assert unconnected(DurabilityPolicy.VOLATILE) == []
     replayer.close()

@@ -102,7 +102,7 @@ def test_one_message_of_any_stamp_costs_the_world_nothing(graph: Graph, off: flo
     wrong = abs(off) > 6.0
     assert figures["/evidence dropped"] == str(int(wrong))
     # Before 1970 there was no message.
-    said = "refused: header.stamp" if stamp(1.4 + off) < 0 else "held back until others confirm it"
+    said = "refused: header.stamp" if stamp(1.4 + off) < 0 else "held back until other messages confirm it"
     assert (said in graph.log(world.spec)) == wrong
 
 
@@ -232,7 +232,7 @@ def test_one_late_odometry_message_leaves_the_map_alone_and_a_loop_takes_it_up_a
     robot.go(0.0, 20.0, 0.25)
     figures = settled(graph, "loop_closure", robot.diagnostics)
     assert figures["new runs"] == str(int(runs) + 1)
-    assert "found in the map of the run before" in graph.log(spec)
+    assert "found in the map of the previous run" in graph.log(spec)
     assert int(figures["keyframes"]) >= kept
     pose = robot.in_map()[0]
     miss = between(robot.truth(19.75), pose)

@@ -100,7 +100,7 @@ def test_vectors_are_unpacked_and_checked() -> None:
         ("hsv", [1.0], [1.0], "3 values"),
         ("weight", [1.0], [1.0], "unknown quantity 'weight'"),
         ("hue", [math.nan], [1.0], "finite"),
-        ("hsv", [0.0, 0.0, 0.0], np.diag([1.0, 1.0, -1.0]).ravel(), "indefinite"),
+        ("hsv", [0.0, 0.0, 0.0], np.diag([1.0, 1.0, -1.0]).ravel(), "negative eigenvalues"),
     ):
         with pytest.raises(InputError, match=message):
             symbols.unpacked(name, mean, covariance)

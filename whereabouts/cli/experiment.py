@@ -72,8 +72,12 @@ def experiment(
         typer.echo(f"{asked.name}: done before")
     figures: dict[str, float] = {}
     with cluster(dask):
-        for result in run_each([asked for asked in runs if asked not in done], workers):
+        open_runs = [asked for asked in runs if asked not in done]
+        for number, result in enumerate(run_each(open_runs, workers), 1):
             _print(result, left_out)
+            if every:
+                seconds = result.content["seconds"]
+                typer.echo(f"{result.name}: {number} of {len(open_runs)}, {seconds:.0f} s", err=True)
             prefix = f"{result.name}." if every else ""
             figures |= {prefix + key: known["value"] for key, known in result.figures.items()}
     write_figures(json_file, figures)

@@ -55,14 +55,14 @@ def track(
         Filter,
         typer.Option(
             "--filter",
-            help="People tracker, the reference's PHD filter on the returns, or one for points on clusters. The last "
-            "two know no classes.",
+            help="mixture: the people tracker. phd: the reference's filter on single returns. gmphd: its filter for "
+            "points, on clusters. The last two know no classes.",
         ),
     ] = Filter.mixture,
     targets: Annotated[
         Targets,
         typer.Option(
-            help="People only, or all that stands free or moves, with the probability of being a person."
+            help="Write people only, or everything that stands free or moves, with its probability of being a person."
         ),
     ] = Targets.people,
     topic: TopicToUse = None,

@@ -151,7 +151,7 @@ def write(folder: Path, judged: Judged) -> Path:
     pictures.draw_people(
         folder / "people.png", home, said, truth, (judged.people_stamps, np.array(judged.people.ospa))
     )
-    page.picture("people.png", "People tracked from a driving robot, and how far the set of them is off.")
+    page.picture("people.png", "People tracked from a driving robot, and the error of the whole set (OSPA).")
     pictures.draw_predictions(folder / "predictions.png", home, said, truth, _lively(judged))
     page.picture(
         "predictions.png", "Predicted paths of motion_predictor, likely goals, and where people then went."

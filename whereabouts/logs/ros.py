@@ -83,7 +83,7 @@ class RosLog(Log):
 
     def _make_decoder(self, topic: Topic) -> Decoder | str:
         if topic.type_name not in RECORDS and self._wanted is None and not topic.problem:
-            return f"{topic.name}: {topic.type_name}, no record of it"
+            return f"{topic.name}: {topic.type_name} is not used"
         try:
             return Decoder(topic)
         except UnreadableTypeError as error:

@@ -68,7 +68,7 @@ class DiagnosticsPublisher:
             return self._node.health()
         except Exception as error:
             self._node.report_defect("health", error)
-            return Health("cannot judge itself", warning=True)
+            return Health("cannot determine its health", warning=True)
 
     def _status(self, health: Health, figures: dict[str, object]) -> DiagnosticStatus:
         troubles = self._node.complaints

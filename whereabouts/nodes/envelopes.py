@@ -236,7 +236,7 @@ def _covariance(name: str, values: Any, side: int) -> None:
     if np.abs(matrix - matrix.T).max() > TOLERANCE * largest:
         raise InputError(f"{name}: a symmetric matrix expected")
     if np.linalg.eigvalsh(matrix)[0] < -TOLERANCE * largest:
-        raise InputError(f"{name}: a covariance that is not indefinite expected")
+        raise InputError(f"{name}: a covariance without negative eigenvalues expected")
 
 
 def _gaussian(message: Any) -> None:

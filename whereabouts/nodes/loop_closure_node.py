@@ -150,8 +150,8 @@ class LoopClosureNode(SuiteNode):
         if self._localizer is not None and not self._located:
             return Health("looking for the robot in the map", warning=True, figures=figures)
         if self._earlier is not None:
-            figures["keyframes of the run before"] = len(self._earlier.slam.keyframes)
-            return Health("mapping, and looking for the robot in the map of the run before", figures=figures)
+            figures["keyframes of the previous run"] = len(self._earlier.slam.keyframes)
+            return Health("mapping; looking for the robot in the map of the previous run", figures=figures)
         return Health("localising" if self._localizer is not None else "mapping", figures=figures)
 
     # Inputs.
@@ -219,7 +219,7 @@ class LoopClosureNode(SuiteNode):
     def _check_order(self, stamp: int) -> None:
         """A map is made along the path: what comes after others of a later stamp says nothing new."""
         if self._range_input.behind(stamp) > 0:
-            raise InputError("it is older than what came before it")
+            raise InputError("its stamp is older than that of the previous message")
 
     def _take_update(self, closures: list[Closure], kept: bool, waiting: int) -> None:
         self._waiting = waiting
@@ -245,18 +245,18 @@ class LoopClosureNode(SuiteNode):
             return
         self._correction = spatial(correction) if planar(correction) else pose_from_matrix(correction)
         if located.sure and self._extend:
-            self.get_logger().info("the robot was found in the map. The map is extended from here")
+            self.get_logger().info("the robot was found in the map, which is extended from here on")
             self._slam.resume(correction)
             self._localizer = None
 
     def _look_for_earlier(self, scan: Scan | Array, odometry: Array, stamp: int) -> None:
-        """Go on with the map of the run before once the robot is found in it; give it up once this one is larger."""
+        """Go on with the map of the previous run once the robot is found in it; give it up once this one is larger."""
         if self._earlier is None:
             return
         slam = self._earlier.slam
         if self._earlier.found(scan, odometry, stamp / NANOSECONDS):
             self.get_logger().info(
-                "the robot is found in the map of the run before; it is extended from here"
+                "the robot was found in the map of the previous run, which is extended from here on"
             )
             self._slam, self._grid, self._earlier = slam, MapGrid(self.settings.resolution), None
             self._changed = self._moved = True
@@ -267,8 +267,10 @@ class LoopClosureNode(SuiteNode):
                 path = Path(f"{self.settings.map_file}.before.npz")
                 with atomic_path(path) as temporary, temporary.open("wb") as file:
                     write_map(slam, file)
-                kept = f", and kept in {path}"
-            self.alarm(f"the robot is not found in the map of the run before: that map is given up{kept}")
+                kept = f". It is kept in {path}"
+            self.alarm(
+                f"the robot was not found in the map of the previous run. The new map replaces it{kept}"
+            )
 
     def _take_initial_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
         if frame_name(message.header.frame_id) not in ("", frame_name(self.settings.map_frame)):
@@ -406,9 +408,7 @@ class LoopClosureNode(SuiteNode):
         slam = read_map(path, self.settings.slam, self.settings.thin)
         kind, other = ("clouds", "scans") if self.settings.cloud_topic else ("scans", "clouds")
         if not len(slam.keyframes) or (slam.keyframes[0].scan is None) != (kind == "clouds"):
-            raise InputError(
-                f"{path}: a map of {kind} is needed to find the robot in it by {kind}; it has none, or is of {other}"
-            )
+            raise InputError(f"{path}: a map of {kind} expected; it is empty or was made of {other}")
         self._earlier = None
         self._look_in(slam, not localization_only, initial)
         self.get_logger().info(f"{path}: {len(slam.keyframes)} keyframes; looking for the robot in them")

@@ -170,7 +170,7 @@ class ObjectSearchNode(SuiteNode):
                 handle.abort()
                 result.code = result.GAVE_UP
                 result.message = (
-                    f"Gave up after {result.distance:.1f} m and {elapsed:.0f} s; last: {self._reason}"
+                    f"Gave up after {result.distance:.1f} m and {elapsed:.0f} s. Last reason: {self._reason}"
                 )
                 return
             if pose is None:

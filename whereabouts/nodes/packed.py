@@ -48,6 +48,8 @@ class Packed:
         try:
             message = deserialize_message(self.data, self.kind)
         except Exception as error:  # whatever the middleware makes of such bytes
-            raise InputError(f"{len(self.data)} bytes that are no {self.kind.__name__}: {error}") from None
+            raise InputError(
+                f"{len(self.data)} bytes cannot be read as {self.kind.__name__}: {error}"
+            ) from None
         envelope(self.kind).check(message)
         return message

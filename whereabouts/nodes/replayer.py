@@ -348,7 +348,9 @@ class Replayer:
         recorded : topics that the caller listens to.
         """
         silent = [
-            f"{name} has not said whom it has found" for name in self.watched if name not in self._connections
+            f"{name} has not reported its connections"
+            for name in self.watched
+            if name not in self._connections
         ]
         if silent:
             return silent
@@ -356,13 +358,13 @@ class Replayer:
         listeners.update(recorded)
         played = {self._name_of(topic) for topic in self._publishers}
         missing = [
-            f"{name} is not known to listen to {topic}"
+            f"{name} is not yet a known subscriber of {topic}"
             for name, report in self._connections.items()
             for topic in played.intersection(report.inputs)
             if name not in self._subscribers(topic)
         ]
         missing += [
-            f"{name} has not got what was said on {topic}"
+            f"{name} has not received the last message on {topic}"
             for name, report in self._connections.items()
             for topic, received in zip(report.inputs, report.received, strict=True)
             if topic in self._latched
@@ -374,7 +376,7 @@ class Replayer:
             for topic, found in zip(report.outputs, report.subscribers, strict=True):
                 alive = found - self._dead.known(topic, self._born.get(name, 0.0))
                 if alive < listeners[topic]:
-                    missing.append(f"{name} has found {alive} of {listeners[topic]} listeners to {topic}")
+                    missing.append(f"{name} has found {alive} of {listeners[topic]} subscribers of {topic}")
         return missing
 
     def bury(self, node: str) -> None:

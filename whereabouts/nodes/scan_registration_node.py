@@ -129,7 +129,9 @@ class ScanRegistrationNode(SuiteNode):
     def _check_age(self, item: Input, stamp: int) -> None:
         """The robot has gone on since an old scan was taken."""
         if item.behind(stamp) > OTHERS_AGE:
-            raise InputError(f"it is {item.behind(stamp) / NANOSECONDS:.3f} s older than what came before it")
+            raise InputError(
+                f"it is {item.behind(stamp) / NANOSECONDS:.3f} s older than the previous message"
+            )
 
     def _take_scan(self, message: LaserScan, stamp: int) -> None:
         self._check_age(self._scan_input, stamp)

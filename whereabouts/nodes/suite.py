@@ -178,7 +178,7 @@ class _Watch:
         while missing := self._replayer.unconnected(self._recorded):
             self._supervisor.check()
             if time.monotonic() > deadline:
-                self._on_event(f"going on although {'; '.join(missing)}")
+                self._on_event(f"continuing, although {'; '.join(missing)}")
                 break
             self._executor.spin_once(timeout_sec=0.05)
         connected = time.time_ns()

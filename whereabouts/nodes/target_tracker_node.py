@@ -85,10 +85,10 @@ class TargetTrackerNode(SuiteNode):
             "expected people": round(self._expected, 2),
             "candidates": self._tracker.health.potential,
             "tracking ms": round(self._milliseconds, 2),
-            "robot pose": "taken as exact" if self._certain else "uncertain",
+            "robot pose": "assumed to be exact" if self._certain else "uncertain",
             "late": self._tracker.health.late,
             "pose jumps": self._tracker.health.jumps,
-            "scans of too many clusters": self._tracker.health.thinned,
+            "scans with too many clusters": self._tracker.health.thinned,
         }
         return Health("tracking", figures=figures)
 

@@ -55,13 +55,15 @@ class Timekeeper:
         if not ruling.taken:
             off = (waiting.stamp - (self.clocks.now or 0)) / NANOSECONDS
             where = f"{abs(off):.3f} s {'ahead of' if off > 0 else 'behind'} the time of all inputs"
-            text = f"{item.topic}: a stamp {where} is held back until others confirm it"
+            text = (
+                f"{item.topic}: a message with a stamp {where} is held back until other messages confirm it"
+            )
             clock = self.clocks.sources.get(item.topic)
             if clock is not None and clock.is_apart:
                 # Nobody can tell which is right; that it was heard first is no reason to be silent about it.
                 text = (
-                    f"{item.topic}: its clock goes on {where}, that were heard first; what it says is dropped "
-                    "until they agree: synchronise the clocks"
+                    f"{item.topic}: its clock is {where}, which arrived first. Its messages are dropped "
+                    "until the clocks agree: synchronise them"
                 )
             self._node.complain(text, (item.topic, "time"))
         self._obey(ruling)
@@ -117,7 +119,9 @@ class Timekeeper:
     def _refuse(self, messages: list[Message[Stamped]]) -> None:
         for message in messages:
             item, waiting = message.item
-            item.drop("of another time", f"nothing confirms its stamp {waiting.stamp / NANOSECONDS:.3f}")
+            item.drop(
+                "of another time", f"no other message confirms its stamp {waiting.stamp / NANOSECONDS:.3f}"
+            )
 
     @property
     def _simulated(self) -> bool:

@@ -144,7 +144,7 @@ class WorldMaintenanceNode(SuiteNode):
             able = [item for item in of_class if not item.lost]
             if not able:
                 missed = max(of_class, key=lambda item: item.existence).id
-                raise InputError(f"{missed} was not at its place and was not seen since: use find_object")
+                raise InputError(f"{missed} is lost: it was not at its place. Use find_object")
             name = max(able, key=lambda item: item.existence).id
         elif all(item.id != name for item in known):
             raise InputError(f"object '{name}' is unknown")

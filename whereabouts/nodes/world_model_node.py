@@ -75,7 +75,7 @@ class WorldModelNode(SuiteNode):
         places = settings.places
         self._map = frame_name(settings.map_frame)
         if places and places.frame != self._map:
-            raise InputError(f"places_file: is in frame '{places.frame}', the world in '{self._map}'")
+            raise InputError(f"places_file is in frame '{places.frame}', '{self._map}' (map_frame) expected")
         store = Store(settings.store_path, settings.history_limit) if settings.store_path else None
         # Nobody asks the node to look back.
         self._model = WorldModel(config, places, store, looks_back=False)
@@ -235,7 +235,7 @@ class WorldModelNode(SuiteNode):
         pose_from_message(message.pose.pose)
         covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
         if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
-            raise InputError("robot_pose: a finite covariance that is not indefinite expected")
+            raise InputError("robot_pose: a finite covariance without negative eigenvalues expected")
         self._pose = (stamp, covariance)
 
     def _take_evidence(self, message: EvidenceMessage, stamp: int) -> None:
@@ -308,7 +308,7 @@ class WorldModelNode(SuiteNode):
     def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:
         behind = self.model.stamp - stamp / NANOSECONDS
         if behind > self.model.config.late_window:
-            self.begin_run(f"the world is remembered from {behind:.3f} s later")
+            self.begin_run(f"the remembered world is {behind:.3f} s newer than this message")
         begun = time.perf_counter()
         predictions, self._predictions = self._predictions, {}
         state = self.model.update(evidence, stamp / NANOSECONDS, predictions)

@@ -34,8 +34,7 @@ class NodeParameters(BaseModel):
     )
     transform_timeout: float = setting(
         0.5,
-        "how far the stamps of a topic go on, by message time, before a message that still waits for its transform is "
-        "dropped",
+        "a message waits for its transform until the stamps of its topic are this much later; then it is dropped",
         unit="s",
         ge=0.0,
         le=10.0,
@@ -58,11 +57,11 @@ class FileParameters(NodeParameters):
 
     state_dir: str = setting(
         "",
-        "folder of the files that services name; empty: whereabouts in XDG_STATE_HOME, else in ~/.local/state",
+        "folder of the files that services name; empty: $XDG_STATE_HOME/whereabouts or ~/.local/state/whereabouts",
         fixed=True,
     )
     allowed_folders: list[str] = setting(
-        [""], "folders below which services may name absolute paths; [''] allows none", fixed=True
+        [""], "services may name absolute paths below these folders only; [''] allows none", fixed=True
     )
 
 

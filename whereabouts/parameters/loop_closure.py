@@ -48,7 +48,7 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
     )
     map_update_period: float = setting(
         0.5,
-        "least time between messages on map_updates, which are sent while somebody listens",
+        "shortest time between messages on map_updates; they are published only while there is a subscriber",
         unit="s",
         ge=0.05,
         le=600.0,
@@ -56,7 +56,7 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
     )
     map_cells: int = setting(
         VIEW_CELLS,
-        "most cells of a map that is sent or saved; what does not fit is left out, with a warning",
+        "largest number of cells of a published or saved map; the rest is left out, with a warning",
         ge=10_000,
         le=400_000_000,
         fixed=True,

@@ -22,15 +22,15 @@ class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
 
     filter: Literal["mixture", "phd", "gmphd"] = setting(
         "mixture",
-        "mixture: the people tracker; phd: the reference's filter on the returns; gmphd: the one for points, on "
-        "clusters. The last two know no classes: all that stands free or moves is told of",
+        "mixture: the people tracker; phd: the reference's filter on single returns; gmphd: its filter for points, on "
+        "clusters. The last two know no classes and report everything that stands free or moves",
         fixed=True,
     )
     odom_frame: str = setting("odom", "frame in which people are tracked and published", fixed=True)
     use_segments: bool = setting(True, "use the labels of scan_registration, if they arrive in time")
     drift_window: float = setting(
         30.0,
-        "odometry's drift counts over this last time; 0 counts it from the start, where it grows for ever",
+        "the drift of odometry counts over this time; 0 counts it from the start, so that it grows without limit",
         unit="s",
         ge=0.0,
         le=1e6,

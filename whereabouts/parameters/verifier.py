@@ -11,7 +11,9 @@ class VerifierParameters(NodeParameters):
     map_frame: str = setting("map", "frame of the map, and of regions that name no frame", fixed=True)
     use_clouds: bool = setting(False, "use points instead of scan", fixed=True)
     frames: int = setting(3, "number of scans or clouds that must agree", ge=1, le=100)
-    points: int = setting(3, "an object is there from this many returns in the region on", ge=1, le=100000)
+    points: int = setting(
+        3, "an object is there if its region has at least this many returns", ge=1, le=100000
+    )
     clear: float = setting(0.8, "a region counts as empty only if this share of it was seen", ge=0.05, le=1.0)
     widest: float = setting(
         1.5, "widest region in which any return counts as the object", unit="m", ge=0.05, le=100.0

@@ -58,7 +58,7 @@ class WorldModelParameters(_WithWorld):  # type: ignore[valid-type, misc]
     people_from_targets: bool = setting(True, "once targets arrive, ignore people in other evidence")
     target_period: float = setting(
         0.5,
-        "time between targets that are used: they are filtered already, so nearer ones are not independent",
+        "shortest time between targets that are used; they are filtered, so those in between are not independent",
         unit="s",
         ge=0,
         le=10,
