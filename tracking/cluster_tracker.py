@@ -39,6 +39,10 @@ LINK = 0.9995  # quantile of the distance of two legs up to which they are searc
 HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
 BELONGS = 0.45  # m from a target to the clusters that tell its class
 WELL_LOCATED = 1.0  # m, deviation beyond which somebody hidden is no longer told of
+# Two targets whose way from one to the other is on average shorter than that, m, over that many seconds are the legs of
+# one: legs pass each other, people do not. Set on people who walk among pillars, seed 500.
+LEGS, STRIDES = 0.3, 1.0
+NEIGHBOURS = 1.0  # m between the legs of one person at most
 
 
 class ClusterTracker:
@@ -76,6 +80,7 @@ class ClusterTracker:
         self.background = Background()
         self.evidence: dict[int, Evidence] = {}
         self.targets: list[Target] = []
+        self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
         self._own = OwnBody()
         self.stamp: float | None = None
         self._pose: FloatArray | None = None
@@ -122,7 +127,9 @@ class ClusterTracker:
         self._phd.births = [(BIRTHS, np.array([*place[:2], 0.0, 0.0]), spread)]
         self.recursion.update(seen.places, dt, place, seen.log_clutter)
         self.stamp, self._pose = float(stamp), place
-        self._classify(seen, place, dt)
+        found = self.recursion.targets()
+        gone = self._unite(found, dt)
+        self._classify([target for target in found if target.label not in gone], seen, place, dt)
         # What is followed as a target is no clutter, whatever its class.
         mine = np.zeros(len(seen.clusters) + 1, dtype=bool)
         mine[seen.index[self._of_targets(seen)]] = True
@@ -130,15 +137,43 @@ class ClusterTracker:
         self.health.potential = len(self.targets)
         return self._people()
 
+    def _unite(self, found: list[Target], dt: float) -> set[int]:
+        """Of two targets that are the legs of one person, the younger goes, and its label is returned; see `LEGS`."""
+        means = np.array([target.mean for target in found]).reshape(-1, 4)
+        ways = means[None] - means[:, None]
+        near = np.argwhere(np.triu(np.hypot(ways[..., 0], ways[..., 1]) < NEIGHBOURS, 1))
+        share = min(dt / STRIDES, 1.0)
+        between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
+        moved: dict[int, FloatArray] = {}
+        gone: set[int] = set()
+        # Targets come by label, the elder first.
+        for a, b in near.tolist():
+            elder, younger = found[a].label, found[b].label
+            seconds, mean = self._between.get((elder, younger), (0.0, ways[a, b, :2]))
+            mean = mean + share * (ways[a, b, :2] - mean)
+            between[elder, younger] = seconds + dt, mean
+            if seconds + dt > STRIDES and math.hypot(*mean) < LEGS and elder not in gone:
+                gone.add(younger)
+                moved[elder] = 0.5 * ways[a, b]
+        self._between = between
+        if gone:
+            tracks, public = self.recursion.hypotheses.tracks, self.recursion.extractor.labels.public
+            inner = {name: label for label, name in public.items()}
+            tracks.weights = np.where(
+                np.isin(tracks.labels, [inner[name] for name in gone]), 0.0, tracks.weights
+            )
+            for name, way in moved.items():
+                tracks.means[tracks.labels == inner[name]] += way
+        return gone
+
     def _of_targets(self, seen: ClusterScan) -> npt.NDArray[np.bool_]:
         """Which clusters (K,) are of a target."""
         spots = np.array([target.mean[:2] for target in self.targets]).reshape(-1, 2)
         gaps = np.linalg.norm(seen.places[:, None] - spots[None], axis=2)
         return np.asarray(gaps.min(axis=1, initial=np.inf) < BELONGS)
 
-    def _classify(self, seen: ClusterScan, pose: FloatArray, dt: float) -> None:
+    def _classify(self, found: list[Target], seen: ClusterScan, pose: FloatArray, dt: float) -> None:
         """What this scan says of the class of each target, and all targets with it."""
-        found = self.recursion.targets()
         spots = np.array([target.mean[:2] for target in found]).reshape(-1, 2)
         gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2).reshape(
             len(found), len(seen.places)
@@ -146,7 +181,7 @@ class ClusterTracker:
         nearest = gaps.argmin(0) if len(found) else np.zeros(len(seen.places), dtype=int)
         stamp = float(self.stamp or 0.0)
         for t, target in enumerate(found):
-            evidence = self.evidence.setdefault(target.label, Evidence(target.mean[:2].copy(), stamp))
+            evidence = self.evidence.setdefault(target.label, Evidence(target.mean[:2].copy()))
             whose = np.flatnonzero((nearest == t) & (gaps[t] < BELONGS))
             around = int(((gaps[t] < 1.5) & (nearest != t)).sum())
             evidence.look(seen, whose, target, pose, around, dt, stamp)

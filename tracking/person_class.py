@@ -17,6 +17,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.gradient_boosting import GradientBoosting
+from tracking.legs import FEATURES
 from tracking.target import Target
 
 if TYPE_CHECKING:
@@ -25,50 +26,84 @@ if TYPE_CHECKING:
 
 MODEL = "person_class.json"
 CARD = "person_class_card.json"
-NAMES = (
-    "looks",
+# Of every look, averaged over the time a target was seen: what its clusters are like, and where they are.
+AVERAGED = (
     "shape",
+    "pairs",
+    "width",
+    "free",
+    "cut",
+    "fresh",
+    "old",
+    "around",
+    "range",
+    "sway",
+    "bulge",
+    "radius",
+    "circle_error",
+    "slimness",
+    "roughness",
+    "filled",
+    "depth",
+)
+# How much some of them vary, m or nat; `jitter` : of the place.
+VARYING = ("width_deviation", "shape_deviation", "gap", "gap_deviation", "jitter")
+# The course: how long it was looked at, how its shape changed, whether it arrived, how it moved.
+COURSE = (
+    "looks",
     "shape_now",
     "shape_best",
     "shape_worst",
-    "pairs",
-    "width",
-    "width_deviation",
-    "gap",
-    "free",
-    "fresh",
+    "pair_now",
+    "fresh_now",
     "arrived",
-    "old",
-    "around",
+    "stood",
     "speed",
+    "drift",
+    "away",
     "moved",
     "moved_fast",
     "walked",
-    "sway",
     "turned",
-    "range",
 )
+NAMES = (*AVERAGED, *VARYING, *COURSE)
 FIRST = 0.5  # s in which it shows whether something stands where it was empty before
 SHORT, LONG = 0.5, 1.5  # s over which what is seen now, and walking, are averaged
+STRIDES = 0.3  # m/s by which whoever walks is off where he was `LONG` ago, by its time
+LONGEST, FARTHEST, VIEWS = 20.0, 5.0, 20  # s, m and sides beyond which a target is no better known
+_CLUSTER = [
+    FEATURES.index(name)
+    for name in ("bulge", "circle_radius", "circle_error", "slimness", "roughness", "filled", "depth")
+]
 
 
 @dataclass
 class Evidence:
-    """What was seen of one target: sums over its looks, in seconds.
+    """What was seen of one target: means over the time it was looked at, and its course.
 
-    origin (2,) : where it was first, m. began, last_seen : stamps, s.
+    origin (2,) : where it was first, m. last_seen : stamp, s. looks : s it was seen for. means (len(AVERAGED),);
+    squares (2,) : means of width² and shape². pairs (3,) : seconds with two clusters, and their gap and gap² by them.
+    place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh : of
+    the last half second. behind (2,) : where it was a while ago, m. views : directions it was seen from, rad.
     """
 
     origin: FloatArray
-    began: float
     last_seen: float = 0.0
     looks: float = 0.0
-    sums: FloatArray = field(default_factory=lambda: np.zeros(12))
+    means: FloatArray = field(default_factory=lambda: np.zeros(len(AVERAGED)))
+    squares: FloatArray = field(default_factory=lambda: np.zeros(2))
+    pairs: FloatArray = field(default_factory=lambda: np.zeros(3))
+    place: FloatArray = field(default_factory=lambda: np.zeros(2))
+    spread: float = 0.0
     now: float = 0.0
+    fresh: float = 0.0
+    pair: float = 0.0
     best: float = -9.0
     worst: float = 9.0
     arrived: float = 0.0
+    stood: float = 0.0
     behind: FloatArray = field(default_factory=lambda: np.zeros(2))
+    drift: float = 0.0
     moved: float = 0.0
     fast: float = 0.0
     walked: float = 0.0
@@ -91,84 +126,113 @@ class Evidence:
         dt = min(max(dt, 1e-3), 0.5)
         if self.looks == 0.0:
             self.behind = target.mean[:2].copy()
-        shape = float(np.clip(seen.shape[whose], -4.0, 4.0).mean())
-        width, two = float(seen.widths[whose].sum()), len(whose) == 2
-        gap = float(np.linalg.norm(seen.places[whose[0]] - seen.places[whose[1]])) if two else 0.0
-        offset = target.mean[:2] - self.origin
-        row = [
-            1.0,
-            shape,
-            float(len(whose) > 1),
-            width,
-            width * width,
-            gap,
-            float(np.clip(seen.free[whose], -1.0, 1.0).mean()),
-            float(seen.fresh[whose].mean()),
-            float(seen.old[whose].mean()),
-            float(around),
-            float(seen.ranges[whose].mean()),
-            float(np.hypot(*(seen.places[whose].mean(0) - target.mean[:2]))),
-        ]
-        self.sums += dt * np.array(row)
+        row = self._row(seen, whose, target, around)
+        shape, width, fresh, old = row[0], row[2], row[5], row[6]
+        whole = dt / (self.looks + dt)
+        self.means += whole * (row - self.means)
+        self.squares += whole * (np.array([width * width, shape * shape]) - self.squares)
+        middle = seen.places[whose].mean(0) - self.origin
+        self.place += whole * (middle - self.place)
+        self.spread += whole * (float(middle @ middle) - self.spread)
+        if len(whose) == 2:
+            gap = float(np.linalg.norm(seen.places[whose[0]] - seen.places[whose[1]]))
+            self.pairs += dt * np.array([1.0, gap, gap * gap])
+        self.pair = float(len(whose) > 1)
         if self.looks < FIRST:
-            self.arrived += dt / (self.looks + dt) * (row[7] - self.arrived)
-        share = 1.0 - math.exp(-dt / SHORT)
-        self.now = shape if self.looks == 0.0 else self.now + share * (shape - self.now)
+            self.arrived += whole * (fresh - self.arrived)
+            self.stood += whole * (old - self.stood)
+        share = 1.0 - math.exp(-dt / SHORT) if self.looks > 0.0 else 1.0
+        self.now += share * (shape - self.now)
+        self.fresh += share * (fresh - self.fresh)
         self.looks += dt
         if self.looks > SHORT:
             self.best, self.worst = max(self.best, self.now), min(self.worst, self.now)
-        self.moved = max(self.moved, float(np.hypot(*offset)))
-        lag = target.mean[:2] - self.behind
-        self.behind += (1.0 - math.exp(-dt / LONG)) * lag
-        speed = float(np.hypot(*lag)) / LONG
-        self.fast = max(self.fast, speed)
-        self.walked += dt * float(speed > 0.3) * row[7]
+        self._moved(target, fresh, dt)
         view = math.atan2(pose[1] - target.mean[1], pose[0] - target.mean[0])
         if not self.views or abs((view - self.views[-1] + math.pi) % (2.0 * math.pi) - math.pi) > 0.1:
             self.views.append(view)
 
+    @staticmethod
+    def _row(seen: ClusterScan, whose: IntArray, target: Target, around: int) -> FloatArray:
+        """One look by `AVERAGED`."""
+        places, free = seen.places[whose].mean(0), seen.free[whose]
+        return np.array(
+            [
+                np.clip(seen.shape[whose], -4.0, 4.0).mean(),
+                len(whose) > 1,
+                seen.widths[whose].sum(),
+                np.clip(free, -1.0, 1.0).mean(),
+                (free < 0.0).any(),
+                seen.fresh[whose].mean(),
+                seen.old[whose].mean(),
+                around,
+                seen.ranges[whose].mean(),
+                math.hypot(*(places - target.mean[:2])),
+                *seen.clusters.features[seen.index[whose]][:, _CLUSTER].mean(0),
+            ],
+            dtype=np.float64,
+        )
+
+    def _moved(self, target: Target, fresh: float, dt: float) -> None:
+        """How it moved since the last look, which was `dt` seconds ago."""
+        self.moved = max(self.moved, math.hypot(*(target.mean[:2] - self.origin)))
+        lag = target.mean[:2] - self.behind
+        self.behind += (1.0 - math.exp(-dt / LONG)) * lag
+        self.drift = math.hypot(*lag) / LONG
+        self.fast = max(self.fast, self.drift)
+        self.walked += dt * float(self.drift > STRIDES) * fresh
+
     def features(self, target: Target) -> list[float]:
         """What the class is learned from, one number for each of `NAMES`."""
-        total = max(self.sums[0], 1e-9)
-        mean = self.sums / total
-        return [
-            min(self.looks, 20.0),
-            mean[1],
-            self.now,
-            self.best if self.looks > SHORT else self.now,
-            self.worst if self.looks > SHORT else self.now,
-            mean[2],
-            mean[3],
-            math.sqrt(max(mean[4] - mean[3] ** 2, 0.0)),
-            self.sums[5] / max(self.sums[2], 1e-9),
-            mean[6],
-            mean[7],
-            self.arrived,
-            mean[8],
-            mean[9],
-            float(np.hypot(*target.mean[2:])),
-            min(self.moved, 5.0),
-            self.fast,
-            min(self.walked, 5.0),
-            mean[11],
-            float(min(len(self.views), 20)),
-            mean[10],
+        means = self.means
+        width, shape = means[AVERAGED.index("width")], means[AVERAGED.index("shape")]
+        _, gap, square = self.pairs / max(self.pairs[0], 1e-9)
+        known = self.looks > SHORT
+        varying = [
+            _deviation(self.squares[0] - width * width),
+            _deviation(self.squares[1] - shape * shape),
+            float(gap),
+            _deviation(square - gap * gap),
+            min(_deviation(self.spread - self.place @ self.place), 3.0),
         ]
+        course = [
+            min(self.looks, LONGEST),
+            self.now,
+            self.best if known else self.now,
+            self.worst if known else self.now,
+            self.pair,
+            self.fresh,
+            self.arrived,
+            self.stood,
+            math.hypot(*target.mean[2:]),
+            self.drift,
+            min(math.hypot(*(target.mean[:2] - self.origin)), FARTHEST),
+            min(self.moved, FARTHEST),
+            self.fast,
+            min(self.walked, FARTHEST),
+            float(min(len(self.views), VIEWS)),
+        ]
+        return [*means.tolist(), *varying, *course]
+
+
+def _deviation(variance: float | FloatArray) -> float:
+    return math.sqrt(max(float(variance), 0.0))
 
 
 @dataclass(frozen=True)
 class ClassModel:
-    """Boosted trees over `columns` of `NAMES`, and the log-odds `prior` that a target is a person."""
+    """Boosted trees over `columns` of `NAMES`; `scale` and `prior` make their log-odds those that were observed."""
 
     trees: GradientBoosting
     columns: tuple[int, ...]
+    scale: float
     prior: float
 
     def odds(self, features: list[list[float]]) -> FloatArray:
         """Log-odds (T,) that each target is a person, from its features (T, len(NAMES))."""
         if not features:
             return np.zeros(0)
-        return self.trees.decision(np.array(features)[:, self.columns]) + self.prior
+        return self.scale * self.trees.decision(np.array(features)[:, self.columns]) + self.prior
 
 
 @cache
@@ -178,4 +242,9 @@ def class_model() -> ClassModel:
     card = json.loads((folder / CARD).read_text(encoding="utf-8"))
     with resources.as_file(folder / MODEL) as path:
         trees = GradientBoosting.load(path)
-    return ClassModel(trees, tuple(NAMES.index(name) for name in card["features"]), float(card["prior"]))
+    return ClassModel(
+        trees,
+        tuple(NAMES.index(name) for name in card["features"]),
+        float(card["scale"]),
+        float(card["prior"]),
+    )

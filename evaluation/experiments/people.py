@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from estimation.errors import InputError
-from evaluation.experiments.people_beside import PHANTOM_NEEDS, among_people, one_stands, phantom_benchmark
+from evaluation.experiments.people_beside import (
+    PHANTOM_NEEDS,
+    among_people,
+    everything_else,
+    one_stands,
+    phantom_benchmark,
+)
 from evaluation.experiments.people_judging import (
+    SCENE,
     Constant,
-    SceneJudgement,
     crossing_kept,
+    figures_of_scenes,
     follow_person,
     hidden_kept,
     judge_everybody,
@@ -43,7 +48,6 @@ DEMO = "demo_stationary_simple_environment.bag"
 
 # Of the table of the reference tracker on its own recordings.
 REFERENCE = "joint leg tracker, measured on these recordings"
-SCENE = ["error, m ↓", "missed, /scan ↓", "false, /scan ↓", "label changes ↓", "hidden and kept, % ↑"]
 
 
 def _following(options: Options, report: Report) -> None:
@@ -124,7 +128,7 @@ def _rooms(options: Options, report: Report) -> None:
         for k in track(range(rooms), "rooms"):
             rng = np.random.default_rng([options.seed, 2, k])
             judged.append(judge_scene(crowded_room(rng, 4, moving), rng))
-        rows.append(["robot drives" if moving else "robot stands", *_figures(judged)])
+        rows.append(["robot drives" if moving else "robot stands", *figures_of_scenes(judged)])
     note = (
         "Four people walk, rest and get hidden for 20 s. OSPA with c = 1 m, p = 1; label changes per person and "
         "minute. A person must be found once in plain view for 1.5 s, and until hidden for 3 s."
@@ -146,7 +150,7 @@ def _to_and_fro(options: Options, report: Report) -> None:
             for k in track(range(few), f"{name}, {body}"):
                 rng = np.random.default_rng([options.seed, 5, k])
                 judged.append(judge_everybody(to_and_fro(rng, name, body), rng))
-            figures = _figures(judged)
+            figures = figures_of_scenes(judged)
             # A second after the first scan, everybody in view can be known.
             later = float(np.mean([value for item in judged for value in item.ospa[10:]]))
             rows.append([name, body, figures[0], later, *figures[1:]])
@@ -179,7 +183,7 @@ def _occlusions(options: Options, report: Report) -> None:
                 rng = np.random.default_rng([options.seed, 4, k])
                 kind = OcclusionKind(str(rng.choice(LAYOUTS)), str(rng.choice(MOTIONS)), body, drives)
                 judged.append(judge_everybody(occlusions(rng, kind), rng))
-            rows.append([body, f"robot {'drives' if drives else 'stands'}", *_figures(judged)])
+            rows.append([body, f"robot {'drives' if drives else 'stands'}", *figures_of_scenes(judged)])
     note = (
         "Two to four people for 20 s; everybody counts from the first scan on, hidden or not. Wanted: OSPA 0.12 m, "
         "missed 0.06 per scan."
@@ -202,7 +206,7 @@ def _home(options: Options, report: Report) -> None:
     # The demo shows day 20; `located` was chosen on days 21 and 22.
     day = int(np.random.default_rng([options.seed, 6]).integers(1000, 2**31))
     judged = judge_home(day, 180.0 if options.quick else None)
-    figures = _figures([judged])
+    figures = figures_of_scenes([judged])
     figures[4] = judged.switches / (len(judged.labels[0]) * len(judged.labels) / SCAN_RATE / 60.0)
     note = (
         "Another day for each seed, none of which anything was chosen on. Label changes per person and "
@@ -221,14 +225,6 @@ def _home(options: Options, report: Report) -> None:
             samples=len(judged.labels),
         )
     )
-
-
-def _figures(judged: Sequence[SceneJudgement]) -> list[float]:
-    def mean(name: str) -> float:
-        return float(np.mean([value for item in judged for value in getattr(item, name)]))
-
-    changes = float(np.mean([item.switches for item in judged])) / 4 * 3
-    return [mean("ospa"), mean("errors"), mean("missed"), mean("false"), changes, 100.0 * mean("hidden")]
 
 
 def _hidden(options: Options, report: Report) -> None:
@@ -283,6 +279,7 @@ PARTS = {
     "occlusions": Part(_occlusions),
     "driving": Part(among_people, quick_seeds=2),
     "one stands": Part(one_stands),
+    "everything else": Part(everything_else),
     "phantoms": Part(phantom_benchmark, random=False, needs=PHANTOM_NEEDS),
     "home": Part(_home, quick_seeds=3),
     "hidden": Part(_hidden),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -28,6 +28,9 @@ SEEN_FOR, RETURNS = (
     1.5,
     3,
 )  # seconds in plain view, and returns of a scan that make it so, after which one is known
+
+
+SCENE = ["error, m ↓", "missed, /scan ↓", "false, /scan ↓", "label changes ↓", "hidden and kept, % ↑"]
 
 
 class Constant(PeopleTracker):
@@ -232,6 +235,16 @@ def judge_people(
     judged.missed.append(int(np.sum(labels[expected] < 0)))
     judged.false.append(int(np.sum(~used)))
     judged.hidden += (labels[expected & (returns == 0)] >= 0).tolist()
+
+
+def figures_of_scenes(judged: Sequence[SceneJudgement]) -> list[float]:
+    """OSPA and the columns of `SCENE`, over some scenes."""
+
+    def mean(name: str) -> float:
+        return float(np.mean([value for item in judged for value in getattr(item, name)]))
+
+    changes = float(np.mean([item.switches for item in judged])) / 4 * 3
+    return [mean("ospa"), mean("errors"), mean("missed"), mean("false"), changes, 100.0 * mean("hidden")]
 
 
 def crossing_kept(judged: SceneJudgement) -> bool:

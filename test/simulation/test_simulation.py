@@ -25,6 +25,7 @@ from whereabouts.simulation import (
 from whereabouts.simulation.pairs import CROWDED, EASY, random_pair
 from whereabouts.simulation.people_scenes import peopled_floor
 from whereabouts.simulation.robot import relative
+from whereabouts.simulation.varied_floors import disturbed, varied_floor
 
 angles = st.floats(-np.pi, np.pi)
 
@@ -176,3 +177,47 @@ def test_people_on_a_floor_keep_off_each_other_the_robot_and_the_furniture() -> 
         gaps = np.linalg.norm(spots[:, None] - spots[None], axis=2)[~np.eye(len(spots), dtype=bool)]
         assert gaps.min() > 0.59
         assert min(solid.distance(spot) for spot in spots[1:]) > 0.3
+
+
+def test_mixed_pixels_lie_between_the_sides_of_an_edge() -> None:
+    world = joined([box(8.0, 6.0), circle(1.5, 0.0, 0.1)])
+    plain, mixed = (
+        Lidar(721, sigma=0.0, mixed=share).scan(world, np.zeros(3), np.random.default_rng(8)).scan.ranges
+        for share in (0.0, 1.0)
+    )
+    changed = np.flatnonzero(plain != mixed)
+    # The pole has two edges that are farther apart than 2 m from the wall behind it; the room has none.
+    assert len(changed) == 0
+    near = joined([world, circle(3.0, 1.0, 0.1)])
+    plain, mixed = (
+        Lidar(721, sigma=0.0, mixed=share).scan(near, np.zeros(3), np.random.default_rng(8)).scan.ranges
+        for share in (0.0, 1.0)
+    )
+    changed = np.flatnonzero(plain != mixed)
+    assert len(changed) == 2
+    for beam in changed:
+        low, high = sorted(plain[beam : beam + 2])
+        assert low <= mixed[beam] <= high
+
+
+def test_varied_floors_have_people_off_the_things_and_empty_ones_have_none() -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        assert not varied_floor(rng).people
+        scene = varied_floor(rng, 6)
+        assert scene.people
+        assert len(scene.things.segments) + len(scene.things.circles) > 0
+        solid = joined([scene.room, scene.things])
+        for person in scene.people:
+            assert solid.distance(person.position(5.0)) > 0.4
+        again = varied_floor(np.random.default_rng(seed), 0)
+        np.testing.assert_array_equal(
+            again.room.segments, varied_floor(np.random.default_rng(seed)).room.segments
+        )
+
+
+def test_wrong_poses_stay_near_the_true_ones() -> None:
+    errors = np.concatenate([disturbed(np.random.default_rng(k), 10.0, 400) for k in range(20)])
+    assert errors.shape == (8000, 3)
+    assert 0.01 < np.abs(errors[:, :2]).mean() < 0.15
+    assert np.abs(errors[:, 2]).mean() < 0.05

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,14 @@ from tracking.person_class import NAMES, ClassModel
 from tracking.phd_config import PhdConfig
 from tracking.phd_models import ConstantVelocityMotion, Labels
 from whereabouts.simulation import Drive, Lidar, box, circle, joined
-from whereabouts.simulation.occlusion_scenes import one_hardly_moves
+from whereabouts.simulation.occlusion_scenes import (
+    BODIES,
+    LAYOUTS,
+    MOTIONS,
+    OcclusionKind,
+    occlusions,
+    one_hardly_moves,
+)
 from whereabouts.simulation.people import Build, Walker
 from whereabouts.simulation.people_scenes import Scene
 
@@ -34,7 +43,7 @@ class Everybody(ClassModel):
 
 
 def everybody() -> ClusterTracker:
-    return ClusterTracker(classes=Everybody(GradientBoosting(), (), 0.0))
+    return ClusterTracker(classes=Everybody(GradientBoosting(), (), 1.0, 0.0))
 
 
 def seen_of(scan: Scan, background: Background | None = None) -> ClusterScan:
@@ -97,6 +106,36 @@ def test_people_who_hide_each_other_and_one_who_hardly_moves_are_followed() -> N
     assert marks.found[0] / marks.there[0] > 0.94
     assert marks.found[1] / marks.there[1] > 0.9
     assert np.mean(marks.ospa_all) < 0.15
+
+
+def test_the_legs_of_one_person_are_not_followed_as_two_for_long() -> None:
+    """Somebody whose legs are taken for two people where he comes up."""
+    rng = np.random.default_rng([500, 4, 0])
+    kind = OcclusionKind(str(rng.choice(LAYOUTS)), str(rng.choice(MOTIONS)), str(rng.choice(BODIES)))
+    scene = replace(occlusions(rng, kind), duration=8.0)
+    tracker, counts = everybody(), []
+    for scan in scene.scans(np.random.default_rng([500, 40, 0])):
+        tracker.step(scan.scan, scan.pose, scan.scan.stamp)
+        spots = np.array([target.mean[:2] for target in tracker.targets]).reshape(-1, 2)
+        gaps = np.linalg.norm(spots[:, None] - scan.people[None], axis=2)
+        counts.append([(gaps < 0.6).sum(), (gaps.min(axis=0, initial=np.inf) < 0.6).sum()])
+    told, people = np.array(counts[45:]).sum(0)
+    assert people > 200
+    assert told < 1.05 * people
+
+
+def test_people_abreast_stay_two() -> None:
+    strides = Build("legs", leg_radius=0.05, leg_gap=0.28, stride=0.75)
+    ways = [[(3.0, -3.0), (3.0, 3.0)], [(3.6, -3.0), (3.6, 3.0)]]
+    people = [Walker(np.array(way), 1.0, strides, phase=1.0 + k) for k, way in enumerate(ways)]
+    scene = Scene(box(16.0, 12.0), people, 5.5, Lidar(1081, 1.5 * np.pi, range_max=12.0), rate=25.0)
+    tracker, counts = everybody(), []
+    for scan in scene.scans(np.random.default_rng(5)):
+        tracker.step(scan.scan, scan.pose, scan.scan.stamp)
+        spots = np.array([target.mean[:2] for target in tracker.targets]).reshape(-1, 2)
+        gaps = np.linalg.norm(spots[:, None] - scan.people[None], axis=2).min(axis=1, initial=np.inf)
+        counts.append((gaps < 0.6).sum())
+    assert np.mean(counts[50:]) == pytest.approx(2.0, abs=0.2)
 
 
 def test_bad_input_is_refused_and_late_scans_change_nothing() -> None:

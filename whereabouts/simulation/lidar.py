@@ -33,7 +33,8 @@ class Lidar:
     beams : number of beams. opening : radians from first to last beam, centred on straight ahead.
     range_min, range_max : metres. sigma : standard deviation of a range, metres.
     resolution : ranges are rounded to this, metres, 0 for none. dropout : share of the beams that return
-    nothing. sweep_time : seconds from first to last beam.
+    nothing. sweep_time : seconds from first to last beam. mixed : share of the beams at an edge that meet both the
+    nearer and the farther side, and return somewhere in between.
     """
 
     beams: int = 361
@@ -44,6 +45,7 @@ class Lidar:
     resolution: float = 0.0
     dropout: float = 0.0
     sweep_time: float = 0.0
+    mixed: float = 0.0
 
     @property
     def bearings(self) -> Array:
@@ -68,6 +70,8 @@ class Lidar:
         else:
             poses = np.broadcast_to(np.asarray(pose, dtype=np.float64), (self.beams, 3))
         ranges, owners = cast(shapes, poses[:, :2], poses[:, 2] + self.bearings, self.range_max)
+        if self.mixed:
+            ranges = self._mixed(ranges, rng)
         ranges = ranges + self.sigma * rng.standard_normal(self.beams)
         if self.resolution:
             ranges = np.round(ranges / self.resolution) * self.resolution
@@ -85,3 +89,14 @@ class Lidar:
             step,
         )
         return SimulatedScan(scan, poses[0].copy(), np.where(gone, -1, owners))
+
+    def _mixed(self, ranges: Array, rng: np.random.Generator) -> Array:
+        """Ranges (N,) m, of which some beside an edge of 0.1 to 2 m lie between its two sides."""
+        beside = np.roll(ranges, -1)
+        with np.errstate(invalid="ignore"):
+            jump = np.abs(beside - ranges)
+        # The first and the last beam are no neighbours.
+        edge = (jump > 0.1) & (jump < 2.0) & (np.arange(self.beams) < self.beams - 1)
+        edge &= rng.random(self.beams) < self.mixed
+        share = rng.random(self.beams)
+        return ranges + share * (np.where(edge, beside, 0.0) - np.where(edge, ranges, 0.0))

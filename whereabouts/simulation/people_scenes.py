@@ -211,8 +211,15 @@ def peopled_floor(
     The rooms are those of `empty_floor`, the scanner looks ahead. Legs are seen, of one in four a skirt. Walkers go to
     and fro and rest at the ends. Nobody comes nearer than 0.6 m to anybody or to the robot, or 0.45 m to an outline.
     """
-    scene, rooms = _furnished_floor(rng, 3, duration)
+    return with_people(rng, *_furnished_floor(rng, 3, duration), most, standing)
+
+
+def with_people(
+    rng: np.random.Generator, scene: Scene, rooms: list[Array], most: int, standing: float
+) -> Scene:
+    """A scene with up to `most` people about the middles (2,) of the rooms that the robot comes near."""
     assert callable(scene.pose)
+    duration = scene.duration
     times = np.arange(0.0, duration, 0.2)
     robot = np.array([scene.pose(time)[:2] for time in times])
     visited = [room for room in rooms if np.linalg.norm(robot - room, axis=1).min() < 5.0]
