@@ -42,6 +42,9 @@ class Likeness(NamedTuple):
     origin: float
 
 
+FAINT = (
+    0.1  # of a move in the middle of what nobody saw, beside one at a time of day at which it was seen before
+)
 FAR = 12.0  # largest squared deviation of the stay: a moment is never ruled out by it alone
 
 
@@ -178,3 +181,49 @@ def stays(history, thing, place, first, last):
             number += 1
             came = -1
     return found[:number]
+
+
+@njit(cache=True)
+def likely_slot(history, thing, place, to, low, high, first, day, spread):
+    """In which slot of low < slot ≤ high the thing went from `place` to `to`: when it usually does, or in the middle.
+
+    spread : deviation of its times of day, slots.
+    """
+    if high - low <= 1:
+        return high
+    ended = stays(history, thing, place, first, low)
+    middle = 0.5 * (low + 1 + high)
+    best, chosen = -1.0, high
+    for slot in range(low + 1, high + 1):
+        score = FAINT / (1.0 + abs(slot - middle))
+        for k in range(len(ended)):
+            if ended[k, 2] == to:
+                apart = (slot - ended[k, 1] + day // 2) % day - day // 2
+                score += math.exp(-0.5 * (apart / spread) ** 2)
+        if score > best:
+            best, chosen = score, slot
+    return chosen
+
+
+@njit(cache=True)
+def amend(history, thing, gone, came, now, place, to):
+    """What nobody saw happen: the thing left `place` in slot `gone` and was at `to` from slot `came` to `now`."""
+    rows = len(history.place)
+    for slot in range(gone, now + 1):
+        row = slot % rows
+        there = slot >= came
+        history.place[row, thing] = to if there else -1
+        history.before[row, thing] = place
+        history.since[row, thing] = came if there else gone
+
+
+@njit(cache=True)
+def still(history, thing, start, stop):
+    """The thing was from slot `start` to `stop`, the latter excluded, what it was in the slot before `start`."""
+    rows = len(history.place)
+    source = (start - 1) % rows
+    for slot in range(start, stop):
+        row = slot % rows
+        history.place[row, thing] = history.place[source, thing]
+        history.before[row, thing] = history.before[source, thing]
+        history.since[row, thing] = history.since[source, thing]

@@ -25,7 +25,17 @@ from typing import Any
 import numpy as np
 
 from estimation.errors import InputError
-from world_model.routine_kernels import History, Likeness, fill, moments, outcomes, stays
+from world_model.routine_kernels import (
+    History,
+    Likeness,
+    amend,
+    fill,
+    likely_slot,
+    moments,
+    outcomes,
+    stays,
+    still,
+)
 
 Array = np.ndarray
 DAY = 86400.0  # s
@@ -132,6 +142,7 @@ class Routines:
             self._set(row, thing, -1)
         for thing in present[now[present] != index].tolist():
             self._set(row, thing, index)
+            self._amend(row, thing, index)
         self._seen[present] = self._looked[index] = self._stamp
         self._version += 1
 
@@ -350,6 +361,35 @@ class Routines:
             self._moves += 1.0
         self._history.place[row, thing] = place
         self._history.since[row, thing] = self._last
+
+    def _amend(self, row: int, thing: int, place: int) -> None:
+        """When it came, where nobody saw it: between looks, when it usually goes there, or in the middle."""
+        if not math.isfinite(self._seen[thing]):
+            return
+        seen = max(self._slot(self._seen[thing]), self._last - self._day, self._first)
+        rows = len(self._history.place)
+        was = int(self._history.place[seen % rows, thing])
+        if seen >= self._last - 1 or was < 0 or was == place:
+            return
+        empty = self._last  # newest slot by which it had gone from where it was
+        for slot in range(seen + 1, self._last):
+            if self._history.place[slot % rows, thing] < 0:
+                empty = slot
+                break
+        looked = self._looked[place]
+        absent = max(seen, self._slot(looked)) if math.isfinite(looked) else seen
+        spread = self.config.clock / self.config.slot
+        start = self._oldest(self._last)
+
+        def choose(low: int, high: int) -> int:
+            return int(likely_slot(self._history, thing, was, place, low, high, start, self._day, spread))
+
+        if absent < empty:
+            gone = came = choose(absent, empty)
+        else:
+            gone, came = choose(seen, empty), choose(absent, self._last)
+        still(self._history, thing, seen + 1, gone)
+        amend(self._history, thing, gone, came, self._last, was, place)
 
     def _last_seen(self, thing: int) -> tuple[int, int]:
         """Slot and place of where a forecast starts: where the thing was last known to be (-1: not remembered)."""

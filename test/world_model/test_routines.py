@@ -262,3 +262,32 @@ def test_bad_input_is_refused_and_changes_nothing() -> None:
         Routines.from_dict({"format": "else"})
     with pytest.raises(InputError):
         Routines.from_dict({**before, "objects": [{}]})
+
+
+def test_what_nobody_saw_happened_when_it_usually_does() -> None:
+    routines = Routines()
+    for day in range(10):
+        for tick in range(48, 60):
+            at([(day * DAY + tick * 600.0, {"mug": "table" if tick < 54 else "sink"})], routines)
+    seen = 10 * DAY + 8.0 * HOUR
+    at([(seen, {"mug": "table"}), (seen + 1.75 * HOUR, {"mug": "sink"})], routines)
+    [*_, table, sink] = routines.to_dict()["objects"][0]["stays"]
+    assert routines.places[table[2]] == "table"
+    assert routines.places[sink[2]] == "sink"
+    assert sink[1] == (10 * 144) + 54
+    fresh = Routines()
+    at([(seen, {"mug": "table"}), (seen + HOUR, {"mug": "sink"})], fresh)
+    [*_, sink] = fresh.to_dict()["objects"][0]["stays"]
+    assert sink[1] == (10 * 144) + 48 + 3
+
+
+def test_what_left_and_came_at_different_times_was_nowhere_known_between() -> None:
+    routines = Routines()
+    at([(0.0, {"mug": "table"})], routines)
+    routines.look("table", [], 2400.0)
+    routines.look("sink", [], 4800.0)
+    routines.look("sink", ["mug"], 7200.0)
+    [table, nowhere, sink] = routines.to_dict()["objects"][0]["stays"]
+    assert [row[0] for row in (table, nowhere, sink)] == [0, 2, 10]
+    assert nowhere[2] == -1
+    assert routines.places[sink[3]] == "table"
