@@ -68,7 +68,7 @@ class RoutinesConfig:
     stay: float = 0.7
     origin: float = 1.2
     prior: float = 0.3
-    threshold: float = 0.3
+    threshold: float = 0.35
 
     def likeness(self) -> Likeness:
         """The same in slots, for the kernels."""
