@@ -114,15 +114,23 @@ def _own(history, thing, slot, found, weights, last, like):
 
 
 @njit(cache=True)
-def _outcome(history, thing, slot, ahead, moving):
-    """Where the thing was `ahead` slots after `slot` (-1: unknown); with `moving`, where its first move led to."""
+def _outcome(history, thing, slot, ahead, moving, last):
+    """Where the thing was `ahead` slots after `slot` (-1: unknown); with `moving`, where its first move led to.
+
+    What went missing has moved: to where it was next seen by slot `last`. Seen where it had been, it was elsewhere.
+    """
     rows = len(history.place)
     if not moving:
         return history.place[(slot + ahead) % rows, thing]
     start = history.place[slot % rows, thing]
-    for step in range(1, ahead + 1):
-        there = history.place[(slot + step) % rows, thing]
-        if there >= 0 and there != start:
+    for gone in range(slot + 1, slot + ahead + 1):
+        there = history.place[gone % rows, thing]
+        while there < 0 and gone < last:
+            gone += 1
+            there = history.place[gone % rows, thing]
+            if there == start:
+                return -1
+        if there != start:
             return there
     return start
 
@@ -145,7 +153,7 @@ def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, lik
     for i in range(len(found)):
         if scores[i] == -np.inf:
             continue
-        where = _outcome(history, thing, found[i], ahead, moving)
+        where = _outcome(history, thing, found[i], ahead, moving, last)
         if where < 0:
             continue
         weight = math.exp(scores[i] - best)

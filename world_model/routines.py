@@ -369,7 +369,7 @@ class Routines:
         seen = max(self._slot(self._seen[thing]), self._last - self._day, self._first)
         rows = len(self._history.place)
         was = int(self._history.place[seen % rows, thing])
-        if seen >= self._last - 1 or was < 0 or was == place:
+        if seen >= self._last - 1 or was < 0:
             return
         empty = self._last  # newest slot by which it had gone from where it was
         for slot in range(seen + 1, self._last):
@@ -384,7 +384,12 @@ class Routines:
         def choose(low: int, high: int) -> int:
             return int(likely_slot(self._history, thing, was, place, low, high, start, self._day, spread))
 
-        if absent < empty:
+        if was == place:
+            # It was away in between, nobody knows where.
+            if empty == self._last:
+                return
+            gone, came = (seen + 1 + empty) // 2, (absent + 1 + self._last) // 2
+        elif absent < empty:
             gone = came = choose(absent, empty)
         else:
             gone, came = choose(seen, empty), choose(absent, self._last)

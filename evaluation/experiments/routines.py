@@ -24,6 +24,7 @@ HOUSEHOLDS = {"A": "homer/householdA.npz", "B": "homer/householdB.npz"}
 NEEDS = tuple(HOUSEHOLDS.values())
 LEARNED = 65  # days before those that are judged
 STEP = 600.0  # s between looks
+VIEWS = 3  # places in ten minutes, where not all are looked at
 SOON = 3  # steps within which a move is foretold
 HOURS = (1, 3, 6)  # ahead
 EPOCH = 19_000 * 86_400.0  # s, UTC, of the first day: any will do
@@ -226,15 +227,19 @@ def _forecasts(options: Options, report: Report) -> None:
 def _partial(options: Options, report: Report) -> None:
     """The same, learned from three places in ten minutes, drawn at random."""
     rows: list[list[object]] = []
+    shipped = int(np.abs(THRESHOLDS - RoutinesConfig().threshold).argmin())
     for name, home in track(_homes(options).items(), "households"):
-        for views in (0, 3):
-            judged = run(home, RoutinesConfig(), options, views)
-            seen = f"{views} places in ten minutes" if views else "every place"
-            shipped = int(np.abs(THRESHOLDS - RoutinesConfig().threshold).argmin())
-            rows.append([name, seen, *judged.row(3), float(judged.scores()[shipped])])
-    note = "After 3 h. The ten days that are judged are seen whole. Wanted: within 5 points of every place."
-    columns = ["household", "learned from", "right, % ↑", "right of what moved, % ↑", "Brier ↓", "F1 ↑"]
-    report.tables.append(Table("Partial views", columns, rows, note, "partial", data="tuned on"))
+        judged = run(home, RoutinesConfig(), options, VIEWS)
+        rows.append([name, *judged.row(3), float(judged.scores()[shipped]), float(judged.scores().max())])
+    note = (
+        f"{VIEWS} places every ten minutes, drawn at random; the days that are judged are seen whole. After 3 h; F1 of "
+        "moves within 30 minutes, with the shipped threshold and the best. Many stays are over before anybody looks."
+    )
+    columns = [
+        "household", "right, % ↑", "right of what moved, % ↑", "Brier ↓", "F1 ↑", "F1, best ↑",
+    ]  # fmt: skip
+    title = "Learned from views of three places"
+    report.tables.append(Table(title, columns, rows, note, "partial", data="tuned on"))
 
 
 PARTS = {

@@ -291,3 +291,14 @@ def test_what_left_and_came_at_different_times_was_nowhere_known_between() -> No
     assert [row[0] for row in (table, nowhere, sink)] == [0, 2, 10]
     assert nowhere[2] == -1
     assert routines.places[sink[3]] == "table"
+
+
+def test_what_came_back_was_away_in_between() -> None:
+    routines = Routines()
+    at([(0.0, {"mug": "table"})], routines)
+    routines.look("table", [], 2400.0)
+    routines.look("table", ["mug"], 4800.0)
+    [before, away, back] = routines.to_dict()["objects"][0]["stays"]
+    assert before[2] == back[2]
+    assert away[2] == -1
+    assert [before[0], away[0], back[0]] == [0, 2, 6]
