@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from estimation.checks import require_count, require_positive
 from estimation.errors import InputError
 from world_model.routine_kernels import (
     History,
@@ -36,12 +37,12 @@ from world_model.routine_kernels import (
     stays,
     still,
 )
+from world_model.routine_words import usual_move
 
 Array = np.ndarray
 DAY = 86400.0  # s
 FORMAT = "whereabouts.routines"
 VERSION = 1
-FEWEST_DAYS = 3  # on which a thing left a place, before it usually does anything
 EMPTY_HALF_LIFE = 3600.0  # s, in which a look that did not find a thing says half as much
 
 
@@ -69,6 +70,13 @@ class RoutinesConfig:
     origin: float = 1.2
     prior: float = 0.3
     threshold: float = 0.35
+
+    def __post_init__(self) -> None:
+        for name in ("slot", "half_life", "clock", "stay", "prior"):
+            require_positive(name, getattr(self, name))
+        require_count("days", self.days)
+        if DAY % self.slot:
+            raise InputError(f"slot must divide a day of {DAY:g} s, not {self.slot}")
 
     def likeness(self) -> Likeness:
         """The same in slots, for the kernels."""
@@ -201,19 +209,8 @@ class Routines:
         _, place = self._last_seen(thing)
         if place < 0:
             return f"Nobody knows where {object} is."
-        ended = self._at_this_time(
-            stays(self._history, thing, place, self._oldest(self._last), self._last), stamp
-        )
-        here = self._place_names[place]
-        ended = ended[ended[:, 2] >= 0]
-        days = len(np.unique(ended[:, 1] // self._day))
-        if days < FEWEST_DAYS:
-            return f"{object} has left {here} on {days} of the days remembered: too few to tell what it usually does."
-        to = _commonest(ended[:, 2])
-        chosen = ended[ended[:, 2] == to]
-        on = len(np.unique(chosen[:, 1] // self._day))
-        there = self._place_names[to]
-        return f"{object} usually goes from {here} to {there} {self._when(chosen)}; {on} of {days} days."
+        ended = stays(self._history, thing, place, self._oldest(self._last), self._last)
+        return usual_move(object, place, ended, self._slot(stamp), self.config.slot, self._place_names)
 
     def to_dict(self) -> dict[str, Any]:
         """All that was learned, as JSON-able data: for each object its stays (since slot, place, place before)."""
@@ -464,27 +461,6 @@ class Routines:
         total = rest.sum()
         return rest / total if total > 0.0 else chance / chance.sum()
 
-    def _at_this_time(self, ended: Array, stamp: float) -> Array:
-        """Of stays (M, 3) those that lasted into the hour around the time of day of `stamp`; all where none did."""
-        hour = round(3600.0 / self.config.slot)
-        slot = self._slot(stamp)
-        since = (slot + hour // 2 - ended[:, 0]) % self._day
-        lasted = ended[:, 1] - ended[:, 0]
-        chosen = ended[since <= lasted + hour]
-        return chosen if len(chosen) else ended
-
-    def _when(self, chosen: Array) -> str:
-        """After so long a stay, or at a time of day: whichever varies less. chosen : (M, 3) stays."""
-        slot = self.config.slot
-        lasted = (chosen[:, 1] - chosen[:, 0]) * slot
-        middle = float(np.median(lasted))
-        phase = np.exp(2j * np.pi * (chosen[:, 1] % self._day) / self._day)
-        clock = float(np.angle(phase.mean())) / (2.0 * np.pi) * DAY % DAY
-        off = (chosen[:, 1] * slot - clock + DAY / 2.0) % DAY - DAY / 2.0
-        if np.median(np.abs(lasted - middle)) <= np.median(np.abs(off)):
-            return f"about {_duration(middle)} after it came"
-        return f"at about {int(clock // 3600):02d}:{int(clock % 3600 // 60):02d} UTC"
-
 
 def _empty(rows: int, things: int) -> History:
     """A history in which nothing is known."""
@@ -507,16 +483,3 @@ def _names(objects: Iterable[str]) -> list[str]:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _commonest(values: Array) -> int:
-    found, counts = np.unique(values, return_counts=True)
-    return int(found[counts.argmax()])
-
-
-def _duration(seconds: float) -> str:
-    """Minutes up to two hours, hours up to two days, then days."""
-    for unit, length, most in (("min", 60.0, 7200.0), ("h", 3600.0, 2.0 * DAY)):
-        if seconds < most:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds / DAY:.0f} days"

@@ -302,3 +302,24 @@ def test_what_came_back_was_away_in_between() -> None:
     assert before[2] == back[2]
     assert away[2] == -1
     assert [before[0], away[0], back[0]] == [0, 2, 6]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"slot": 0.0}, {"slot": 7.0 * HOUR}, {"days": 0}, {"clock": -1.0}, {"prior": 0.0}]
+)
+def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        RoutinesConfig(**wrong)
+
+
+def test_explanation_says_where_when_and_how_often() -> None:
+    routines = Routines()
+    for day in range(6):
+        for tick in range(40, 70):
+            late = 2 if day % 2 else 0
+            place = "table" if 48 + late <= tick < 50 + late else "sink" if tick >= 50 + late else "cupboard"
+            at([(day * DAY + tick * 600.0, {"mug": place})], routines)
+    now = 6 * DAY + 49 * 600.0
+    at([(now, {"mug": "table"})], routines)
+    said = "mug usually goes from table to sink about 20 min after it came; 6 of 6 days."
+    assert routines.explain("mug", now) == said
