@@ -5,6 +5,7 @@ from world_model.evidence import ObjectEvidence, WorldEvidence
 from world_model.looks import Sensor
 from world_model.maintenance import Maintenance, MaintenanceConfig, Trigger, VerificationTask
 from world_model.relations import Relations
+from world_model.routines import Routines, RoutinesConfig
 from world_model.search import ObjectSearch, SearchConfig, SearchStep
 from world_model.state import WorldObject, WorldState
 from world_model.world import WorldModel
@@ -15,6 +16,8 @@ __all__ = [
     "ObjectEvidence",
     "ObjectSearch",
     "Relations",
+    "Routines",
+    "RoutinesConfig",
     "SearchConfig",
     "SearchStep",
     "Sensor",

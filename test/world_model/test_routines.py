@@ -1,0 +1,325 @@
+"""Routines: forecasts against counts made by hand, learning, forgetting, memory, views of a few places."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from world_model import Routines, RoutinesConfig
+
+HOUR, DAY = 3600.0, 86400.0
+PLACES = ("cupboard", "table", "sink", "shelf")
+FLAT = RoutinesConfig(
+    half_life=1e9, window=0.0, clock=1e9, differs=0.0, stay=1e9, origin=0.0, prior=1e-9, threshold=0.0
+)
+"""Every day at the same time of day counts the same: forecasts are plain counts."""
+
+
+def household(days: int, seed: int = 0) -> list[tuple[float, dict[str, str]]]:
+    """Stamps and where all is, each ten minutes of whole days: a mug with three possible days, a book that rests."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for day in range(days):
+        kind = rng.choice(3, p=[0.6, 0.25, 0.15])
+        start = 8.0 + rng.integers(3) / 6.0
+        for tick in range(144):
+            hour = tick / 6.0
+            mug = "cupboard"
+            if kind < 2 and start <= hour < start + 0.5:
+                mug = "table"
+            elif kind == 0 and start + 0.5 <= hour < 20.0:
+                mug = "sink"
+            rows.append((day * DAY + tick * 600.0, {"mug": mug, "book": "shelf"}))
+    return rows
+
+
+def at(
+    rows: Iterable[tuple[float, dict[str, str]]], routines: Routines, places: Iterable[str] = PLACES
+) -> None:
+    """Look at all given places at every row."""
+    for stamp, where in rows:
+        for place in places:
+            routines.look(place, [name for name, held in where.items() if held == place], stamp)
+
+
+def learned(days: int, config: RoutinesConfig | None = None, until: float = 0.0) -> tuple[Routines, Any]:
+    """Routines after whole days and a part of the next (until, s), and all rows of these days and of the next."""
+    rows = household(days + 1)
+    routines = Routines(config)
+    at([row for row in rows if row[0] <= days * DAY + until], routines)
+    return routines, rows
+
+
+@pytest.mark.parametrize("hours", [1.0, 3.0, 11.5])
+def test_forecast_is_the_count_of_like_days(hours: float) -> None:
+    routines, rows = learned(40, FLAT, 9.0 * HOUR)
+    where = dict(rows)
+    now = 40 * DAY + 9.0 * HOUR
+    counts: Counter[str] = Counter()
+    for day in range(40):
+        then = day * DAY + 9.0 * HOUR
+        if where[then]["mug"] == where[now]["mug"]:
+            counts[where[then + hours * HOUR]["mug"]] += 1
+    found = routines.where("mug", now + hours * HOUR)
+    assert set(found) == set(PLACES)
+    assert sum(found.values()) == pytest.approx(1.0)
+    for place in PLACES:
+        assert found[place] == pytest.approx(counts[place] / counts.total(), abs=1e-6)
+
+
+def test_first_move_is_the_count_of_first_moves() -> None:
+    routines, rows = learned(40, FLAT, 8.0 * HOUR - 600.0)
+    where = dict(rows)
+    counts: Counter[str] = Counter()
+    for day in range(40):
+        places = [where[day * DAY + 8.0 * HOUR + 600.0 * k]["mug"] for k in range(-1, 3)]
+        counts[next((place for place in places if place != places[0]), "stays")] += 1
+    place, chance = routines.moves(40 * DAY + 8.0 * HOUR - 600.0, 1800.0)["mug"]
+    assert place == "table"
+    assert chance == pytest.approx(counts["table"] / 40.0, abs=1e-6)
+
+
+def test_moves_asked_later_than_the_newest_look_count_from_then() -> None:
+    routines, _ = learned(30, None, 6.0 * HOUR)
+    now = 30 * DAY + 6.0 * HOUR
+    assert routines.moves(now, 1800.0) == {}
+    assert routines.moves(now + 2.0 * HOUR - 600.0, 1800.0)["mug"][0] == "table"
+    before = routines.to_dict()
+    assert routines.moves(now + 2.0 * HOUR - 600.0, 1800.0)
+    assert routines.to_dict() == before
+    routines.look("table", [], now + 600.0)  # a question does not move time
+
+
+def test_before_anything_is_learned_things_stay_where_they_were_seen() -> None:
+    routines = Routines()
+    assert routines.where("mug", 0.0) == {}
+    assert routines.moves(0.0, 1800.0) == {}
+    assert "not been seen" in routines.explain("mug", 0.0)
+    routines.look("table", ["mug"], 0.0)
+    assert routines.where("mug", 5.0 * DAY) == {"table": 1.0}
+    routines.look("sink", [], 1.0)
+    soon, late = routines.where("mug", HOUR), routines.where("mug", 12.0 * HOUR)
+    assert soon["table"] > late["table"] > 0.5
+    assert routines.where("cup", HOUR) == {}
+
+
+def test_two_days_are_not_yet_certain() -> None:
+    one, many = learned(2)[0], learned(60)[0]
+    assert one.where("book", 2 * DAY + HOUR)["shelf"] < many.where("book", 60 * DAY + HOUR)["shelf"]
+    assert one.where("mug", 2 * DAY + HOUR)["cupboard"] < 1.0
+
+
+def test_what_is_absent_has_gone_until_it_is_seen() -> None:
+    routines = Routines()
+    routines.look("table", ["mug", "plate"], 0.0)
+    routines.look("sink", [], 0.0)
+    routines.look("shelf", [], 0.0)
+    routines.look("table", ["plate"], 3600.0)
+    now = routines.where("mug", 3600.0)
+    assert now["table"] == pytest.approx(0.0, abs=1e-9)
+    assert sum(now.values()) == pytest.approx(1.0)
+    assert routines.where("plate", 3600.0)["table"] == 1.0
+    routines.look("shelf", ["mug"], 3700.0)
+    assert routines.where("mug", 3700.0)["shelf"] == 1.0
+
+
+def test_unseen_places_keep_what_was_last_seen_there() -> None:
+    routines = Routines()
+    routines.look("table", ["mug"], 0.0)
+    routines.look("sink", ["cup"], 7200.0)
+    found = routines.where("mug", 7200.0)
+    assert max(found, key=lambda place: found[place]) == "table"
+
+
+def test_views_of_one_place_at_a_time_learn_the_same_habit() -> None:
+    rows = household(40)
+    rng = np.random.default_rng(1)
+    routines = Routines()
+    for row in rows:
+        at([row], routines, [str(rng.choice(PLACES))])
+    at([rows[-1]], routines)
+    found = routines.where("mug", 40 * DAY + 13.0 * HOUR)
+    assert max(found, key=lambda place: found[place]) == "sink"
+
+
+def test_old_habits_are_forgotten() -> None:
+    routines = Routines(RoutinesConfig(half_life=5.0))
+    for day in range(60):
+        usual = "sink" if day < 40 else "shelf"
+        for tick in range(0, 144, 3):
+            place = usual if tick >= 60 else "cupboard"
+            at([(day * DAY + tick * 600.0, {"mug": place})], routines)
+    found = routines.where("mug", 60 * DAY + 12.0 * HOUR)
+    assert max(found, key=lambda place: found[place]) == "shelf"
+    assert found["sink"] < 0.1
+
+
+def test_memory_stays_flat() -> None:
+    config = RoutinesConfig(days=5, slot=1800.0)
+    routines = Routines(config)
+    sizes = []
+    for day in range(30):
+        for tick in range(48):
+            stamp = day * DAY + tick * 1800.0
+            routines.look("table", ["mug", f"visitor-{day}"] if tick % 2 else ["mug"], stamp)
+            routines.look("sink", ["cup"] if tick > 20 else [], stamp)
+        sizes.append((routines._history.place.size, len(json.dumps(routines.to_dict()))))
+    assert len({size for size, _ in sizes[10:]}) == 1
+    assert max(text for _, text in sizes[10:]) < 1.2 * min(text for _, text in sizes[10:])
+    assert "visitor-3" not in routines.objects
+    assert {"mug", "cup", "visitor-29"} <= set(routines.objects)
+
+
+def test_a_long_pause_forgets_but_does_not_fail() -> None:
+    routines, _ = learned(10)
+    routines.look("table", ["mug"], 2000 * DAY)
+    assert routines.where("mug", 2000 * DAY)["table"] == 1.0
+    assert routines.moves(3000 * DAY, 1800.0).keys() <= {"mug", "book"}
+
+
+def test_restored_answers_and_learns_the_same() -> None:
+    rows = household(35)
+    routines = Routines(RoutinesConfig(days=12))
+    at(rows[: 144 * 30 + 50], routines)
+    again = Routines.from_dict(json.loads(json.dumps(routines.to_dict())))
+    assert again.to_dict() == routines.to_dict()
+    at(rows[144 * 30 + 50 : 144 * 32 + 48], routines)
+    at(rows[144 * 30 + 50 : 144 * 32 + 48], again)
+    now = rows[144 * 32 + 48][0]
+    assert again.to_dict() == routines.to_dict()
+    assert again.moves(now, 1800.0) == routines.moves(now, 1800.0)
+    for hours in (0.0, 0.5, 3.0, 50.0):
+        stamp = now + hours * HOUR
+        assert again.where("mug", stamp) == pytest.approx(routines.where("mug", stamp))
+    assert Routines.from_dict(json.loads(json.dumps(Routines().to_dict()))).places == ()
+
+
+def test_same_looks_give_same_answers() -> None:
+    first, second = (learned(20, None, 8.0 * HOUR)[0] for _ in range(2))
+    stamp = 20 * DAY + 10.0 * HOUR
+    assert first.where("mug", stamp) == second.where("mug", stamp)
+    assert first.moves(stamp, 1800.0) == second.moves(stamp, 1800.0)
+
+
+def test_order_of_places_in_one_round_does_not_matter() -> None:
+    rows = household(15)
+    one, other = Routines(), Routines()
+    at(rows, one)
+    at(rows, other, PLACES[::-1])
+    stamp = rows[-1][0] + 9.0 * HOUR
+    assert one.where("mug", stamp) == pytest.approx(other.where("mug", stamp))
+
+
+def test_explains_in_one_sentence() -> None:
+    routines, _ = learned(50, None, 8.0 * HOUR + 1200.0)
+    said = routines.explain("mug", 50 * DAY + 8.0 * HOUR + 1200.0)
+    assert said.count(".") == 1
+    assert "mug usually goes from" in said
+    assert "days" in said
+    assert "too few" in routines.explain("book", 51 * DAY)
+
+
+@pytest.mark.parametrize("stamp", [math.nan, math.inf, -math.inf])
+def test_stamps_must_be_finite(stamp: float) -> None:
+    routines = Routines()
+    for ask in (
+        lambda: routines.look("table", [], stamp),
+        lambda: routines.where("mug", stamp),
+        lambda: routines.moves(stamp, 1800.0),
+        lambda: routines.explain("mug", stamp),
+        lambda: routines.moves(0.0, stamp),
+    ):
+        with pytest.raises(InputError):
+            ask()
+
+
+def test_bad_input_is_refused_and_changes_nothing() -> None:
+    routines = Routines()
+    routines.look("table", ["mug"], 100.0)
+    before = routines.to_dict()
+    for place, objects, stamp in (
+        ("", ["mug"], 200.0),
+        ("table", [""], 200.0),
+        ("table", "mug", 200.0),
+        ("table", [3], 200.0),
+        ("table", ["mug"], 99.0),
+    ):
+        with pytest.raises(InputError):
+            routines.look(place, objects, stamp)  # type: ignore[arg-type]
+    with pytest.raises(InputError):
+        routines.where("mug", 99.0)
+    with pytest.raises(InputError):
+        routines.moves(100.0, -1.0)
+    assert routines.to_dict() == before
+    with pytest.raises(InputError):
+        Routines.from_dict({"format": "else"})
+    with pytest.raises(InputError):
+        Routines.from_dict({**before, "objects": [{}]})
+
+
+def test_what_nobody_saw_happened_when_it_usually_does() -> None:
+    routines = Routines()
+    for day in range(10):
+        for tick in range(48, 60):
+            at([(day * DAY + tick * 600.0, {"mug": "table" if tick < 54 else "sink"})], routines)
+    seen = 10 * DAY + 8.0 * HOUR
+    at([(seen, {"mug": "table"}), (seen + 1.75 * HOUR, {"mug": "sink"})], routines)
+    [*_, table, sink] = routines.to_dict()["objects"][0]["stays"]
+    assert routines.places[table[2]] == "table"
+    assert routines.places[sink[2]] == "sink"
+    assert sink[1] == (10 * 144) + 54
+    fresh = Routines()
+    at([(seen, {"mug": "table"}), (seen + HOUR, {"mug": "sink"})], fresh)
+    [*_, sink] = fresh.to_dict()["objects"][0]["stays"]
+    assert sink[1] == (10 * 144) + 48 + 3
+
+
+def test_what_left_and_came_at_different_times_was_nowhere_known_between() -> None:
+    routines = Routines()
+    at([(0.0, {"mug": "table"})], routines)
+    routines.look("table", [], 2400.0)
+    routines.look("sink", [], 4800.0)
+    routines.look("sink", ["mug"], 7200.0)
+    [table, nowhere, sink] = routines.to_dict()["objects"][0]["stays"]
+    assert [row[0] for row in (table, nowhere, sink)] == [0, 2, 10]
+    assert nowhere[2] == -1
+    assert routines.places[sink[3]] == "table"
+
+
+def test_what_came_back_was_away_in_between() -> None:
+    routines = Routines()
+    at([(0.0, {"mug": "table"})], routines)
+    routines.look("table", [], 2400.0)
+    routines.look("table", ["mug"], 4800.0)
+    [before, away, back] = routines.to_dict()["objects"][0]["stays"]
+    assert before[2] == back[2]
+    assert away[2] == -1
+    assert [before[0], away[0], back[0]] == [0, 2, 6]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"slot": 0.0}, {"slot": 7.0 * HOUR}, {"days": 0}, {"clock": -1.0}, {"prior": 0.0}]
+)
+def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        RoutinesConfig(**wrong)
+
+
+def test_explanation_says_where_when_and_how_often() -> None:
+    routines = Routines()
+    for day in range(6):
+        for tick in range(40, 70):
+            late = 2 if day % 2 else 0
+            place = "table" if 48 + late <= tick < 50 + late else "sink" if tick >= 50 + late else "cupboard"
+            at([(day * DAY + tick * 600.0, {"mug": place})], routines)
+    now = 6 * DAY + 49 * 600.0
+    at([(now, {"mug": "table"})], routines)
+    said = "mug usually goes from table to sink about 20 min after it came; 6 of 6 days."
+    assert routines.explain("mug", now) == said
