@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -136,6 +136,17 @@ class MapMatcher:
             found = [best, *self._search(scan, last, start, WIDE_SEARCH)]
             best = self._best(found, scan, start, far)
         return best, best.believable(start, far)
+
+    def outdoes_prediction(self, match: Match, scan: PreparedScan, start: Array) -> bool:
+        """Whether more speaks for a match that is not to be believed than for the prediction `start` (3,) as it is."""
+        away = between(start, match.refined.pose)
+        reach, turn, _ = NEAR_SEARCH
+        if match.refined.open_directions > 1 or np.hypot(*away[:2]) > reach or abs(away[2]) > turn:
+            return False
+        there = replace(match.refined, pose=start)
+        kept = Match(there, weigh(scan.surface, self.map.target, NOTHING_SEEN, start, 0.1))
+        ours, theirs = (replace(m, against=self._against(m, scan)) for m in (match, kept))
+        return _merit(ours, start) > _merit(theirs, start)
 
     def _outdoes(self, rival: Match, match: Match, scan: PreparedScan) -> bool:
         """Whether more of the scan's outline agrees there, less what contradicts."""

@@ -90,6 +90,9 @@ class ScanTracker:
             believable = self._habit.plausible(moved, self._lost + 1)
         if not believable:
             reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
+            if guess is None and self._matcher.outdoes_prediction(match, prepared, start):
+                reason = f"only {match.share:.0%} of the scan agrees with the map, which is more than where it was predicted"
+                motion = between(self.pose, match.refined.pose)
             return self._predict(motion, guess is not None, reason, match.share)
         return self._accept(prepared, motion, guess is not None, match)
 
