@@ -76,7 +76,7 @@ class ScanTracker:
             return self._begin(prepared, motion, poor)
         start = compound(self.pose, motion)
         if poor:
-            return self._predict(motion, guess is not None, poor, 0.0)
+            return self._predict(None, motion, guess is not None, poor, 0.0)
         # Wheels may jump after a gap, but not often: a place far from where they put the sensor needs a second look.
         astray = self._lost >= 2
         far = (0.6 if astray else NEVER) if guess is not None else FAR
@@ -93,7 +93,7 @@ class ScanTracker:
             if guess is None and self._matcher.outdoes_prediction(match, prepared, start):
                 reason = f"only {match.share:.0%} of the scan agrees with the map, which is more than where it was predicted"
                 motion = between(self.pose, match.refined.pose)
-            return self._predict(motion, guess is not None, reason, match.share)
+            return self._predict(prepared, motion, guess is not None, reason, match.share)
         return self._accept(prepared, motion, guess is not None, match)
 
     def _rival(self, guess: Array | None) -> Array | None:
@@ -137,7 +137,10 @@ class ScanTracker:
         increment = np.zeros(3) if first else motion
         return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
 
-    def _predict(self, motion: Array, wheels: bool, reason: str, fitness: float) -> Step:
+    def _predict(
+        self, scan: PreparedScan | None, motion: Array, wheels: bool, reason: str, fitness: float
+    ) -> Step:
+        """Keep a motion that is not sure; `scan` : None where too little is to be seen."""
         self._lost += 1
         self.pose = compound(self.pose, motion)
         # Without wheels, a sensor that is lost is taken to come to rest.
@@ -146,6 +149,10 @@ class ScanTracker:
         gone = float(np.hypot(*(self.pose[:2] - self._sure[:2])))
         if self._lost >= self.tuning.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
             self.map.clear()
+            if scan is not None:
+                # The next one has this one to be laid on.
+                self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
+                self._insert(scan)
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
     def _accept(self, scan: PreparedScan, motion: Array, wheels: bool, match: Match) -> Step:
