@@ -135,7 +135,9 @@ class MapMatcher:
                 return max(close, key=lambda match: match.agreement.agreeing), True
         if wide and not best.believable(start, far):
             found = [best, *self._search(scan, last, start, WIDE_SEARCH)]
-            best = self._best(found, scan, start, far)
+            farther = self._best(found, scan, start, far)
+            # Of what is not to be believed, the nearer.
+            best = farther if farther.believable(start, far) else best
         return best, best.believable(start, far)
 
     def outdoes_prediction(self, match: Match, scan: PreparedScan, start: Array) -> bool:
