@@ -20,7 +20,7 @@ from registration.refine import Refined, refine
 SURE = 0.6  # share of a scan's outline that needs no second look where it was predicted to be
 SURER = 0.9  # the same elsewhere: somebody walking along with the sensor pulls it along
 FAR = 0.4  # share asked of a match far from the prediction where nothing but the last motion predicts
-TURNED = 0.7  # and of one turned farther than a near search looks: rooms and corridors fit themselves backwards
+TURNED = 0.6  # less what contradicts, asked of a match turned far: rooms and corridors fit themselves backwards
 NEVER = 2.0
 LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
 AGREES, MUCH = 0.65, 6.0  # share and metres of outline that make what contradicts unimportant nearby
@@ -79,8 +79,11 @@ class Match:
             # A few pieces of outline fit in many places.
             if self.refined.open_directions or self.agreement.agreeing < LEAST_OUTLINE:
                 return False
-            least = far if turn <= NEAR_SEARCH[1] else max(far, TURNED)
-        return self.share >= least and self.against < 0.4 * self.agreement.agreeing
+            least = far
+        doubt = self.against / self.agreement.agreeing if self.agreement.agreeing else 1.0
+        if turn > 0.6 and self.share - doubt < TURNED:
+            return False
+        return self.share >= least and doubt < 0.4
 
 
 class MapMatcher:
