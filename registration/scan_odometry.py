@@ -14,7 +14,7 @@ import numpy as np
 from estimation.poses import between, compound, wrap_angle
 from registration.habit import Habit
 from registration.local_map import LocalMap
-from registration.map_matching import FAR, NEVER, SURE, MapMatcher, Match
+from registration.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match
 from registration.motion import Array, Step
 from registration.prepared import NOISE, PreparedScan, view_of
 from registration.range_offset import RangeOffset
@@ -72,6 +72,9 @@ class ScanTracker:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
         elapsed = self._elapsed(stamp)
         motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
+        if guess is None and abs(motion[2]) > NEAR_SEARCH[1]:
+            # Who turned so far between two scans has turned where he wanted.
+            motion = np.array([motion[0], motion[1], 0.0])
         prepared = PreparedScan(self._surface(scan, motion, elapsed), view_of(scan))
         lined = int(prepared.surface.lined.sum())
         poor = (
@@ -87,8 +90,9 @@ class ScanTracker:
         far = (0.6 if astray else NEVER) if guess is not None else FAR
         steady = guess is None and self._habit.steady
         match, believable = self._matcher.find(
-            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess)
-        )
+            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess),
+            TURNED if guess is None else 0.0,
+        )  # fmt: skip
         if steady and believable and self._lost < 2:
             # Not longer, lest a sensor that is lost be never found.
             moved = between(self._sure, match.refined.pose)
