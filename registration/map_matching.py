@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from registration.refine import Refined, refine
 SURE = 0.6  # share of a scan's outline that needs no second look where it was predicted to be
 SURER = 0.9  # the same elsewhere: somebody walking along with the sensor pulls it along
 FAR = 0.4  # share asked of a match far from the prediction where nothing but the last motion predicts
+TURNED = (
+    0.6  # less what contradicts, asked of a match turned far: rooms and corridors fit themselves backwards
+)
 NEVER = 2.0
 LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
 AGREES, MUCH = 0.65, 6.0  # share and metres of outline that make what contradicts unimportant nearby
@@ -62,10 +65,11 @@ class Match:
         away = between(start, self.refined.pose)
         return bool(np.hypot(*away[:2]) < 0.12 and abs(away[2]) < 0.06)
 
-    def believable(self, start: Array, far: float) -> bool:
+    def believable(self, start: Array, far: float, turned: float = TURNED) -> bool:
         """Whether enough speaks for it: little is enough where it is what was predicted.
 
-        far : share that is asked of a match more than 0.6 m or 0.6 rad from the prediction.
+        far : share that is asked of a match more than 0.6 m or 0.6 rad from the prediction. turned : the same, less
+        what contradicts, of more than 0.6 rad.
         """
         if self.refined.open_directions == 3:
             return False
@@ -79,7 +83,10 @@ class Match:
             if self.refined.open_directions or self.agreement.agreeing < LEAST_OUTLINE:
                 return False
             least = far
-        return self.share >= least and self.against < 0.4 * self.agreement.agreeing
+        doubt = self.against / self.agreement.agreeing if self.agreement.agreeing else 1.0
+        if turn > 0.6 and self.share - doubt < turned:
+            return False
+        return self.share >= least and doubt < 0.4
 
 
 class MapMatcher:
@@ -107,11 +114,12 @@ class MapMatcher:
         wide: bool = False,
         little: bool = False,
         other: Array | None = None,
+        turned: float = TURNED,
     ) -> tuple[Match, bool]:
         """Best match around `start` (3,), and whether it is to be believed.
 
         other : a second prediction (3,) that is far from `start`; what the scan agrees with more is followed.
-        far : share asked of a match far from the prediction, above 1 for never.
+        far : share asked of a match far from the prediction, above 1 for never. turned : see `Match.believable`.
         wide : search around `last` too, where the sensor was last sure to be.
         little : near `start`, little or contradicted agreement is enough: neighbouring scans share little.
         """
@@ -122,20 +130,33 @@ class MapMatcher:
                 best, start = rival, other
         if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
             return best, True
-        if best.believable(start, far) and best.share >= SURER:
+        if best.believable(start, far, turned) and best.share >= SURER:
             return best, True
         tight = self._refined(scan, start.copy(), 0.1)
         found = [best, tight, *self._search(scan, start, start, NEAR_SEARCH)]
-        best = self._best(found, scan, start, far)
-        if little and not best.believable(start, far):
+        best = self._best(found, scan, start, far, turned)
+        if little and not best.believable(start, far, turned):
             found = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
             close = [match for match in found if match.agrees or match.uncontradicted]
             if close:
                 return max(close, key=lambda match: match.agreement.agreeing), True
-        if wide and not best.believable(start, far):
+        if wide and not best.believable(start, far, turned):
             found = [best, *self._search(scan, last, start, WIDE_SEARCH)]
-            best = self._best(found, scan, start, far)
-        return best, best.believable(start, far)
+            farther = self._best(found, scan, start, far, turned)
+            # Of what is not to be believed, the nearer.
+            best = farther if farther.believable(start, far, turned) else best
+        return best, best.believable(start, far, turned)
+
+    def outdoes_prediction(self, match: Match, scan: PreparedScan, start: Array) -> bool:
+        """Whether more speaks for a match that is not to be believed than for the prediction `start` (3,) as it is."""
+        away = between(start, match.refined.pose)
+        reach, turn, _ = NEAR_SEARCH
+        if match.refined.open_directions > 1 or np.hypot(*away[:2]) > reach or abs(away[2]) > turn:
+            return False
+        there = replace(match.refined, pose=start)
+        kept = Match(there, weigh(scan.surface, self.map.target, NOTHING_SEEN, start, 0.1))
+        ours, theirs = (replace(m, against=self._against(m, scan)) for m in (match, kept))
+        return _merit(ours, start) > _merit(theirs, start)
 
     def _outdoes(self, rival: Match, match: Match, scan: PreparedScan) -> bool:
         """Whether more of the scan's outline agrees there, less what contradicts."""
@@ -163,9 +184,9 @@ class MapMatcher:
             found.append(match)
         return found
 
-    def _best(self, found: list[Match], scan: PreparedScan, start: Array, far: float) -> Match:
+    def _best(self, found: list[Match], scan: PreparedScan, start: Array, far: float, turned: float) -> Match:
         judged = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
-        return max(judged, key=lambda match: (match.believable(start, far), _merit(match, start)))
+        return max(judged, key=lambda match: (match.believable(start, far, turned), _merit(match, start)))
 
     def _against(self, match: Match, scan: PreparedScan) -> float:
         """Map outline this scan saw through, and scan outline where the last scan saw through; metres."""

@@ -14,7 +14,7 @@ import numpy as np
 from estimation.poses import between, compound, wrap_angle
 from registration.habit import Habit
 from registration.local_map import LocalMap
-from registration.map_matching import FAR, NEVER, SURE, MapMatcher, Match
+from registration.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match
 from registration.motion import Array, Step
 from registration.prepared import NOISE, PreparedScan, view_of
 from registration.range_offset import RangeOffset
@@ -51,10 +51,11 @@ class ScanTracker:
 
     def __init__(self, tuning: Tuning | None = None) -> None:
         self.tuning = tuning or Tuning()
-        self.map = LocalMap(self.tuning.map_radius, self.tuning.map_memory)
+        self.map, self._matcher = self._empty()
+        # Of the scans since the map was lost; takes its place if it is not found again.
+        self._spare, self._spare_matcher = self._empty()
         self.offset = RangeOffset()
         self.pose = np.zeros(3)
-        self._matcher = MapMatcher(self.map, self.tuning.doubt, self.tuning.tolerance)
         self._habit = Habit()
         self._key, self._sure = np.zeros(3), np.zeros(3)
         self._last = np.zeros(3)  # motion of the last step
@@ -63,10 +64,17 @@ class ScanTracker:
         self._lost = 0
         self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
 
+    def _empty(self) -> tuple[LocalMap, MapMatcher]:
+        made = LocalMap(self.tuning.map_radius, self.tuning.map_memory)
+        return made, MapMatcher(made, self.tuning.doubt, self.tuning.tolerance)
+
     def step(self, scan: Scan, stamp: float, guess: Array | None) -> Step:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
         elapsed = self._elapsed(stamp)
         motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
+        if guess is None and abs(motion[2]) > NEAR_SEARCH[1]:
+            # Who turned so far between two scans has turned where he wanted.
+            motion = np.array([motion[0], motion[1], 0.0])
         prepared = PreparedScan(self._surface(scan, motion, elapsed), view_of(scan))
         lined = int(prepared.surface.lined.sum())
         poor = (
@@ -82,15 +90,15 @@ class ScanTracker:
         far = (0.6 if astray else NEVER) if guess is not None else FAR
         steady = guess is None and self._habit.steady
         match, believable = self._matcher.find(
-            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess)
-        )
+            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess),
+            TURNED if guess is None else 0.0,
+        )  # fmt: skip
         if steady and believable and self._lost < 2:
             # Not longer, lest a sensor that is lost be never found.
             moved = between(self._sure, match.refined.pose)
             believable = self._habit.plausible(moved, self._lost + 1)
         if not believable:
-            reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
-            return self._predict(motion, guess is not None, reason, match.share)
+            return self._stray(prepared, motion, guess is not None, match)
         return self._accept(prepared, motion, guess is not None, match)
 
     def _rival(self, guess: Array | None) -> Array | None:
@@ -134,14 +142,55 @@ class ScanTracker:
         increment = np.zeros(3) if first else motion
         return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
 
+    def _stray(self, scan: PreparedScan, motion: Array, wheels: bool, match: Match) -> Step:
+        """A scan that is nowhere in the map: laid on those since the map was lost, else where it probably is.
+
+        match : the best there is in the map.
+        """
+        start = compound(self.pose, motion)
+        if len(self._spare):
+            found, believable = self._spare_matcher.find(scan, start, self.pose, FAR, not wheels)
+            if believable:
+                return self._follow(scan, motion, found.refined, found.share)
+        reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
+        if not wheels and self._matcher.outdoes_prediction(match, scan, start):
+            motion = between(self.pose, match.refined.pose)
+            reason = f"only {match.share:.0%} of the scan agrees with the map, but more than where it was predicted"
+        step = self._predict(motion, wheels, reason, match.share)
+        self._spare.clear()
+        self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
+        self._change_map(wheels)
+        return step
+
+    def _follow(self, scan: PreparedScan, motion: Array, refined: Refined, share: float) -> Step:
+        """The motion since the last scan is known by the scans since the map was lost."""
+        before = self.pose
+        self._lost += 1
+        self.pose = refined.pose
+        self._last = between(before, self.pose)
+        noise = in_frame(scan_covariance(refined, motion, float(before[2])), float(before[2]))
+        self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
+        self._spare_matcher.saw(scan.view, self.pose)
+        self._change_map(wheels=False)
+        reason = "the map is lost: the scan is laid on those before it"
+        return Step(self._last, noise, True, reason, share, np.zeros((0, 2)), noise)
+
+    def _change_map(self, wheels: bool) -> None:
+        """Give the map up where it was not found for long."""
+        gone = float(np.hypot(*(self.pose[:2] - self._sure[:2])))
+        if self._lost >= self.tuning.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
+            self.map, self._spare = self._spare, self.map
+            self._matcher, self._spare_matcher = self._spare_matcher, self._matcher
+            self._spare.clear()
+            self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
+
     def _predict(self, motion: Array, wheels: bool, reason: str, fitness: float) -> Step:
         self._lost += 1
         self.pose = compound(self.pose, motion)
         # Without wheels, a sensor that is lost is taken to come to rest.
         self._last = motion if wheels or self._habit.steady else 0.5 * motion
         doubt = prediction_covariance(motion)
-        gone = float(np.hypot(*(self.pose[:2] - self._sure[:2])))
-        if self._lost >= self.tuning.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
+        if self._lost >= self.tuning.patience and not len(self._spare):
             self.map.clear()
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
@@ -149,6 +198,8 @@ class ScanTracker:
         before, refined = self.pose, match.refined
         found_before = not self._lost
         self._lost = 0
+        if not found_before:
+            self._spare.clear()
         self.pose = refined.pose
         increment = between(before, self.pose)
         if not wheels and found_before and match.share >= SURE and not refined.open_directions:
