@@ -77,9 +77,26 @@ def test_stale_wheels_that_catch_up_do_no_harm() -> None:
         pending, motions[k] = compound(pending, motions[k]), np.zeros(3)
     motions[66] = compound(pending, motions[66])
     odometry = Odometry()
-    for scan, motion in zip(scans, motions, strict=True):
+    for k, (scan, motion) in enumerate(zip(scans, motions, strict=True)):
         odometry.register(scan, scan.stamp, motion)
-    assert final_error(odometry, truth)[0] < 0.1
+        assert final_error(odometry, truth[: k + 1])[0] < 0.1, "no scan is pulled along"
+
+
+@pytest.mark.parametrize("seed", [11, 14, 15])
+def test_motion_is_known_where_the_map_is_lost(seed: int) -> None:
+    """Carried to another floor: one step is a guess, those after it are not."""
+    before, after = floor_run(seed, seconds=6.0), floor_run(seed + 50, seconds=4.0)
+    odometry, steps = Odometry(), []
+    for scan in before[0]:
+        odometry.register(scan, scan.stamp)
+    for k, scan in enumerate(after[0]):
+        odometry.register(scan, before[0][-1].stamp + 0.2 * (k + 1))
+        steps.append(odometry.increment)
+    truth = after[1]
+    for k in range(1, len(truth)):
+        error = between(between(truth[k - 1], truth[k]), steps[k])
+        assert np.hypot(*error[:2]) < 0.05, k
+        assert abs(error[2]) < 0.03, k
 
 
 def test_survives_blind_scans() -> None:
