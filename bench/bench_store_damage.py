@@ -92,6 +92,8 @@ def opened(path: Path) -> tuple[float, set[Fact] | None]:
 
 def started(path: Path, folder: Path) -> float:
     """Seconds until the node is active that has this store."""
+    # Else what was just copied would have to reach the disk first.
+    os.sync()
     with Supervisor(folder) as supervisor:
         begun = time.monotonic()
         node = supervisor.start(NodeSpec("world_model", parameters={"store_path": str(path)}))

@@ -15,9 +15,8 @@ from evaluation.report import Options, Part, Report, Table
 
 FIRST_DAY = 200
 """Seed of the first other day."""
-QUICK_SHIPPED, QUICK = 200.0, 100.0
-"""s of the shipped day, and of another day, in a quick run."""
-CUT = "Of the {what} only the first {seconds:g} s are replayed: not everything has been in view by then."
+QUICK = 100.0
+"""s of another day in a quick run."""
 PROCESSES = (
     "whereabouts.nodes.scan_registration_node",
     "whereabouts.nodes.loop_closure_node",
@@ -56,13 +55,11 @@ COSTS: tuple[tuple[str, str, float | None], ...] = (
 
 
 def _shipped_day(options: Options, report: Report) -> None:
-    """The bag of `make demo`; a quick run makes its beginning anew."""
+    """The bag of `make demo`."""
     with TemporaryDirectory() as folder:
-        found = _replayed(None, QUICK_SHIPPED if options.quick else None, Path(folder))
+        found = _replayed(None, None, Path(folder))
     report.tables.append(_table("The day of the demo", "shipped-day", ROWS, found, "tuned on"))
     report.tables.append(_table("What it costs", "costs", COSTS, found, "simulated"))
-    if options.quick:
-        report.notes.append(CUT.format(what="shipped day", seconds=QUICK_SHIPPED))
 
 
 def _other_days(options: Options, report: Report) -> None:
@@ -73,7 +70,9 @@ def _other_days(options: Options, report: Report) -> None:
         _table("Other days, left out of every choice", "other-days", ROWS, found, "left out")
     )
     if options.quick:
-        report.notes.append(CUT.format(what="other day", seconds=QUICK))
+        report.notes.append(
+            f"The other days are cut off after {QUICK:g} s: not everything has been in view by then."
+        )
 
 
 def _replayed(seed: int | None, duration: float | None, folder: Path) -> dict[str, Any]:
@@ -86,11 +85,11 @@ def _replayed(seed: int | None, duration: float | None, folder: Path) -> dict[st
     from whereabouts.simulation.apartment_day import Day
 
     prepare_environment(private=True)
-    if seed is None and duration is None:
+    if seed is None:
         bag = apartment_bag(folder)
     else:
         bag = folder / "day.mcap"
-        record(bag, duration, Day() if seed is None else Day(seed=seed))
+        record(bag, duration, Day(seed=seed))
     recording, run = replay(bag, folder / "out")
     return figures(judge(recording, bag, run))
 

@@ -279,7 +279,7 @@ PARTS = {
     "occlusions": Part(_occlusions),
     "driving": Part(among_people, quick_seeds=2),
     "one stands": Part(one_stands),
-    "everything else": Part(everything_else),
+    "everything else": Part(everything_else, quick_seeds=2),
     "phantoms": Part(phantom_benchmark, random=False, needs=PHANTOM_NEEDS),
     "home": Part(_home, quick_seeds=3),
     "hidden": Part(_hidden),

@@ -133,7 +133,7 @@ def one_stands(options: Options, report: Report) -> None:
 
 def everything_else(options: Options, report: Report) -> None:
     """The scenes of the other parts, by the people tracker and the mixture."""
-    few = options.share(5, 5)
+    few = options.share(5, 2)
 
     def driven(rng: np.random.Generator, drives: bool) -> Scene:
         kind = OcclusionKind(str(rng.choice(LAYOUTS)), str(rng.choice(MOTIONS)), "legs", drives)

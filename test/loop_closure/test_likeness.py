@@ -31,6 +31,7 @@ def test_a_second_round_looks_like_the_first() -> None:
             if likely:
                 best = max(likely, key=lambda j: likely[j])
                 found.append(float(np.hypot(*(poses[best, :2] - pose[:2]))))
-            assert likeness.of(k, keyframes, APART) == {}
+            assert likeness.of(k, keyframes, APART) == likely, "what was found is remembered"
+            assert likeness.of(0, keyframes, APART) == {}, "nobody asked when it was the newest"
     assert len(found) > 15
     assert np.mean(np.array(found) < 2.0) > 0.8
