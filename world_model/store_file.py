@@ -17,6 +17,7 @@ from world_model.store_format import APPLICATION, FIRST_VERSION, MAGIC, VERSION,
 from world_model.store_pages import Pages
 from world_model.store_repair import (
     READING_ERRORS,
+    Examined,
     connect,
     examine,
     has_our_rows,
@@ -102,9 +103,9 @@ class StoreFile:
             if not path.exists():
                 self._clear_companions()
                 make(path)
-            why = self._judged(Pages(path))
+            why = Examined(self._judged(Pages(path)))
             connection = None
-            if not why:
+            if not why.problems:
                 connection, why = self._checked("rw")
             if connection is None:
                 self._put_right(why)
@@ -123,16 +124,16 @@ class StoreFile:
         try:
             pages = Pages(path)
             # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
-            why = self._judged(pages) if not _is_being_written(path) else []
+            why = Examined(self._judged(pages) if not _is_being_written(path) else [])
             connection = None
-            if not why:
+            if not why.problems:
                 connection, why = self._checked("ro")
             if connection is None:
                 connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
                 salvage = rebuild(path, why, self.snapshots, connection)
-                if why != [_OLD]:
+                if why.problems != [_OLD]:
                     self.found.append(
-                        f"{path}: is damaged: {_first(why)}; answered from what is whole: {salvage}"
+                        f"{path}: is damaged: {_first(why.problems)}; answered from what is whole: {salvage}"
                     )
             return connection
         except (sqlite3.Error, OSError) as error:
@@ -163,32 +164,32 @@ class StoreFile:
             return False
         return has_our_rows(pages)
 
-    def _checked(self, mode: str) -> tuple[sqlite3.Connection | None, list[str]]:
+    def _checked(self, mode: str) -> tuple[sqlite3.Connection | None, Examined]:
         """A connection to a file that is whole, or what is damaged."""
         connection = None
         try:
             connection = connect(self.path, mode)
             connection.execute("PRAGMA secure_delete = ON").fetchall()
-            problems = examine(connection)
+            found = examine(connection)
         except READING_ERRORS as error:
-            problems = [str(error)]
-        if problems and connection is not None:
+            found = Examined([str(error)])
+        if found.problems and connection is not None:
             connection.close()
             connection = None
-        return connection, problems
+        return connection, found
 
-    def _put_right(self, why: list[str]) -> None:
+    def _put_right(self, why: Examined) -> None:
         """Exchange the file for one of everything that is whole."""
         path = self.path
         made, salvage = rebuild_beside(path, why, self.snapshots)
-        old = why == [_OLD]
+        old = why.problems == [_OLD]
         self.aside = set_aside(path, "version-1" if old else "damaged")
         made.replace(path)
         if old and not salvage.lost_rows:
             self.aside = None
             return
         self.found.append(
-            f"{path}: is damaged: {_first(why)}; {salvage}; it was set aside as {self.aside.name}"
+            f"{path}: is damaged: {_first(why.problems)}; {salvage}; it was set aside as {self.aside.name}"
         )
         lines = [*self.found[-1:], *salvage.why, *salvage.lost_rows]
         Path(f"{self.aside}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -304,7 +305,7 @@ def copy_store(connection: sqlite3.Connection, target: Path) -> None:
 
 def _compare(path: Path, expected: tuple[object, ...]) -> None:
     with closing(connect(path, "ro")) as copy:
-        problems = examine(copy)
+        problems = examine(copy).problems
         if not problems and copy.execute("SELECT * FROM clock").fetchone() != expected:
             problems = ["holds something else than was written"]
     if problems:

@@ -47,7 +47,7 @@ class Keeper:
     def look(self) -> None:
         """One check, and a snapshot where something has been written since the last. Raises sqlite3.Error, OSError."""
         with closing(connect(self._path, "ro", timeout=5.0)) as connection:
-            found = examine(connection, self._pause)
+            found = examine(connection, self._pause).problems
             self.checks += 1
             if found:
                 self.found = found
@@ -68,7 +68,7 @@ class Keeper:
         part.unlink(missing_ok=True)
         connection.execute("VACUUM INTO ?", (str(part),))
         with closing(connect(part, "ro")) as copy:
-            found = examine(copy, self._pause)
+            found = examine(copy, self._pause).problems
         if found:
             part.unlink()
             raise OSError(found[0])

@@ -64,19 +64,17 @@ class Pages:
 def rows_of(pages: Pages, page: bytes) -> list[tuple[Any, ...]]:
     """Rows of a page, the key in place of the first value, text as bytes; also those nothing points to any more."""
     found = []
-    covered = bytearray(PAGE)
+    rest = bytearray(page)
     if page[0] == LEAF:
         count = min(int.from_bytes(page[3:5], "big"), (PAGE - 8) // 2)
         for (start,) in struct.iter_unpack(">H", page[8 : 8 + 2 * count]):
             row, end = _cell(pages, page, start)
             if row is not None:
                 found.append(row)
-                covered[start:end] = b"\1" * (end - start)
+                rest[start:end] = b"\xff" * (end - start)
     # Where the head of the page is wrong, or an entry of its list, rows lie where none is said to be.
-    for match in _RECORD.finditer(page):
+    for match in _RECORD.finditer(rest):
         at = match.start()
-        if covered[at]:
-            continue
         for start in range(max(at - 12, 8), at - 1):
             row, end = _cell(pages, page, start)
             if row is not None:

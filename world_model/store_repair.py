@@ -72,7 +72,20 @@ def connect(path: Path | str, mode: str, timeout: float = 0.2) -> sqlite3.Connec
     return sqlite3.connect(uri, timeout=timeout, isolation_level=None, uri=True, check_same_thread=False)
 
 
-def examine(connection: sqlite3.Connection, go_on: Callable[[], bool] = lambda: True) -> list[str]:
+@dataclass
+class Examined:
+    """What is damaged in a store.
+
+    problems : a sentence each, at most `MOST`. rows : (table, key) of rows that are not as they were written.
+    readable : whether SQLite reads all the others, and all are there.
+    """
+
+    problems: list[str] = field(default_factory=list)
+    rows: list[tuple[Table, int]] = field(default_factory=list)
+    readable: bool = False
+
+
+def examine(connection: sqlite3.Connection, go_on: Callable[[], bool] = lambda: True) -> Examined:
     """What is damaged in a store, as one state of it; nothing where all is as it was written.
 
     go_on : asked every few rows, may wait; where it says no, nothing more is looked at.
@@ -85,46 +98,55 @@ def examine(connection: sqlite3.Connection, go_on: Callable[[], bool] = lambda: 
             found = connection.execute(f"PRAGMA integrity_check({MOST})").fetchall()
             lines = [line for row in found for line in _text(row[0]).splitlines()]
             problems = [line for line in lines if line != "ok" and not line.startswith("***")]
-            return problems[:MOST] or _unmarked(connection, go_on)
+            return Examined(problems[:MOST]) if problems else _unmarked(connection, go_on)
         finally:
             if connection.in_transaction:
                 connection.execute("COMMIT")
     except READING_ERRORS as error:
-        return [str(error)]
+        return Examined([str(error)])
     finally:
         connection.text_factory = before
 
 
-def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> list[str]:
+def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> Examined:
     """Rows that are not as they were written, or missing."""
     told = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL").fetchall()
     if {_text(sql) for (sql,) in told} != set(_statements(SCHEMA + INDICES)):
-        return ["what the file says of its tables is damaged"]
+        return Examined(["what the file says of its tables is damaged"])
     rows = connection.execute("SELECT * FROM clock").fetchall()
     if len(rows) != 1 or not CLOCK.is_whole(rows[0]) or connection.execute(CLOCK.mistyped).fetchall():
-        return ["the row of clock is damaged"]
-    clock, problems, counts, sums = Clock.of(rows[0]), [], [], []
+        return Examined(["the row of clock is damaged"])
+    clock, counts, sums = Clock.of(rows[0]), [], []
+    damaged: list[tuple[Table, int]] = []
+    mistyped: list[tuple[Table, int]] = []
     for table in COUNTED:
         count = 0
         for row in connection.execute(f"SELECT * FROM {table.name}"):
             count += 1
             if count % SLICE == 0 and not go_on():
-                return []
-            if not table.is_whole(row):
-                problems.append(f"row {row[0]} of {table.name} is damaged")
-                if len(problems) >= MOST:
-                    return problems
+                return Examined()
+            if table.is_whole(row):
+                sums.append(row[-1])
                 continue
-            sums.append(row[-1])
+            damaged.append((table, row[0]))
+            if len(damaged) >= MOST:
+                return Examined(_named(damaged))
         counts.append(count)
-        mistyped = connection.execute(table.mistyped).fetchmany(MOST)
-        problems += [f"row {key} of {table.name} is damaged" for (key,) in mistyped]
-    for table, count, expected in zip(COUNTED, counts, clock.counts, strict=True):
-        if count != expected:
-            problems.append(f"{table.name} has {count} rows instead of {expected}")
+        mistyped += [(table, key) for (key,) in connection.execute(table.mistyped).fetchmany(MOST)]
+    missing = [
+        f"{table.name} has {count} rows instead of {expected}"
+        for table, count, expected in zip(COUNTED, counts, clock.counts, strict=True)
+        if count != expected
+    ]
+    problems = _named(damaged + mistyped) + missing
     if not problems and summed(sums) != clock.total:
-        problems.append("a row is not the one that was written last")
-    return problems
+        return Examined(["a row is not the one that was written last"])
+    # What has bytes for text is whole but for that, and read as such from its page.
+    return Examined(problems, damaged, readable=not mistyped and not missing)
+
+
+def _named(rows: list[tuple[Table, int]]) -> list[str]:
+    return [f"row {key} of {table.name} is damaged" for table, key in rows]
 
 
 def version_of(pages: Pages) -> int:
@@ -150,11 +172,12 @@ def make(path: Path) -> None:
     part.replace(path)
 
 
-def rebuild(path: Path, why: list[str], snapshots: Iterable[Path], target: sqlite3.Connection) -> Salvage:
+def rebuild(path: Path, why: Examined, snapshots: Iterable[Path], target: sqlite3.Connection) -> Salvage:
     """Take everything that is whole into an empty database."""
-    pages = Pages(path)
-    made, salvage = _Rebuilt(target), Salvage([*why])
-    if version_of(pages) == FIRST_VERSION:
+    made, salvage = _Rebuilt(target), Salvage([*why.problems])
+    if why.readable:
+        made.take_all_but(path, why.rows)
+    elif version_of(pages := Pages(path)) == FIRST_VERSION:
         made.take_first_version(path)
     else:
         made.take(pages)
@@ -164,7 +187,7 @@ def rebuild(path: Path, why: list[str], snapshots: Iterable[Path], target: sqlit
     return salvage
 
 
-def rebuild_beside(path: Path, why: list[str], snapshots: Iterable[Path]) -> tuple[Path, Salvage]:
+def rebuild_beside(path: Path, why: Examined, snapshots: Iterable[Path]) -> tuple[Path, Salvage]:
     """A whole new file beside a damaged one, and what is in it."""
     part, made = Path(f"{path}.part"), Path(f"{path}.rebuilt")
     part.unlink(missing_ok=True)
@@ -219,6 +242,20 @@ class _Rebuilt:
             if len(past) > 1000:
                 self._put(past)
         self._put(past)
+
+    def take_all_but(self, path: Path, damaged: list[tuple[Table, int]]) -> None:
+        """All rows of a file that SQLite reads, which were found whole, but for these."""
+        without = {table: [key for other, key in damaged if other is table] for table in COUNTED}
+        with closing(connect(path, "ro")) as old:
+            marks = ", ".join("?" * len(without[HISTORY]))
+            rows = old.execute(f"SELECT * FROM history WHERE row NOT IN ({marks})", without[HISTORY])
+            self._target.executemany(HISTORY.insert, rows)
+            # What is damaged may be no text.
+            old.text_factory = bytes
+            for table in (CLOCK, *COUNTED[:4]):
+                for row in old.execute(f"SELECT * FROM {table.name}"):
+                    if row[0] not in without.get(table, ()):
+                        self._keep(table, _texts(row, table))
 
     def _put(self, past: list[Row]) -> None:
         self._target.executemany(HISTORY.insert, past)
@@ -308,7 +345,12 @@ class _Rebuilt:
                 if row[0] not in known and table.is_whole(row):
                     known[row[0]] = row
                     self.filled += 1
-        rows = (row for row in connection.execute("SELECT * FROM history") if HISTORY.is_whole(row))
+        known_rows = {row for (row,) in self._target.execute("SELECT row FROM history")}
+        rows = (
+            row
+            for row in connection.execute("SELECT * FROM history")
+            if row[0] not in known_rows and HISTORY.is_whole(row)
+        )
         before = self._target.total_changes
         self._target.executemany(HISTORY.insert.replace("REPLACE", "IGNORE"), rows)
         self.filled += self._target.total_changes - before

@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from world_model import WorldObject, WorldState
 from world_model.store import Store, StoreError
 from world_model.store_file import StoreVersionError, is_store
 from world_model.store_format import OBJECTS, VERSION
+from world_model.store_repair import Examined
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -312,6 +314,24 @@ def test_text_that_became_bytes_or_the_other_way_round_is_damage(tmp_path: Path,
         assert same_world(memory.objects, 19)
 
 
+@pytest.mark.parametrize("table", ["current", "history", "objects"])
+def test_a_row_whose_text_is_none_is_the_only_one_lost(tmp_path: Path, table: str) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(100):
+            store.record(marching(step))
+        rows = store.rows
+    column, key = ("id", "key") if table == "objects" else ("attributes", "rowid")
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute(f"UPDATE {table} SET {column} = CAST(x'ff41' AS TEXT) WHERE {key} = 1")
+    with Store(path) as store:
+        assert f"row 1 of {table} is damaged" in store.damages[0]
+        assert store.rows == rows - (table == "history")
+        memory = store.restore()
+        assert memory is not None
+        assert {item.id for item in memory.objects} == {item.id for item in marching(99).objects}
+
+
 def test_a_table_described_otherwise_is_put_right(tmp_path: Path) -> None:
     path = tmp_path / "world.sqlite"
     with Store(path) as store:
@@ -584,7 +604,9 @@ def test_a_copy_that_cannot_be_read_back_is_no_success(
         store.save(copy)
         before = copy.read_bytes()
         store.record(marching(1))
-        monkeypatch.setattr("world_model.store_file.examine", lambda connection: ["page 3 is damaged"])
+        monkeypatch.setattr(
+            "world_model.store_file.examine", lambda connection: Examined(["page 3 is damaged"])
+        )
         with pytest.raises(StoreError, match="reading it back shows: page 3 is damaged"):
             store.save(copy)
     assert copy.read_bytes() == before
