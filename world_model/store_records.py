@@ -73,6 +73,11 @@ class Records:
     def _stamp(self) -> float | None:
         return self._clock.stamp
 
+    @property
+    def data_version(self) -> int:
+        """Another number whenever another process has written since."""
+        return int(self._execute("PRAGMA data_version").fetchone()[0])
+
     def restore(self) -> Memory | None:
         """What was known at the last message, for a new `WorldModel`; None where nothing is remembered."""
         if self._stamp is None and self._epoch == 0 and not self._written:

@@ -1,0 +1,210 @@
+"""What the suite has published, put together to one world. Messages come as objects: no ROS here."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.poses import compound
+from whereabouts.console.shown import Shown, empty, map_picture, moved, person, thing_of_message
+from whereabouts.messages.records import MAP_FRAME, strip_slash
+from whereabouts.viewer.fields import nanoseconds
+
+TASKS = 20
+"""Decisions to look again that are kept."""
+PEOPLE_AGE = 2.0
+"""s after which a list of people that nobody renews is no longer shown."""
+LEVELS = ("ok", "warning", "error", "stale")
+TOPICS = {
+    "map": "nav_msgs/msg/OccupancyGrid",
+    "map_updates": "map_msgs/msg/OccupancyGridUpdate",
+    "tf": "tf2_msgs/msg/TFMessage",
+    "tf_static": "tf2_msgs/msg/TFMessage",
+    "odometry": "nav_msgs/msg/Odometry",
+    "targets": "whereabouts_msgs/msg/TargetArray",
+    "predicted_paths": "whereabouts_msgs/msg/PredictedPathArray",
+    "world_state": "whereabouts_msgs/msg/WorldState",
+    "verification_tasks": "whereabouts_msgs/msg/VerificationTask",
+    "search_goal": "geometry_msgs/msg/PoseStamped",
+    "maintenance_goal": "geometry_msgs/msg/PoseStamped",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+"""What is listened to, relative to the suite's namespace."""
+EVERY_ONE = frozenset({"tf", "tf_static", "map_updates", "verification_tasks", "diagnostics"})
+"""Of these each message counts, of the others the newest."""
+
+
+class Heard:
+    """Takes messages and tells the world they make. Not for several threads at once."""
+
+    def __init__(self) -> None:
+        self.picture: bytes | None = None
+        self._parents: dict[str, tuple[str, FloatArray]] = {}
+        self._moving: set[str] = set()
+        self._wheels: tuple[str, str] = ("", "")
+        self._cells: Any = None
+        self._grid: tuple[float, float, float] = (0.05, 0.0, 0.0)
+        self._drawn = True
+        self._map: Shown | None = None
+        self._targets: Any = None
+        self._paths: Any = None
+        self._things: list[Shown] = []
+        self._tasks: deque[Shown] = deque(maxlen=TASKS)
+        self._goals: dict[str, Shown] = {}
+        self._health: dict[str, Shown] = {}
+        self._stamp = 0.0
+        self._takers: dict[str, Callable[[Any], None]] = {
+            "map": self._take_map,
+            "map_updates": self._take_update,
+            "tf": self._take_transforms,
+            "tf_static": self._take_transforms,
+            "odometry": self._take_odometry,
+            "targets": self._take_targets,
+            "predicted_paths": self._take_paths,
+            "world_state": self._take_world,
+            "verification_tasks": self._take_task,
+            "search_goal": lambda message: self._take_goal("search", message),
+            "maintenance_goal": lambda message: self._take_goal("maintenance", message),
+            "diagnostics": self._take_diagnostics,
+        }
+
+    def take(self, topic: str, message: Any) -> None:
+        """One message of one of `TOPICS`. Raises ValueError or AttributeError where it cannot be used."""
+        self._takers[topic](message)
+        header = getattr(message, "header", None)
+        if header is not None and topic != "diagnostics":
+            self._stamp = max(self._stamp, nanoseconds(header.stamp) / 1e9)
+
+    def world(self) -> Shown:
+        """All of it. Where nothing says where the map is, positions are those of the odometry's frame."""
+        self._draw()
+        return {
+            **empty(),
+            "stamp": self._stamp or None,
+            "robot": self._robot(),
+            "people": self._people(),
+            "things": self._things,
+            "tasks": list(self._tasks),
+            "goals": list(self._goals.values()),
+            "health": [self._health[name] for name in sorted(self._health)],
+            "map": self._map,
+        }
+
+    def _take_transforms(self, message: Any) -> None:
+        for item in message.transforms:
+            child = strip_slash(item.child_frame_id)
+            self._parents[child] = (strip_slash(item.header.frame_id), _planar(item.transform))
+            self._stamp = max(self._stamp, nanoseconds(item.header.stamp) / 1e9)
+
+    def _take_odometry(self, message: Any) -> None:
+        child, frame = strip_slash(message.child_frame_id), strip_slash(message.header.frame_id)
+        self._wheels = (child, frame)
+        # A transform of this frame, where there is one, says the same.
+        if child not in self._parents or child in self._moving:
+            self._moving.add(child)
+            self._parents[child] = (frame, _planar(message.pose.pose))
+
+    def _pose(self, frame: str) -> FloatArray:
+        """Where a frame is in the map, (3,), as far up as the transforms reach."""
+        pose, seen = np.zeros(3), set()
+        while frame != MAP_FRAME and frame in self._parents and frame not in seen:
+            seen.add(frame)
+            frame, step = self._parents[frame]
+            pose = compound(step, pose)
+        return pose
+
+    def _robot(self) -> list[float] | None:
+        if not self._wheels[0]:
+            return None
+        return [round(float(value), 3) for value in self._pose(self._wheels[0])]
+
+    def _take_targets(self, message: Any) -> None:
+        self._targets = message
+
+    def _take_paths(self, message: Any) -> None:
+        self._paths = message
+
+    def _people(self) -> list[Shown]:
+        if self._targets is None or self._stamp - _seconds(self._targets) > PEOPLE_AGE:
+            return []
+        pose = self._pose(strip_slash(self._targets.header.frame_id))
+        found = {int(target.label): person(target, pose) for target in self._targets.targets}
+        if self._paths is not None and self._stamp - _seconds(self._paths) <= PEOPLE_AGE:
+            pose = self._pose(strip_slash(self._paths.header.frame_id))
+            for path in self._paths.paths:
+                if int(path.label) in found:
+                    found[int(path.label)]["path"] = [
+                        moved(pose, point.position.x, point.position.y) for point in path.points
+                    ]
+                    found[int(path.label)]["goals"] = [
+                        [*moved(pose, goal.x, goal.y), round(float(probability), 3)]
+                        for goal, probability in zip(path.goals, path.goal_probabilities, strict=False)
+                    ]
+        return list(found.values())
+
+    def _take_world(self, message: Any) -> None:
+        pose = self._pose(strip_slash(message.header.frame_id))
+        things = [thing_of_message(item) for item in message.objects]
+        for item in things:
+            item["x"], item["y"] = moved(pose, item["x"], item["y"])
+        self._things = things
+
+    def _take_task(self, message: Any) -> None:
+        self._tasks.append(
+            {"object": str(message.object_id), "reason": str(message.reason), "stamp": _seconds(message)}
+        )
+
+    def _take_goal(self, kind: str, message: Any) -> None:
+        pose = compound(self._pose(strip_slash(message.header.frame_id)), _planar(message.pose))
+        self._goals[kind] = {"kind": kind, "x": round(float(pose[0]), 3), "y": round(float(pose[1]), 3)}
+
+    def _take_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+            self._health[str(status.name)] = {
+                "node": str(status.name),
+                "level": LEVELS[min(level, 3)],
+                "message": str(status.message),
+            }
+
+    def _take_map(self, message: Any) -> None:
+        info = message.info
+        height, width = int(info.height), int(info.width)
+        self._cells = np.array(message.data, dtype=np.int8).reshape(height, width)
+        corner = compound(self._pose(strip_slash(message.header.frame_id)), _planar(info.origin))
+        self._grid = (float(info.resolution), float(corner[0]), float(corner[1]))
+        self._drawn = False
+
+    def _take_update(self, message: Any) -> None:
+        if self._cells is None:
+            return
+        height, width = int(message.height), int(message.width)
+        box = self._cells[message.y : message.y + height, message.x : message.x + width]
+        box[:] = np.asarray(message.data, dtype=np.int8).reshape(height, width)
+        self._drawn = False
+
+    def _draw(self) -> None:
+        if self._drawn or self._cells is None or not self._cells.size:
+            return
+        self.picture, box = map_picture(self._cells, *self._grid)
+        number = 1 if self._map is None else self._map["number"] + 1
+        self._map = {"box": [round(value, 3) for value in box], "number": number}
+        self._drawn = True
+
+
+def _planar(pose: Any) -> FloatArray:
+    """(3,) of a Pose or a Transform; one whose rotation was never set does not turn."""
+    at, turn = (
+        (pose.translation, pose.rotation) if hasattr(pose, "rotation") else (pose.position, pose.orientation)
+    )
+    x, y, z, w = (float(getattr(turn, name)) for name in "xyzw")
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) if any((x, y, z, w)) else 0.0
+    return np.array([float(at.x), float(at.y), yaw])
+
+
+def _seconds(message: Any) -> float:
+    return nanoseconds(message.header.stamp) / 1e9

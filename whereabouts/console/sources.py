@@ -1,0 +1,89 @@
+"""Where the console's page gets its answers from: what every source can do, and a store as one."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any, Protocol
+
+from estimation.errors import WhereaboutsError
+from whereabouts.console.shown import Shown, empty, thing
+from world_model.store import Store
+
+
+class ConsoleError(WhereaboutsError):
+    """A request that cannot be answered; the message says why, for the one who asked."""
+
+
+class Source(Protocol):
+    """What the page's server needs. All functions may be called from any thread."""
+
+    live: bool
+
+    @property
+    def version(self) -> int:
+        """Grows whenever `world()` may say something new."""
+
+    def world(self) -> Shown:
+        """The newest world."""
+
+    def span(self) -> tuple[float, float] | None:
+        """First and last stamp, s, of what `world_at` knows; None where there is no history."""
+
+    def world_at(self, stamp: float) -> Shown:
+        """The world as it was known at a stamp. Raises ConsoleError where there is no history."""
+
+    def picture(self) -> bytes | None:
+        """The map as PNG; None where there is none yet."""
+
+    def ask(self, question: str) -> Shown:
+        """An answer: sentence, probability, stamp, evidence, alternatives, as `whereabouts ask --json` has it."""
+
+    def act(self, name: str, arguments: dict[str, Any]) -> str:
+        """Do something (find, cancel, save_map); returns a sentence. Raises ConsoleError."""
+
+
+class StoreSource:
+    """A store, also one that a node is writing. Raises StoreError where it cannot be read."""
+
+    live = False
+
+    def __init__(self, path: Path) -> None:
+        self._store = Store(path, read_only=True)
+        self._lock = threading.Lock()
+
+    @property
+    def version(self) -> int:
+        with self._lock:
+            return self._store.data_version
+
+    def close(self) -> None:
+        self._store.close()
+
+    def span(self) -> tuple[float, float] | None:
+        with self._lock:
+            runs = self._store.epochs()
+        firsts = [first for _, first, _ in runs if first is not None]
+        lasts = [last for _, _, last in runs if last is not None]
+        return (min(firsts), max(lasts)) if firsts and lasts else None
+
+    def world(self) -> Shown:
+        span = self.span()
+        return empty() if span is None else self.world_at(span[1])
+
+    def world_at(self, stamp: float) -> Shown:
+        with self._lock:
+            items = self._store.objects_at(stamp)
+        return {**empty(), "stamp": stamp, "things": [thing(item) for item in items]}
+
+    def picture(self) -> bytes | None:
+        return None
+
+    def ask(self, question: str) -> Shown:
+        from world_model import ask
+
+        with self._lock:
+            return ask(self._store, question).to_dict()
+
+    def act(self, name: str, arguments: dict[str, Any]) -> str:
+        raise ConsoleError("this page shows a store; to act, start the console beside the running suite")
