@@ -4,6 +4,7 @@ from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence
 from world_model.looks import Sensor
 from world_model.maintenance import Maintenance, MaintenanceConfig, Trigger, VerificationTask
+from world_model.questions import ask
 from world_model.relations import Relations
 from world_model.routines import Routines, RoutinesConfig
 from world_model.search import ObjectSearch, SearchConfig, SearchStep
@@ -28,4 +29,5 @@ __all__ = [
     "WorldModelConfig",
     "WorldObject",
     "WorldState",
+    "ask",
 ]

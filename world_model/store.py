@@ -15,10 +15,12 @@ from pathlib import Path
 from types import TracebackType
 
 from estimation.checks import require_count
+from estimation.places import Places
 from world_model.state import WorldObject, WorldState
 from world_model.store_file import StoreError, StoreFile, copy_store, is_damage, is_full
 from world_model.store_format import CLOCK, CURRENT, EPOCHS, HISTORY, NAMES, OBJECTS, Clock, Table, summed
 from world_model.store_keeper import Keeper
+from world_model.store_places import EVENT, KEPT, NAME, RUN, places_row, places_text
 from world_model.store_records import HistoryEntry, Memory, Records
 from world_model.store_rows import COLUMNS, Written, attributes_text, decode, encode, event, is_drift
 
@@ -84,6 +86,8 @@ class Store(Records):
         self.keeper: Keeper | None = None
         self._retry_at = -float("inf")
         self._failed_in_a_row = 0
+        self._places = self._kept_places = ""
+        self.recalled: object = None  # what questions have read of it
         self._run: _Run
         self._open()
 
@@ -97,6 +101,10 @@ class Store(Records):
         self.keeper = Keeper(self._file, period)
 
     # Writing.
+
+    def keep_places(self, places: Places) -> None:
+        """Rooms and furniture from now on; written with the next state, where they differ from those that are kept."""
+        self._places = places_text(places) if places else ""
 
     def record(self, state: WorldState) -> None:
         """Write what has changed since the last state, in one transaction. Does not raise: see `problem`."""
@@ -154,11 +162,14 @@ class Store(Records):
             for object_id in gone:
                 self._remove(object_id, state.stamp, change)
                 after.append((object_id, None))
+            if self._places and self._places != self._kept_places:
+                self._write_places(state.stamp, change)
             run: _Run = (state.epoch, state.stamp if self._run[1] is None else self._run[1], state.stamp)
             change.marks += self._put(EPOCHS, *run) - EPOCHS.mark(self._run)
             most = min(4 * change.past + 16, self.rows + change.past - self.limit)
             self._thin(most, change)
         self._run = run
+        self._kept_places = self._places or self._kept_places
         for object_id, written_now in after:
             if written_now is None:
                 del self._written[object_id]
@@ -190,6 +201,13 @@ class Store(Records):
         self._note(key, stamp, happened, rows, item, change)
         return Written(key, item, item, item, stamp, rows + 1, text, mark)
 
+    def _write_places(self, stamp: float, change: _Change) -> None:
+        key, _ = self._key(NAME, change, RUN)
+        values = places_row(self._places, stamp)
+        change.marks += self._put(HISTORY, self._next_row, key, stamp, EVENT, KEPT, *values)
+        change.past += 1
+        self._next_row += 1
+
     def _remove(self, object_id: str, stamp: float, change: _Change) -> None:
         known = self._written[object_id]
         self._execute("DELETE FROM current WHERE key = ?", known.key)
@@ -208,15 +226,16 @@ class Store(Records):
         change.past += 1
         self._next_row += 1
 
-    def _key(self, object_id: str, change: _Change) -> tuple[int, int]:
-        """Key of an object of this run, and how many rows of history it has."""
+    def _key(self, object_id: str, change: _Change, run: int | None = None) -> tuple[int, int]:
+        """Key of an object of this run (or of `run`), and how many rows of history it has."""
+        epoch = self._epoch if run is None else run
         found = self._execute(
-            "SELECT key FROM objects WHERE epoch = ? AND id = ?", self._epoch, object_id
+            "SELECT key FROM objects WHERE epoch = ? AND id = ?", epoch, object_id
         ).fetchone()
         if found is None:
             key = 1 + (self._execute("SELECT max(key) FROM objects").fetchone()[0] or 0)
             for table in (OBJECTS, NAMES):
-                change.marks += self._put(table, key, self._epoch, object_id)
+                change.marks += self._put(table, key, epoch, object_id)
             change.names += 1
             return key, 0
         rows = self._execute("SELECT count(*) FROM history WHERE key = ?", found[0]).fetchone()[0]
@@ -345,6 +364,7 @@ class Store(Records):
         epoch, run = self._epoch, "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?"
         self._run = self._execute(run, epoch).fetchone()
         self._next_row = 1 + (self._execute("SELECT max(row) FROM history").fetchone()[0] or 0)
+        self._kept_places = self._places_row()
         self._written = {}
         rows = self._execute(
             f"SELECT c.key, o.id, c.mark, {COLUMNS} FROM current c JOIN objects o ON o.key = c.key ORDER BY c.key"

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.places import LIKELY, Place
+from estimation.places import LIKELY, Place, Places
 from world_model.state import WorldObject, most_probable
 from world_model.store_file import StoreFile
 from world_model.store_format import Clock
+from world_model.store_places import NAME, RUN, places_of
 from world_model.store_rows import COLUMNS, Written, decode
 from world_model.symbols import parse_symbol
 
@@ -90,13 +91,32 @@ class Records:
         stamp = -float("inf") if self._stamp is None else self._stamp
         return Memory(tuple(known.row for known in self._written.values()), stamp, self._epoch, numbers)
 
+    def places(self, stamp: float = float("inf")) -> Places:
+        """Rooms and furniture as they were at `stamp`, s; the first ones before that. Empty where none were kept."""
+        text = self._places_row(stamp) or self._places_row()
+        return places_of(text) if text else Places()
+
+    def _places_row(self, stamp: float = float("inf")) -> str:
+        found = self._execute(
+            "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch = ? AND o.id = ? "
+            "AND h.stamp <= ? ORDER BY h.row DESC LIMIT 1",
+            RUN,
+            NAME,
+            stamp,
+        ).fetchone()
+        return "" if found is None else str(found[0])
+
     def epochs(self) -> list[tuple[int, float | None, float | None]]:
         """All runs: number, first and last stamp."""
-        return list(self._execute("SELECT epoch, first_stamp, last_stamp FROM epochs ORDER BY epoch"))
+        return list(
+            self._execute("SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch >= 0 ORDER BY epoch")
+        )
 
     def epoch_at(self, stamp: float) -> int | None:
         """The newest run that had begun by `stamp`; None before all of them."""
-        found = self._execute("SELECT max(epoch) FROM epochs WHERE first_stamp <= ?", stamp).fetchone()
+        found = self._execute(
+            "SELECT max(epoch) FROM epochs WHERE first_stamp <= ? AND epoch >= 0", stamp
+        ).fetchone()
         return None if found[0] is None else int(found[0])
 
     def objects_at(self, stamp: float, epoch: int | None = None) -> list[WorldObject]:
@@ -164,12 +184,85 @@ class Records:
         """All events of all runs, by run and object, oldest first."""
         rows = self._execute(
             "SELECT o.epoch, o.id, h.stamp, h.event, h.numbers, h.lost, h.last_seen, h.attributes "
-            "FROM history h JOIN objects o ON o.key = h.key ORDER BY o.epoch, o.id, h.stamp, h.row"
+            "FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch >= 0 "
+            "ORDER BY o.epoch, o.id, h.stamp, h.row"
         )
         for epoch, name, stamp, happened, numbers, lost, last_seen, text in rows:
             values = np.frombuffer(numbers, "<f8")
             around = values[6:15].reshape(3, 3)
             yield Note(epoch, name, stamp, happened, values[:3], around, bool(lost), last_seen, _kind(text))
+
+    # For questions: read from the file, also while another process writes to it.
+
+    def newest(self) -> tuple[int, float | None, int]:
+        """Run, stamp and number of the last message that the file has."""
+        clock = Clock.of(self._execute("SELECT * FROM clock").fetchone())
+        return clock.epoch, clock.stamp, clock.sequence
+
+    def present(self) -> list[WorldObject]:
+        """The objects of the last message that the file has."""
+        rows = self._execute(
+            f"SELECT o.id, {COLUMNS} FROM current c JOIN objects o ON o.key = c.key ORDER BY c.key"
+        )
+        return [decode(name, tuple(values)) for name, *values in rows]
+
+    def names(self) -> dict[str, int]:
+        """The newest run of every object that was ever known, by id."""
+        rows = self._execute("SELECT id, max(epoch) FROM objects WHERE epoch >= 0 GROUP BY id")
+        return dict(rows)
+
+    def sights(self, object_id: str, epoch: int) -> list[tuple[float, str, bytes, float, int, float]]:
+        """History of an object in a run, oldest first: stamp, event, numbers, existence, lost, last seen."""
+        return self._execute(
+            "SELECT h.stamp, h.event, h.numbers, h.existence, h.lost, h.last_seen FROM history h "
+            "JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? ORDER BY h.stamp, h.row",
+            object_id,
+            epoch,
+        ).fetchall()
+
+    def look(self, object_id: str, epoch: int) -> WorldObject | None:
+        """The newest row of history of an object."""
+        found = self._execute(
+            f"SELECT {COLUMNS} FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
+            "ORDER BY h.stamp DESC, h.row DESC LIMIT 1",
+            object_id,
+            epoch,
+        ).fetchone()
+        return None if found is None else decode(object_id, tuple(found))
+
+    def active(self, start: float, end: float) -> dict[str, int]:
+        """Rows of history between two stamps, by object of the newest run."""
+        low, high = self._row_at(start), self._row_at(end)
+        rows = self._execute(
+            "SELECT o.id, count(*) FROM history h JOIN objects o ON o.key = h.key WHERE h.row BETWEEN ? AND ? "
+            "AND h.stamp BETWEEN ? AND ? AND o.epoch = (SELECT epoch FROM clock) GROUP BY h.key",
+            low - 1,
+            high + 1,
+            start,
+            end,
+        )
+        return dict(rows)
+
+    def _row_at(self, stamp: float) -> int:
+        """The last row of the newest run up to a stamp: rows of a run are in order of time."""
+        low = self._execute(
+            "SELECT min(row) FROM history WHERE key = (SELECT min(key) FROM objects WHERE epoch = "
+            "(SELECT epoch FROM clock))"
+        ).fetchone()[0]
+        high = self._execute("SELECT max(row) FROM history").fetchone()[0]
+        if low is None or high is None:
+            return 0
+        low, high = low - 1, high + 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            row = self._execute(
+                "SELECT row, stamp FROM history WHERE row >= ? ORDER BY row LIMIT 1", middle
+            ).fetchone()
+            if row is not None and row[1] <= stamp:
+                low = int(row[0])
+            else:
+                high = middle
+        return int(low)
 
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
         return self._file.connection.execute(statement, values)

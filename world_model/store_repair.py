@@ -363,7 +363,8 @@ class _Rebuilt:
             if taken.setdefault((epoch, name), key) != key:
                 small["objects"].pop(key)
                 small["names"].pop(key, None)
-        for epoch in {0, *(row[1] for row in small["objects"].values())} - small["epochs"].keys():
+        runs = {row[1] for row in small["objects"].values() if row[1] >= 0}
+        for epoch in {0, *runs} - small["epochs"].keys():
             keys = [key for key, row in small["objects"].items() if row[1] == epoch]
             spans = [self._span(key) for key in keys]
             first = min((span[0] for span in spans if span[0] is not None), default=None)

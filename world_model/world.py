@@ -54,6 +54,8 @@ class WorldModel:
         self._taken_names: Mapping[str, int] = {}
         self._anchors = Anchoring(self.config, MOST_LOOKS if looks_back else FIRST_LOOKS)
         self.habits = Habits(places or Places())
+        if self.store is not None and places:
+            self.store.keep_places(places)
         if places:
             self._anchors.habits = self.habits
         warm_up()

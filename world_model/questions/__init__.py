@@ -1,0 +1,62 @@
+"""Questions in plain words, and the typed functions beneath them; no language model.
+
+    ask("world.sqlite", "where was the red cup yesterday at nine?").sentence
+    where_was(recall(store), "red cup", "yesterday at nine").probability
+
+`ask` takes a `Store`, the path of its file, or a `WorldModel`. The functions take what `recall` makes of these, names
+and times in words or s; they raise NothingKnownError and AmbiguousError, which `ask` puts into the answer.
+"""
+
+from world_model.questions.answers import AmbiguousError, Answer, NothingKnownError, NotUnderstoodError
+from world_model.questions.company import who_was_here
+from world_model.questions.grammar import CAN_BE_ASKED, answered, ask
+from world_model.questions.moments import Span, moment
+from world_model.questions.past import (
+    history,
+    how_long_there,
+    how_often,
+    what_changed,
+    what_is_missing,
+    when_moved,
+)
+from world_model.questions.recall import Recall, recall
+from world_model.questions.usual import what_is_needed_next, what_is_usually_here
+from world_model.questions.where import (
+    how_many,
+    is_at,
+    what_is_at,
+    when_last_seen,
+    where_is,
+    where_usually,
+    where_was,
+)
+
+__all__ = [
+    "CAN_BE_ASKED",
+    "AmbiguousError",
+    "Answer",
+    "NotUnderstoodError",
+    "NothingKnownError",
+    "Recall",
+    "Span",
+    "answered",
+    "ask",
+    "history",
+    "how_long_there",
+    "how_many",
+    "how_often",
+    "is_at",
+    "moment",
+    "recall",
+    "what_changed",
+    "what_is_at",
+    "what_is_missing",
+    "what_is_needed_next",
+    "what_is_usually_here",
+    "when_last_seen",
+    "when_moved",
+    "where_is",
+    "where_usually",
+    "where_was",
+    "who_was_here",
+]

@@ -1,0 +1,244 @@
+"""Which objects and places words stand for: ids, names, classes, colours, also plural; rooms and furniture."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
+from world_model.questions.recall import PERSON, Recall, singulars
+from world_model.symbols import parse_symbol
+
+LEAST = 0.3
+"""Probability of class and colours from which on an object is meant."""
+PREPOSITIONS = (
+    "on top of|next to|close to|in front of|on|in|at|inside|under|near|by|beside|within|around|from"
+)
+_ARTICLES = re.compile(
+    r"^(?:(?:the|a|an|my|your|our|his|her|their|this|that|any|some|all|other|one of the) )+"
+)
+_OBJECTS = ("thing", "object", "item", "anything", "something", "everything", "stuff")
+
+
+@dataclass(frozen=True)
+class Meant:
+    """Objects that words stand for. ids : the most probable first. words : what was said. plural : several are asked
+    for. by_name : one object by its id."""
+
+    ids: tuple[str, ...]
+    words: str
+    plural: bool = False
+    by_name: bool = False
+
+
+def plain(text: str) -> str:
+    """Lower-case words without articles, quotes and underscores."""
+    words = re.sub(r"[\s_]+", " ", text.lower()).strip(" ?!.,")
+    if len(words) > 1 and words[0] == words[-1] and words[0] in "'\"`":
+        words = words[1:-1].strip()
+    return _ARTICLES.sub("", words)
+
+
+def spoken(world: Recall, place: str) -> str:
+    """ "on the kitchen table"."""
+    if place not in world.places:
+        return f"near {clean(place)}" if place else "at no place with a name"
+    known = world.places[place]
+    return f"{clean(known.preposition)} the {name_of(place)}"
+
+
+def name_of(place: str) -> str:
+    """A place's name in words."""
+    return clean(place).replace("_", " ")
+
+
+def described(world: Recall, object_id: str) -> str:
+    """ "cup-3 (red)"."""
+    item = world.item(object_id)
+    colors = item.attributes.get("color", {}) if item is not None else {}
+    best = max(colors, key=colors.__getitem__, default="")
+    return f"{clean(object_id)} ({clean(best)})" if best and colors[best] >= 0.5 else clean(object_id)
+
+
+def place_named(world: Recall, words: str) -> str:
+    """Name of the place that words stand for. Raises NothingKnownError or AmbiguousError."""
+    wanted = plain(re.sub(rf"^(?:{PREPOSITIONS}) ", "", words.strip().lower()))
+    names = {plain(place.name): place.name for place in world.places}
+    if words in world.places:
+        return words
+    if wanted in names:
+        return names[wanted]
+    typed = [place.name for place in world.places if place.type and plain(place.type) == wanted]
+    typed = typed or [full for short, full in names.items() if wanted and short.endswith(f" {wanted}")]
+    typed = typed or [full for short, full in names.items() if wanted and wanted in short.split()]
+    if len(typed) == 1:
+        return typed[0]
+    if typed:
+        shown = [name_of(name) for name in typed]
+        raise AmbiguousError(f"Which one: {listed(shown, final='or')}?", shown)
+    known = listed([name_of(place.name) for place in world.places], 20) or "none; give rooms and furniture"
+    raise NothingKnownError(f'I know no place "{clean(words)}"; the places I know are {known}.')
+
+
+def things_named(world: Recall, words: str, past: bool = False) -> Meant:
+    """The objects that words stand for: "cup-3", "cup 3", "the red cup", "cups", "red things", "cup on the desk".
+
+    past : also those that are no longer there. Raises NothingKnownError.
+    """
+    exact = _exact(world, words)
+    if exact:
+        return Meant((exact,), words, by_name=True)
+    wanted = plain(words)
+    within = re.search(rf" (?:that (?:is|was|are|were) )?(?:{PREPOSITIONS}) (?P<place>.+)$", wanted)
+    place = ""
+    if within:
+        try:
+            place = place_named(world, within["place"])
+        except NothingKnownError:
+            if not _matching(world, wanted, past)[0]:
+                raise
+        else:
+            wanted = wanted[: within.start()]
+    ids, plural = _matching(world, wanted, past)
+    if place:
+        ids = [name for name in ids if _is_at(world, name, place)]
+    if not ids:
+        raise NothingKnownError(_nothing(world, words, place))
+    return Meant(tuple(ids), words, plural)
+
+
+def one_named(world: Recall, words: str, past: bool = True) -> str:
+    """The one object that words stand for.
+
+    Raises NothingKnownError, and AmbiguousError where they stand for several.
+    """
+    meant = things_named(world, words, past)
+    ids = list(meant.ids)
+    if len(ids) > 1:
+        here = [name for name in ids if name in world.present]
+        ids = here if len(here) == 1 else ids
+    if len(ids) == 1:
+        return ids[0]
+    shown = [f"{described(world, name)} {where_words(world, name)}" for name in ids]
+    raise AmbiguousError(f"Which one: {listed(shown, 8, 'or')}?", ids)
+
+
+def where_words(world: Recall, object_id: str) -> str:
+    """ "on the desk", or that it is not there."""
+    line = world.timeline(object_id)
+    if not line.stays:
+        return "that was never seen for certain"
+    last = spoken(world, line.stays[-1].place)
+    return f"last {last}, missing now" if line.lost else last
+
+
+def _exact(world: Recall, words: str) -> str:
+    if words in world.epochs:
+        return words
+    bare = words.strip(" ?!.,")
+    if len(bare) > 1 and bare[0] == bare[-1] and bare[0] in "'\"`":
+        bare = bare[1:-1]
+    joined = re.sub(r"\s+", "-", re.sub(r"^(?:the|my) ", "", bare.strip().lower()))
+    by_lower = world.kept.get("lower")
+    if not isinstance(by_lower, dict):
+        by_lower = {name.lower(): name for name in world.epochs}
+        world.kept["lower"] = by_lower
+    plainly = re.sub(r"\s+", " ", bare.lower())
+    return next((by_lower[key] for key in (bare.lower(), plainly, joined) if key in by_lower), "")
+
+
+def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
+    """Objects of a class, with predicates before it."""
+    kinds = classes(world)
+    words = wanted.split()
+    for count in range(len(words), -1, -1):  # the last `count` words are the class
+        said = " ".join(words[len(words) - count :])
+        for single in singulars(said) if said else [""]:
+            kind = kinds.get(single)
+            general = single in _OBJECTS or not said
+            if kind is None and not general:
+                continue
+            predicates = words[: len(words) - count]
+            if general and not predicates:
+                break
+            if all(_is_predicate(world, word) for word in predicates):
+                plural = single != said
+                return _of(world, kind, predicates, past), plural
+    return [], False
+
+
+def classes(world: Recall) -> dict[str, str]:
+    """Every class that was ever seen, by its plain words."""
+    found = world.kept.get("classes")
+    if isinstance(found, dict):
+        return found
+    names = {parsed[0] for name in world.epochs if (parsed := parse_symbol(name)) is not None}
+    for item in world.present.values():
+        names |= {kind for kind, p in item.attributes.get("class", {}).items() if p > 0.05}
+    made = {plain(name): name for name in names}
+    world.kept["classes"] = made
+    return made
+
+
+def _is_predicate(world: Recall, word: str) -> bool:
+    if word in world.symbols.predicates:
+        return True
+    return any(
+        word in values
+        for item in world.present.values()
+        for name, values in item.attributes.items()
+        if name != "class"
+    )
+
+
+def _of(world: Recall, kind: str | None, predicates: list[str], past: bool) -> list[str]:
+    """Ids of a class that meet predicates, the most probable first."""
+    found: list[tuple[float, str]] = []
+    for item in world.present.values():
+        p = 1.0 if kind is None else float(item.attributes.get("class", {}).get(kind, 0.0))
+        if kind is None and item.most_probable("class") == PERSON:
+            continue
+        for word in predicates:
+            p *= world.symbols.probability(word, item.attributes, item.quantities)
+        if p >= LEAST:
+            found.append((-p * (0.5 if item.lost else 1.0), item.id))
+    known = [name for _, name in sorted(found)]
+    if past or not known:
+        known += [name for name in _of_before(world, kind, predicates) if name not in known]
+    return known
+
+
+def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[str]:
+    """Those that are no longer there, the last seen first."""
+    found: list[tuple[float, str]] = []
+    for name, epoch in world.epochs.items():
+        parsed = parse_symbol(name)
+        if epoch != world.epoch or name in world.present or parsed is None or (kind and parsed[0] != kind):
+            continue
+        if (kind is None and parsed[0] == PERSON) or len(found) > 500:
+            continue
+        item = world.item(name)
+        if item is None or item.last_seen - item.first_seen < 1.0:
+            continue
+        p = 1.0
+        for word in predicates:
+            p *= world.symbols.probability(word, item.attributes, item.quantities)
+        if p >= LEAST:
+            found.append((-item.last_seen, name))
+    return [name for _, name in sorted(found)[:20]]
+
+
+def _is_at(world: Recall, object_id: str, place: str) -> bool:
+    chances, stay = world.timeline(object_id).at(world.now)
+    return stay is not None and bool(chances) and world.contains(place, stay.place)
+
+
+def _nothing(world: Recall, words: str, place: str) -> str:
+    if place:
+        return f'I know of no "{clean(words)}" now.'
+    known = sorted(classes(world).values())
+    if not known:
+        return f'I know of no "{clean(words)}": nothing has been seen yet.'
+    return (
+        f'I know of no "{clean(words)}"; what I have seen are of the classes {listed(map(clean, known), 20)}.'
+    )

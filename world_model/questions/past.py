@@ -1,0 +1,337 @@
+"""How often and how long, what changed, what is missing, what happened to an object."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
+from world_model.questions.moments import Span, moment
+from world_model.questions.naming import described, one_named, place_named, spoken
+from world_model.questions.recall import PERSON, Recall, Stay, Timeline
+from world_model.questions.where import evidence_of
+
+WEEK = 7 * 86400.0
+CONFIRMED = 60.0
+"""s: what was seen for less may have been a false detection, and is not missed."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """An object came, went, or went from one place to another, between two moments. before, after : places, None where
+    it was not in the world."""
+
+    object: str
+    before: str | None
+    after: str | None
+    start: float
+    end: float
+
+
+def since_when(world: Recall, when: str | float | Span | None) -> Span:
+    """The span that "since" or a time stands for; from the beginning of memory where there is none."""
+    if when is None:
+        return Span(-math.inf, world.now)
+    return when if isinstance(when, Span) else Span(moment(when, world.now).start, world.now)
+
+
+def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
+    """What happened to an object within a span."""
+    found: list[Change] = []
+    for before, stay in zip([None, *line.stays], [*line.stays, None], strict=True):
+        if stay is None:
+            assert before is not None or not line.stays
+            if before is not None and before.gone and before.left_by is not None:
+                found.append(Change(line.id, before.place, None, before.until, before.left_by))
+        elif before is None:
+            found.append(Change(line.id, None, stay.place, stay.since, stay.since))
+        else:
+            found.append(Change(line.id, before.place, stay.place, before.until, stay.since))
+    return [change for change in found if start < change.end <= end]
+
+
+def how_often(world: Recall, what: str, place: str = "", since: str | float | Span | None = None) -> Answer:
+    """How often an object was moved, or came to a place. value : number. Raises NothingKnownError, AmbiguousError."""
+    name = one_named(world, what)
+    where = place_named(world, place) if place else ""
+    span = since_when(world, since)
+    line = world.timeline(name)
+    if where:
+        count = len(_visits(world, line, where, span))
+        said = f"was {spoken(world, where)} {_times(count)}"
+    else:
+        moves = [change for change in changes_of(line, span.start, span.end) if change.before is not None]
+        moves = [change for change in moves if change.after is not None]
+        count = len(moves)
+        said = f"was moved {_times(count)}"
+    first = line.stays[0].since if line.stays else world.now
+    begin = max(span.start, first)
+    until = "" if span.end >= world.now - 1.0 else f" until {clock(span.end)}"
+    probability = max(0.95 * 0.998**count, 0.5)
+    sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}."
+    evidence = evidence_of(world, line, span.start, span.end)
+    options = ({"value": count + 1, "probability": (1.0 - probability) / 2},)
+    return Answer(sentence, "how_often", probability, iso(begin), count, evidence, options)
+
+
+def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[Stay]:
+    """Stays at a place, those that follow each other in one room being one."""
+    found: list[Stay] = []
+    inside = False
+    for stay in line.stays:
+        here = world.contains(where, stay.place)
+        if here and not inside and stay.until >= span.start and stay.since <= span.end:
+            found.append(stay)
+            inside = True
+        elif here and inside:
+            pass
+        else:
+            inside = here and inside
+        if stay.gone:
+            inside = False
+    return found
+
+
+def _times(count: int) -> str:
+    return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def how_long_there(world: Recall, what: str, place: str = "") -> Answer:
+    """How long an object has been where it is, or missing. value : s. Raises NothingKnownError, AmbiguousError."""
+    name = one_named(world, what)
+    line = world.timeline(name)
+    if not line.stays:
+        raise NothingKnownError(f"{clean(name)} was never seen for certain.")
+    last = line.stays[-1]
+    if line.lost:
+        gone = last.left_by or world.now
+        sentence = (
+            f"{described(world, name)} has been missing for {duration(world.now - gone)}, since {clock(gone)} at the "
+            f"latest; before that it was {spoken(world, last.place)} for {duration(last.until - last.since)}."
+        )
+        return Answer(
+            sentence,
+            "how_long_there",
+            0.9,
+            iso(gone),
+            world.now - gone,
+            evidence_of(world, line, last.since, gone),
+        )
+    where = place_named(world, place) if place else last.place
+    stays = [last]
+    for stay in line.stays[-2::-1]:
+        if stay.gone or not world.contains(where, stay.place):
+            break
+        stays.append(stay)
+    if not world.contains(where, last.place):
+        sentence = f"{described(world, name)} is not {spoken(world, where)}, but {spoken(world, last.place)}."
+        return Answer(
+            sentence,
+            "how_long_there",
+            0.95,
+            iso(world.now),
+            None,
+            evidence_of(world, line, last.since, world.now),
+        )
+    came = stays[-1].since
+    earliest = stays[-1].came_after
+    long = world.now - came
+    chances, _ = line.at(world.now)
+    probability = 0.97 * chances.get(last.place, 0.5)
+    unsure = (
+        f" (at most {duration(came - earliest)} longer)"
+        if math.isfinite(earliest) and came - earliest > 60.0
+        else ""
+    )
+    has = "has been" if probability >= 0.9 else "has probably been"
+    sentence = (
+        f"{described(world, name)} {has} {spoken(world, where)} for "
+        f"{duration(long)}{unsure}, since {clock(came)}, {told(probability)}."
+    )
+    options = ({"stamp": iso(earliest), "probability": 0.0},) if unsure else ()
+    return Answer(
+        sentence,
+        "how_long_there",
+        probability,
+        iso(came),
+        long,
+        evidence_of(world, line, came, world.now),
+        options,
+    )
+
+
+def when_moved(world: Recall, what: str) -> Answer:
+    """When an object was moved last, from where to where. value : ISO 8601, None where never.
+
+    Raises NothingKnownError.
+    """
+    name = one_named(world, what)
+    line = world.timeline(name)
+    moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
+    if not moves:
+        first = clock(line.stays[0].since) if line.stays else "the beginning"
+        return Answer(
+            f"{described(world, name)} was not moved since it was first seen at {first}.", "when_moved", 0.9
+        )
+    last = moves[-1]
+    sentence = f"{told_change(world, last)}, {told(0.95)}."
+    return Answer(
+        sentence,
+        "when_moved",
+        0.95,
+        iso(last.end),
+        iso(last.end),
+        evidence_of(world, line, last.start, last.end),
+    )
+
+
+def told_change(world: Recall, change: Change) -> str:
+    name = described(world, change.object)
+    if change.before is None:
+        return f"{name} is new {spoken(world, change.after or '')}, seen there first at {clock(change.end)}"
+    if change.after is None:
+        return f"{name} is no longer {spoken(world, change.before)}; it went by {clock(change.end)}"
+    between = f"between {clock(change.start)} and {clock(change.end)}"
+    if change.end - change.start < 60.0:
+        between = f"at {clock(change.end)}"
+    return f"{name} went from {spoken(world, change.before)} to {spoken(world, change.after)} {between}"
+
+
+def what_changed(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
+    """What is elsewhere, new or gone since a moment. value : {id: [place before, place after]}. Raises InputError."""
+    span = since_when(world, since if since is not None else Span(world.now - 86400.0, world.now))
+    where = place_named(world, place) if place else ""
+    found = _net_changes(world, span)
+    if where:
+        found = [
+            change for change in found
+            if any(other is not None and world.contains(where, other) for other in (change.before, change.after))
+        ]  # fmt: skip
+    begin = clock(span.start)
+    until = "" if span.end >= world.now - 1.0 else f" and {clock(span.end)}"
+    period = f"between {begin}{until}" if until else f"since {begin}"
+    at = f" {spoken(world, where)}" if where else ""
+    probability = 0.97 ** len(found) * 0.97
+    if not found:
+        sentence = f"Nothing that I know of has changed{at} {period}, {told(probability)}."
+    else:
+        parts = "; ".join(told_change(world, each) for each in found[:12])
+        sentence = f"Changed{at} {period}: {parts}, {told(probability)}."
+    value = {change.object: [change.before, change.after] for change in found}
+    evidence = tuple(
+        entry
+        for change in found[:8]
+        for entry in evidence_of(world, world.timeline(change.object), change.start, change.end)
+    )
+    return Answer(sentence, "what_changed", probability, iso(span.start), value, evidence)
+
+
+def _net_changes(world: Recall, span: Span) -> list[Change]:
+    """One for each object that is not where it was at the beginning of a span."""
+    found = []
+    active = world.present.keys() if world.store is None else world.store.active(span.start, span.end).keys()
+    for name in active:
+        if world.kind(name) == PERSON:
+            continue
+        line = world.timeline(name)
+        changes = changes_of(line, span.start, span.end)
+        if not changes or _is_false(line):
+            continue
+        before, after = changes[0].before, changes[-1].after
+        if before == after:
+            continue
+        found.append(Change(name, before, after, changes[-1].start, changes[-1].end))
+    return sorted(found, key=lambda change: change.end)
+
+
+def _is_false(line: Timeline) -> bool:
+    """Whether all that was seen of it may be a false detection."""
+    return not line.stays or (line.lost and sum(stay.until - stay.since for stay in line.stays) < CONFIRMED)
+
+
+def what_is_missing(world: Recall, since: str | float | Span | None = None) -> Answer:
+    """What was there and is no longer, in the last week or since a moment. value : ids."""
+    span = since_when(world, since if since is not None else Span(world.now - WEEK, world.now))
+    missing: list[tuple[float, str, Stay]] = []
+    back: list[dict[str, Any]] = []
+    candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
+    if world.store is not None:
+        candidates += [name for name in world.store.active(span.start, span.end) if name not in world.present]
+    for name in candidates:
+        if world.kind(name) == PERSON:
+            continue
+        line = world.timeline(name)
+        if not line.lost or _is_false(line):
+            continue
+        last = line.stays[-1]
+        successor = _successor(world, name, last)
+        if successor:
+            back.append({"object": name, "place": world.timeline(successor).stays[-1].place, "same_as": successor,
+                         "probability": 0.6})  # fmt: skip
+        else:
+            missing.append((last.left_by or last.until, name, last))
+    missing.sort(reverse=True)
+    parts = [
+        f"{described(world, name)}, seen last {spoken(world, stay.place)} at {clock(stay.until)}"
+        for _, name, stay in missing
+    ]
+    probability = 0.95 * 0.97 ** len(missing) * 0.8 ** len(back)
+    verb = "is" if len(missing) == 1 else "are"
+    sentence = f"Missing {verb} {listed(parts)}" if missing else "Nothing that I know of is missing"
+    if back:
+        same = [
+            f"{clean(entry['object'])} is probably the same as {clean(entry['same_as'])}" for entry in back
+        ]
+        sentence += f"; {listed(same)}"
+    evidence = tuple(
+        entry
+        for _, name, stay in missing[:8]
+        for entry in evidence_of(world, world.timeline(name), stay.since, world.now)
+    )
+    value = [name for _, name, _ in missing]
+    return Answer(
+        f"{sentence}, {told(probability)}.",
+        "what_is_missing",
+        probability,
+        iso(world.now),
+        value,
+        evidence,
+        tuple(back),
+    )
+
+
+def _successor(world: Recall, name: str, last: Stay) -> str:
+    """A present object that looks like one that went, and came since."""
+    from world_model.questions.recall import LOOKS_ALIKE, likeness
+
+    mine = world.item(name)
+    if mine is None:
+        return ""
+    for other in world.present.values():
+        if other.id == name or other.lost or likeness(mine.attributes, other.attributes) < LOOKS_ALIKE:
+            continue
+        stays = world.timeline(other.id).stays
+        if stays and stays[0].since >= last.until:
+            return other.id
+    return ""
+
+
+def history(world: Recall, what: str, since: str | float | Span | None = None) -> Answer:
+    """Where an object was, and since when. value : [[place, since, until], ...].
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    name = one_named(world, what)
+    span = since_when(world, since)
+    line = world.timeline(name)
+    stays = [stay for stay in line.stays if stay.until >= span.start and stay.since <= span.end]
+    if not stays:
+        raise NothingKnownError(f"{clean(name)} was not seen in that time.")
+    parts = [f"{spoken(world, stay.place)} from {clock(stay.since)}" for stay in stays[-10:]]
+    before = f"{len(stays) - 10} places before; " if len(stays) > 10 else ""
+    end = f", missing since {clock(stays[-1].left_by or stays[-1].until)}" if line.lost else ""
+    sentence = f"{described(world, name)} was {before}{', then '.join(parts)}{end}."
+    value = [[stay.place, iso(stay.since), iso(stay.until)] for stay in stays]
+    first = iso(stays[0].since)
+    return Answer(sentence, "history", 0.95, first, value, evidence_of(world, line, span.start, span.end))

@@ -1,0 +1,138 @@
+"""What is usually at a place, and what will be needed next: habits and routines read from the history."""
+
+from __future__ import annotations
+
+import math
+
+from world_model.questions.answers import Answer, NothingKnownError, clock, duration, iso, listed, told
+from world_model.questions.moments import Span, moment
+from world_model.questions.naming import described, place_named, spoken
+from world_model.questions.recall import DAY, Recall
+from world_model.routines import FORMAT, VERSION, Routines, RoutinesConfig
+
+WEEKS = 28 * DAY
+LEARNED = 42
+"""Days of history that routines are learned from."""
+LEAST_DAYS = 2.0
+USUAL = 0.5
+AHEAD = 2 * 3600.0
+
+
+def _things(world: Recall, start: float) -> list[str]:
+    """What was seen since a moment and is no person."""
+    if world.store is None:
+        return world.things()
+    active = world.store.active(start, world.now).keys() | world.present.keys()
+    return [name for name in world.things() if name in active]
+
+
+def what_is_usually_here(world: Recall, place: str) -> Answer:
+    """What is at a place for at least half of the time of the last four weeks. value : ids.
+
+    Raises NothingKnownError.
+    """
+    where = place_named(world, place)
+    shares = {}
+    for name in _things(world, world.now - WEEKS):
+        by_place = world.timeline(name).shares(world.now - WEEKS, world.now)
+        share = sum(part for other, part in by_place.items() if world.contains(where, other))
+        if share > 0.02:
+            shares[name] = share
+    usual = sorted((name for name in shares if shares[name] >= USUAL), key=lambda name: -shares[name])
+    others = sorted((name for name in shares if name not in usual), key=lambda name: -shares[name])
+    named = [f"{described(world, name)} ({100 * shares[name]:.0f} % of the time)" for name in usual]
+    now_and_then = [f"{described(world, name)} ({100 * shares[name]:.0f} %)" for name in others[:4]]
+    sentence = (
+        f"Usually {spoken(world, where)}: {listed(named)}"
+        if named
+        else f"Nothing is usually {spoken(world, where)}"
+    )
+    if now_and_then:
+        sentence += f"; now and then {listed(now_and_then)}"
+    probability = 0.98 * math.prod(_certain(share) for share in shares.values())
+    options = tuple({"object": name, "place": where, "probability": share} for name, share in shares.items())
+    return Answer(
+        f"{sentence}, {told(probability)}.",
+        "what_is_usually_here",
+        probability,
+        iso(world.now),
+        usual,
+        (),
+        options,
+    )
+
+
+def _certain(share: float) -> float:
+    """That a share found to be above or below one half is."""
+    return 1.0 - 0.5 * math.exp(-40.0 * abs(share - USUAL))
+
+
+def what_is_needed_next(world: Recall, when: str | float | Span | None = None) -> Answer:
+    """Which objects are expected to be moved soon, and where to. value : {id: place}. Raises NothingKnownError.
+
+    when : within that many seconds or until the end of that span; two hours where nothing is said.
+    """
+    ahead = AHEAD
+    if isinstance(when, Span):
+        ahead = max(when.end - when.start, 600.0)
+    elif isinstance(when, (int, float)):
+        ahead = float(when)
+    elif when is not None:
+        span = moment(when, world.now)
+        ahead = max(span.end - span.start, 600.0)
+    routines = learned(world)
+    told_moves = routines.moves(world.now, ahead)
+    order = sorted(told_moves, key=lambda name: -told_moves[name][1])
+    parts = [
+        f"{described(world, name)} {spoken(world, told_moves[name][0])} ({told(told_moves[name][1])})"
+        for name in order
+    ]
+    until = f"until {clock(world.now + ahead)}, the next {duration(ahead)}"
+    probability = told_moves[order[0]][1] if order else 0.7
+    sentence = (
+        f"Needed next {until}: {listed(parts)}." if order else f"Nothing is expected to be moved {until}."
+    )
+    options = tuple({"object": n, "place": told_moves[n][0], "probability": told_moves[n][1]} for n in order)
+    value = {name: told_moves[name][0] for name in order}
+    return Answer(sentence, "what_is_needed_next", probability, iso(world.now), value, (), options)
+
+
+def learned(world: Recall) -> Routines:
+    """Routines of the last weeks of history. Raises NothingKnownError where there are less than two days."""
+    kept = world.kept.get("routines")
+    if isinstance(kept, Routines):
+        return kept
+    config = RoutinesConfig()
+    start = world.now - LEARNED * DAY
+    lines = [world.timeline(name) for name in _things(world, start)]
+    lines = [line for line in lines if line.stays]
+    known = world.now - min((line.stays[0].since for line in lines), default=world.now)
+    if known < LEAST_DAYS * DAY:
+        raise NothingKnownError(
+            f"I know no routines yet: I remember {duration(known)}, two days at least are needed."
+        )
+    first = math.floor(max(start, min(line.stays[0].since for line in lines)) / config.slot)
+    last = math.floor(world.now / config.slot)
+    names = list(dict.fromkeys(stay.place for line in lines for stay in line.stays))
+    number = {name: index for index, name in enumerate(names)}
+    moves, things = 0, []
+    for line in lines:
+        runs = [[first, first, -1, -1]]
+        for stay in line.stays:
+            slot = math.floor(stay.since / config.slot)
+            row = [max(slot, first), slot, number[stay.place], runs[-1][2]]
+            moves += row[0] > first and row[3] not in (-1, row[2])
+            runs = [*runs[:-1], row] if runs[-1][0] == row[0] else [*runs, row]
+            if stay.gone and stay.left_by is not None:
+                gone = math.floor(stay.left_by / config.slot) + 1
+                if gone > row[0]:
+                    runs.append([max(gone, first), gone, -1, row[2]])
+        things.append({"name": line.id, "seen": line.stays[-1].until, "stays": runs})
+    data = {
+        "format": FORMAT, "version": VERSION, "config": config.__dict__, "stamp": world.now, "first": first,
+        "last": last, "moves": float(moves), "exposure": float(len(lines) * (last - first)),
+        "places": dict.fromkeys(names), "objects": things,
+    }  # fmt: skip
+    made = Routines.from_dict(data)
+    world.kept["routines"] = made
+    return made

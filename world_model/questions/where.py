@@ -1,0 +1,411 @@
+"""Where things are and were, what is at a place, how many there are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from world_model.questions.answers import (
+    Answer,
+    NothingKnownError,
+    clean,
+    clock,
+    duration,
+    hedged,
+    iso,
+    listed,
+    told,
+)
+from world_model.questions.moments import Span, moment
+from world_model.questions.naming import described, name_of, place_named, plain, spoken, things_named
+from world_model.questions.recall import BELIEVED, PERSON, Recall, Stay, Timeline
+
+MONTH = 28 * 86400.0
+TWIN, SWAPPED = 0.85, 0.5
+"""That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
+both moved, and where they were."""
+NOW = "now"
+
+
+def where_is(world: Recall, what: str) -> Answer:
+    """Where an object is now. value : name of the place. Several that fit are all told of. Raises NothingKnownError."""
+    meant = things_named(world, what)
+    if len(meant.ids) == 1:
+        return _where(world, meant.ids[0], world.now, "where_is", meant.by_name)
+    each = [_where(world, name, world.now, "where_is", False) for name in meant.ids]
+    found = [answer for answer in each if answer.value]
+    if len(found) == 1 and not meant.plural:
+        return found[0]
+    return _several(world, list(meant.ids), each, meant.plural)
+
+
+def _several(world: Recall, ids: list[str], each: list[Answer], plural: bool) -> Answer:
+    parts = [f"{answer.sentence.rstrip('.')}" for answer in each]
+    question = "" if plural else f" Which one: {listed(map(clean, ids), 8, 'or')}?"
+    options = tuple(
+        {"object": name, "place": answer.value, "probability": answer.probability}
+        for name, answer in zip(ids, each, strict=True)
+    )
+    probability = math.prod(answer.probability for answer in each) if plural else each[0].probability
+    value = list(ids) if plural else None
+    sentence = f"There are {len(ids)}: {'; '.join(parts[:8])}.{question}"
+    evidence = tuple(entry for answer in each for entry in answer.evidence)
+    kind = "where_is" if plural else "choices"
+    return Answer(
+        sentence, kind, probability, iso(world.now), value, evidence, options, () if plural else tuple(ids)
+    )
+
+
+def where_was(world: Recall, what: str, when: str | float | Span | None = None) -> Answer:
+    """Where an object was at a moment or during a span of time; without a time where it was seen last.
+
+    value : name of the place, the one it was longest at during a span.
+    Raises NothingKnownError, InputError for the time.
+    """
+    meant = things_named(world, what, past=True)
+    name = meant.ids[0]
+    if when is None:
+        return when_last_seen(world, what)
+    span = _span(world, when)
+    if len(meant.ids) > 1:
+        known = [
+            each for each in meant.ids if world.timeline(each, _run(world, each)).at(span.end)[1] is not None
+        ]
+        if len(known) > 1:
+            each = [_where(world, one, span.middle, "where_was", False) for one in known]
+            return _several(world, known, each, meant.plural)
+        name = known[0] if known else name
+    if span.end - span.start < 1.0:
+        return _where(world, name, span.middle, "where_was", meant.by_name)
+    return _during(world, name, span)
+
+
+def _run(world: Recall, name: str) -> int:
+    return world.epochs.get(name, world.epoch)
+
+
+def _span(world: Recall, when: str | float | Span) -> Span:
+    span = when if isinstance(when, Span) else moment(when, world.now)
+    if span.start > world.now:
+        raise NothingKnownError(
+            f"{clock(span.start)} is in the future: the newest moment I know is {clock(world.now)}."
+        )
+    return Span(span.start, min(span.end, world.now), span.words)
+
+
+def _during(world: Recall, name: str, span: Span) -> Answer:
+    """Where it was longest, and where else."""
+    line = world.timeline(name)
+    shares = line.shares(span.start, span.end)
+    if not shares:
+        return _where(world, name, span.middle, "where_was", True)
+    order = sorted(shares, key=lambda place: -shares[place])
+    best = order[0]
+    probability = min(0.98, 0.5 + shares[best] * 0.48) if len(order) > 1 else 0.97
+    others = [f"{spoken(world, place)} ({100 * shares[place]:.0f} % of the time)" for place in order[1:]]
+    then = f"between {clock(span.start)} and {clock(span.end)}"
+    sentence = f"{described(world, name)} was {spoken(world, best)} {then}" + (
+        f" most of the time; also {listed(others)}" if others else ""
+    )
+    options = tuple({"object": name, "place": place, "probability": shares[place]} for place in order[1:])
+    return Answer(
+        f"{sentence}, {told(probability)}.", "where_was", probability, iso(span.start), best,
+        evidence_of(world, line, span.start, span.end), options,
+    )  # fmt: skip
+
+
+def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> Answer:
+    line = world.timeline(name)
+    chances, stay = line.at(stamp)
+    if stay is None:
+        first = f"; it was first seen at {clock(line.stays[0].since)}" if line.stays else ""
+        return Answer(f"Nothing is known of {clean(name)} at {clock(stamp)}{first}.", kind, 0.9, iso(stamp))
+    if kind == "where_is" and (line.lost or not chances):
+        return _missing(world, name, line, stay, stamp)
+    place = max(chances, key=lambda each: chances[each], default="")
+    certain = chances.get(place, 0.0)
+    item = world.present.get(name)
+    if kind == "where_is" and item is not None:
+        certain *= item.existence * max(world.place_probability(item, place), 0.05)
+    twins = world.alike(name) if by_name else []
+    if twins:
+        certain *= _identity(world, line, twins)
+    if certain < 0.25 and kind == "where_was":
+        return _unknown(world, name, line, stay, stamp)
+    verb = hedged(certain, "is" if kind == "where_is" else "was")
+    where = spoken(world, place) if place else _position(stay)
+    seen = f"seen there last at {clock(stay.until)}" if kind == "where_is" else f"at {clock(stamp)}"
+    doubt = f"; it cannot be told from {listed(map(clean, twins))}" if twins else ""
+    sentence = f"{described(world, name)} {verb} {where}, {told(certain)}, {seen}{doubt}."
+    options: list[dict[str, Any]] = [
+        {"object": name, "place": other, "probability": p}
+        for other, p in chances.items()
+        if other != place and p > 0.01
+    ]
+    options += [
+        {"object": twin, "place": place, "probability": (1.0 - certain) / len(twins)} for twin in twins
+    ]
+    evidence = evidence_of(world, line, stay.since, stay.until)
+    return Answer(sentence, kind, certain, iso(stamp), place or _position(stay), evidence, tuple(options))
+
+
+def _position(stay: Stay) -> str:
+    x, y, z = stay.position
+    return f"at ({x:.2f}, {y:.2f}, {z:.2f}) m"
+
+
+def _identity(world: Recall, line: Timeline, twins: list[str]) -> float:
+    """That an object is the one it is taken for, beside some that look like it."""
+    trust = TWIN
+    mine = _gaps(line)
+    for twin in twins:
+        for begin, end in _gaps(world.timeline(twin)):
+            if any(begin < after and before < end for before, after in mine):
+                trust = SWAPPED
+    return trust
+
+
+def _gaps(line: Timeline) -> list[tuple[float, float]]:
+    """When it moved and nobody saw how."""
+    return [(stay.until, after.since) for stay, after in zip(line.stays, line.stays[1:], strict=False)]
+
+
+def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+    sentence = (
+        f"Nobody knows where {described(world, name)} was at {clock(stamp)}: it was seen last before that "
+        f"{spoken(world, stay.place)}, at {clock(stay.until)}."
+    )
+    return Answer(
+        sentence, "where_was", 0.7, iso(stamp), None, evidence_of(world, line, stay.since, stay.until)
+    )
+
+
+def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+    """It is not where it was: where it usually is, or what looks like it and came since."""
+    usual = usual_places(line, world.now)
+    usual.pop(stay.place, None)
+    back = [other for other in world.alike(name) if world.timeline(other).stays
+            and world.timeline(other).stays[0].since >= stay.until]  # fmt: skip
+    guess = max(usual, key=lambda place: usual[place], default="")
+    options: list[dict[str, Any]] = [
+        {"object": name, "place": place, "probability": 0.5 * p} for place, p in usual.items() if p > 0.05
+    ]
+    sentence = (
+        f"{described(world, name)} is missing: it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, "
+        f"and is no longer there"
+    )
+    if back:
+        where = world.timeline(back[0]).stays[-1].place
+        sentence += f"; {clean(back[0])}, which looks like it, came {spoken(world, where)} since"
+        options.insert(0, {"object": back[0], "place": where, "probability": 0.6})
+    elif guess:
+        sentence += f"; it is often {spoken(world, guess)}"
+    probability = 0.55 if back else 0.9
+    evidence = evidence_of(world, line, stay.since, stamp)
+    return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
+
+
+def usual_places(line: Timeline, now: float, days: float = MONTH) -> dict[str, float]:
+    """Share of the time of the last weeks by place."""
+    return line.shares(now - days, now)
+
+
+def where_usually(world: Recall, what: str) -> Answer:
+    """Where an object usually is. value : name of the place. Raises NothingKnownError or AmbiguousError."""
+    from world_model.questions.naming import one_named
+
+    name = one_named(world, what)
+    shares = usual_places(world.timeline(name), world.now)
+    if not shares:
+        raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
+    order = sorted(shares, key=lambda place: -shares[place])
+    first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
+    others = [
+        f"{spoken(world, place)} ({100 * shares[place]:.0f} %)"
+        for place in order[1:4]
+        if shares[place] > 0.05
+    ]
+    rest = f"; else {listed(others)}" if others else ""
+    second = shares[order[1]] if len(order) > 1 else 0.0
+    probability = min(0.98, 0.5 + 2.0 * (shares[order[0]] - second))
+    options = tuple({"object": name, "place": place, "probability": shares[place]} for place in order[1:])
+    return Answer(
+        f"{described(world, name)} is usually {first}{rest}.", "where_usually", probability, iso(world.now), order[0],
+        (), options,
+    )  # fmt: skip
+
+
+def when_last_seen(world: Recall, what: str) -> Answer:
+    """When an object was seen last, and where. value : ISO 8601. Raises NothingKnownError."""
+    meant = things_named(world, what, past=True)
+    lines = [world.timeline(name) for name in meant.ids]
+    lines = [line for line in lines if line.stays]
+    if not lines:
+        raise NothingKnownError(f'"{clean(what)}" was never seen for certain.')
+    line = max(lines, key=lambda each: each.stays[-1].until)
+    stay = line.stays[-1]
+    missing = ", and is missing since" if line.lost else ""
+    sentence = (
+        f"{described(world, line.id)} was seen last at {clock(stay.until)}, {duration(world.now - stay.until)} ago, "
+        f"{spoken(world, stay.place)}{missing}."
+    )
+    options = tuple(
+        {
+            "object": other.id,
+            "place": other.stays[-1].place,
+            "stamp": iso(other.stays[-1].until),
+            "probability": 0.0,
+        }
+        for other in lines
+        if other.id != line.id
+    )
+    probability = 0.97 if not (meant.by_name and world.alike(line.id)) else 0.85
+    return Answer(
+        sentence, "when_last_seen", probability, iso(stay.until), iso(stay.until),
+        evidence_of(world, line, stay.since, stay.until), options,
+    )  # fmt: skip
+
+
+def evidence_of(world: Recall, line: Timeline, start: float, end: float) -> tuple[Mapping[str, Any], ...]:
+    """First and last sight of each stay that overlaps a span, the newest eight."""
+    found: list[dict[str, Any]] = []
+    for stay in line.stays:
+        if stay.until < start or stay.since > end:
+            continue
+        found.append({"object": line.id, "event": "came", "place": stay.place, "stamp": iso(stay.since)})
+        if stay.until > stay.since:
+            found.append({"object": line.id, "event": "seen", "place": stay.place, "stamp": iso(stay.until)})
+        if stay.gone and stay.left_by is not None:
+            found.append(
+                {"object": line.id, "event": "gone", "place": stay.place, "stamp": iso(stay.left_by)}
+            )
+    return tuple(found[-8:])
+
+
+def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None = None) -> dict[str, float]:
+    """Probability by object that it is at a place at a moment; people are left out where `ids` is None."""
+    found = {}
+    now = stamp >= world.now
+    if ids is None:
+        ids = [name for name in world.present if world.kind(name) != PERSON] if now else world.things()
+    for name in ids:
+        line = world.timeline(name)
+        if line.lost and now:
+            continue
+        chances, _ = line.at(stamp)
+        p = sum(chance for other, chance in chances.items() if other == place or world.contains(place, other))
+        item = world.present.get(name)
+        if now and item is not None:
+            p *= item.existence
+        if p > 0.02:
+            found[name] = p
+    return found
+
+
+def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
+    """What is, or was, at a place; near an object where it is named. value : ids.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where = place_named(world, place)
+    stamp = world.now if when is None else _span(world, when).middle
+    chances = at_place(world, where, stamp)
+    there = sorted((name for name in chances if chances[name] >= BELIEVED), key=lambda name: -chances[name])
+    verb = ("is", "are") if when is None else ("was", "were")
+    then = "" if when is None else f" at {clock(stamp)}"
+    if there:
+        named = [f"{described(world, name)}" + _doubtful(chances[name]) for name in there]
+        sentence = f"{listed(named, 20)} {verb[len(there) > 1]} {spoken(world, where)}{then}"
+    else:
+        sentence = f"Nothing that I know of {verb[0]} {spoken(world, where)}{then}"
+    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * (0.97 if chances else 0.9)
+    options = tuple({"object": name, "place": where, "probability": p} for name, p in chances.items())
+    evidence = tuple(
+        entry for name in there[:4] for entry in evidence_of(world, world.timeline(name), stamp, stamp)
+    )
+    return Answer(
+        f"{sentence}, {told(probability)}.", "what_is_at", probability, iso(stamp), there, evidence, options
+    )
+
+
+def _doubtful(p: float) -> str:
+    return "" if p >= 0.9 else f" (probably, {told(p)})"
+
+
+def is_at(world: Recall, what: str, place: str, when: str | float | Span | None = None) -> Answer:
+    """Whether an object, or one of a class, is or was at a place. value : bool.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where = place_named(world, place)
+    past = when is not None
+    meant = things_named(world, what, past)
+    stamp = world.now if when is None else _span(world, when).middle
+    chances = at_place(world, where, stamp, meant.ids)
+    if meant.by_name:
+        chances = {name: p * (TWIN if world.alike(name) else 1.0) for name, p in chances.items()}
+    p = 1.0 - math.prod(1.0 - each for each in chances.values())
+    p = min(p, 0.99)
+    there = [
+        described(world, name)
+        for name in sorted(chances, key=lambda name: -chances[name])
+        if chances[name] > 0.5
+    ]
+    verb = "was" if past else "is"
+    then = f" at {clock(stamp)}" if past else ""
+    yes = p >= 0.5
+    if yes:
+        sentence = f"Yes, {listed(there or [clean(what)])} {hedged(p, verb)} {spoken(world, where)}{then}, {told(p)}."
+    else:
+        known = [
+            f"{described(world, name)} {verb} {_elsewhere(world, name, stamp)}" for name in meant.ids[:3]
+        ]
+        sentence = f"No, {clean(plain(what))} {verb} not {spoken(world, where)}{then}: {listed(known)}, {told(1 - p)}."
+    options = tuple({"object": name, "place": where, "probability": q} for name, q in chances.items())
+    evidence = evidence_of(world, world.timeline(meant.ids[0]), stamp, stamp)
+    return Answer(sentence, "is_at", max(p, 1.0 - p), iso(stamp), yes, evidence, options)
+
+
+def _elsewhere(world: Recall, name: str, stamp: float) -> str:
+    line = world.timeline(name)
+    chances, stay = line.at(stamp)
+    if stay is None or not chances or (line.lost and stamp >= world.now):
+        return "at no place that I know"
+    return spoken(world, max(chances, key=lambda each: chances[each]))
+
+
+def how_many(world: Recall, what: str, place: str = "", when: str | float | Span | None = None) -> Answer:
+    """How many objects of a class there are, at a place or anywhere. value : number.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where = place_named(world, place) if place else ""
+    stamp = world.now if when is None else _span(world, when).middle
+    everything = plain(what).rstrip("s") in ("thing", "object", "item")
+    ids = tuple(world.things()) if everything else things_named(world, what, when is not None).ids
+    if where:
+        chances = at_place(world, where, stamp, ids)
+    else:
+        chances = {}
+        for name in ids:
+            line = world.timeline(name)
+            known, _ = line.at(stamp)
+            chances[name] = 0.0 if line.lost and stamp >= world.now else min(sum(known.values()), 1.0)
+    there = [name for name, p in chances.items() if p >= BELIEVED]
+    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * 0.97
+    at = f" {spoken(world, where)}" if where else ""
+    then = f" at {clock(stamp)}" if when is not None else ""
+    verb = "There was" if when is not None else "There is"
+    if len(there) != 1:
+        verb = verb.replace("was", "were").replace("is", "are")
+    shown = f": {listed([described(world, name) for name in there])}" if there else ""
+    sentence = f"{verb} {len(there)} of these{at}{then}{shown}, {told(probability)}."
+    options = tuple({"object": name, "place": where, "probability": p} for name, p in chances.items())
+    return Answer(sentence, "how_many", probability, iso(stamp), len(there), (), options)
+
+
+__all__ = [
+    "at_place", "evidence_of", "how_many", "is_at", "name_of", "what_is_at", "when_last_seen", "where_is",
+    "where_usually", "where_was",
+]  # fmt: skip
