@@ -12,6 +12,7 @@ nodes:
 from __future__ import annotations
 
 import difflib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,13 @@ class NodeConfig(BaseModel):
     remappings: dict[str, str] = Field(default_factory=dict)
 
 
+def log_directory() -> Path:
+    """`whereabouts` in the folder where ROS keeps its logs: ROS_LOG_DIR, else ROS_HOME/log, else ~/.ros/log."""
+    given, home = os.environ.get("ROS_LOG_DIR"), os.environ.get("ROS_HOME")
+    folder = Path(given) if given else (Path(home) if home else Path.home() / ".ros") / "log"
+    return folder.expanduser() / "whereabouts"
+
+
 class SuiteConfig(BaseModel):
     """What to run. Fields are the options of `whereabouts run`; an option given there goes before.
 
@@ -54,7 +62,7 @@ class SuiteConfig(BaseModel):
     record: dict[str, str] = Field(default_factory=dict)
     out: Path | None = None
     params_file: Path | None = None
-    logs: Path = Path("log/nodes")
+    logs: Path = Field(default_factory=log_directory)
     nodes: dict[str, NodeConfig] = Field(default_factory=lambda: {name: NodeConfig() for name in NODES})
 
     @field_validator("nodes", mode="before")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, target_folder, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.bag_profile import BagProfile
@@ -35,7 +35,9 @@ def demo(
             help="Replay this bag (or any log `convert` reads), or `killian`, instead of the apartment's day.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the report.")] = Path("demo-report"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the report.", callback=target_folder)] = Path(
+        "demo-report"
+    ),
     rate: Annotated[
         float | None,
         typer.Option(

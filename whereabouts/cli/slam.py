@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, target_file, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.logs import Log
@@ -33,7 +33,12 @@ def slam(
     out: TumFile = None,
     closures: Annotated[
         Path | None,
-        typer.Option("--closures", metavar="C.csv", help="Write the accepted closures to this file."),
+        typer.Option(
+            "--closures",
+            metavar="C.csv",
+            help="Write the accepted closures to this file.",
+            callback=target_file,
+        ),
     ] = None,
     map_file: Annotated[
         Path | None,
@@ -41,6 +46,7 @@ def slam(
             "--map",
             metavar="M.png",
             help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
+            callback=target_file,
         ),
     ] = None,
     in_map: Annotated[

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, WithWheels, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, WithWheels, target_file, write_figures
 
 COLUMNS = ("time", "label", "x", "y", "vx", "vy", "weight")
 
@@ -46,6 +46,7 @@ def track(
             "--out",
             metavar="tracks.csv",
             help="Write the tracks: time, label, x, y, vx, vy, weight (and person).",
+            callback=target_file,
         ),
     ] = None,
     frame: Annotated[
