@@ -11,6 +11,7 @@ from estimation.errors import WhereaboutsError
 from whereabouts import __version__
 from whereabouts.cli.convert import convert
 from whereabouts.cli.demo import demo
+from whereabouts.cli.doctor import doctor
 from whereabouts.cli.experiment import experiment
 from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
@@ -18,6 +19,7 @@ from whereabouts.cli.odometry import odometry
 from whereabouts.cli.run import run
 from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
+from whereabouts.cli.setup import setup
 from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
 from whereabouts.cli.view import view
@@ -49,7 +51,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, run, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
+    demo, run, setup, doctor, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")

@@ -167,9 +167,7 @@ def _run_bag(config: SuiteConfig, bag: Path) -> None:
     from whereabouts.progress import progress_bar
 
     domain = os.environ["ROS_DOMAIN_ID"]
-    typer.echo(
-        f"replaying on ROS domain {domain}: set ROS_DOMAIN_ID={domain} to look at it, or before the start to choose another"
-    )
+    typer.echo(f"replaying on ROS domain {domain}: set ROS_DOMAIN_ID={domain} to look at it")
     with progress_bar() as bar:
         task = bar.add_task(f"replaying {bag.name}", total=100)
         account = run_suite(

@@ -116,7 +116,9 @@ class SuiteNode(LifecycleNode):
         """Subscriptions whose messages may lie about until something else wakes the node up."""
         waits = any(item.waits for item in self.inputs)
         return [
-            item.subscription for item in self.inputs if item.on_demand and not (waits and item.is_transforms)
+            item.subscription
+            for item in self.inputs
+            if item.on_demand and not (waits and (item.is_transforms or item.awaited))
         ]
 
     # What a node implements.
@@ -147,11 +149,13 @@ class SuiteNode(LifecycleNode):
         packed: bool = False,
         companions: Sequence[Input] = (),
         in_turn: bool = False,
+        awaited: bool = False,
     ) -> Input:
         """Subscribe a sensor topic; see `Input`."""
         item = Input(
             self, message_type, topic, handler,
             frames=frames, on_demand=on_demand, packed=packed, companions=companions, in_turn=in_turn,
+            awaited=awaited,
         )  # fmt: skip
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
