@@ -57,6 +57,15 @@ WithWheels = Annotated[
     bool,
     typer.Option("--wheels/--no-wheels", help="Use the log's wheel odometry, if any, as initial guess."),
 ]
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--params",
+        metavar="robot.yaml",
+        help="ROS parameter file, such as `setup` writes: topics, frames and settings. The trajectory is then that of "
+        "the robot's frame, as tf says how the sensor is mounted.",
+    ),
+]
 TumFile = Annotated[
     Path | None,
     typer.Option(
