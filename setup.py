@@ -30,10 +30,10 @@ setup(
     long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="whereabouts maintainers",
-    maintainer_email="maintainers@users.noreply.h-seed-c5fa768a.example",
-    python_requires=">=3.11,<3.13",
+    maintainer_email="whereabouts@example.org",
+    python_requires=">=3.11,<3.14",
     packages=packages,
-    package_data={package: ["models/*.json", "defaults/*.yaml"] for package in packages},
+    package_data={package: ["models/*.json", "defaults/*.yaml", "presets/*.yaml"] for package in packages},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -48,6 +48,8 @@ setup(
         "scipy>=1.11",
         "numba>=0.58",
         "kiss-icp>=1.2",
+        "small_gicp>=1.0",
+        "gtsam>=4.2.1",
         "rosbags>=0.11",
         "mcap>=1.2",
         "pydantic>=2.4",
@@ -60,6 +62,16 @@ setup(
         "lz4>=4",
         "zstandard>=0.21",
     ],
+    extras_require={
+        # The nodes on a machine without a ROS installation. The suite's own messages are built from whereabouts_msgs/.
+        "ros": ["ros-rclpy[fastrtps]>=7.1,<8", "ros-common-interfaces>=5.3,<6"],
+        # Live pictures: `whereabouts view`.
+        "view": ["rerun-sdk>=0.20"],
+        # Placing clouds without a guess. It has no wheels from Python 3.13 on.
+        "clouds": ["kiss_matcher>=1.0; python_version < '3.13'"],
+        # `whereabouts experiment`, and what compares with others.
+        "evaluation": ["whereabouts-evaluation"],
+    },
     entry_points={
         "console_scripts": [
             "whereabouts = whereabouts.cli.main:main",

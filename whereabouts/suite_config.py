@@ -1,5 +1,7 @@
 """The file of `whereabouts run --config`: which nodes run, how, and on what bag. Needs no ROS.
 
+A ROS parameter file, such as `whereabouts setup` writes, will do as well: all nodes then run with what it says.
+
 namespace: /robot1
 params_file: robot.yaml            # paths are relative to the file that names them
 nodes:
@@ -11,7 +13,7 @@ nodes:
 
 from __future__ import annotations
 
-import difflib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from estimation.errors import InputError
 from whereabouts.node_names import NODES
+from whereabouts.parameter_file import hint, is_parameter_file, problems_of_file
 from whereabouts.parameters.description import explain
 from whereabouts.parameters.registry import model_of
 
@@ -38,6 +41,13 @@ class NodeConfig(BaseModel):
     remappings: dict[str, str] = Field(default_factory=dict)
 
 
+def log_directory() -> Path:
+    """`whereabouts` in the folder where ROS keeps its logs: ROS_LOG_DIR, else ROS_HOME/log, else ~/.ros/log."""
+    given, home = os.environ.get("ROS_LOG_DIR"), os.environ.get("ROS_HOME")
+    folder = Path(given) if given else (Path(home) if home else Path.home() / ".ros") / "log"
+    return folder.expanduser() / "whereabouts"
+
+
 class SuiteConfig(BaseModel):
     """What to run. Fields are the options of `whereabouts run`; an option given there goes before.
 
@@ -54,7 +64,7 @@ class SuiteConfig(BaseModel):
     record: dict[str, str] = Field(default_factory=dict)
     out: Path | None = None
     params_file: Path | None = None
-    logs: Path = Path("log/nodes")
+    logs: Path = Field(default_factory=log_directory)
     nodes: dict[str, NodeConfig] = Field(default_factory=lambda: {name: NodeConfig() for name in NODES})
 
     @field_validator("nodes", mode="before")
@@ -113,6 +123,9 @@ def read_config(path: Path | None, options: dict[str, Any]) -> SuiteConfig:
     SuiteConfigError : no such file, no YAML, a key that is unknown or has a value that is not allowed.
     """
     given = {} if path is None else _with_paths(_mapping(path), path.parent)
+    if is_parameter_file(given):
+        # All nodes run with what it says; where there is no bag it is a live robot.
+        given = {"params_file": str(path)}
     # Of the file's replay settings those that an option replaces must not stand in its way.
     if options.get("lock_step"):
         given.pop("rate", None)
@@ -159,7 +172,7 @@ def _sentence(problem: Any) -> str:
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         known = NodeConfig.model_fields if len(problem["loc"]) > 1 else SuiteConfig.model_fields
-        return f"{key}: there is no such key{_hint(str(problem['loc'][-1]), list(known))}"
+        return f"{key}: there is no such key{hint(str(problem['loc'][-1]), list(known))}"
     message = problem["msg"].removeprefix("Value error, ")
     if not key or problem["type"] == "value_error":
         return f"{key}: {message}" if key else message
@@ -179,7 +192,7 @@ def _parameter_problems(config: SuiteConfig) -> list[str]:
             if key in model.model_fields:
                 checked[key] = value
             elif key != "use_sim_time" and not key.startswith("qos_overrides."):
-                problems.append(f"{where}.parameters.{key}: there is no such parameter{_hint(key, known)}")
+                problems.append(f"{where}.parameters.{key}: there is no such parameter{hint(key, known)}")
         try:
             model.model_validate(checked)
         except ValidationError as error:
@@ -190,9 +203,6 @@ def _parameter_problems(config: SuiteConfig) -> list[str]:
         path = getattr(config, key)
         if path is not None and not path.exists():
             problems.append(f"{key}: {path} does not exist")
+        elif path is not None and key == "params_file" and path.stat().st_size:
+            problems += problems_of_file(path)
     return problems
-
-
-def _hint(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean '{close[0]}'?" if close else f"; there are: {', '.join(known)}"

@@ -184,3 +184,15 @@ def test_newest_common_stamp_is_that_of_the_slowest_transform_between() -> None:
     assert buffer.newest("base_link", "laser") == 0
     assert buffer.newest("map", "elsewhere") is None
     buffer.lookup("map", "laser", 3 * SECOND)
+
+
+def test_a_second_parent_is_remembered_and_a_first_one_is_not() -> None:
+    rng = np.random.default_rng(9)
+    buffer = TransformBuffer()
+    insert(buffer, "odom", "base_link", SECOND, random_pose(rng))
+    insert(buffer, "base_link", "laser", 0, random_pose(rng), static=True)
+    insert(buffer, "odom", "base_link", 2 * SECOND, random_pose(rng))
+    assert buffer.contradictions() == []
+    insert(buffer, "base_footprint", "base_link", 0, random_pose(rng), static=True)
+    assert buffer.contradictions() == ["frame 'base_link' has two parents: 'base_footprint' and 'odom'"]
+    assert buffer.parent("base_link") == "base_footprint"

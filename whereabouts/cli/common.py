@@ -3,11 +3,52 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+
+def target_file(path: Path | None) -> Path | None:
+    """Callback of an option that names a file to write: whether it can be is said before any work is done.
+
+    Raises
+    ------
+    WriteError : its folder does not exist or may not be written, or a folder stands in its place.
+    """
+    from whereabouts.log_errors import WriteError
+
+    if path is None:
+        return None
+    if not path.parent.is_dir():
+        raise WriteError(path, f"directory {path.parent} does not exist; create it first")
+    if path.is_dir():
+        raise WriteError(path, "is a directory")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise WriteError(path, f"directory {path.parent} may not be written")
+    return path
+
+
+def target_folder(path: Path | None) -> Path | None:
+    """The same for a folder that is made where it is missing.
+
+    Raises
+    ------
+    WriteError : a file stands in the way, or the folder may not be made or written.
+    """
+    from whereabouts.log_errors import WriteError
+
+    if path is None:
+        return None
+    known = next(parent for parent in (path, *path.absolute().parents) if parent.exists())
+    if not known.is_dir():
+        raise WriteError(path, f"{known} is a file; name a directory")
+    if not os.access(known, os.W_OK | os.X_OK):
+        raise WriteError(path, f"directory {known} may not be written")
+    return path
+
 
 TopicToUse = Annotated[
     str | None, typer.Option("--topic", help="Topic of the scans or clouds; default: the first one found.")
@@ -16,11 +57,24 @@ WithWheels = Annotated[
     bool,
     typer.Option("--wheels/--no-wheels", help="Use the log's wheel odometry, if any, as initial guess."),
 ]
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--params",
+        metavar="robot.yaml",
+        help="ROS parameter file, such as `setup` writes: topics, frames and settings. The trajectory is then that of "
+        "the robot's frame, as tf says how the sensor is mounted.",
+    ),
+]
 TumFile = Annotated[
-    Path | None, typer.Option("--out", metavar="T.tum", help="Write the trajectory, one line per scan.")
+    Path | None,
+    typer.Option(
+        "--out", metavar="T.tum", help="Write the trajectory, one line per scan.", callback=target_file
+    ),
 ]
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the figures to FILE as JSON.")
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="Write the figures to FILE as JSON.", callback=target_file),
 ]
 
 Dask = Annotated[

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, target_folder, write_figures
 
 if TYPE_CHECKING:
-    from whereabouts.bag_profile import BagProfile
     from whereabouts.nodes.replayer import ReplayAccount
     from whereabouts.replay_report import Replayed
 
@@ -35,7 +34,9 @@ def demo(
             help="Replay this bag (or any log `convert` reads), or `killian`, instead of the apartment's day.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the report.")] = Path("demo-report"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the report.", callback=target_folder)] = Path(
+        "demo-report"
+    ),
     rate: Annotated[
         float | None,
         typer.Option(
@@ -56,7 +57,6 @@ def demo(
     if bag is None:
         _apartment(out, rate, json_file)
         return
-    from whereabouts.bag_profile import profile_of
     from whereabouts.logs import read_g2o
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, prepare_environment, run_suite
     from whereabouts.nodes.supervisor import NodeSpec, SuiteError
@@ -72,19 +72,11 @@ def demo(
         graph = read_g2o(graph_file(typer.echo))
     out.mkdir(parents=True, exist_ok=True)
     recording = out / "recording.mcap"
-    profile = profile_of(path)
-    for note in profile.notes:
-        typer.echo(note)
+    given = node_parameters(path)
     specs = [
+        NodeSpec("scan_registration", parameters={**REPLAY_PARAMETERS, **given["scan_registration"]}),
         NodeSpec(
-            "scan_registration",
-            parameters={**REPLAY_PARAMETERS, **profile.parameters},
-            remappings=profile.remappings,
-        ),
-        NodeSpec(
-            "loop_closure",
-            parameters={**REPLAY_PARAMETERS, **MAPPING_PARAMETERS, **mapping_parameters(profile)},
-            remappings=profile.remappings,
+            "loop_closure", parameters={**REPLAY_PARAMETERS, **MAPPING_PARAMETERS, **given["loop_closure"]}
         ),
     ]
     typer.echo(f"replaying {path} through {' and '.join(spec.executable for spec in specs)} over DDS")
@@ -167,17 +159,29 @@ def apartment_bag(out: Path) -> Path:
     return made
 
 
-def mapping_parameters(profile: BagProfile) -> dict[str, Any]:
-    """What loop_closure has to know of a bag: its frame and its first sensor."""
-    given = profile.parameters
-    chosen: dict[str, Any] = {key: given[key] for key in ("base_frame", "odom_frame") if key in given}
-    clouds = [topic for topic in given.get("cloud_topics", []) if topic]
-    scans = [topic for topic in given.get("scan_topics", []) if topic]
-    if clouds:
-        chosen["cloud_topic"] = clouds[0]
-    elif scans:
-        chosen["scan_topic"] = scans[0]
-    return chosen
+def node_parameters(path: Path) -> dict[str, dict[str, Any]]:
+    """What scan_registration and loop_closure have to know of a bag; says what was chosen.
+
+    Raises
+    ------
+    NothingRecognisedError : there are neither scans nor clouds in it.
+    """
+    from whereabouts.log_errors import NothingRecognisedError
+    from whereabouts.robot.bags import survey_bag
+    from whereabouts.robot.choice import choose
+    from whereabouts.robot.findings import findings
+    from whereabouts.robot.settings import parameters
+
+    survey = survey_bag(path)
+    choice = choose(survey)
+    if not choice.scans and not choice.clouds:
+        raise NothingRecognisedError(path, "has neither LaserScan nor PointCloud2 messages")
+    for finding in findings(survey, choice):
+        typer.echo(str(finding))
+    given = parameters(choice)
+    frames = {name: given["/**"][name] for name in ("base_frame", "odom_frame")}
+    mapping = {**frames, "map_frame": choice.map_frame, **given["loop_closure"]}
+    return {"scan_registration": {**frames, **given["scan_registration"]}, "loop_closure": mapping}
 
 
 def _title(killian: bool, path: Path) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import Dask, JsonFile, write_figures
+from whereabouts.cli.common import Dask, JsonFile, target_folder, write_figures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,9 @@ def experiment(
         list[Path] | None,
         typer.Argument(metavar="[OLD NEW]", help="For `compare`: two folders or files of results."),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder for NAME.json and its pictures.")] = OUT,
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for NAME.json and its pictures.", callback=target_folder)
+    ] = OUT,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the first repetition; the others follow.")] = 0,
     jobs: Annotated[
         int | None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, target_file, write_figures
 
 
 def intentions(
@@ -33,11 +33,17 @@ def intentions(
         Path | None, typer.Option("--load", metavar="M.npz", help="Continue with a saved model.")
     ] = None,
     save: Annotated[
-        Path | None, typer.Option("--save", metavar="M.npz", help="Save the model to this file.")
+        Path | None,
+        typer.Option("--save", metavar="M.npz", help="Save the model to this file.", callback=target_file),
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option("--picture", metavar="P.png", help="Draw the learned walks and the predictions."),
+        typer.Option(
+            "--picture",
+            metavar="P.png",
+            help="Draw the learned walks and the predictions.",
+            callback=target_file,
+        ),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:

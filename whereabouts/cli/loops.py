@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import Dask, Jobs, JsonFile, write_figures
+from whereabouts.cli.common import Dask, Jobs, JsonFile, target_file, write_figures
 
 if TYPE_CHECKING:
     from loop_closure.pairs import PairRule
@@ -70,7 +70,9 @@ Seed = Annotated[int, typer.Option("--seed", help="Random seed.")]
 @app.command()
 def train(
     logs: Logs,
-    out: Annotated[Path, typer.Option("--out", metavar="model.json", help="File for the model.")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="model.json", help="File for the model.", callback=target_file)
+    ],
     method: Method = "best",
     distance: Distance = 2.5,
     heading: Heading = 180.0,
@@ -169,7 +171,9 @@ def evaluate(
     seed: Seed = 0,
     jobs: Jobs = 1,
     dask: Dask = "",
-    curve: Annotated[Path | None, typer.Option("--roc", metavar="PNG", help="Draw the ROC curves.")] = None,
+    curve: Annotated[
+        Path | None, typer.Option("--roc", metavar="PNG", help="Draw the ROC curves.", callback=target_file)
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Judge a classifier of places: detection rate D at 0, 0.1 and 1 % false alarms.

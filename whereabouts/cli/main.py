@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
 from estimation.errors import WhereaboutsError
+<<<<<<< HEAD
 from whereabouts.cli.console import console
+=======
+from whereabouts import __version__
+>>>>>>> ecf06cab4ab49ae46f8f7aa09e5844849004a696
 from whereabouts.cli.convert import convert
 from whereabouts.cli.demo import demo
+from whereabouts.cli.doctor import doctor
 from whereabouts.cli.experiment import experiment
 from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
@@ -17,50 +23,84 @@ from whereabouts.cli.odometry import odometry
 from whereabouts.cli.run import run
 from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
+from whereabouts.cli.setup import setup
 from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
 from whereabouts.cli.view import view
 from whereabouts.cli.world import world
 from whereabouts.interrupts import listen_to_interrupts
+from whereabouts.without_features import stand_in
 
-NEEDS_EVALUATION = (
-    "this command needs the package whereabouts-evaluation: in a checkout `pip install ./evaluation`, or use the "
-    "environment that `make demo` sets up"
-)
+# What to install for a package that is missing, by the package. ROS's own are told apart by their names.
+EXTRAS = {
+    "evaluation": "whereabouts-evaluation: in a checkout `pip install ./evaluation`, or use the environment that "
+    "`make demo` sets up",
+    "gtsam": "gtsam: `pip install gtsam`",
+    "small_gicp": "small_gicp: `pip install small_gicp`",
+    "kiss_icp": "kiss-icp: `pip install kiss-icp`",
+    "rerun": "rerun-sdk: `pip install 'whereabouts[view]'`",
+}
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"whereabouts {__version__}")
+        raise typer.Exit
+
+
 app = typer.Typer(
     name="whereabouts",
-    help="Perception for a mobile service robot: run the nodes, and process recordings.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
 for command in (
+<<<<<<< HEAD
     demo, run, console, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
+=======
+    demo, run, setup, doctor, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
+>>>>>>> ecf06cab4ab49ae46f8f7aa09e5844849004a696
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")
 
 
+@app.callback()
+def about(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version and exit.", callback=_say_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Perception for a mobile service robot: run the nodes, and process recordings."""
+
+
+def _missing(package: str) -> str:
+    """What to say of a package that is not installed; empty for one that nobody expects to be missing."""
+    if package in EXTRAS:
+        return f"this command needs the package {EXTRAS[package]}"
+    if package == "rclpy" or package.endswith("_msgs"):
+        return (
+            f"this command needs ROS 2, and {package} is not installed here: "
+            "use the environment that `make demo` sets up, or source a ROS 2 workspace that has it"
+        )
+    return ""
+
+
 def main() -> None:
     """Run the command line; an expected error is one sentence and exit code 1."""
     listen_to_interrupts()
+    stand_in()
     try:
         app()
     except WhereaboutsError as error:
         print(f"whereabouts: {error}", file=sys.stderr)
         sys.exit(1)
     except ImportError as error:
-        package = (error.name or "").partition(".")[0]
-        if package == "evaluation":
-            print(f"whereabouts: {NEEDS_EVALUATION}", file=sys.stderr)
-            sys.exit(1)
-        if package != "rclpy" and not package.endswith("_msgs"):
+        sentence = _missing((error.name or "").partition(".")[0])
+        if not sentence:
             raise
-        print(
-            f"whereabouts: this command needs ROS 2, and {package} is not installed here: "
-            "use the environment that `make demo` sets up, or source a ROS 2 workspace that has it",
-            file=sys.stderr,
-        )
+        print(f"whereabouts: {sentence}", file=sys.stderr)
         sys.exit(1)
     except BrokenPipeError:
         # The reader of our output has gone, as `| head` does.

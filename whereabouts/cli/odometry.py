@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, write_figures
+from whereabouts.cli.common import JsonFile, ParamsFile, TopicToUse, TumFile, WithWheels, write_figures
 
 
 def odometry(
@@ -19,6 +19,7 @@ def odometry(
     out: TumFile = None,
     topic: TopicToUse = None,
     wheels: WithWheels = True,
+    params: ParamsFile = None,
     json_file: JsonFile = None,
 ) -> None:
     """Compute the robot's trajectory from a recorded log.
@@ -43,7 +44,14 @@ def odometry(
         if writer is not None:
             writer.__enter__()
         try:
-            for followed in follow(log, use_wheels=wheels, topic=topic):
+            records: Any = log
+            config = None
+            if params is not None:
+                from whereabouts.robot.log import RobotLog
+
+                records = RobotLog(log, params, topic)
+                topic, config = records.topic, records.settings.odometry
+            for followed in follow(records, config, use_wheels=wheels, topic=topic):
                 position = followed.pose[:2] if followed.pose.ndim == 1 else followed.pose[:3, 3]
                 length += 0.0 if last is None else float(np.linalg.norm(position - last))
                 last = position

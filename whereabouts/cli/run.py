@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from whereabouts.cli.common import target_file, target_folder
 from whereabouts.node_names import NODES
 
 if TYPE_CHECKING:
@@ -54,7 +56,8 @@ def run(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="OUT.mcap", help="File for the recording.")
+        Path | None,
+        typer.Option("--out", metavar="OUT.mcap", help="File for the recording.", callback=target_file),
     ] = None,
     params: Annotated[
         Path | None, typer.Option("--params", help="ROS parameter file. It overrides the shipped ones.")
@@ -64,14 +67,19 @@ def run(
     ] = "",
     logs: Annotated[
         Path | None,
-        typer.Option("--logs", help="Folder for one log file per node.", show_default="log/nodes"),
+        typer.Option(
+            "--logs",
+            help="Folder for one log file per node.",
+            show_default="whereabouts in ROS's folder of logs",
+            callback=target_folder,
+        ),
     ] = None,
 ) -> None:
     """Run nodes and end them cleanly on Ctrl-C.
 
     All nodes are configured, then activated, in order. A node that dies is started again. With --bag the bag is
     replayed with /clock at --rate (default 1), or in lock-step. At the end it prints how many messages were
-    sent, lost and not processed.
+    sent, lost and not processed. The replay has a ROS domain of its own on this machine, unless ROS_DOMAIN_ID is set.
     """
     from whereabouts.nodes.suite import prepare_environment
     from whereabouts.suite_config import read_config
@@ -88,7 +96,11 @@ def run(
     }
     options = {key: value for key, value in options.items() if value}
     chosen = read_config(config, options).only(nodes or [])
-    prepare_environment()
+    target_folder(chosen.logs)
+    if chosen.out is not None and chosen.out.suffix == ".mcap":
+        target_file(chosen.out)
+    # A bag must not mix with a robot, nor with another bag.
+    prepare_environment(private=chosen.bag is not None)
     if chosen.bag is None:
         _run_live(chosen)
     else:
@@ -154,6 +166,8 @@ def _run_bag(config: SuiteConfig, bag: Path) -> None:
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
     from whereabouts.progress import progress_bar
 
+    domain = os.environ["ROS_DOMAIN_ID"]
+    typer.echo(f"replaying on ROS domain {domain}: set ROS_DOMAIN_ID={domain} to look at it")
     with progress_bar() as bar:
         task = bar.add_task(f"replaying {bag.name}", total=100)
         account = run_suite(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, target_file, target_folder, write_figures
 
 if TYPE_CHECKING:
     from registration.scan import Scan
@@ -20,14 +20,20 @@ def segment(
         typer.Argument(metavar="[IN]", help="Any readable log with planar scans."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="labels.npz, or with --train the model's JSON file.")
+        Path | None,
+        typer.Option(
+            "--out", help="labels.npz, or with --train the model's JSON file.", callback=target_file
+        ),
     ] = None,
     topic: TopicToUse = None,
     model_file: Annotated[
         Path | None, typer.Option("--model", help="Use this trained model instead of the shipped one.")
     ] = None,
     pictures: Annotated[
-        Path | None, typer.Option("--pictures", help="Folder for pictures of some labelled scans.")
+        Path | None,
+        typer.Option(
+            "--pictures", help="Folder for pictures of some labelled scans.", callback=target_folder
+        ),
     ] = None,
     train: Annotated[
         bool, typer.Option("--train", help="Train a model on simulated labelled pairs and write it to --out.")

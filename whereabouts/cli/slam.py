@@ -5,16 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, TumFile, WithWheels, write_figures
+from whereabouts.cli.common import (
+    JsonFile,
+    ParamsFile,
+    TopicToUse,
+    TumFile,
+    WithWheels,
+    target_file,
+    write_figures,
+)
 
 if TYPE_CHECKING:
     from whereabouts.logs import Log
+    from whereabouts.mapping import Mapped
 
 
 class Proposals(StrEnum):
@@ -33,7 +43,12 @@ def slam(
     out: TumFile = None,
     closures: Annotated[
         Path | None,
-        typer.Option("--closures", metavar="C.csv", help="Write the accepted closures to this file."),
+        typer.Option(
+            "--closures",
+            metavar="C.csv",
+            help="Write the accepted closures to this file.",
+            callback=target_file,
+        ),
     ] = None,
     map_file: Annotated[
         Path | None,
@@ -41,6 +56,7 @@ def slam(
             "--map",
             metavar="M.png",
             help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
+            callback=target_file,
         ),
     ] = None,
     in_map: Annotated[
@@ -62,6 +78,7 @@ def slam(
     ] = Proposals.both,
     topic: TopicToUse = None,
     wheels: WithWheels = True,
+    params: ParamsFile = None,
     json_file: JsonFile = None,
 ) -> None:
     """Compute the robot's trajectory from a recorded log with loops closed, or localise it in a saved map.
@@ -77,31 +94,48 @@ def slam(
     if in_map is not None and (closures is not None or map_file is not None):
         raise typer.BadParameter("--in-map changes no map and closes no loop: neither --closures nor --map")
     if in_map is not None:
-        _locate(source, in_map, initial, out, topic, wheels, json_file)
+        _locate(_Input(source, topic, wheels, params), in_map, initial, out, json_file)
     else:
-        _map(source, out, closures, map_file, proposals, topic, wheels, json_file)
+        _map(_Input(source, topic, wheels, params), out, closures, map_file, proposals, json_file)
+
+
+@dataclass(frozen=True)
+class _Input:
+    """What is read, and how."""
+
+    source: Path
+    topic: str | None
+    wheels: bool
+    params: Path | None
+
+    def of_robot(self, log: Log) -> tuple[Any, str | None]:
+        """What to iterate, and the topic: of the parameter file where there is one."""
+        if self.params is None:
+            return log, self.topic
+        from whereabouts.robot.log import RobotLog
+
+        robot = RobotLog(log, self.params, self.topic)
+        return robot, robot.topic
 
 
 def _map(
-    source: Path,
+    given: _Input,
     out: Path | None,
     closures: Path | None,
     map_file: Path | None,
     proposals: Proposals,
-    topic: str | None,
-    wheels: bool,
     json_file: Path | None,
 ) -> None:
     import numpy as np
 
     from whereabouts.atomic import atomic_path
     from whereabouts.logs import write_tum
-    from whereabouts.mapping import closure_rows, map_log, write_map_files
+    from whereabouts.mapping import closure_rows, write_map_files
 
+    source = given.source
     started = time.perf_counter()
-    with _reading(source, "mapping") as (log, advance):
-        mapped = map_log(log, use_wheels=wheels, topic=topic, on_scan=advance, proposals=proposals.value)
-    _require_scans(source, topic, len(mapped.stamps))
+    mapped = _mapped(given, proposals)
+    _require_scans(source, given.topic, len(mapped.stamps))
     elapsed = time.perf_counter() - started
     poses = np.array(mapped.poses)
     if out is not None:
@@ -131,13 +165,28 @@ def _map(
     )
 
 
+def _mapped(given: _Input, proposals: Proposals) -> Mapped:
+    from whereabouts.mapping import map_log
+
+    with _reading(given.source, "mapping") as (log, advance):
+        if given.params is None:
+            return map_log(
+                log, use_wheels=given.wheels, topic=given.topic, on_scan=advance, proposals=proposals.value
+            )
+        from whereabouts.parameter_file import settings_for
+        from whereabouts.robot.log import RobotLog, map_robot
+
+        settings = settings_for(given.params, "loop_closure")
+        chosen: Any = settings.proposals if proposals is Proposals.both else proposals.value
+        robot = RobotLog(log, given.params, given.topic)
+        return map_robot(robot, settings.slam, given.wheels, advance, chosen)
+
+
 def _locate(
-    source: Path,
+    given: _Input,
     in_map: Path,
     initial: str | None,
     out: Path | None,
-    topic: str | None,
-    wheels: bool,
     json_file: Path | None,
 ) -> None:
     from loop_closure.map_file import read_map
@@ -147,8 +196,10 @@ def _locate(
     first = None if initial is None else _pose(initial)
     places = read_map(in_map)
     started = time.perf_counter()
+    source = given.source
     with _reading(source, "locating") as (log, advance):
-        located = locate_log(log, places, first, use_wheels=wheels, topic=topic, on_scan=advance)
+        records, topic = given.of_robot(log)
+        located = locate_log(records, places, first, use_wheels=given.wheels, topic=topic, on_scan=advance)
     _require_scans(source, topic, len(located.stamps))
     elapsed = time.perf_counter() - started
     known = [

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, WithWheels, write_figures
+from whereabouts.cli.common import JsonFile, ParamsFile, TopicToUse, WithWheels, target_file, write_figures
 
 COLUMNS = ("time", "label", "x", "y", "vx", "vy", "weight")
 
@@ -46,6 +46,7 @@ def track(
             "--out",
             metavar="tracks.csv",
             help="Write the tracks: time, label, x, y, vx, vy, weight (and person).",
+            callback=target_file,
         ),
     ] = None,
     frame: Annotated[
@@ -67,6 +68,7 @@ def track(
     ] = Targets.people,
     topic: TopicToUse = None,
     wheels: WithWheels = True,
+    params: ParamsFile = None,
     json_file: JsonFile = None,
 ) -> None:
     """Track people through a recorded log.
@@ -81,12 +83,15 @@ def track(
     from whereabouts.atomic import atomic_path
     from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.logs import open_log
+    from whereabouts.parameter_file import settings_for
     from whereabouts.progress import progress_bar
+    from whereabouts.robot.log import RobotLog
     from whereabouts.track import track_people
 
     every = targets is Targets.all
     columns = (*COLUMNS, "person") if every else COLUMNS
-    tracker = tracker_of(filter_.value)
+    people = None if params is None else settings_for(params, "target_tracker").people
+    tracker = tracker_of(filter_.value, people)
     rows: list[list[str]] = []
     labels: set[int] = set()
     scans, most = 0, 0
@@ -94,7 +99,13 @@ def track(
     started = time.perf_counter()
     with open_log(source) as log, progress_bar() as bar:
         task = bar.add_task(f"tracking in {source.name}", total=100)
-        for tracked in track_people(log, topic=topic, use_wheels=wheels, tracker=tracker, every_class=every):
+        records: Any = log
+        if params is not None:
+            records = RobotLog(log, params, topic)
+            topic = records.topic
+        for tracked in track_people(
+            records, topic=topic, use_wheels=wheels, tracker=tracker, every_class=every
+        ):
             first = tracked.stamp if scans == 0 else first
             last = tracked.stamp
             scans += 1

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, target_file, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.viewer.picture_sink import PictureSink
@@ -26,11 +26,21 @@ def view(
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="OUT.rrd", help="Write a Rerun file instead of opening a window."),
+        typer.Option(
+            "--save",
+            metavar="OUT.rrd",
+            help="Write a Rerun file instead of opening a window.",
+            callback=target_file,
+        ),
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option("--picture", metavar="OUT.png", help="Draw the last state from above. Needs no Rerun."),
+        typer.Option(
+            "--picture",
+            metavar="OUT.png",
+            help="Draw the last state from above. Needs no Rerun.",
+            callback=target_file,
+        ),
     ] = None,
     until: Annotated[
         float | None,

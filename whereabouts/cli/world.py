@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, target_file, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.parameters.world_model import WorldModelParameters
@@ -25,11 +25,15 @@ def world(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="states.jsonl", help="Write the world after every message."),
+        typer.Option(
+            "--out", metavar="states.jsonl", help="Write the world after every message.", callback=target_file
+        ),
     ] = None,
     events: Annotated[
         Path | None,
-        typer.Option("--events", metavar="events.csv", help="Write what happened to each object."),
+        typer.Option(
+            "--events", metavar="events.csv", help="Write what happened to each object.", callback=target_file
+        ),
     ] = None,
     store: Annotated[
         Path | None,
@@ -47,6 +51,7 @@ def world(
             "--look-back",
             metavar="corrected.csv",
             help="For a moving sensor: at the end assign all detections to objects once more, and write them.",
+            callback=target_file,
         ),
     ] = None,
     learn: Annotated[
@@ -55,6 +60,7 @@ def world(
             "--learn",
             metavar="learned.yaml",
             help="Learn the detection probability, clutter and noise from the evidence. Write a parameter file.",
+            callback=target_file,
         ),
     ] = None,
     class_name: Annotated[str, typer.Option("--class", help="Ask: objects of this class.")] = "",

@@ -18,6 +18,7 @@ TASKS = 20
 """Decisions to look again that are kept."""
 PEOPLE_AGE = 2.0
 """s after which a list of people that nobody renews is no longer shown."""
+MOVERS = ("person", "other")
 LEVELS = ("ok", "warning", "error", "stale")
 TOPICS = {
     "map": "nav_msgs/msg/OccupancyGrid",
@@ -148,7 +149,8 @@ class Heard:
 
     def _take_world(self, message: Any) -> None:
         pose = self._pose(strip_slash(message.header.frame_id))
-        things = [thing_of_message(item) for item in message.objects]
+        # Who moves by itself is shown by the tracker.
+        things = [item for item in map(thing_of_message, message.objects) if item["class"] not in MOVERS]
         for item in things:
             item["x"], item["y"] = moved(pose, item["x"], item["y"])
         self._things = things

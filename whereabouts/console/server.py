@@ -32,9 +32,7 @@ STALLED = 5.0
 LONGEST_QUESTION = 300
 ACTIONS = ("find", "cancel", "save_map")
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "[::1]", "testserver")
-_POLICY = (
-    "default-src 'self'; style-src 'self' 'unsafe-inline'; script-src 'self' 'unsafe-inline'; img-src 'self' data:"
-)
+_CSP = "default-src 'self'; style-src 'self' 'unsafe-inline'; script-src 'self' 'unsafe-inline'; img-src 'self' data:"
 
 
 class Console:
@@ -67,9 +65,7 @@ class Console:
         return Starlette(routes=routes, middleware=middleware)
 
     async def _show(self, request: Request) -> Response:
-        return HTMLResponse(
-            self._page, headers={"Content-Security-Policy": _POLICY, "X-Frame-Options": "DENY"}
-        )
+        return HTMLResponse(self._page, headers={"Content-Security-Policy": _CSP, "X-Frame-Options": "DENY"})
 
     def _knows(self, connection: HTTPConnection) -> bool:
         given = connection.headers.get("authorization", "").removeprefix("Bearer ")
@@ -117,15 +113,15 @@ class Console:
         # Only the header counts here: a form of another page cannot set it.
         if not request.headers.get("authorization") or not self._knows(request):
             return _refusal("to act, open the address with the token that the console printed", 403)
+        return await _answered(self._done(name, await request.body()))
+
+    async def _done(self, name: str, body: bytes) -> Response:
         try:
-            arguments = json.loads(await request.body() or b"{}")
+            arguments = json.loads(body or b"{}")
         except ValueError:
             arguments = None
         if not isinstance(arguments, dict):
             raise ConsoleError("the request's body must be a JSON object")
-        return await _answered(self._done(name, arguments))
-
-    async def _done(self, name: str, arguments: dict[str, Any]) -> Response:
         return JSONResponse({"sentence": await run_in_threadpool(self._source.act, name, arguments)})
 
     def _newest(self) -> str:

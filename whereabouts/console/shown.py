@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from estimation.checks import FloatArray
-from world_model.state import WorldObject
+from estimation.places import LIKELY
+from world_model.state import WorldObject, most_probable
 
 Shown = dict[str, Any]
 FREE_BELOW, OCCUPIED_FROM = 25, 65
@@ -37,7 +38,7 @@ def empty() -> Shown:
 def thing(item: WorldObject) -> Shown:
     """An object as a store has it."""
     return _thing(
-        item.id, item.attributes.get("class", {}), item.predicates, item.position, item.covariance,
+        item.id, item.attributes, item.position, item.covariance,
         existence=item.existence, lost=item.lost, place=item.place, sure=item.place_probability,
         seen=item.last_seen,
     )  # fmt: skip
@@ -45,12 +46,11 @@ def thing(item: WorldObject) -> Shown:
 
 def thing_of_message(item: Any) -> Shown:
     """The same of a `whereabouts_msgs/WorldObject`."""
-    classes = item.class_distribution
     point = item.pose.pose.position
+    known = {attribute.name: attribute.discrete for attribute in item.properties}
     return _thing(
         item.id,
-        dict(zip(classes.values, map(float, classes.probabilities), strict=False)),
-        tuple(item.predicates),
+        {name: _mapping(values) for name, values in {**known, "class": item.class_distribution}.items()},
         np.array([point.x, point.y, point.z]),
         np.asarray(item.pose.covariance, dtype=float).reshape(6, 6)[:3, :3],
         existence=float(item.existence_probability),
@@ -61,21 +61,25 @@ def thing_of_message(item: Any) -> Shown:
     )
 
 
+def _mapping(distribution: Any) -> dict[str, float]:
+    return dict(zip(distribution.values, map(float, distribution.probabilities), strict=False))
+
+
 def _thing(
     name: str,
-    classes: Mapping[str, float],
-    predicates: tuple[str, ...],
+    attributes: Mapping[str, Mapping[str, float]],
     position: FloatArray,
     covariance: FloatArray,
     **known: Any,
 ) -> Shown:
-    kind = max(classes, key=classes.__getitem__) if classes else ""
+    classes, colors = attributes.get("class", {}), attributes.get("color", {})
+    kind, color = most_probable(classes), most_probable(colors)
     spread = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
     return {
         "id": name,
         "class": kind,
         "class_probability": round(float(classes.get(kind, 0.0)), 3),
-        "words": list(predicates),
+        "color": color if colors.get(color, 0.0) > LIKELY else "",
         **{key: round(float(value), 3) for key, value in zip("xyz", position, strict=True)},
         "spread": round(spread, 3),
         "existence": round(float(known["existence"]), 3),

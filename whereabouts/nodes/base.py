@@ -42,6 +42,7 @@ from whereabouts.nodes.timekeeping import Timekeeper
 from whereabouts.nodes.transforms import TransformBuffer
 from whereabouts.nodes.turns import Caller, Turns, turn_topic
 from whereabouts.parameters.base import NodeParameters
+from whereabouts.without_features import stand_in
 from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
@@ -115,7 +116,9 @@ class SuiteNode(LifecycleNode):
         """Subscriptions whose messages may lie about until something else wakes the node up."""
         waits = any(item.waits for item in self.inputs)
         return [
-            item.subscription for item in self.inputs if item.on_demand and not (waits and item.is_transforms)
+            item.subscription
+            for item in self.inputs
+            if item.on_demand and not (waits and (item.is_transforms or item.awaited))
         ]
 
     # What a node implements.
@@ -146,11 +149,13 @@ class SuiteNode(LifecycleNode):
         packed: bool = False,
         companions: Sequence[Input] = (),
         in_turn: bool = False,
+        awaited: bool = False,
     ) -> Input:
         """Subscribe a sensor topic; see `Input`."""
         item = Input(
             self, message_type, topic, handler,
             frames=frames, on_demand=on_demand, packed=packed, companions=companions, in_turn=in_turn,
+            awaited=awaited,
         )  # fmt: skip
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
@@ -479,6 +484,7 @@ def run_node(node_type: type[NodeType]) -> int:
     Returns the exit code: 0 after SIGINT or SIGTERM, 1 for an error, 2 for wrong parameters.
     """
     listen_to_interrupts()
+    stand_in()
     rclpy.init()
     keep_packed()
     node: NodeType | None = None

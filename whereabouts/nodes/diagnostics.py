@@ -82,6 +82,8 @@ class DiagnosticsPublisher:
             text = self._node.last_complaint
         if self._node.defects and fresh:
             level = DiagnosticStatus.ERROR
+        if contradictions := self._node.transforms.contradictions():
+            level, text = DiagnosticStatus.ERROR, "; ".join(contradictions)
         return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),

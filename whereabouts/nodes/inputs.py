@@ -83,6 +83,7 @@ class Input:
         In a replay nothing is on demand, as it would come now sooner, now later.
     companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
     in_turn : whether a message is kept, in a lock-step replay, until it is the node's turn; see `Turns`.
+    awaited : whether others wait for it also on a live robot, as its messages say where theirs were taken.
     packed : whether the handler is given a `Packed` message instead of the message itself.
     """
 
@@ -100,10 +101,12 @@ class Input:
         packed: bool = False,
         companions: Sequence[Input] = (),
         in_turn: bool = False,
+        awaited: bool = False,
     ) -> None:
         self._node = node
         self._in_turn = in_turn
-        self._companions = companions if node.replayed else ()
+        self.awaited = awaited
+        self._companions = [item for item in companions if node.replayed or item.awaited]
         self._expected: bool | None = None
         self._kind = message_type
         self._packed = packed
@@ -250,6 +253,8 @@ class Input:
         self.serve_waiting(reported=True)
         if self._node.replayed:
             self._node.serve_waiting(reported=True)
+        elif self.awaited:
+            self._node.serve_waiting()
 
     def _complete(self, needed: Pairs, stamp: int) -> bool:
         """Whether all is there that belongs to a message."""

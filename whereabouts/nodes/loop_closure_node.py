@@ -1,7 +1,8 @@
 """Node `loop_closure`: recognises places, closes loops, keeps a consistent map and says where in it the robot is.
 
-In: `scan` (LaserScan) or `points` (PointCloud2), `odometry` (Odometry, for its covariance), tf odom -> base_link ->
-sensor, `initialpose`. Out: `loop_closures`, `trajectory`, `map`, `map_points`, markers, tf map -> odom.
+In: `scan` (LaserScan) or `points` (PointCloud2), `odometry` (Odometry: where the robot was at a scan, and how sure that
+is), tf odom -> base_link -> sensor, `initialpose`. Out: `loop_closures`, `trajectory`, `map`, `map_points`, markers, tf
+map -> odom.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
 from estimation.grid import is_grid_file
-from estimation.poses import compound, inverse, pose_from_matrix, pose_to_quaternion
+from estimation.poses import compound, inverse, pose_from_matrix, pose_to_matrix, pose_to_quaternion
 from loop_closure.earlier_map import EarlierMap
 from loop_closure.localization import Localizer
 from loop_closure.map_file import is_map, read_map, write_map
@@ -46,6 +47,7 @@ from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.inputs import Input
 from whereabouts.nodes.map_messages import closure_message, marker_messages, path_message
 from whereabouts.nodes.map_output import MapOutput
+from whereabouts.nodes.odometry_source import OdometrySource
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
 from whereabouts.parameters.loop_closure import LoopClosureParameters
@@ -69,8 +71,17 @@ class LoopClosureNode(SuiteNode):
     def setup(self) -> None:
         settings = self.settings
         self.listen_to_transforms()
-        # How sure it is; where the robot is, the transform says that scans wait for.
-        sure = [self.add_input(OdometryMessage, "odometry", self._take_odometry, on_demand=True)]
+        self._source = OdometrySource(settings.odometry_source, settings.base_frame)
+        # Where the robot was at a scan and how sure that is: the message may come before the scan or after it.
+        sure = [
+            self.add_input(
+                OdometryMessage,
+                "odometry",
+                self._take_odometry,
+                on_demand=True,
+                awaited=settings.odometry_source != "tf",
+            )
+        ]
         # A person, not a sensor: its stamp says nothing about the run.
         said = Input(self, PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         self.inputs.append(said)
@@ -132,6 +143,7 @@ class LoopClosureNode(SuiteNode):
         self._told_correction: Array | None = None
         self._told_until = self._stamp_before = 0  # ns up to which it is valid; of the scan before
         self._covariances: OrderedDict[int, Array] = OrderedDict()
+        self._source.clear()
         self._mounting: Array = np.zeros(3)
         self._stamp: int | None = None
         self._waiting = 0
@@ -146,6 +158,7 @@ class LoopClosureNode(SuiteNode):
             "closures": len(self._slam.closures),
             "waiting closures": self._waiting,
             "slowest step ms": round(1e3 * self._slowest, 1),
+            "odometry by": self._source.kind,
         }
         if self._localizer is not None and not self._located:
             return Health("looking for the robot in the map", warning=True, figures=figures)
@@ -166,15 +179,19 @@ class LoopClosureNode(SuiteNode):
             self._covariances[stamp] = covariance
         while len(self._covariances) > REMEMBERED:
             self._covariances.popitem(last=False)
+        self._source.take(message, stamp)
+
+    def _odometry(self, stamp: int) -> Array:
+        """Pose (4, 4) of the robot by odometry."""
+        by_tf = self.transforms.lookup(self.settings.odom_frame, self.settings.base_frame, stamp)
+        return self._source.pose(stamp, by_tf, self.transforms)
 
     def _take_scan(self, message: LaserScan, stamp: int) -> None:
         begun = time.perf_counter()
         self._check_order(stamp)
         scan = scan_from_message(message)
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
-        base = pose_from_matrix(
-            self.transforms.lookup(self.settings.odom_frame, self.settings.base_frame, stamp)
-        )
+        base = pose_from_matrix(self._odometry(stamp))
         level = level_pose(mounting)
         if level is None:
             scan, level = seen_from_robot((scan, mounting)), np.zeros(3)
@@ -191,7 +208,7 @@ class LoopClosureNode(SuiteNode):
             update = self._slam.process(scan, odometry, known, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(scan, odometry, stamp)
-            self._correction = spatial(self._slam.correction)
+            self._correction = self._for_tf(spatial(self._slam.correction))
             self._place = self._slam.pose[:2]
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
@@ -202,7 +219,7 @@ class LoopClosureNode(SuiteNode):
         points, _ = points_from_message(message)
         settings = self.settings
         mounting = self.transforms.lookup(settings.base_frame, message.header.frame_id, stamp)
-        base = self.transforms.lookup(settings.odom_frame, settings.base_frame, stamp)
+        base = self._odometry(stamp)
         cloud = points @ mounting[:3, :3].T + mounting[:3, 3]
         covariance = self._covariances.pop(stamp, None)
         self._stamp = stamp
@@ -212,7 +229,7 @@ class LoopClosureNode(SuiteNode):
             update = self._slam.process(cloud, base, covariance, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(cloud, base, stamp)
-            self._correction = pose_from_matrix(self._slam.correction)
+            self._correction = self._for_tf(pose_from_matrix(self._slam.correction))
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -243,7 +260,8 @@ class LoopClosureNode(SuiteNode):
         if correction is None:
             self._correction = None
             return
-        self._correction = spatial(correction) if planar(correction) else pose_from_matrix(correction)
+        spread = spatial(correction) if planar(correction) else pose_from_matrix(correction)
+        self._correction = self._for_tf(spread)
         if located.sure and self._extend:
             self.get_logger().info("the robot was found in the map, which is extended from here on")
             self._slam.resume(correction)
@@ -287,6 +305,14 @@ class LoopClosureNode(SuiteNode):
         self._localizer.place(compound(pose, self._mounting), sigma, turn)
 
     # Outputs.
+
+    def _for_tf(self, correction: Array) -> Array:
+        """The odometry frame of tf in the map, from the frame of the odometry in use there, (6,) each."""
+        shift = self._source.shift
+        if shift is None:
+            return correction
+        shifted = pose_from_matrix(pose_to_matrix(correction) @ shift)
+        return shifted if self.settings.cloud_topic else spatial(shifted[PLANAR])
 
     def _tell_correction(self) -> None:
         """Send the correction if it is a new one, or would not be valid any more when the next scan comes.

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from estimation.errors import InputError
 from whereabouts.parameters.base import NodeParameters
 from whereabouts.parameters.description import allowed, bounds, explain, extra
+from whereabouts.parameters.registry import is_parameter_of_any
 
 Model = TypeVar("Model", bound=NodeParameters)
 
@@ -55,6 +56,8 @@ class ParameterSet(Generic[Model]):
         for name in given:
             if name in known or name.startswith("qos_overrides."):
                 continue
+            if is_parameter_of_any(name):
+                continue  # of a section for all nodes, `/**`
             close = difflib.get_close_matches(name, known, n=1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
             node.get_logger().warning(f"parameter '{name}' is unknown and has no effect{hint}")

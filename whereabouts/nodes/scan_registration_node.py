@@ -1,8 +1,8 @@
 """Node `scan_registration`: follows the robot by its laser scans or clouds.
 
 In: `scan` (LaserScan, one or several topics) or `points` (PointCloud2), `wheel_odom` (Odometry, optional), tf.
-Out: `odometry` (Odometry with covariance), tf odom -> base_link, `static_points` (PointCloud2 without movers),
-`segments` (ScanSegments: what moves in each scan of a single level scanner, and how).
+Out: `odometry` (Odometry with covariance), tf odom -> base_link unless somebody else has that frame, `static_points`
+(PointCloud2 without movers), `segments` (ScanSegments: what moves in each scan of a single level scanner, and how).
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from whereabouts.nodes.conversions import (
     wheel_pose,
 )
 from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.frame_owner import FrameOwner
 from whereabouts.nodes.inputs import Input
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
@@ -76,8 +77,9 @@ class ScanRegistrationNode(SuiteNode):
             warm_up_segmenter(self._segmenter)
             self._segments_output = self.add_output(ScanSegments, "segments")
         self._wheels = WheelHistory()
+        self._owner = FrameOwner(settings.odom_frame, settings.base_frame)
         self.listen_to_transforms()
-        self.add_input(OdometryMessage, "wheel_odom", self._take_wheels)
+        self.add_input(OdometryMessage, settings.wheel_topic, self._take_wheels)
         self._cloud_inputs: dict[str, Input] = {}
         for topic in settings.clouds:
             taken = self.add_input(PointCloud2, topic, partial(self._take_cloud, topic), frames=self._frames)
@@ -116,6 +118,8 @@ class ScanRegistrationNode(SuiteNode):
         }
         if self._segmenter is not None:
             figures |= {"scans labelled": self._segmenter.labelled, "labels skipped": self._segmenter.skipped}
+        if self.settings.publish_tf and self._owner.withheld:
+            return Health(self._owner.withheld, warning=True, figures=figures)
         if odometry.converged:
             return Health("following", figures=figures)
         return Health(f"unsure: {odometry.reason}", warning=True, figures=figures)
@@ -254,12 +258,24 @@ class ScanRegistrationNode(SuiteNode):
             twist.angular.x, twist.angular.y, twist.angular.z = (float(value) for value in speed[3:])
             message.twist.covariance = step_covariance / elapsed**2
         self._odometry_output.publish(message)
-        if settings.publish_tf:
+        if settings.publish_tf and self._may_publish_tf(stamp):
             position, quaternion = pose_to_quaternion(pose)
             transform = transform_message(
                 message.header.frame_id, message.child_frame_id, stamp, (*position, *quaternion)
             )
             self._tf_output.publish(TFMessage(transforms=[transform]))
+
+    def _may_publish_tf(self, stamp: int) -> bool:
+        """Whether the frame of the robot is this node's to place; said once where it is not."""
+        before = self._owner.withheld
+        mine = self._owner.takes(stamp, self.transforms)
+        if self._owner.withheld and not before:
+            self.alarm(self._owner.withheld)
+        return mine
+
+    def _take_transforms(self, message: TFMessage, static: bool) -> None:
+        self._owner.hear(message)
+        super()._take_transforms(message, static)
 
     def _publish_static(self, stamp: int, points: Array) -> None:
         if not self.settings.publish_static_points:

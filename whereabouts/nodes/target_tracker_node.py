@@ -63,7 +63,9 @@ class TargetTrackerNode(SuiteNode):
             if kind is Odometry:
                 companions.append(uncertain)
         self.listen_to_transforms()
-        self.add_input(LaserScan, "scan", self._take_scan, frames=self._frames, companions=companions)
+        self.add_input(
+            LaserScan, self.settings.scan_topic, self._take_scan, frames=self._frames, companions=companions
+        )
         self._targets_output = self.add_output(TargetArray, "targets")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
 

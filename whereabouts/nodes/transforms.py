@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -25,6 +26,8 @@ JUMP = 2 * NANOSECONDS
 FREQUENT = 5
 KEPT = 64
 FRAMES = 5000
+# s that a second parent of a frame is remembered after it was heard last.
+CONTRADICTED = 10.0
 
 
 class TransformError(WhereaboutsError):
@@ -115,6 +118,10 @@ class TransformBuffer:
     def __init__(self) -> None:
         self._graph = TemporalTransformManager(check=False)
         self._parents: dict[str, str] = {}
+        self._fixed: dict[str, str] = {}  # parents that tf_static has named
+        self._rivals: dict[
+            str, tuple[frozenset[str], float]
+        ] = {}  # two parents of a frame, and when heard last, s
         self._moving: dict[str, MovingTransform] = {}
         # What was looked up since the last transform came: whether a message can be handled, and then by its handler.
         self._found: dict[tuple[str, str, int], Matrix] = {}
@@ -131,7 +138,7 @@ class TransformBuffer:
             raise InputError(f"transform from '{child}' to '{parent}': two different frames expected")
         try:
             envelope(TransformStamped).check(message)
-            pose = _pose(message)
+            pose = pose_of(message.transform.translation, message.transform.rotation)
         except InputError as error:
             raise InputError(f"transform from '{child:.{FRAME}}' to '{parent:.{FRAME}}': {error}") from None
         self._found.clear()
@@ -141,6 +148,7 @@ class TransformBuffer:
         if known is not None and known != parent:
             self._graph.remove_transform(child, known)
             self._moving.pop(child, None)
+        self._note_parents(child, parent, known, static)
         self._parents[child] = parent
         if static:
             self._moving.pop(child, None)
@@ -150,6 +158,28 @@ class TransformBuffer:
             self._moving[child] = MovingTransform(f"{child} in {parent}")
             self._graph.add_transform(child, parent, self._moving[child])
         self._moving[child].insert(nanoseconds(message.header.stamp), pose)
+
+    def _note_parents(self, child: str, parent: str, known: str | None, static: bool) -> None:
+        """Remember two different parents of one frame. tf_static says its own only once."""
+        other = known if known not in (None, parent) else self._fixed.get(child, parent)
+        if other is not None and other != parent:
+            self._rivals[child] = frozenset((parent, other)), time.monotonic()
+        if static:
+            self._fixed[child] = parent
+
+    def parent(self, child: str) -> str | None:
+        """Parent of a frame, as last heard; that of tf_static where there are two."""
+        name = frame_name(child)
+        return self._fixed.get(name, self._parents.get(name))
+
+    def contradictions(self) -> list[str]:
+        """A sentence for each frame that was given two parents within the last seconds."""
+        now = time.monotonic()
+        return [
+            f"frame '{child}' has two parents: {' and '.join(repr(name) for name in sorted(parents))}"
+            for child, (parents, heard) in sorted(self._rivals.items())
+            if now - heard < CONTRADICTED
+        ]
 
     def lookup(self, target: str, source: str, stamp: int) -> Matrix:
         """Transform that takes coordinates in `source` to coordinates in `target` at `stamp`, (4, 4).
@@ -212,9 +242,8 @@ def frame_name(name: str) -> str:
     return name.lstrip("/")
 
 
-def _pose(message: TransformStamped) -> Matrix:
-    """Position and quaternion (w, x, y, z) of a transform message, checked, (7,)."""
-    t, r = message.transform.translation, message.transform.rotation
+def pose_of(t: Any, r: Any) -> Matrix:
+    """Position and quaternion (w, x, y, z) of a message's position and orientation, checked, (7,)."""
     pose = [t.x, t.y, t.z, r.w, r.x, r.y, r.z]
     length = math.hypot(*pose[3:])
     if abs(length - 1.0) > 0.01:

@@ -40,9 +40,13 @@ class VerifierNode(SuiteNode):
         # Nobody looks most of the time.
         self.listen_to_transforms(on_demand=True)
         if self.settings.use_clouds:
-            self.add_input(PointCloud2, "points", self._take, frames=self._frames, on_demand=True)
+            self.add_input(
+                PointCloud2, self.settings.cloud_topic, self._take, frames=self._frames, on_demand=True
+            )
         else:
-            self.add_input(LaserScan, "scan", self._take, frames=self._frames, on_demand=True)
+            self.add_input(
+                LaserScan, self.settings.scan_topic, self._take, frames=self._frames, on_demand=True
+            )
         self.add_latched_input(GridMessage, "map", self._take_map)
         self.add_action(VerifyObject, "verify_object", self._serve)
 

@@ -21,6 +21,13 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
     map_frame: str = setting("map", "map frame: does not drift, but may jump", fixed=True)
     scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)
     cloud_topic: str = setting("", "topic of a 3D scanner; used instead of scans if given", fixed=True)
+    odometry_source: Literal["auto", "tf", "messages"] = setting(
+        "auto",
+        "where odometry comes from. messages: `odometry`, at the scan's stamp, between messages interpolated; tf: the "
+        "transform from odom_frame to base_frame; auto: messages while somebody sends them, else tf. Corrections are "
+        "published for tf's odom_frame in any case",
+        fixed=True,
+    )
     map_file: str = setting(
         "",
         "path of the map's files without their endings (.npz, .pgm, .yaml); read at the start if they exist",

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import importlib
 
+from whereabouts.node_names import NODES
 from whereabouts.parameters.base import NodeParameters
+
+
+def is_parameter_of_any(name: str) -> bool:
+    """Whether some node of the suite has a parameter of that name."""
+    return any(name in model_of(node).model_fields for node in NODES)
 
 
 def model_of(node: str) -> type[NodeParameters]:

@@ -30,6 +30,7 @@ class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, mis
     cloud_topics: list[str] = setting(
         [""], "topics of 3D scanners; used instead of scans if given", fixed=True
     )
+    wheel_topic: str = setting("wheel_odom", "topic of wheel odometry", fixed=True)
     use_wheel_odometry: bool = setting(True, "use wheel_odom, if it arrives, as initial guess")
     max_wheel_age: float = setting(
         0.5, "wheel odometry older than this is not used for a scan", unit="s", ge=0.0, le=10.0

@@ -26,6 +26,7 @@ class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
         "clusters. The last two know no classes and report everything that stands free or moves",
         fixed=True,
     )
+    scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)
     odom_frame: str = setting("odom", "frame in which people are tracked and published", fixed=True)
     use_segments: bool = setting(True, "use the labels of scan_registration, if they arrive in time")
     drift_window: float = setting(

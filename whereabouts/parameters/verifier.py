@@ -9,6 +9,8 @@ class VerifierParameters(NodeParameters):
     """Parameters of `verifier`."""
 
     map_frame: str = setting("map", "frame of the map, and of regions that name no frame", fixed=True)
+    scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)
+    cloud_topic: str = setting("points", "topic of the 3D sensor", fixed=True)
     use_clouds: bool = setting(False, "use points instead of scan", fixed=True)
     frames: int = setting(3, "number of scans or clouds that must agree", ge=1, le=100)
     points: int = setting(

@@ -1,0 +1,286 @@
+"""`whereabouts setup` and `doctor` on recordings of robots that differ in frames, topics, clocks and publishers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+from estimation.poses import pose_to_matrix
+from registration import Scan
+from whereabouts.cli.main import app
+from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, Qos, ScanRecord, Topic, TransformRecord
+from whereabouts.logs.encode import transform_message
+from whereabouts.parameter_file import problems_of_file, settings_for
+from whereabouts.robot.choice import choose
+from whereabouts.robot.findings import findings
+from whereabouts.robot.preset import preset, preset_names
+from whereabouts.robot.settings import as_text
+from whereabouts.robot.survey import Survey
+from whereabouts.simulation.small_robot import Naming, record
+from whereabouts.suite_config import SuiteConfigError, read_config
+
+runner = CliRunner()
+SCAN = Scan(np.full(40, 2.0), -1.0, 0.05, 0.1, 8.0, 1.0)
+TF = "tf2_msgs/msg/TFMessage"
+
+
+def set_up(bag: Path, tmp_path: Path, *options: str) -> tuple[Result, Any]:
+    out, figures = tmp_path / "robot.yaml", tmp_path / "found.json"
+    result = runner.invoke(app, ["setup", str(bag), "--out", str(out), "--json", str(figures), *options])
+    return result, json.loads(figures.read_text())["parameters"] if figures.exists() else None
+
+
+class Recording:
+    """A bag with ten moments of a robot; what is wrong with it is added by the test."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> Recording:
+        self.writer = McapWriter(self.path)
+        self.writer.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.writer.__exit__(*error)
+
+    def fixed(self, parent: str, child: str, x: float = 0.0) -> None:
+        pose = pose_to_matrix(np.array([x, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        self.writer.write_transforms([TransformRecord(pose, 1.0, parent, child, "tf_static")])
+
+    def moving(self, parent: str, child: str, places: list[float], stamp: float = 1.0) -> None:
+        for k, x in enumerate(places):
+            pose = pose_to_matrix(np.array([x, 0.0, 0.0, 0.0, 0.0, 0.0]))
+            self.writer.write_transforms([TransformRecord(pose, stamp + 0.1 * k, parent, child, "tf")])
+
+    def scans(self, topic: str = "scan", frame: str = "laser", behind: float = 0.0) -> None:
+        for k in range(10):
+            stamp = 101.0 + 0.1 * k
+            scan = Scan(SCAN.ranges, SCAN.angle_min, SCAN.angle_increment, 0.1, 8.0, stamp - behind)
+            self.writer.write_scan(ScanRecord(scan, stamp - behind, topic, frame), round(1e9 * stamp))
+
+    def wheels(self, topic: str, child: str = "base_link", frame: str = "odom") -> None:
+        for k in range(10):
+            stamp = 101.0 + 0.1 * k
+            record_ = OdometryRecord(np.array([0.01 * k, 0.0, 0.0]), stamp, topic, frame, child)
+            self.writer.write_odometry(record_, round(1e9 * stamp))
+
+
+def test_a_base_that_places_its_footprint_keeps_it(tmp_path: Path) -> None:
+    bag = tmp_path / "tb3.mcap"
+    record(bag, duration=3.0)
+    result, given = set_up(bag, tmp_path)
+    assert result.exit_code == 0, result.output
+    assert given["/**"] == {"base_frame": "base_footprint", "odom_frame": "odom", "map_frame": "map"}
+    assert given["scan_registration"] == {
+        "publish_tf": False, "scan_topics": ["/scan"], "wheel_topic": "/odom"
+    }  # fmt: skip
+    path = tmp_path / "robot.yaml"
+    assert problems_of_file(path) == []
+    assert settings_for(path, "loop_closure").base_frame == "base_footprint"
+    assert settings_for(path, "target_tracker").scan_topic == "/scan"
+    config = read_config(path, {})
+    assert config.params_file == path
+    assert len(config.nodes) == 8, "all nodes run with it"
+
+
+def test_a_base_without_tf_is_placed_by_the_suite(tmp_path: Path) -> None:
+    bag = tmp_path / "husky.mcap"
+    naming = Naming("front/scan", "odometry/filtered", "front_laser", "base_link", broadcast=False)
+    record(bag, naming, duration=2.0)
+    result, given = set_up(bag, tmp_path)
+    assert result.exit_code == 0, result.output
+    assert given["/**"]["base_frame"] == "base_link"
+    assert given["scan_registration"] == {
+        "publish_tf": True, "scan_topics": ["/front/scan"], "wheel_topic": "/odometry/filtered"
+    }  # fmt: skip
+    assert given["loop_closure"]["scan_topic"] == "/front/scan"
+
+
+def test_frames_with_a_prefix(tmp_path: Path) -> None:
+    bag = tmp_path / "prefixed.mcap"
+    with Recording(bag) as robot:
+        robot.fixed("rob/chassis", "rob/laser")
+        robot.moving("rob/odom", "rob/chassis", [0.01 * k for k in range(10)], 101.0)
+        robot.moving("map", "rob/odom", [0.0] * 10, 101.0)
+        robot.scans(frame="rob/laser")
+    result, given = set_up(bag, tmp_path)
+    assert result.exit_code == 0, result.output
+    assert given["/**"] == {"base_frame": "rob/chassis", "odom_frame": "rob/odom", "map_frame": "map"}
+    assert given["scan_registration"]["publish_tf"] is False
+    assert given["loop_closure"]["publish_tf"] is False, "somebody places odom in the map already"
+    assert "is published already, by a mapper or localiser" in result.output
+
+
+def test_a_scanner_or_a_cloud_alone(tmp_path: Path) -> None:
+    bag = tmp_path / "scanner.mcap"
+    with Recording(bag) as robot:
+        robot.scans()
+    result, given = set_up(bag, tmp_path)
+    assert result.exit_code == 0, result.output
+    assert given["/**"]["base_frame"] == "laser"
+    assert "nobody says on tf how 'laser' is mounted" in result.output
+    bag = tmp_path / "cloud.mcap"
+    with McapWriter(bag) as writer:
+        writer.write_cloud(CloudRecord(np.ones((5, 3)), 1.0, "velodyne", "lidar"))
+    _, given = set_up(bag, tmp_path)
+    assert given["scan_registration"]["cloud_topics"] == ["/velodyne"]
+    assert given["loop_closure"]["cloud_topic"] == "/velodyne"
+    assert given["verifier"] == {"use_clouds": True, "cloud_topic": "/velodyne"}
+
+
+def test_a_log_that_is_no_bag(tmp_path: Path) -> None:
+    log = tmp_path / "old.clf"
+    line = "FLASER 5 2.0 2.0 2.0 2.0 2.0 {x:.2f} 0.0 0.0 {x:.2f} 0.0 0.0 {t:.2f} host {t:.2f}\n"
+    log.write_text("".join(line.format(x=0.1 * k, t=100.0 + 0.1 * k) for k in range(5)))
+    result, given = set_up(log, tmp_path)
+    assert result.exit_code == 0, result.output
+    assert given["scan_registration"]["scan_topics"] == ["/scan"]
+    assert given["scan_registration"]["wheel_topic"] == "/wheel_odom"
+
+
+@pytest.mark.parametrize("topic", ["ground_truth/odom", "lidar_odom", "mapper"])
+def test_odometry_that_is_none_of_the_wheels_is_not_taken(topic: str, tmp_path: Path) -> None:
+    bag = tmp_path / "truth.mcap"
+    with Recording(bag) as robot:
+        robot.fixed("base_link", "laser")
+        robot.wheels(topic)
+        robot.scans()
+    result, given = set_up(bag, tmp_path)
+    assert "wheel_topic" not in given["scan_registration"]
+    assert "is taken for wheel odometry" in result.output
+
+
+def two_parents(robot: Recording) -> None:
+    robot.fixed("base_footprint", "base_link")
+    robot.fixed("base_link", "laser")
+    robot.moving("odom", "base_link", [0.01 * k for k in range(10)], 101.0)
+    robot.scans()
+
+
+def two_publishers(robot: Recording) -> None:
+    robot.fixed("base_link", "laser")
+    robot.moving("odom", "base_link", [k % 2 + 0.01 * k for k in range(20)], 101.0)
+    robot.scans()
+
+
+def two_mountings(robot: Recording) -> None:
+    robot.fixed("base_link", "laser", 0.1)
+    robot.fixed("base_link", "laser", 0.3)
+    robot.scans()
+
+
+def clocks_apart(robot: Recording) -> None:
+    robot.fixed("base_link", "laser")
+    robot.wheels("odom")
+    robot.wheels("imu_odom")
+    robot.scans(behind=40.0)
+
+
+def not_connected(robot: Recording) -> None:
+    robot.fixed("base_link", "camera")
+    robot.moving("odom", "base_link", [0.0] * 10, 101.0)
+    robot.scans(frame="")
+
+
+def best_effort_tf(robot: Recording) -> None:
+    robot.scans()
+    topic = Topic("/tf_static", TF, qos=(Qos(reliability="best_effort", durability="volatile"),))
+    mount = transform_message([TransformRecord(np.eye(4), 1.0, "base_link", "laser", "tf_static")])
+    from whereabouts.logs.ros_types import standard_types
+
+    robot.writer.write_raw(topic, bytes(standard_types().serialize_cdr(mount, TF)), 101_000_000_000)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (two_parents, "frame 'base_link' has two parents: 'base_footprint' and 'odom'"),
+        (two_publishers, "two publishers place 'base_link' in 'odom' and disagree"),
+        (two_mountings, "two publishers place 'laser' in 'base_link' and disagree"),
+        (clocks_apart, "/scan: its clock is 40.0 s behind the others"),
+        (not_connected, "/scan: its frame_id is empty"),
+        (best_effort_tf, "/tf_static is published volatile"),
+    ],
+)
+def test_what_stands_in_the_way_is_said_and_nothing_is_written(
+    spoil: Any, sentence: str, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bad.mcap"
+    with Recording(bag) as robot:
+        spoil(robot)
+    result, _ = set_up(bag, tmp_path)
+    assert sentence in result.output
+    assert result.exception is not None
+    assert "was not written" in str(result.exception)
+    assert not (tmp_path / "robot.yaml").exists()
+    examined = runner.invoke(app, ["doctor", str(bag)])
+    assert examined.exit_code == 1
+    assert f"error: {sentence}" in examined.output
+
+
+def test_doctor_says_where_packages_come_from(tmp_path: Path) -> None:
+    bag = tmp_path / "tb3.mcap"
+    record(bag, duration=2.0)
+    result = runner.invoke(app, ["doctor", str(bag)])
+    assert result.exit_code == 0, result.output
+    folder = Path(__file__).resolve().parents[2]
+    assert f"tracking: {folder / 'tracking'}" in result.output
+    assert "0 errors, 0 warnings" in result.output
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_preset_is_a_file_that_nodes_take(name: str, tmp_path: Path) -> None:
+    out = tmp_path / "robot.yaml"
+    result = runner.invoke(app, ["setup", "--no-look", "--preset", name, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert problems_of_file(out) == []
+    wanted = preset(name)
+    settings = settings_for(out, "scan_registration")
+    assert settings.base_frame == wanted.base_frame
+    assert settings.publish_tf is not wanted.base_publishes_tf
+    assert settings.scan_topics == wanted.scan_topics
+
+
+def test_an_unknown_preset_names_the_others() -> None:
+    result = runner.invoke(app, ["setup", "--no-look", "--preset", "turtlebot5"])
+    assert "turtlebot3" in str(result.exception)
+
+
+def test_a_robot_where_nothing_runs_is_an_error() -> None:
+    survey = Survey("the running robot", live=True)
+    said = findings(survey, choose(survey))
+    assert [str(item) for item in said if item.level == "error"] == [
+        "error: the running robot has neither LaserScan nor PointCloud2 messages"
+    ]
+
+
+def test_the_file_is_yaml_whatever_the_sentences_are(tmp_path: Path) -> None:
+    bag = tmp_path / "tb3.mcap"
+    record(bag, duration=2.0)
+    from whereabouts.robot.bags import survey_bag
+
+    survey = survey_bag(bag)
+    choice = choose(survey)
+    content = yaml.safe_load(as_text(choice, findings(survey, choice), "a:\n b"))
+    assert content["/**"]["ros__parameters"]["base_frame"] == "base_footprint"
+
+
+def test_mistakes_in_a_parameter_file_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    content = {
+        "/**": {"ros__parameters": {"base_farme": "x"}},
+        "/**/loop_closure": {"ros__parameters": {"resolution": 99.0, "scan_topics": ["a"]}},
+    }
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(SuiteConfigError) as error:
+        read_config(path, {})
+    assert "base_farme: no node has such a parameter; did you mean 'base_frame'?" in str(error.value)
+    assert "resolution: float from 0.01 to 1 m expected, got 99.0" in str(error.value)
+    assert "scan_topics: there is no such parameter; did you mean 'scan_topic'?" in str(error.value)

@@ -1,0 +1,149 @@
+"""The console beside a running graph, and in a real browser where one is installed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+import pytest
+import uvicorn
+from geometry_msgs.msg import TransformStamped
+from harness import Graph
+from nav_msgs.msg import OccupancyGrid
+from tf2_msgs.msg import TFMessage
+
+from evaluation.browser import CHROMIUM, Browser
+from whereabouts.console.live import LiveSource
+from whereabouts.console.server import Console
+from whereabouts.console.sources import ConsoleError
+from whereabouts.nodes.base import LATCHED
+from whereabouts_msgs.msg import DiscreteDistribution, TargetArray, WorldState
+from whereabouts_msgs.msg import Target as TargetMessage
+from whereabouts_msgs.msg import WorldObject as ObjectMessage
+
+TOKEN = "secret"
+
+
+def cup(x: float) -> WorldState:
+    item = ObjectMessage(id="cup-1", existence_probability=0.9)
+    item.class_distribution = DiscreteDistribution(values=["cup"], probabilities=[1.0])
+    item.pose.pose.position.x = x
+    message = WorldState(objects=[item])
+    message.header.frame_id = "map"
+    message.header.stamp.sec = 5
+    return message
+
+
+def person(label: int) -> TargetArray:
+    message = TargetArray(targets=[TargetMessage(label=label)])
+    message.header.frame_id = "odom"
+    message.header.stamp.sec = 5
+    return message
+
+
+def grid() -> OccupancyGrid:
+    message = OccupancyGrid(data=[0, 100, -1, 0])
+    message.info.width = message.info.height = 2
+    message.info.resolution = 1.0
+    message.header.frame_id = "map"
+    return message
+
+
+class Suite:
+    """What the nodes would publish."""
+
+    def __init__(self, graph: Graph) -> None:
+        node = graph.node
+        self.world = node.create_publisher(WorldState, "world_state", LATCHED)
+        self.targets = node.create_publisher(TargetArray, "targets", 10)
+        self.map = node.create_publisher(OccupancyGrid, "map", LATCHED)
+        self.tf = node.create_publisher(TFMessage, "tf", 10)
+        # Latched: the console hears these however late it comes.
+        self.world.publish(cup(1.0))
+        self.map.publish(grid())
+
+    def tell(self, label: int) -> None:
+        moved = TransformStamped()
+        moved.header.frame_id, moved.child_frame_id = "map", "odom"
+        moved.transform.translation.x = 2.0
+        self.tf.publish(TFMessage(transforms=[moved]))
+        self.targets.publish(person(label))
+
+
+def test_what_the_suite_says_is_shown_and_what_cannot_be_done_is_said(graph: Graph) -> None:
+    suite = Suite(graph)
+    labels = count()
+    with LiveSource() as source:
+
+        def heard() -> bool:
+            suite.tell(next(labels))
+            world = source.world()
+            return bool(
+                world["things"] and world["map"] and world["people"] and world["people"][0]["x"] == 2.0
+            )
+
+        graph.until(heard, "the console has heard of everything")
+        world = source.world()
+        assert (world["things"][0]["id"], world["things"][0]["x"]) == ("cup-1", 1.0)
+        assert world["map"]["box"] == [0.0, 2.0, 0.0, 2.0]
+        before = source.version
+        suite.world.publish(cup(3.0))
+        graph.until(lambda: source.world()["things"][0]["x"] == 3.0, "the cup has moved")
+        assert source.version > before
+        for action, sentence in (("find", "search does not run"), ("save_map", "no map to save")):
+            with pytest.raises(ConsoleError, match=sentence):
+                source.act(action, {"name": "cup-1"})
+        with pytest.raises(ConsoleError, match="--store"):
+            source.ask("where is the cup?")
+
+
+@contextmanager
+def served(source: LiveSource, port: int = 0) -> Iterator[int]:
+    """The page at a port of its own."""
+    config = uvicorn.Config(
+        Console(source, TOKEN).app(), port=port, log_level="error", timeout_graceful_shutdown=1
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    try:
+        while not server.started:
+            thread.join(0.01)
+        yield server.servers[0].sockets[0].getsockname()[1]
+    finally:
+        server.should_exit = True
+        thread.join()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no browser here: install Debian's chromium")
+def test_a_browser_shows_it_and_comes_back_after_a_lost_connection(graph: Graph, tmp_path: Path) -> None:
+    suite = Suite(graph)
+    labels = count()
+    with LiveSource() as source, Browser(tmp_path / "browser") as browser:
+
+        def text() -> str:
+            return browser.run("document.body.innerText") or ""
+
+        def shown() -> bool:
+            suite.tell(next(labels))
+            return "cup (cup-1)" in text() and "person" in text()
+
+        with served(source) as port:
+            browser.open(f"http://127.0.0.1:{port}/#token={TOKEN}")
+            graph.until(shown, "the page shows the cup and the person")
+            assert browser.run("document.querySelector('#find').disabled") is True
+            browser.run("document.querySelector('#things button').click()")
+            assert browser.run("document.querySelector('#find').disabled") is False
+            browser.run("document.querySelector('#find').click()")
+            graph.until(lambda: "search does not run" in text(), "the refusal is shown")
+            browser.run("document.querySelector('#question').value = 'where?'")
+            browser.run("document.querySelector('#ask').requestSubmit()")
+            graph.until(lambda: "--store" in text(), "the answer is shown")
+            # The token is not left in the address, which people send to each other.
+            assert TOKEN not in browser.run("location.href")
+        graph.until(lambda: browser.run("!document.querySelector('#banner').hidden"), "it says it is cut off")
+        with served(source, port):
+            graph.until(lambda: browser.run("document.querySelector('#banner').hidden"), "it is back")

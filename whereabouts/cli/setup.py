@@ -1,0 +1,94 @@
+"""`whereabouts setup`: the parameter file of a robot, from a recording or from the running robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from whereabouts.cli.common import JsonFile, target_file, write_figures
+
+if TYPE_CHECKING:
+    from whereabouts.robot.survey import Survey
+
+BagToLookAt = Annotated[
+    Path | None,
+    typer.Argument(metavar="[BAG]", help="Any readable recording. Default: look at the running robot."),
+]
+Seconds = Annotated[
+    float,
+    typer.Option("--seconds", min=1.0, max=600.0, help="How long to listen to a running robot, in seconds."),
+]
+PresetName = Annotated[
+    str | None,
+    typer.Option(
+        "--preset",
+        metavar="NAME",
+        help="A kind of robot: turtlebot3, turtlebot4, husky or scanner. What is seen goes before it. "
+        "With --no-look it is written as it is.",
+    ),
+]
+
+
+def setup(
+    bag: BagToLookAt = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="robot.yaml", help="Write the parameter file here.", callback=target_file
+        ),
+    ] = Path("robot.yaml"),
+    preset: PresetName = None,
+    look: Annotated[
+        bool,
+        typer.Option("--look/--no-look", help="Look at the robot or the bag; without, write the preset."),
+    ] = True,
+    seconds: Seconds = 5.0,
+    json_file: JsonFile = None,
+) -> None:
+    """Look at a robot and write the parameters that the suite needs for it, with reasons.
+
+    Nothing is written if something stands in the way, such as a frame with two parents: it says what to do about it.
+    The file is a ROS parameter file, for `whereabouts run --config`, for launch files, and for `--params`.
+    """
+    from estimation.errors import InputError
+    from whereabouts.atomic import atomic_path
+    from whereabouts.robot.choice import choose
+    from whereabouts.robot.findings import findings
+    from whereabouts.robot.preset import preset as preset_of
+    from whereabouts.robot.settings import as_text, parameters
+    from whereabouts.robot.survey import Survey
+
+    wanted = None if preset is None else preset_of(preset)
+    if not look and wanted is None:
+        raise typer.BadParameter("--no-look needs --preset")
+    survey = survey_of(bag, seconds) if look else Survey(f"the preset {preset}")
+    choice = choose(survey, wanted)
+    said = findings(survey, choice) if look else []
+    for finding in said:
+        typer.echo(str(finding), err=finding.level == "error")
+    errors = sum(finding.level == "error" for finding in said)
+    write_figures(json_file, {"parameters": parameters(choice), "findings": [vars(item) for item in said]})
+    if errors:
+        raise InputError(
+            f"{out} was not written: {errors} {'thing stands' if errors == 1 else 'things stand'} in the way"
+        )
+    with atomic_path(out) as temporary:
+        temporary.write_text(as_text(choice, said, survey.source), encoding="utf-8")
+    bag_option = f" --bag {bag}" if bag is not None else ""
+    typer.echo(f"written: {out}. Next: whereabouts run --config {out}{bag_option}")
+
+
+def survey_of(bag: Path | None, seconds: float) -> Survey:
+    """What there is in a bag, or on the graph."""
+    if bag is not None:
+        from whereabouts.robot.bags import survey_bag
+
+        return survey_bag(bag)
+    from whereabouts.nodes.graph_survey import survey_graph
+    from whereabouts.nodes.suite import prepare_environment
+
+    prepare_environment()
+    typer.echo(f"listening for {seconds:g} s")
+    return survey_graph(seconds)

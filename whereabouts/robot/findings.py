@@ -1,0 +1,183 @@
+"""What stands in the way of running the suite on a robot, each with what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from whereabouts.robot.choice import Choice
+from whereabouts.robot.survey import CAMERAS, CLOUD, IMU, ODOMETRY, SCAN, TF, Survey, names
+
+# s between the clocks of two sources: a transform is then looked up at a wrong time, or is not there at all.
+APART, FAR_APART = 0.5, 5.0
+Level = Literal["error", "warning", "note"]
+USED = (SCAN, CLOUD, ODOMETRY, TF)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sentence about a robot. error : the suite would not work, or would break what works."""
+
+    level: Level
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.level}: {self.text}"
+
+
+def findings(survey: Survey, choice: Choice) -> list[Finding]:
+    """All there is to say, the gravest first."""
+    parts = (_sensors, _tree, _publishers, _clocks, _qos, _odometry, _others)
+    said = [finding for part in parts for finding in part(survey, choice)]
+    return sorted(said, key=lambda finding: ("error", "warning", "note").index(finding.level))
+
+
+def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    scans, clouds = survey.of(SCAN), survey.of(CLOUD)
+    if not scans and not clouds:
+        yield Finding("error", f"{survey.source} has neither LaserScan nor PointCloud2 messages")
+        return
+    for item in [*scans, *clouds]:
+        if item.count == 0:
+            yield Finding("warning", f"{item.name}: no message came within {survey.seconds:.0f} s")
+        elif not item.frame:
+            yield Finding("error", f"{item.name}: its frame_id is empty: set it in the driver")
+        elif item.frame.startswith("/"):
+            yield Finding("note", f"{item.name}: frame '{item.frame}' has a leading slash, which is ignored")
+    followed = (choice.scans or choice.clouds)[0]
+    item = survey.topics[followed]
+    reach = f", up to {item.range_max:g} m" if item.range_max else ""
+    rate = f" at {item.rate:.1f} Hz" if item.rate else ""
+    yield Finding("note", f"following {followed}{rate}{reach}")
+    beside = [other for other in scans if other.name not in choice.scans]
+    if beside:
+        yield Finding(
+            "note", f"not used: {names(beside)} (tf does not say how they are mounted, or no message came)"
+        )
+    if scans and clouds:
+        yield Finding("note", f"not used: {names(clouds)}: scans are followed; see cloud_topics")
+
+
+def _tree(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    for child in sorted({edge.child for edge in survey.edges.values()}):
+        parents = survey.parents(child)
+        if len(parents) > 1:
+            listed = " and ".join(f"'{name}'" for name in parents)
+            yield Finding(
+                "error",
+                f"frame '{child}' has two parents: {listed}. A frame has one: switch one of the publishers off"
+                f"{_who(survey, child)}",
+            )
+    followed = survey.topics.get((choice.scans or choice.clouds or [""])[0])
+    if followed is None or not followed.frame:
+        return
+    sensor = followed.frame.lstrip("/")
+    if not survey.edges:
+        yield Finding(
+            "warning",
+            f"nobody says on tf how '{sensor}' is mounted: the sensor's frame stands for the robot's. For a robot run "
+            f"`ros2 run tf2_ros static_transform_publisher --frame-id base_link --child-frame-id {sensor}`",
+        )
+    elif choice.base_frame not in survey.chain(sensor):
+        yield Finding("error", f"tf does not connect '{sensor}' with the robot's frame '{choice.base_frame}'")
+    elif choice.base_frame == sensor and survey.frames() - {sensor}:
+        trees = ", ".join(sorted(survey.frames())[:8])
+        yield Finding(
+            "warning",
+            f"'{sensor}' hangs on nothing in tf, which has {trees}: its frame stands for the robot's",
+        )
+
+
+def _who(survey: Survey, child: str) -> str:
+    """Where the transforms of a frame came from."""
+    topics = sorted({name for edge in survey.edges.values() if edge.child == child for name in edge.topics})
+    nodes = sorted(
+        {node for name in topics if name in survey.topics for node in survey.topics[name].publishers}
+    )
+    return f" (on {' and '.join(topics)}{', by one of ' + ', '.join(nodes) if nodes else ''})"
+
+
+def _publishers(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    for edge in survey.edges.values():
+        if edge.disagreeing:
+            yield Finding(
+                "error",
+                f"two publishers place '{edge.child}' in '{edge.parent}' and disagree: it leaps there and back. Switch "
+                f"one of them off{_who(survey, edge.child)}",
+            )
+    for item in survey.of(SCAN, CLOUD, ODOMETRY):
+        if len(item.publishers) > 1:
+            yield Finding("error", f"{item.name} has two publishers: {', '.join(item.publishers)}")
+
+
+def _clocks(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    lags = {
+        item.name: item.lag for item in survey.of(*USED) if item.lag is not None and "static" not in item.name
+    }
+    if len(lags) < 2:
+        return
+    # What was recorded of a robot has one more clock, the recorder's, which says nothing.
+    middle = sorted(lags.values())[len(lags) // 2]
+    for name, lag in lags.items():
+        off = lag - middle
+        if abs(off) > APART:
+            word = "behind" if off > 0 else "ahead of"
+            yield Finding(
+                "error" if abs(off) > FAR_APART else "warning",
+                f"{name}: its clock is {abs(off):.1f} s {word} the others: synchronise the machines with chrony or "
+                "PTP, and set use_sim_time for all nodes or for none",
+            )
+
+
+def _qos(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    for item in survey.of(TF):
+        latched = item.name.endswith("tf_static")
+        for offer in item.qos:
+            if offer.reliability == "best_effort":
+                yield Finding(
+                    "error", f"{item.name} is published best effort; every listener of tf asks for reliable"
+                )
+            if latched and offer.durability == "volatile":
+                yield Finding(
+                    "error",
+                    f"{item.name} is published volatile: who comes later never hears it. Publish it transient_local, "
+                    "as tf2_ros's StaticTransformBroadcaster does",
+                )
+
+
+def _odometry(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    link = f"'{choice.odom_frame}' -> '{choice.base_frame}'"
+    if choice.base_publishes_tf:
+        yield Finding(
+            "note", f"the base publishes {link} and keeps it: scan_registration publishes messages only"
+        )
+    else:
+        yield Finding("note", f"scan_registration publishes {link}")
+    if choice.map_published:
+        yield Finding(
+            "warning",
+            f"'{choice.map_frame}' -> '{choice.odom_frame}' is published already, by a mapper or localiser: "
+            "loop_closure leaves it alone. To have the map of this suite switch that off, and set loop_closure's "
+            "publish_tf: true",
+        )
+    others = [item for item in survey.of(ODOMETRY) if item.name != choice.wheels]
+    if choice.wheels:
+        yield Finding("note", f"wheels: {choice.wheels}")
+    elif others:
+        yield Finding(
+            "warning",
+            f"none of {names(others)} is taken for wheel odometry; name it in wheel_topic if one is",
+        )
+    else:
+        yield Finding("note", "no wheel odometry: long corridors and fast turns are followed less surely")
+
+
+def _others(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    seen = survey.of(IMU, *CAMERAS)
+    if seen:
+        yield Finding("note", f"not used, as no node takes them: {names(seen)}")
+    for line in survey.troubles:
+        yield Finding("warning", line)
+    for line in survey.left_out:
+        yield Finding("note", line)

@@ -1,0 +1,66 @@
+"""The parameter file of a robot: a ROS parameter file, for launch files, `run` and commands without ROS."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import yaml
+
+from whereabouts.robot.choice import Choice
+from whereabouts.robot.findings import Finding
+
+WIDTH = 110
+
+
+def parameters(choice: Choice) -> dict[str, dict[str, Any]]:
+    """Parameters by node; those of all nodes under "/**"."""
+    shared: dict[str, Any] = {
+        "base_frame": choice.base_frame, "odom_frame": choice.odom_frame, "map_frame": choice.map_frame
+    }  # fmt: skip
+    if choice.sim_time:
+        shared["use_sim_time"] = True
+    scan, cloud = (choice.scans or [""])[0], (choice.clouds or [""])[0]
+    registration: dict[str, Any] = {"publish_tf": not choice.base_publishes_tf}
+    mapping: dict[str, Any] = {"odometry_source": "auto", "publish_tf": not choice.map_published}
+    if cloud:
+        registration["cloud_topics"] = list(choice.clouds)
+        mapping["cloud_topic"] = cloud
+    elif scan:
+        registration["scan_topics"] = list(choice.scans)
+        mapping["scan_topic"] = scan
+    if choice.wheels:
+        registration["wheel_topic"] = choice.wheels
+    by_node = {"scan_registration": registration, "loop_closure": mapping}
+    if scan and not cloud:
+        by_node |= {"target_tracker": {"scan_topic": scan}, "verifier": {"scan_topic": scan}}
+    elif cloud:
+        by_node["verifier"] = {"use_clouds": True, "cloud_topic": cloud}
+    for node, given in choice.preset.items():
+        by_node.setdefault(node, {}).update(given)
+    return {"/**": shared, **by_node}
+
+
+def as_text(choice: Choice, said: list[Finding], source: str) -> str:
+    """The file, with what was found as comments above it."""
+    lines = [
+        f"# Written by `whereabouts setup` from {' '.join(source.split())}. It is an ordinary ROS parameter file:"
+    ]
+    lines += [
+        "#   whereabouts run --config robot.yaml",
+        "#   ros2 launch whereabouts suite.launch.py params_file:=robot.yaml",
+    ]
+    for finding in said:
+        lines += [
+            f"# {line}" if number == 0 else f"#   {line}"
+            for number, line in enumerate(textwrap.wrap(str(finding), WIDTH))
+        ]
+    for node, given in parameters(choice).items():
+        name = node if node.startswith("/") else f"/**/{node}"
+        lines += [f"{name}:", "  ros__parameters:"]
+        lines += [f"    {key}: {_value(value)}" for key, value in given.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    return yaml.safe_dump(value, default_flow_style=True, width=1000).removesuffix("...\n").strip()

@@ -1,0 +1,146 @@
+"""What was seen of a robot, live or in a bag: topics, their rates and frames, transforms and clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from whereabouts.logs import Qos
+
+SCAN, CLOUD = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2"
+ODOMETRY, TF = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
+IMU = "sensor_msgs/msg/Imu"
+CAMERAS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo")
+# m that a transform leaps and leaps back by, from which on two publishers disagree.
+LEAP = 0.02
+Matrix = NDArray[np.float64]
+
+
+@dataclass
+class Seen:
+    """One topic.
+
+    kind : type, such as "sensor_msgs/msg/LaserScan". publishers : names of nodes; empty where nobody can tell, as in a
+    bag. qos : what they offer. count, frame, stamps : messages looked at, the frame of the last, and first and last
+    stamp, s. lags : recorded or received time less stamp, s. range_max : of scans, m. child : child_frame_id of
+    odometry.
+    """
+
+    name: str
+    kind: str
+    publishers: tuple[str, ...] = ()
+    qos: tuple[Qos, ...] = ()
+    count: int = 0
+    frame: str = ""
+    child: str = ""
+    stamps: tuple[float, float] | None = None
+    lags: list[float] = field(default_factory=list)
+    range_max: float | None = None
+
+    def note(self, stamp: float, frame: str, received: float) -> None:
+        """One more message."""
+        self.count += 1
+        self.frame = frame
+        first = stamp if self.stamps is None else min(self.stamps[0], stamp)
+        last = stamp if self.stamps is None else max(self.stamps[1], stamp)
+        self.stamps = first, last
+        self.lags.append(received - stamp)
+
+    @property
+    def rate(self) -> float:
+        """Messages per second of stamps; 0 where one says nothing about it."""
+        if self.stamps is None or self.count < 2 or self.stamps[1] <= self.stamps[0]:
+            return 0.0
+        return (self.count - 1) / (self.stamps[1] - self.stamps[0])
+
+    @property
+    def lag(self) -> float | None:
+        """Median of the lags, s."""
+        return float(np.median(self.lags)) if self.lags else None
+
+
+@dataclass
+class Edge:
+    """One transform: where `child` is in `parent`, as often as it was looked at.
+
+    topics : it came on. stamps, places : of the moving one, s and (3,) m, in order of arrival.
+    """
+
+    parent: str
+    child: str
+    static: bool
+    topics: set[str] = field(default_factory=set)
+    stamps: list[float] = field(default_factory=list)
+    places: list[Matrix] = field(default_factory=list)
+
+    @property
+    def disagreeing(self) -> bool:
+        """Whether two publishers tell different places: it leaps there and back again and again, or is not static."""
+        if self.static:
+            return any(np.abs(place - self.places[0]).max() > LEAP for place in self.places[1:])
+        places = np.array(self.places)
+        if len(places) < 6:
+            return False
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        over_two = np.linalg.norm(places[2:] - places[:-2], axis=1)
+        smaller = np.minimum(steps[1:], steps[:-1])
+        back = (smaller > LEAP) & (over_two < 0.5 * smaller)
+        return bool(back.mean() > 0.2)
+
+
+@dataclass
+class Survey:
+    """All that was seen.
+
+    source : the bag, or "the running robot". live : whether it was running. seconds : that were looked at.
+    left_out : what of a bag cannot be read, with the reason. troubles : what running nodes of the suite complain about.
+    """
+
+    source: str
+    live: bool = False
+    seconds: float = 0.0
+    topics: dict[str, Seen] = field(default_factory=dict)
+    edges: dict[tuple[str, str], Edge] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    troubles: list[str] = field(default_factory=list)
+
+    def of(self, *kinds: str) -> list[Seen]:
+        """Topics of some types, by name."""
+        return [self.topics[name] for name in sorted(self.topics) if self.topics[name].kind in kinds]
+
+    def add_transform(self, parent: str, child: str, matrix: Matrix, stamp: float, topic: str) -> None:
+        """One transform that was heard; matrix (4, 4)."""
+        static = topic.endswith("tf_static")
+        edge = self.edges.setdefault((parent, child), Edge(parent, child, static))
+        edge.static = edge.static and static
+        edge.topics.add(topic)
+        edge.stamps.append(stamp)
+        edge.places.append(np.asarray(matrix)[:3, 3])
+
+    def parents(self, child: str) -> list[str]:
+        """All parents a frame was given, sorted."""
+        return sorted({edge.parent for edge in self.edges.values() if edge.child == child})
+
+    def chain(self, frame: str) -> list[str]:
+        """A frame, its parent, and so on up to the root; of two parents the one whose chain is longer."""
+        above = [self.chain_without(parent, {frame}) for parent in self.parents(frame)]
+        return [frame, *max(above, key=len, default=[])]
+
+    def chain_without(self, frame: str, known: set[str]) -> list[str]:
+        """The same, going round no circle."""
+        if frame in known:
+            return []
+        above = [self.chain_without(parent, known | {frame}) for parent in self.parents(frame)]
+        return [frame, *max(above, key=len, default=[])]
+
+    def frames(self) -> set[str]:
+        """All frames of tf."""
+        return {name for edge in self.edges for name in edge}
+
+
+def names(items: Iterable[Seen]) -> str:
+    """Topics as a list in words."""
+    return ", ".join(item.name for item in items)
