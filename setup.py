@@ -33,7 +33,7 @@ setup(
     maintainer_email="whereabouts@example.org",
     python_requires=">=3.11,<3.14",
     packages=packages,
-    package_data={package: ["models/*.json", "defaults/*.yaml", "presets/*.yaml"] for package in packages},
+    package_data={package: ["models/*.json", "defaults/*.yaml", "presets/*.yaml", "*.html"] for package in packages},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -61,6 +61,10 @@ setup(
         "pyyaml>=6",
         "lz4>=4",
         "zstandard>=0.21",
+        "pillow>=10",
+        "starlette>=0.31",
+        "uvicorn>=0.27",
+        "websockets>=10.4",
     ],
     extras_require={
         # The nodes on a machine without a ROS installation. The suite's own messages are built from whereabouts_msgs/.

@@ -8,11 +8,8 @@ from typing import Annotated
 import typer
 
 from estimation.errors import WhereaboutsError
-<<<<<<< HEAD
-from whereabouts.cli.console import console
-=======
 from whereabouts import __version__
->>>>>>> ecf06cab4ab49ae46f8f7aa09e5844849004a696
+from whereabouts.cli.console import console
 from whereabouts.cli.convert import convert
 from whereabouts.cli.demo import demo
 from whereabouts.cli.doctor import doctor
@@ -55,11 +52,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-<<<<<<< HEAD
-    demo, run, console, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
-=======
-    demo, run, setup, doctor, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
->>>>>>> ecf06cab4ab49ae46f8f7aa09e5844849004a696
+    demo, run, setup, doctor, console, convert, odometry, experiment, intentions, security, segment, slam, track,
+    view, world,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")
