@@ -60,7 +60,14 @@ def console(
         app = Console(_source(stack, store, is_live, namespace), token, host in HERE).app()
         shown = "localhost" if host in HERE else _address(host)
         config = uvicorn.Config(
-            app, host=host, port=port, log_level="error", ws_max_size=65536, timeout_graceful_shutdown=1
+            app,
+            host=host,
+            port=port,
+            log_level="error",
+            ws_max_size=65536,
+            # On a robot the processor is scarcer than the network.
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=1,
         )
         _require_free(host, port)
         print(f"console: open http://{shown}:{port}/#token={token}\nconsole: Ctrl-C ends it", flush=True)

@@ -7,7 +7,8 @@ import contextlib
 import hmac
 import json
 import math
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from importlib.resources import files
 from typing import Any
 from urllib.parse import urlsplit
@@ -46,6 +47,8 @@ class Console:
         self._token = token
         self._open = open_to_all
         self._said: tuple[int, str] = (-1, "")
+        self._viewers = 0
+        self._news: asyncio.Event
         self._page = (files("whereabouts.console") / "page.html").read_text(encoding="utf-8")
 
     def app(self) -> Starlette:
@@ -62,7 +65,7 @@ class Console:
         if self._open:
             # Else a page of somebody else's could ask under a name that leads here.
             middleware.append(Middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL_HOSTS)))
-        return Starlette(routes=routes, middleware=middleware)
+        return Starlette(routes=routes, middleware=middleware, lifespan=self._telling)
 
     async def _show(self, request: Request) -> Response:
         return HTMLResponse(self._page, headers={"Content-Security-Policy": _CSP, "X-Frame-Options": "DENY"})
@@ -92,7 +95,8 @@ class Console:
             stamp = math.nan
         if not math.isfinite(stamp):
             raise ConsoleError(f"at: {given!r} is no time in seconds since 1970")
-        return JSONResponse(_finite(await run_in_threadpool(self._source.world_at, stamp)))
+        then = await run_in_threadpool(self._source.world_at, stamp)
+        return Response(_json(then), media_type="application/json")
 
     async def _map(self, request: Request) -> Response:
         picture = await run_in_threadpool(self._source.picture)
@@ -104,7 +108,8 @@ class Console:
         question = request.query_params.get("q", "").strip()
         if not question or len(question) > LONGEST_QUESTION:
             raise ConsoleError(f"ask a question of up to {LONGEST_QUESTION} letters")
-        return JSONResponse(_finite(await run_in_threadpool(self._source.ask, question)))
+        answer = await run_in_threadpool(self._source.ask, question)
+        return Response(_json(answer), media_type="application/json")
 
     async def _act(self, request: Request) -> Response:
         name = request.path_params["action"]
@@ -129,9 +134,25 @@ class Console:
         version = self._source.version
         if version != self._said[0]:
             span = self._source.span()
-            world = {**self._source.world(), "live": self._source.live, "span": span}
-            self._said = version, json.dumps(_finite(world), separators=(",", ":"))
+            self._said = version, _json({**self._source.world(), "live": self._source.live, "span": span})
         return self._said[1]
+
+    @asynccontextmanager
+    async def _telling(self, _: Starlette) -> AsyncIterator[None]:
+        """While the server runs: those who look are woken up when there is something new."""
+
+        async def tell() -> None:
+            while True:
+                await asyncio.sleep(PERIOD)
+                before = self._said[1]
+                if self._viewers and await run_in_threadpool(self._newest) is not before:
+                    waiting, self._news = self._news, asyncio.Event()
+                    waiting.set()
+
+        self._news = asyncio.Event()
+        teller = asyncio.ensure_future(tell())
+        yield
+        teller.cancel()
 
     async def _live(self, socket: WebSocket) -> None:
         origin = urlsplit(socket.headers.get("origin", "")).netloc
@@ -140,17 +161,19 @@ class Console:
             return
         await socket.accept()
         ended = asyncio.ensure_future(_until_closed(socket))
-        sent = ""
+        self._viewers += 1
         try:
+            said = await run_in_threadpool(self._newest)
             while not ended.done():
-                said = await run_in_threadpool(self._newest)
-                if said is not sent:
-                    await asyncio.wait_for(socket.send_text(said), STALLED)
-                    sent = said
-                await asyncio.sleep(PERIOD)
+                news = asyncio.ensure_future(self._news.wait())
+                await asyncio.wait_for(socket.send_text(said), STALLED)
+                await asyncio.wait({ended, news}, return_when=asyncio.FIRST_COMPLETED)
+                news.cancel()
+                said = self._said[1]
         except (WebSocketDisconnect, TimeoutError, RuntimeError):
             pass
         finally:
+            self._viewers -= 1
             ended.cancel()
             with contextlib.suppress(Exception):
                 await socket.close()
@@ -172,6 +195,14 @@ async def _answered(answer: Any) -> Response:
 
 def _refusal(sentence: str, status: int) -> Response:
     return JSONResponse({"error": sentence}, status_code=status)
+
+
+def _json(value: Any) -> str:
+    """As text. What is not finite becomes null, which takes longer and is rare."""
+    try:
+        return json.dumps(value, separators=(",", ":"), allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(value), separators=(",", ":"))
 
 
 def _finite(value: Any) -> Any:

@@ -74,7 +74,9 @@ def _thing(
 ) -> Shown:
     classes, colors = attributes.get("class", {}), attributes.get("color", {})
     kind, color = most_probable(classes), most_probable(colors)
-    spread = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
+    (a, b), (_, c) = covariance[:2, :2].tolist()
+    # The larger eigenvalue.
+    spread = math.sqrt(max(0.5 * (a + c) + math.hypot(0.5 * (a - c), b), 0.0))
     return {
         "id": name,
         "class": kind,
