@@ -88,7 +88,7 @@ def _track(world: Recall, name: str, span: Span) -> tuple[FloatArray, FloatArray
     """Stamps (N,) and positions (N, 3) at which a person was seen."""
     found: dict[float, FloatArray] = {}
     if world.store is not None:
-        for _, event, numbers, existence, lost, seen in world.store.sights(
+        for _, event, numbers, existence, lost, seen, _ in world.store.sights(
             name, world.epochs.get(name, world.epoch)
         ):
             if event != "gone" and not lost and existence >= 0.5:
@@ -129,9 +129,7 @@ def _changes(world: Recall, where: str, span: Span) -> list[Change]:
         world.present if world.store is None else world.store.active(span.start, span.end)
     )
     found = []
-    for name in names:
-        if world.kind(name) == PERSON:
-            continue
+    for name in world.heads(names):
         for change in changes_of(world.timeline(name), max(span.start, -math.inf), span.end):
             ends = [place for place in (change.before, change.after) if place is not None]
             if change.before is not None and (
