@@ -230,6 +230,16 @@ class Records:
             prefix,
         ).fetchall()
 
+    def first_look(self, object_id: str, epoch: int) -> str | None:
+        """JSON of the attributes in the oldest row of history of an object."""
+        found = self._execute(
+            "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
+            "ORDER BY h.stamp, h.row LIMIT 1",
+            object_id,
+            epoch,
+        ).fetchone()
+        return None if found is None else str(found[0])
+
     def look(self, object_id: str, epoch: int) -> WorldObject | None:
         """The newest row of history of an object."""
         found = self._execute(

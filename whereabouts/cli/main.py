@@ -7,6 +7,7 @@ import sys
 import typer
 
 from estimation.errors import WhereaboutsError
+from whereabouts.cli.ask import ask
 from whereabouts.cli.convert import convert
 from whereabouts.cli.demo import demo
 from whereabouts.cli.experiment import experiment
@@ -34,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, run, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
+    demo, run, ask, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, one_named, place_named, spoken
+from world_model.questions.naming import described, name_of, one_named, place_named, spoken
 from world_model.questions.recall import PERSON, Recall, Stay, Timeline
 from world_model.questions.where import evidence_of
 
@@ -197,7 +197,12 @@ def told_change(world: Recall, change: Change) -> str:
     between = f"between {clock(change.start)} and {clock(change.end)}"
     if change.end - change.start < 60.0:
         between = f"at {clock(change.end)}"
-    return f"{name} went from {spoken(world, change.before)} to {spoken(world, change.after)} {between}"
+    return f"{name} went from {_end(world, change.before)} to {_end(world, change.after)} {between}"
+
+
+def _end(world: Recall, place: str) -> str:
+    """ "the kitchen table"."""
+    return f"the {name_of(place)}" if place in world.places else spoken(world, place)
 
 
 def what_changed(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
@@ -224,7 +229,7 @@ def what_changed(world: Recall, since: str | float | Span | None = None, place: 
     evidence = tuple(
         entry
         for change in found[:8]
-        for entry in evidence_of(world, world.timeline(change.object), change.start, change.end)
+        for entry in evidence_of(world, world.since(change.object, span.start), change.start, change.end)
     )
     return Answer(sentence, "what_changed", probability, iso(span.start), value, evidence)
 
@@ -234,7 +239,7 @@ def _net_changes(world: Recall, span: Span) -> list[Change]:
     found = []
     active = world.present.keys() if world.store is None else world.store.active(span.start, span.end).keys()
     for name in world.heads(active):
-        line = world.timeline(name)
+        line = world.since(name, span.start)
         changes = changes_of(line, span.start, span.end)
         if not changes or _is_false(world, line):
             continue
@@ -260,7 +265,9 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
     if world.store is not None:
         candidates += world.store.active(span.start, span.end)
     for name in world.heads(candidates):
-        line = world.timeline(name)
+        line = world.since(name, world.now)
+        if line.lost and (not line.stays or line.stays[-1].until < world.now):
+            line = world.timeline(name)
         if line.lost and not _is_false(world, line) and line.stays[-1].until >= span.start - WEEK:
             missing.append((line.stays[-1].left_by or line.stays[-1].until, name, line.stays[-1]))
     missing.sort(reverse=True)

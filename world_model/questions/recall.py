@@ -41,7 +41,7 @@ BACK_AGAIN = 0.25
 KEPT = 256
 RECENT = 60
 """Objects of a class that ended last, among which doubles are looked for."""
-AROUND = 4.0 * DAY
+AROUND = 1.5 * DAY
 """s: of the history that says where something was at a moment."""
 FOUND_AFTER = 1200.0
 """s: what was missing is found about so long after it came back."""
@@ -134,8 +134,11 @@ class Timeline:
     def _index(self, stamp: float) -> int:
         return int(np.searchsorted([stay.since for stay in self.stays], stamp, side="right")) - 1
 
-    def shares(self, start: float, end: float) -> dict[str, float]:
-        """Share of the known time between two moments that it was at each place."""
+    def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
+        """Share of the time between two moments that it was at each place.
+
+        absent : of all the time since it was first seen, else of that in which it was anywhere.
+        """
         spent: dict[str, float] = {}
         for stay, after in zip(self.stays, [*self.stays[1:], None], strict=True):
             until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
@@ -145,6 +148,8 @@ class Timeline:
             if long > 0.0:
                 spent[stay.place] = spent.get(stay.place, 0.0) + long
         total = sum(spent.values())
+        if absent and self.stays:
+            total = max(total, end - max(start, self.stays[0].since))
         return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
 
 
@@ -293,6 +298,39 @@ class Recall:
             if len(self._timelines) > KEPT:
                 self._timelines.popitem(last=False)
         return self._timelines[key]
+
+    def since(self, object_id: str, start: float) -> Timeline:
+        """The part of an object's timeline from some days before a moment on, with that of its earlier ids."""
+        name = self.individual(object_id)[0]
+        if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
+            return self.timeline(name)
+        key = f"since {name} {start}"
+        known = self.kept.get(key)
+        if not isinstance(known, Timeline):
+            known = self._read(name, self.epoch, start - AROUND)
+            for before in self._before(name):
+                if known.stays and known.stays[0].since <= start:
+                    break
+                known = _joined(self._read(before, self.epoch, start - AROUND), known)
+            self.kept[key] = known
+        return known
+
+    def has_changed(self, object_id: str) -> bool:
+        """Whether an object looks otherwise than when it was first seen: others may have changed places with it."""
+        item = self.present.get(object_id)
+        first = self._first_look(object_id)
+        return item is not None and first is not None and likeness(first, item.attributes) < LOOKS_ALIKE
+
+    def _first_look(self, object_id: str) -> Mapping[str, Mapping[str, float]] | None:
+        text = None if self.store is None else self.store.first_look(object_id, self.epoch)
+        return None if text is None else _attributes(text)
+
+    def took_over(self, object_id: str) -> str:
+        """What looks now as an object did that has changed, "" where there is none."""
+        first = self._first_look(object_id)
+        others = [item for item in self.present.values() if item.id != object_id and not item.lost]
+        alike = [item.id for item in others if first and likeness(first, item.attributes) >= LOOKS_ALIKE]
+        return alike[0] if len(alike) == 1 else ""
 
     def glimpse(self, object_id: str, stamp: float) -> Timeline:
         """The part of an object's timeline around a moment; cheaper where there are many objects."""

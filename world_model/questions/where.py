@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from world_model.questions.answers import (
@@ -116,6 +117,8 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
 
 
 def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> Answer:
+    if by_name and world.has_changed(name):
+        return _exchanged(world, name, stamp, kind)
     line = world.timeline(name)
     chances, stay = line.at(stamp)
     if stay is None:
@@ -151,6 +154,22 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
     ]
     evidence = evidence_of(world, line, stay.since, stay.until)
     return Answer(sentence, kind, certain, iso(stamp), place or _position(stay), evidence, tuple(options))
+
+
+def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
+    """Of an object that looks otherwise than before: it is where something looks as it did."""
+    other = world.took_over(name)
+    own = _where(world, name, stamp, kind, False)
+    if not other:
+        sentence = (
+            f"{own.sentence.rstrip('.')}; it looked otherwise before, so another one may be in its place."
+        )
+        return replace(own, sentence=sentence, probability=0.5 * own.probability)
+    there = _where(world, other, stamp, kind, False)
+    changed = f"What was called {clean(name)} has probably changed places with {clean(other)}"
+    sentence = f"{changed}: {there.sentence.rstrip('.')}."
+    options = ({"object": name, "place": own.value, "probability": 0.2}, *there.alternatives)
+    return replace(there, sentence=sentence, probability=0.8 * there.probability, alternatives=options)
 
 
 def _position(stay: Stay) -> str:
