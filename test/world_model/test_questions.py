@@ -85,7 +85,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
         ("what is on the counter?", "what_is_at", ["cup-2"]),
         ("what is in the kitchen", "what_is_at", ["cup-1", "cup-2"]),
         ("what was on the desk yesterday at 11:00?", "what_is_at", ["cup-1"]),
-        ("what is usually on the sofa?", "what_is_usually_here", []),
+        ("what is usually on the desk?", "what_is_usually_here", []),
         ("what is usually on the counter?", "what_is_usually_here", ["cup-2"]),
         ("how many cups are in the kitchen?", "how_many", 2),
         ("is the red cup on the desk?", "is_at", False),
