@@ -211,14 +211,39 @@ class Records:
         rows = self._execute("SELECT id, max(epoch) FROM objects WHERE epoch >= 0 GROUP BY id")
         return dict(rows)
 
-    def sights(self, object_id: str, epoch: int) -> list[tuple[float, str, bytes, float, int, float]]:
-        """History of an object in a run, oldest first: stamp, event, numbers, existence, lost, last seen."""
+    def sights(
+        self, object_id: str, epoch: int, start: float = -float("inf"), end: float = float("inf")
+    ) -> list[tuple[float, str, bytes, float, int, float, float]]:
+        """History of an object in a run, oldest first: stamp, event, numbers, existence, lost, last and first seen."""
         return self._execute(
-            "SELECT h.stamp, h.event, h.numbers, h.existence, h.lost, h.last_seen FROM history h "
-            "JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? ORDER BY h.stamp, h.row",
+            "SELECT h.stamp, h.event, h.numbers, h.existence, h.lost, h.last_seen, h.first_seen "
+            "FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
+            "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row",
             object_id,
             epoch,
+            start,
+            end,
         ).fetchall()
+
+    def lives(self, prefix: str) -> list[tuple[str, float, float, str]]:
+        """Objects of the newest run whose id begins so: id, first and last seen, JSON of the attributes."""
+        return self._execute(
+            "SELECT o.id, h.first_seen, h.last_seen, h.attributes FROM objects o JOIN history h ON h.row = "
+            "(SELECT row FROM history WHERE key = o.key ORDER BY stamp DESC, row DESC LIMIT 1) "
+            "WHERE o.epoch = (SELECT epoch FROM clock) AND substr(o.id, 1, ?) = ?",
+            len(prefix),
+            prefix,
+        ).fetchall()
+
+    def first_look(self, object_id: str, epoch: int) -> str | None:
+        """JSON of the attributes in the oldest row of history of an object."""
+        found = self._execute(
+            "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
+            "ORDER BY h.stamp, h.row LIMIT 1",
+            object_id,
+            epoch,
+        ).fetchone()
+        return None if found is None else str(found[0])
 
     def look(self, object_id: str, epoch: int) -> WorldObject | None:
         """The newest row of history of an object."""

@@ -9,6 +9,7 @@ import typer
 
 from estimation.errors import WhereaboutsError
 from whereabouts import __version__
+from whereabouts.cli.ask import ask
 from whereabouts.cli.console import console
 from whereabouts.cli.convert import convert
 from whereabouts.cli.demo import demo
@@ -52,8 +53,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, run, setup, doctor, console, convert, odometry, experiment, intentions, security, segment, slam, track,
-    view, world,
+    demo, setup, doctor, run, ask, console, view,
+    odometry, slam, track, segment, world, intentions, convert, experiment, security,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")

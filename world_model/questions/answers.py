@@ -112,4 +112,4 @@ def listed(parts: Iterable[str], most: int = 12, final: str = "and") -> str:
 
 def told(probability: float) -> str:
     """ "p = 0.97"."""
-    return f"p = {probability:.2f}"
+    return f"p = {min(probability, 0.99):.2f}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +18,7 @@ from world_model.questions.recall import PERSON, Recall
 
 BESIDE = 1.0
 """m: who is that close to a piece of furniture is at it."""
-PAUSE = 120.0
+PAUSE = 900.0
 """s: who is back within it has not been away."""
 
 
@@ -88,8 +87,8 @@ def _track(world: Recall, name: str, span: Span) -> tuple[FloatArray, FloatArray
     """Stamps (N,) and positions (N, 3) at which a person was seen."""
     found: dict[float, FloatArray] = {}
     if world.store is not None:
-        for _, event, numbers, existence, lost, seen in world.store.sights(
-            name, world.epochs.get(name, world.epoch)
+        for _, event, numbers, existence, lost, seen, _ in world.store.sights(
+            name, world.epochs.get(name, world.epoch), span.start
         ):
             if event != "gone" and not lost and existence >= 0.5:
                 found[seen] = np.frombuffer(numbers[:24], "<f8")
@@ -129,12 +128,10 @@ def _changes(world: Recall, where: str, span: Span) -> list[Change]:
         world.present if world.store is None else world.store.active(span.start, span.end)
     )
     found = []
-    for name in names:
-        if world.kind(name) == PERSON:
-            continue
-        for change in changes_of(world.timeline(name), max(span.start, -math.inf), span.end):
+    for name in world.heads(names):
+        for change in changes_of(world.since(name, span.start), span.start, span.end):
             ends = [place for place in (change.before, change.after) if place is not None]
-            if change.before is not None and (
+            if change.before not in (None, change.after) and (
                 not where or any(world.contains(where, place) for place in ends)
             ):
                 found.append(change)

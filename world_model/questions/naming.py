@@ -205,7 +205,7 @@ def _of(world: Recall, kind: str | None, predicates: list[str], past: bool) -> l
     known = [name for _, name in sorted(found)]
     if past or not known:
         known += [name for name in _of_before(world, kind, predicates) if name not in known]
-    return known
+    return known if kind == PERSON else world.heads(known)
 
 
 def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[str]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, one_named, place_named, spoken
+from world_model.questions.naming import described, name_of, one_named, place_named, spoken
 from world_model.questions.recall import PERSON, Recall, Stay, Timeline
 from world_model.questions.where import evidence_of
 
 WEEK = 7 * 86400.0
+FRESH = 60.0
+"""s: that something is missing since then may be one look that did not find it."""
 CONFIRMED = 60.0
 """s: what was seen for less may have been a false detection, and is not missed."""
 
@@ -62,13 +63,14 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
         said = f"was {spoken(world, where)} {_times(count)}"
     else:
         moves = [change for change in changes_of(line, span.start, span.end) if change.before is not None]
-        moves = [change for change in moves if change.after is not None]
+        moves = [change for change in moves if change.after not in (None, change.before)]
         count = len(moves)
         said = f"was moved {_times(count)}"
     first = line.stays[0].since if line.stays else world.now
     begin = max(span.start, first)
     until = "" if span.end >= world.now - 1.0 else f" until {clock(span.end)}"
-    probability = max(0.95 * 0.998**count, 0.5)
+    there = max(line.at(world.now)[0].values(), default=1.0) if span.end >= world.now - 1.0 else 1.0
+    probability = max(0.97 * 0.995**count * there, 0.3)
     sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}."
     evidence = evidence_of(world, line, span.start, span.end)
     options = ({"value": count + 1, "probability": (1.0 - probability) / 2},)
@@ -195,7 +197,12 @@ def told_change(world: Recall, change: Change) -> str:
     between = f"between {clock(change.start)} and {clock(change.end)}"
     if change.end - change.start < 60.0:
         between = f"at {clock(change.end)}"
-    return f"{name} went from {spoken(world, change.before)} to {spoken(world, change.after)} {between}"
+    return f"{name} went from {_end(world, change.before)} to {_end(world, change.after)} {between}"
+
+
+def _end(world: Recall, place: str) -> str:
+    """ "the kitchen table"."""
+    return f"the {name_of(place)}" if place in world.places else spoken(world, place)
 
 
 def what_changed(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
@@ -222,7 +229,7 @@ def what_changed(world: Recall, since: str | float | Span | None = None, place: 
     evidence = tuple(
         entry
         for change in found[:8]
-        for entry in evidence_of(world, world.timeline(change.object), change.start, change.end)
+        for entry in evidence_of(world, world.since(change.object, span.start), change.start, change.end)
     )
     return Answer(sentence, "what_changed", probability, iso(span.start), value, evidence)
 
@@ -231,12 +238,10 @@ def _net_changes(world: Recall, span: Span) -> list[Change]:
     """One for each object that is not where it was at the beginning of a span."""
     found = []
     active = world.present.keys() if world.store is None else world.store.active(span.start, span.end).keys()
-    for name in active:
-        if world.kind(name) == PERSON:
-            continue
-        line = world.timeline(name)
+    for name in world.heads(active):
+        line = world.since(name, span.start)
         changes = changes_of(line, span.start, span.end)
-        if not changes or _is_false(line):
+        if not changes or _is_false(world, line):
             continue
         before, after = changes[0].before, changes[-1].after
         if before == after:
@@ -245,8 +250,10 @@ def _net_changes(world: Recall, span: Span) -> list[Change]:
     return sorted(found, key=lambda change: change.end)
 
 
-def _is_false(line: Timeline) -> bool:
-    """Whether all that was seen of it may be a false detection."""
+def _is_false(world: Recall, line: Timeline) -> bool:
+    """Whether all that was seen of it may be a false detection, or was a person after all."""
+    if line.lost and world.likely_kind(line.id) == PERSON:
+        return True
     return not line.stays or (line.lost and sum(stay.until - stay.since for stay in line.stays) < CONFIRMED)
 
 
@@ -254,36 +261,24 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
     """What was there and is no longer, in the last week or since a moment. value : ids."""
     span = since_when(world, since if since is not None else Span(world.now - WEEK, world.now))
     missing: list[tuple[float, str, Stay]] = []
-    back: list[dict[str, Any]] = []
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
     if world.store is not None:
-        candidates += [name for name in world.store.active(span.start, span.end) if name not in world.present]
-    for name in candidates:
-        if world.kind(name) == PERSON:
-            continue
-        line = world.timeline(name)
-        if not line.lost or _is_false(line):
-            continue
-        last = line.stays[-1]
-        successor = _successor(world, name, last)
-        if successor:
-            back.append({"object": name, "place": world.timeline(successor).stays[-1].place, "same_as": successor,
-                         "probability": 0.6})  # fmt: skip
-        else:
-            missing.append((last.left_by or last.until, name, last))
+        candidates += world.store.active(span.start, span.end)
+    for name in world.heads(candidates):
+        line = world.since(name, world.now)
+        if line.lost and (not line.stays or line.stays[-1].until < world.now):
+            line = world.timeline(name)
+        if line.lost and not _is_false(world, line) and line.stays[-1].until >= span.start - WEEK:
+            missing.append((line.stays[-1].left_by or line.stays[-1].until, name, line.stays[-1]))
     missing.sort(reverse=True)
     parts = [
         f"{described(world, name)}, seen last {spoken(world, stay.place)} at {clock(stay.until)}"
         for _, name, stay in missing
     ]
-    probability = 0.95 * 0.97 ** len(missing) * 0.8 ** len(back)
+    fresh = sum(left > world.now - FRESH for left, _, _ in missing)
+    probability = 0.95 * 0.97 ** len(missing) * 0.75**fresh
     verb = "is" if len(missing) == 1 else "are"
     sentence = f"Missing {verb} {listed(parts)}" if missing else "Nothing that I know of is missing"
-    if back:
-        same = [
-            f"{clean(entry['object'])} is probably the same as {clean(entry['same_as'])}" for entry in back
-        ]
-        sentence += f"; {listed(same)}"
     evidence = tuple(
         entry
         for _, name, stay in missing[:8]
@@ -297,24 +292,7 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
         iso(world.now),
         value,
         evidence,
-        tuple(back),
     )
-
-
-def _successor(world: Recall, name: str, last: Stay) -> str:
-    """A present object that looks like one that went, and came since."""
-    from world_model.questions.recall import LOOKS_ALIKE, likeness
-
-    mine = world.item(name)
-    if mine is None:
-        return ""
-    for other in world.present.values():
-        if other.id == name or other.lost or likeness(mine.attributes, other.attributes) < LOOKS_ALIKE:
-            continue
-        stays = world.timeline(other.id).stays
-        if stays and stays[0].since >= last.until:
-            return other.id
-    return ""
 
 
 def history(world: Recall, what: str, since: str | float | Span | None = None) -> Answer:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import math
 import re
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +39,16 @@ PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY
 BACK_AGAIN = 0.25
 """Share of moves between two looks that lead back before the second."""
 KEPT = 256
+RECENT = 60
+"""Objects of a class that ended last, among which doubles are looked for."""
+AROUND = 1.5 * DAY
+"""s: of the history that says where something was at a moment."""
+FOUND_AFTER = 1200.0
+"""s: what was missing is found about so long after it came back."""
+SAME = 0.93
+"""That what looks like something that went, and came since, is the same."""
+RETURNS = 7.0 * DAY
+"""s: what was away for longer is another one."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +67,24 @@ class Stay:
     seen: int = 1
 
 
+class Life(NamedTuple):
+    """One id: when it was first and last seen, s, whether it has ended, and what it looks like."""
+
+    id: str
+    first: float
+    last: float
+    ended: bool
+    attributes: Mapping[str, Mapping[str, float]]
+
+
 @dataclass(frozen=True)
 class Timeline:
-    """The stays of one object, oldest first. lost : nobody knows where it is now."""
+    """The stays of one object, oldest first. lost : nobody knows where it is now. since : s, under this id."""
 
     id: str
     stays: tuple[Stay, ...]
     lost: bool
+    since: float = math.inf
 
     @property
     def rate(self) -> float:
@@ -89,8 +112,8 @@ class Timeline:
         left = after.since if stay.left_by is None else min(stay.left_by, after.since)
         gap = max(left - stay.until, 1e-6)
         stays_yet = max(1.0 - (stamp - stay.until) / gap, 0.0)
-        known = max((stamp - left) / max(after.since - left, 1e-6), 0.0) if stay.gone else 1.0
-        there = (1.0 - stays_yet) * (1.0 if not stay.gone else 0.3 + 0.6 * min(known, 1.0))
+        back = math.exp(-(after.since - stamp) / FOUND_AFTER) if stay.gone else 1.0
+        there = (1.0 - stays_yet) * back
         chances = {stay.place: stays_yet}
         chances[after.place] = chances.get(after.place, 0.0) + there
         return chances, stay if stays_yet >= there else after
@@ -111,8 +134,11 @@ class Timeline:
     def _index(self, stamp: float) -> int:
         return int(np.searchsorted([stay.since for stay in self.stays], stamp, side="right")) - 1
 
-    def shares(self, start: float, end: float) -> dict[str, float]:
-        """Share of the known time between two moments that it was at each place."""
+    def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
+        """Share of the time between two moments that it was at each place.
+
+        absent : of all the time since it was first seen, else of that in which it was anywhere.
+        """
         spent: dict[str, float] = {}
         for stay, after in zip(self.stays, [*self.stays[1:], None], strict=True):
             until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
@@ -122,6 +148,8 @@ class Timeline:
             if long > 0.0:
                 spent[stay.place] = spent.get(stay.place, 0.0) + long
         total = sum(spent.values())
+        if absent and self.stays:
+            total = max(total, end - max(start, self.stays[0].since))
         return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
 
 
@@ -177,6 +205,11 @@ class Recall:
         seen = self.item(object_id)
         return seen.most_probable("class") if seen is not None else ""
 
+    def likely_kind(self, object_id: str) -> str:
+        """Most probable class of an object as it was known last, whatever its id says."""
+        item = self.item(object_id)
+        return "" if item is None else item.most_probable("class")
+
     def item(self, object_id: str) -> WorldObject | None:
         """An object as it was known last."""
         known = self.present.get(object_id)
@@ -186,26 +219,152 @@ class Recall:
 
     def things(self) -> list[str]:
         """Ids of all that is no person, of this run."""
-        return [
-            name for name, epoch in self.epochs.items() if epoch == self.epoch and self.kind(name) != PERSON
-        ]
+        return self.heads(name for name, epoch in self.epochs.items() if epoch == self.epoch)
+
+    def heads(self, names: Iterable[str]) -> list[str]:
+        """Those of them that are no people, each by its newest id."""
+        return list(dict.fromkeys(self.individual(name)[0] for name in names if self.kind(name) != PERSON))
+
+    def individual(self, object_id: str) -> tuple[str, float]:
+        """The newest id of an object, and how probably that is the same one.
+
+        What was carried out of sight may have another id where it is found again: what looks like something that went,
+        and came since, is taken for it.
+        """
+        links = self._links(self.kind(object_id))
+        certain = 1.0
+        while object_id in links:
+            object_id, share = links[object_id]
+            certain *= share
+        return object_id, certain
+
+    def _links(self, kind: str) -> dict[str, tuple[str, float]]:
+        """For ids of a class that ended the id that goes on, with its probability."""
+        if kind == PERSON or not kind or self.store is None:
+            return {}
+        found = self.kept.get(f"links {kind}")
+        if not isinstance(found, dict):
+            lives = self._lives(kind)
+            found = self.kept[f"links {kind}"] = _linked(lives)
+            self._doubles(lives, found)
+        return found
+
+    def _doubles(self, lives: list[Life], links: dict[str, tuple[str, float]]) -> None:
+        """What ended where another one like it is from then on was that one, with an id of its own for a while."""
+        doubles: set[str] = set()
+        for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
+            stays = self._read(life.id, self.epoch).stays
+            likes = [
+                other
+                for other in lives
+                if other.id != life.id
+                and other.first <= life.last <= other.last
+                and likeness(life.attributes, other.attributes) >= LOOKS_ALIKE
+            ]
+            for other in likes if stays else ():
+                there = self._read(other.id, self.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY).stays
+                apart = [np.linalg.norm(stay.position[:2] - stays[-1].position[:2]) for stay in there]
+                if apart and min(apart) < APART and other.id not in doubles:
+                    links[life.id] = (other.id, SAME)
+                    doubles.add(life.id)
+                    break
+        self.kept["doubles"] = self._known_doubles() | doubles
+
+    def _known_doubles(self) -> set[str]:
+        found = self.kept.get("doubles")
+        return found if isinstance(found, set) else set()
+
+    def _lives(self, kind: str) -> list[Life]:
+        assert self.store is not None
+        lives = []
+        for name, first, last, text in self.store.lives(f"{kind}-"):
+            item = self.present.get(name)
+            ended = item is None or item.lost
+            if last - first > 0.0 or not ended:
+                lives.append(Life(name, first, last, ended, _attributes(text)))
+        return sorted(lives, key=lambda life: life.first)
 
     def timeline(self, object_id: str, epoch: int | None = None) -> Timeline:
         """The stays of an object, {} where it is unknown."""
         run = self.epochs.get(object_id, self.epoch) if epoch is None else epoch
-        key = (object_id, run)
+        name = self.individual(object_id)[0] if run == self.epoch else object_id
+        key = (name, run)
         if key not in self._timelines:
-            self._timelines[key] = self._read(object_id, run)
+            line = self._read(name, run)
+            if run == self.epoch:
+                for before in self._before(name):
+                    line = _joined(self._read(before, run), line)
+            self._timelines[key] = line
             if len(self._timelines) > KEPT:
                 self._timelines.popitem(last=False)
         return self._timelines[key]
 
-    def _read(self, object_id: str, run: int) -> Timeline:
-        item = self.present.get(object_id) if run == self.epoch else None
-        rows = [] if self.store is None else self.store.sights(object_id, run)
+    def since(self, object_id: str, start: float) -> Timeline:
+        """The part of an object's timeline from some days before a moment on, with that of its earlier ids."""
+        name = self.individual(object_id)[0]
+        if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
+            return self.timeline(name)
+        key = f"since {name} {start}"
+        known = self.kept.get(key)
+        if not isinstance(known, Timeline):
+            known = self._read(name, self.epoch, start - AROUND)
+            for before in self._before(name):
+                if known.stays and known.stays[0].since <= start:
+                    break
+                known = _joined(self._read(before, self.epoch, start - AROUND), known)
+            self.kept[key] = known
+        return known
+
+    def has_changed(self, object_id: str) -> bool:
+        """Whether an object looks otherwise than when it was first seen: others may have changed places with it."""
+        item = self.present.get(object_id)
+        first = self._first_look(object_id)
+        return item is not None and first is not None and likeness(first, item.attributes) < LOOKS_ALIKE
+
+    def _first_look(self, object_id: str) -> Mapping[str, Mapping[str, float]] | None:
+        text = None if self.store is None else self.store.first_look(object_id, self.epoch)
+        return None if text is None else _attributes(text)
+
+    def took_over(self, object_id: str) -> str:
+        """What looks now as an object did that has changed, "" where there is none."""
+        first = self._first_look(object_id)
+        others = [item for item in self.present.values() if item.id != object_id and not item.lost]
+        alike = [item.id for item in others if first and likeness(first, item.attributes) >= LOOKS_ALIKE]
+        return alike[0] if len(alike) == 1 else ""
+
+    def glimpse(self, object_id: str, stamp: float) -> Timeline:
+        """The part of an object's timeline around a moment; cheaper where there are many objects."""
+        name = self.individual(object_id)[0]
+        if (name, self.epoch) in self._timelines:
+            return self._timelines[name, self.epoch]
+        key = f"glimpse {name} {stamp}"
+        known = self.kept.get(key)
+        if not isinstance(known, Timeline):
+            known = self._read(name, self.epoch, stamp - AROUND, stamp + AROUND)
+            if not known.stays or known.stays[0].since > stamp:
+                known = self.timeline(name)
+            self.kept[key] = known
+        return known
+
+    def _before(self, object_id: str) -> list[str]:
+        """Earlier ids of an object, the newest first."""
+        links = self._links(self.kind(object_id))
+        doubles = self._known_doubles()
+        previous = {after: name for name, (after, _) in links.items() if name not in doubles}
+        found = []
+        while object_id in previous:
+            object_id = previous[object_id]
+            found.append(object_id)
+        return found
+
+    def _read(self, object_id: str, run: int, start: float = -math.inf, end: float = math.inf) -> Timeline:
+        item = self.present.get(object_id) if run == self.epoch and end >= self.now else None
+        rows = [] if self.store is None else self.store.sights(object_id, run, start, end)
         stamps = [row[0] for row in rows]
         here = [row[1] != "gone" and not row[4] and row[3] >= BELIEVED for row in rows]
         seen = [row[5] for row in rows]
+        if rows and here[0] and start == -math.inf:  # believed in only after some looks
+            seen[0], stamps[0] = rows[0][6], rows[0][6]
         numbers = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 24)
         positions = numbers[:, :3]
         if item is not None:
@@ -218,7 +377,8 @@ class Recall:
             positions = np.vstack([positions[:1], positions])
         words = self.words(positions)
         stays = _stays(stamps, here, seen, positions, words)
-        return Timeline(object_id, stays, not here[-1] if here else True)
+        first = stays[0].since if stays else math.inf
+        return Timeline(object_id, stays, not here[-1] if here else True, first)
 
     def words(self, positions: FloatArray) -> list[str]:
         """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
@@ -252,6 +412,46 @@ class Recall:
         return [item.id for item in others if likeness(mine.attributes, item.attributes) >= LOOKS_ALIKE]
 
 
+@lru_cache(4096)
+def _attributes(text: str) -> Mapping[str, Mapping[str, float]]:
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def _linked(lives: list[Life]) -> dict[str, tuple[str, float]]:
+    """Each that begins with the one like it that ended last before that; lives in order of their beginning."""
+    links: dict[str, tuple[str, float]] = {}
+    open_ends: list[Life] = []
+    for life in lives:
+        open_ends = [each for each in open_ends if life.first - each.last < RETURNS]
+        fitting = [
+            each
+            for each in open_ends
+            if each.last <= life.first and likeness(each.attributes, life.attributes) >= LOOKS_ALIKE
+        ]
+        if fitting:
+            before = max(fitting, key=lambda each: each.last)
+            recent = sum(before.last - each.last < DAY for each in fitting)
+            links[before.id] = (life.id, SAME / recent)
+            open_ends.remove(before)
+        if life.ended:
+            open_ends.append(life)
+    return links
+
+
+def _joined(before: Timeline, line: Timeline) -> Timeline:
+    """The timeline of an object with that of its earlier id."""
+    if not before.stays or not line.stays:
+        return replace(line, stays=before.stays + line.stays)
+    last, first = before.stays[-1], line.stays[0]
+    if last.place == first.place and last.place and first.since - last.until < AWAY:
+        first = replace(first, came_after=last.came_after, since=last.since, seen=last.seen + first.seen)
+        return replace(line, stays=(*before.stays[:-1], first, *line.stays[1:]))
+    last = replace(last, gone=True, left_by=min(last.left_by or first.since, first.since))
+    first = replace(first, came_after=last.until)
+    return replace(line, stays=(*before.stays[:-1], last, first, *line.stays[1:]))
+
+
 def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mapping[str, float]]) -> float:
     """Product over the attributes both have of the overlap (Bhattacharyya) of their distributions, in [0, 1]."""
     product = 1.0
@@ -274,33 +474,52 @@ def _stays(
 ) -> tuple[Stay, ...]:
     """Rows of history joined where an object is still at the same place."""
     stays: list[Stay] = []
-    for stamp, is_here, last, position, word in zip(stamps, here, seen, positions, words, strict=True):
+    for begin, end in _runs(here, positions, words):
+        stamp, position, word = stamps[begin], positions[begin], words[begin]
         current = stays[-1] if stays else None
-        if not is_here:
+        if not here[begin]:
             if current is not None and current.left_by is None:
                 # A measurement up to here still found it there.
-                until = min(max(current.until, last), stamp)
+                until = min(max(current.until, seen[begin]), stamp)
                 stays[-1] = replace(current, until=until, left_by=stamp, gone=True)
             continue
-        same = current is not None and current.place == word
-        if same and (not word or (current is not None and current.gone)):
-            assert current is not None
-            same = bool(np.linalg.norm(position[:2] - current.position[:2]) < APART)
-        if same and current is not None and current.left_by is not None:
-            same = stamp - current.left_by < AWAY
-        if same and current is not None:
+        until = min(seen[end - 1], stamps[end - 1])
+        if current is not None and _goes_on(current, word, position, stamp):
             stays[-1] = replace(
                 current,
-                until=max(current.until, min(last, stamp)),
+                until=max(current.until, until),
                 left_by=None,
                 gone=False,
-                seen=current.seen + 1,
+                seen=current.seen + end - begin,
             )
             continue
         after = current.until if current is not None else -math.inf
-        since = min(last, stamp) if last > after else stamp
-        stays.append(Stay(word, after, since, max(since, min(last, stamp)), None, position))
+        since = min(seen[begin], stamp) if seen[begin] > after else stamp
+        stays.append(Stay(word, after, since, max(since, until), None, position, seen=end - begin))
     return tuple(stays)
+
+
+def _runs(here: list[bool], positions: FloatArray, words: list[str]) -> list[tuple[int, int]]:
+    """From, to of rows that tell the same."""
+    if not here:
+        return []
+    number = {word: index for index, word in enumerate(dict.fromkeys(words))}
+    codes = np.array([number[word] if is_here else -1 for word, is_here in zip(words, here, strict=True)])
+    steps = np.linalg.norm(np.diff(positions[:, :2], axis=0), axis=1)
+    nameless = codes == number.get("", -2)
+    changed = (np.diff(codes) != 0) | (nameless[1:] & (steps > 0.2 * APART))
+    edges = [0, *(np.flatnonzero(changed) + 1).tolist(), len(codes)]
+    return list(itertools.pairwise(edges))
+
+
+def _goes_on(current: Stay, word: str, position: FloatArray, stamp: float) -> bool:
+    """Whether what is seen still belongs to a stay."""
+    if current.place != word:
+        return False
+    near = bool(np.linalg.norm(position[:2] - current.position[:2]) < APART)
+    if (not word or current.gone) and not near:
+        return False
+    return current.left_by is None or stamp - current.left_by < AWAY
 
 
 def recall(source: object, places: Places | None = None, symbols: Symbols | None = None) -> Recall:

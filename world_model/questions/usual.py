@@ -11,8 +11,7 @@ from world_model.questions.recall import DAY, Recall
 from world_model.routines import FORMAT, VERSION, Routines, RoutinesConfig
 
 WEEKS = 28 * DAY
-LEARNED = 42
-"""Days of history that routines are learned from."""
+"""s: of the history that habits and routines are read from."""
 LEAST_DAYS = 2.0
 USUAL = 0.5
 AHEAD = 2 * 3600.0
@@ -34,7 +33,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     where = place_named(world, place)
     shares = {}
     for name in _things(world, world.now - WEEKS):
-        by_place = world.timeline(name).shares(world.now - WEEKS, world.now)
+        by_place = world.since(name, world.now - WEEKS).shares(world.now - WEEKS, world.now, True)
         share = sum(part for other, part in by_place.items() if world.contains(where, other))
         if share > 0.02:
             shares[name] = share
@@ -103,8 +102,8 @@ def learned(world: Recall) -> Routines:
     if isinstance(kept, Routines):
         return kept
     config = RoutinesConfig()
-    start = world.now - LEARNED * DAY
-    lines = [world.timeline(name) for name in _things(world, start)]
+    start = world.now - WEEKS
+    lines = [world.since(name, start) for name in _things(world, start)]
     lines = [line for line in lines if line.stays]
     known = world.now - min((line.stays[0].since for line in lines), default=world.now)
     if known < LEAST_DAYS * DAY:

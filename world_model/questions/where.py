@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from world_model.questions.answers import (
@@ -19,7 +20,7 @@ from world_model.questions.answers import (
 )
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, name_of, place_named, plain, spoken, things_named
-from world_model.questions.recall import BELIEVED, PERSON, Recall, Stay, Timeline
+from world_model.questions.recall import BELIEVED, Recall, Stay, Timeline
 
 MONTH = 28 * 86400.0
 TWIN, SWAPPED = 0.85, 0.5
@@ -116,6 +117,8 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
 
 
 def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> Answer:
+    if by_name and world.has_changed(name):
+        return _exchanged(world, name, stamp, kind)
     line = world.timeline(name)
     chances, stay = line.at(stamp)
     if stay is None:
@@ -125,19 +128,22 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
         return _missing(world, name, line, stay, stamp)
     place = max(chances, key=lambda each: chances[each], default="")
     certain = chances.get(place, 0.0)
-    item = world.present.get(name)
+    item = world.present.get(line.id)
     if kind == "where_is" and item is not None:
         certain *= item.existence * max(world.place_probability(item, place), 0.05)
-    twins = world.alike(name) if by_name else []
+    twins = world.alike(line.id) if by_name else []
     if twins:
         certain *= _identity(world, line, twins)
+    if by_name:
+        certain *= world.individual(name)[1]
     if certain < 0.25 and kind == "where_was":
         return _unknown(world, name, line, stay, stamp)
     verb = hedged(certain, "is" if kind == "where_is" else "was")
     where = spoken(world, place) if place else _position(stay)
     seen = f"seen there last at {clock(stay.until)}" if kind == "where_is" else f"at {clock(stamp)}"
     doubt = f"; it cannot be told from {listed(map(clean, twins))}" if twins else ""
-    sentence = f"{described(world, name)} {verb} {where}, {told(certain)}, {seen}{doubt}."
+    also = f", now called {clean(line.id)}," if line.id != name else ""
+    sentence = f"{described(world, name)}{also} {verb} {where}, {told(certain)}, {seen}{doubt}."
     options: list[dict[str, Any]] = [
         {"object": name, "place": other, "probability": p}
         for other, p in chances.items()
@@ -148,6 +154,22 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
     ]
     evidence = evidence_of(world, line, stay.since, stay.until)
     return Answer(sentence, kind, certain, iso(stamp), place or _position(stay), evidence, tuple(options))
+
+
+def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
+    """Of an object that looks otherwise than before: it is where something looks as it did."""
+    other = world.took_over(name)
+    own = _where(world, name, stamp, kind, False)
+    if not other:
+        sentence = (
+            f"{own.sentence.rstrip('.')}; it looked otherwise before, so another one may be in its place."
+        )
+        return replace(own, sentence=sentence, probability=0.5 * own.probability)
+    there = _where(world, other, stamp, kind, False)
+    changed = f"What was called {clean(name)} has probably changed places with {clean(other)}"
+    sentence = f"{changed}: {there.sentence.rstrip('.')}."
+    options = ({"object": name, "place": own.value, "probability": 0.2}, *there.alternatives)
+    return replace(there, sentence=sentence, probability=0.8 * there.probability, alternatives=options)
 
 
 def _position(stay: Stay) -> str:
@@ -288,9 +310,9 @@ def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None 
     found = {}
     now = stamp >= world.now
     if ids is None:
-        ids = [name for name in world.present if world.kind(name) != PERSON] if now else world.things()
+        ids = world.heads(world.present) if now else world.things()
     for name in ids:
-        line = world.timeline(name)
+        line = world.glimpse(name, stamp)
         if line.lost and now:
             continue
         chances, _ = line.at(stamp)
