@@ -5,7 +5,7 @@ Messages are taken by their fields only, so that those of a live graph and those
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +15,9 @@ import numpy.typing as npt
 from estimation.errors import InputError
 from estimation.rotations import rotation_from_quaternion
 from estimation.uncertain_frame import through_uncertain_pose
+from whereabouts.camera_messages import box_from_message
 from world_model import ObjectEvidence, WorldEvidence
+from world_model.camera import Box, Located
 from world_model.symbols import Gaussian, Symbols, default_symbols
 
 Array = npt.NDArray[np.float64]
@@ -98,6 +100,29 @@ class Reader:
                 objects.append(self._detection(item, frame))
         return WorldEvidence(objects)
 
+    def boxes(
+        self, message: Any, frame: Frame, place: Callable[[Box], Located]
+    ) -> tuple[WorldEvidence, dict[int, str]]:
+        """A vision_msgs/Detection2DArray, and why detections could not be placed, by index.
+
+        frame : of the camera. place : where in it the object in a box is. Raises InputError for words and numbers that
+        make no sense.
+        """
+        objects, refused = [], {}
+        for index, item in enumerate(message.detections):
+            with _named(f"detections[{index}]"):
+                attributes = self._classified(item.results)
+                box = box_from_message(item.bbox)
+                try:
+                    found = place(box)
+                except InputError as error:
+                    refused[index] = f"detections[{index}]: {error}"
+                    continue
+                position, turned = frame.position(found.position, found.covariance)
+                words, numbers = self._with_symbols(attributes, _extent_of(found.width, found.height))
+                objects.append(ObjectEvidence(position, turned, words, quantities=numbers))
+        return WorldEvidence(objects), refused
+
     def targets(self, message: Any, frame: Frame, ids: Mapping[int, str]) -> tuple[WorldEvidence, list[int]]:
         """A whereabouts_msgs/TargetArray, and the labels of those that are taken in: what is hidden is no measurement.
 
@@ -149,8 +174,17 @@ class Reader:
             at = _vector(best.pose.pose.position)
             position = at if at.any() else position
             covariance = _covariance("results[].pose.covariance", best.pose.covariance)
+        attributes = self._classified(item.results)
+        if covariance is None:
+            covariance = self.sigma**2 * np.eye(3)
+        position, turned = frame.position(position, covariance)
+        words, numbers = self._with_symbols(attributes, _extent(item.bbox.size))
+        return ObjectEvidence(position, turned, words, quantities=numbers)
+
+    def _classified(self, results: Iterable[Any]) -> dict[str, dict[str, float]]:
+        """The class by the scores of vision_msgs/ObjectHypothesisWithPose; {} where there are none."""
         scores: dict[str, float] = {}
-        for result in item.results:
+        for result in results:
             name, score = str(result.hypothesis.class_id), float(result.hypothesis.score)
             if not name or not 0.0 <= score < np.inf:
                 raise InputError(
@@ -160,15 +194,10 @@ class Reader:
         total = sum(scores.values())
         if not total < np.inf:
             raise InputError(f"results: scores that can be added up expected, got {list(scores.values())}")
-        attributes: dict[str, dict[str, float]] = {}
-        if total > 0.0:
-            # Scores of independent classifiers may add up to more than one.
-            attributes["class"] = self._complete("class", {n: s / max(total, 1.0) for n, s in scores.items()})
-        if covariance is None:
-            covariance = self.sigma**2 * np.eye(3)
-        position, turned = frame.position(position, covariance)
-        words, numbers = self._with_symbols(attributes, _extent(item.bbox.size))
-        return ObjectEvidence(position, turned, words, quantities=numbers)
+        if total <= 0.0:
+            return {}
+        # Scores of independent classifiers may add up to more than one.
+        return {"class": self._complete("class", {n: s / max(total, 1.0) for n, s in scores.items()})}
 
     def _complete(self, attribute: str, given: Mapping[str, float]) -> dict[str, float]:
         """A distribution that sums to one: what is missing belongs to known values that were not named."""
@@ -253,7 +282,15 @@ def _distribution(name: str, given: Any) -> dict[str, float]:
 
 def _extent(size: Any) -> dict[str, Gaussian]:
     """Size (the diagonal) and ratio (height by width) of a detected extent; {} where it is not known."""
-    extent = _vector(size)
+    return _extents(_vector(size))
+
+
+def _extent_of(width: float, height: float) -> dict[str, Gaussian]:
+    """The same of something seen from one side: as deep as it is wide."""
+    return _extents(np.array([width, width, height]))
+
+
+def _extents(extent: Array) -> dict[str, Gaussian]:
     if (extent < 0.0).any():
         raise InputError(f"size: lengths of at least 0 m expected, got {extent.tolist()}")
     if not (extent >= SHORTEST).any():

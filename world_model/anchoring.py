@@ -25,7 +25,7 @@ from world_model.grouping import THRESHOLD
 from world_model.hindsight import MOST_LOOKS, Hindsight
 from world_model.leaves import IntArray, Pool
 from world_model.look import Look
-from world_model.occlusion import hide
+from world_model.occlusion import hide, restrict
 from world_model.predictions import Path
 from world_model.quantities import Quantities
 from world_model.sensor_bias import CONSTANT
@@ -174,7 +174,7 @@ class Anchoring(Corrections):
         sensor, known = sensor_array(measured.sensor), measured.sensor is not None
         silent = measured.silent
         born, gap, clutter = self.unseen.look(
-            measured.positions, np.sqrt(variances[:, 2]), sensor, known, silent, stamp
+            measured.positions, np.sqrt(variances[:, 2]), sensor, known, silent, stamp, measured.view
         )
         found = born * self.config.detection_probability
         both = np.maximum(found + clutter, 1e-300)
@@ -196,7 +196,10 @@ class Anchoring(Corrections):
             chosen,
             clear,
         )
-        if known and not silent:
+        view = measured.view
+        if view is not None and not silent:
+            restrict(leaves, chosen[:count], clear, view, self.quantities)
+        if known and not silent and not (view is not None and view.knows_hidden):
             hide(leaves, chosen, count, clear, sensor, self.quantities)
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
         likelihood = self.vocabulary.likelihoods(measured.attributes)

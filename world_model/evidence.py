@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_finite
 from estimation.errors import InputError
 from estimation.gaussians import repair_covariance
+from world_model.state import WorldObject
 
 Distribution = Mapping[str, float]
 SUM_TOLERANCE = 0.01
@@ -37,6 +38,30 @@ class ObjectEvidence:
     quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
+class View(Protocol):
+    """What was in view, more exactly than a cone: where something hides things, and how small they appear."""
+
+    @property
+    def sensor(self) -> Mapping[str, Any]:
+        """A `WorldEvidence.sensor` that holds all of it."""
+
+    @property
+    def knows_hidden(self) -> bool:
+        """Whether what hides an object has been measured."""
+
+    def seen(self, positions: FloatArray, sigmas: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Probability (N,) that objects at positions (N, 3) with deviations sigmas (N,) and of sizes (N,), NaN where
+        unknown, m, would have been in view, unhidden and recognisable."""
+
+    def cells(self, centres: FloatArray, heights: FloatArray) -> FloatArray:
+        """Share (N,) of the heights, m, at places (N, 2) where a thing would have been seen."""
+
+    def learn(
+        self, objects: Sequence[WorldObject], found: Sequence[str | None], said: Sequence[Mapping[str, float]]
+    ) -> None:
+        """How the detector did: objects believed in, whose each detection (M,) was, and its class distribution."""
+
+
 @dataclass
 class WorldEvidence:
     """All detections of one look, also where there are none.
@@ -46,12 +71,14 @@ class WorldEvidence:
     seeing one there is evidence too. None: where the sensor looked is not known. Without detections such a
     look says nothing (blocked, failed); with detections it is taken as a look at everything, and what is not
     seen is kept in mind for long, in case it was out of view. blocked : the sensor failed or is covered; the
-    absence of detections says nothing.
+    absence of detections says nothing. view : what the sensor could see within its cone, such as a
+    `world_model.camera.CameraView`; takes the place of `sensor` where that is None.
     """
 
     objects: Sequence[ObjectEvidence]
     sensor: Mapping[str, Any] | None = None
     blocked: bool = False
+    view: View | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +123,7 @@ class Measurements:
     silent: bool
     """Whether not being seen means nothing in this look."""
     quantities: tuple[Mapping[str, tuple[float, float]], ...]
+    view: View | None = None
 
     def only(self, which: list[int]) -> Measurements:
         """Some of the detections."""
@@ -114,7 +142,8 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
     if not isinstance(evidence, WorldEvidence):
         raise InputError(f"evidence must be a WorldEvidence, not {type(evidence).__name__}")
     objects = list(evidence.objects)
-    sensor = None if evidence.sensor is None else Sensor.checked(evidence.sensor)
+    given = evidence.view.sensor if evidence.sensor is None and evidence.view is not None else evidence.sensor
+    sensor = None if given is None else Sensor.checked(given)
     positions, covariances = np.empty((len(objects), 3)), np.empty((len(objects), 3, 3))
     for index, item in enumerate(objects):
         if not isinstance(item, ObjectEvidence):
@@ -137,6 +166,7 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
         sensor,
         evidence.blocked or (sensor is None and not objects),
         tuple(item.quantities for item in objects),
+        evidence.view,
     )
 
 

@@ -24,6 +24,7 @@ from world_model.world import WorldModel
 
 FEWEST_LOOKS = 20
 MARGIN = 0.15  # m inside the field of view from which an object must have been visible
+SURELY = 0.9  # of a camera's view: from here on an object must have been visible
 SETTLED_SECONDS = 2.0  # what appears later than this after the first look is new
 
 
@@ -122,6 +123,9 @@ def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfi
 def _must_be_visible(item: WorldObject, view: FloatArray | None, evidence: WorldEvidence) -> bool:
     if evidence.blocked or item.lost:
         return False
+    if evidence.view is not None:
+        spread = np.sqrt(np.asarray(item.covariance).diagonal().max(keepdims=True))
+        return bool(evidence.view.seen(item.position[None], spread, np.array([np.nan]))[0] > SURELY)
     if view is None:
         return len(evidence.objects) > 0
     return min(clearance(item.position, view, True), clearance(item.position, view, False)) > MARGIN

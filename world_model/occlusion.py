@@ -1,4 +1,4 @@
-"""Objects behind others of known size: not seeing them says nothing (section 2.5.2, (2.10))."""
+"""Objects behind others of known size, or out of a camera's view: absence says nothing (section 2.5.2, (2.10))."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
+from world_model.evidence import View
 from world_model.kernels import MOVING, REST
 from world_model.leaves import IntArray, Leaves
 from world_model.quantities import Quantities
@@ -39,6 +40,25 @@ def hide(
     own = np.full((len(leaves.track), 2), SMALL)
     own[covers, 0], own[covers, 1] = width, height
     _cover(leaves, chosen[:count], clear, covers, own, sensor)
+
+
+def restrict(leaves: Leaves, chosen: IntArray, clear: FloatArray, view: View, quantities: Quantities) -> None:
+    """Lower the probability `clear` of being in view of the leaves `chosen` (n,) as a view tells, in place."""
+    index = np.flatnonzero(clear[: len(chosen)] > 0.0)
+    slots = chosen[index]
+    moving = leaves.behavior[slots, MOVING] > leaves.behavior[slots, REST]
+    positions = np.where(moving[:, None], leaves.moving[slots, :3], leaves.rest[slots])
+    spreads = np.where(
+        moving[:, None],
+        leaves.moving_cov[slots][:, range(3), range(3)],
+        leaves.rest_cov[slots][:, range(3), range(3)],
+    )
+    sizes = np.full(len(slots), np.nan)
+    if "size" in quantities.names:
+        column = quantities.names.index("size")
+        known = leaves.variances[slots, column] >= 0.0
+        sizes[known] = np.maximum(leaves.values[slots[known], column], SMALL)
+    clear[index] *= view.seen(positions, np.sqrt(np.maximum(spreads.max(1, initial=0.0), 0.0)), sizes)
 
 
 def _extents(leaves: Leaves, slots: IntArray, quantities: Quantities) -> tuple[FloatArray, FloatArray]:

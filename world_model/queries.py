@@ -125,7 +125,7 @@ class Words:
 
     def where(self, item: WorldObject) -> dict[str, float]:
         """Probability by name of place, given that it exists."""
-        if item.lost and item.usual:
+        if item.usual:
             return dict(item.usual)
         if item.lost and item.region is not None:
             return self.places.shares(item.region)
@@ -139,7 +139,8 @@ class Words:
         if told.place:
             place = self.places[told.place]
             spoken = f"{place.preposition} the {place.name.replace('_', ' ')}"
-            where = f"{spoken}, p = {item.existence * told.place_probability:.2f}"
+            by_now = "probably by now " if item.usual and not item.lost else ""
+            where = f"{by_now}{spoken}, p = {item.existence * told.place_probability:.2f}"
         elif item.lost:
             where = f"anywhere, p = {item.existence:.2f}"
         else:
@@ -243,7 +244,7 @@ def _probability(item: WorldObject, request: Request, region: Place | None, word
     if region is not None:
         if item.id == region.name:
             return 0.0
-        if item.lost and region.name in item.usual:
+        if region.name in item.usual:
             probability *= item.usual[region.name]
         elif item.lost and item.region is not None:
             probability *= region.share(item.region)

@@ -130,6 +130,23 @@ class Routines:
         """Objects remembered."""
         return tuple(self._things)
 
+    @property
+    def to_stamp(self) -> float | None:
+        """Newest look, s; None before the first."""
+        return self._stamp if self._last >= 0 else None
+
+    def last_place(self, object: str) -> str:
+        """Where an object was seen last, "" where that is not known."""
+        thing = self._things.get(object)
+        place = -1 if thing is None else self._last_seen(thing)[1]
+        return self._place_names[place] if place >= 0 else ""
+
+    def rename(self, object: str, new: str) -> None:
+        """An object has another name; one that has it already stays as it is."""
+        _name("object", new)
+        if object in self._things and new not in self._things:
+            self._things[new] = self._things.pop(object)
+
     def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
         """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
 

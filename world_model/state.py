@@ -23,7 +23,8 @@ class WorldObject:
     behaviors : probability of each behaviour model (2.2): constant_position, constant_velocity, uniform.
     alternatives : ids that other hypotheses give to the same object. process_noise : (3, 3) m²/s by which the
     covariance grows while nobody looks. quantities : {"size": (mean, variance)}, continuous attributes, SI units.
-    usual : probability by place of a lost object, where it is known where it usually is at this time of day.
+    usual : probability by place of a lost object, where it is known where it usually is at this time of day, and of one
+    that nobody has seen for a while and that has probably gone its way since; its position is where it was seen.
     """
 
     id: str

@@ -11,13 +11,14 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.config import WorldModelConfig
-from world_model.evidence import Sensor
+from world_model.evidence import Sensor, View
 from world_model.kernels import clearance
 
 MOST_CELLS = 96
 SMALLEST_CELL = 0.25
 SAMPLES = 4  # per axis, in cells that the edge of the view crosses
 PADDING = 0.5  # m beyond the detections so far: what the detector may report
+HEIGHTS = 3  # at which a camera's view of a cell is sampled
 ENOUGH = 50  # detections that show where a detector reports anything at all
 
 
@@ -73,11 +74,12 @@ class Unseen:
         known: bool,
         silent: bool,
         stamp: float,
+        view: View | None = None,
     ) -> tuple[FloatArray, FloatArray, float]:
         """Densities of undetected objects at detections (M,) and of clutter, 1/m³, and for how long nobody had
         looked there (M,), s; then take the look in.
 
-        spread (M,) m: standard deviation in z.
+        spread (M,) m: standard deviation in z. view : what of the sensor's cone it could see.
         """
         config = self.config
         elapsed = 0.0 if self.stamp is None else max(stamp - self.stamp, 0.0)
@@ -94,8 +96,10 @@ class Unseen:
             extent = self.box[:, 1] - self.box[:, 0]
             height = min(height, float(extent[2])) if height > 0.0 else float(extent[2])
             surface = min(surface, float(extent[0] * extent[1]))
-        view = cells_in_view(self.centres, self.size, sensor) if known else np.ones(self.expected.shape)
-        seen = area * float(view.sum())
+        shares = cells_in_view(self.centres, self.size, sensor) if known else np.ones(self.expected.shape)
+        if view is not None and not silent:
+            self._restrict(shares, view)
+        seen = area * float(shares.sum())
         volume = max(min(surface, seen) if seen > 0.0 else surface, area) * height
         cells = self.cells(positions)
         scale = self.scale
@@ -104,16 +108,24 @@ class Unseen:
         self.late = late / np.maximum(early + late, 1e-300)
         gap = np.maximum(stamp - self.looked[cells], elapsed)
         self.volume = area * self.expected.size * height
-        seen_here = [float((view * grid).sum()) for grid in (self.expected, self.arrived)]
+        seen_here = [float((shares * grid).sum()) for grid in (self.expected, self.arrived)]
         awaited = config.detection_probability * np.array(seen_here)
         self.awaited = float(scale @ awaited)
         if not silent:
             self.exposure += awaited
-            missed = 1.0 - config.detection_probability * view
+            missed = 1.0 - config.detection_probability * shares
             self.expected *= missed
             self.arrived *= missed
-            self.looked[view > 0.5] = stamp
+            self.looked[shares > 0.5] = stamp
         return density, gap, config.clutter_per_frame / volume
+
+    def _restrict(self, shares: FloatArray, view: View) -> None:
+        """Lower the shares (nx, ny) of the cells by what could be seen there, in place."""
+        low, high = self.region[2] if self.box is None else self.box[2]
+        heights = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * (high - low)
+        cells = np.nonzero(shares > 0.0)
+        if len(cells[0]):
+            shares[cells] *= view.cells(self.centres[cells], heights)
 
     @property
     def scale(self) -> FloatArray:

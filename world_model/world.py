@@ -17,6 +17,7 @@ from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
 from world_model.habits import Habits
 from world_model.hindsight import FIRST_LOOKS, MOST_LOOKS
+from world_model.household import SUFFIX, SURE, UNSEEN, Household
 from world_model.predictions import checked_predictions
 from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
@@ -25,6 +26,8 @@ from world_model.warm_up import warm_up
 
 # s that may have passed between two runs.
 BETWEEN_RUNS = 60.0
+STAYS = 0.9
+"""Probability of still being there from which on nothing else is said."""
 OUTCOMES = ("found", "occluded", "not_found")
 
 
@@ -50,12 +53,15 @@ class WorldModel:
         self.epoch = 0
         self.stamp = -np.inf
         self.begun = np.inf  # first stamp of this run
+        self._furniture = {place.name for place in places or () if place.kind == "furniture"}
         self._earlier: list[WorldObject] = []
         self._taken_names: Mapping[str, int] = {}
         self._anchors = Anchoring(self.config, MOST_LOOKS if looks_back else FIRST_LOOKS)
         self.habits = Habits(places or Places())
         if self.store is not None and places:
             self.store.keep_places(places)
+        beside = None if self.store is None or self.store.read_only else routines_path(self.store.path)
+        self.household = Household(places or Places(), beside)
         if places:
             self._anchors.habits = self.habits
         warm_up()
@@ -93,7 +99,11 @@ class WorldModel:
         self._take_up()
         self._anchors.guide(paths)
         associations = self._anchors.look(measured, self.stamp, lag)
-        return self._recorded(self._state(associations))
+        state = self._state(associations)
+        if measured.view is not None and not measured.silent:
+            said = [given.get("class", {}) for given in measured.attributes]
+            measured.view.learn(state.objects, associations, said)
+        return self._recorded(state)
 
     def look_back(self) -> list[tuple[float, tuple[str | None, ...]]]:
         """Correct earlier conclusions: stamp and object of each detection, per look, as all that was seen since says.
@@ -129,16 +139,57 @@ class WorldModel:
         if self.store is not None:
             self.store.record(state)
         self.habits.watch(state.objects, state.stamp)
+        if self.household.due(state.stamp):
+            told = (self.words.described(item) for item in self._anchors.shown.values())
+            self.household.watch(told, state.stamp)
+            self.household.keep(state.stamp)
         return state
 
     def _with_habits(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
-        """Lost objects are probably where they usually are at that time of day."""
-        return tuple(self._usual(item, stamp) if item.lost and self.places else item for item in objects)
+        """What is lost, or was not seen for a while, is probably where it usually is by then."""
+        if not self.places:
+            return tuple(objects)
+        return tuple(
+            self.household.told(item, stamp, lambda thing: self._usual(thing, stamp))
+            if item.lost or stamp - item.last_seen > UNSEEN
+            else item
+            for item in objects
+        )
 
     def _usual(self, item: WorldObject, stamp: float) -> WorldObject:
-        trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
-        usual = self.habits.where(item, stamp, trust, item.region or self.config.region)
+        usual = self.household.by_now(item.id, stamp)
+        if item.lost:
+            trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
+            box = item.region or self.config.region
+            if usual and self.places:
+                anywhere = self.places.shares(box)
+                usual = {name: (1.0 - trust) * anywhere[name] + trust * p for name, p in usual.items()}
+            else:
+                usual = self.habits.where(item, stamp, trust, box)
+        elif usual:
+            usual = self._moved_by(item, usual)
         return replace(item, usual=usual) if usual else item
+
+    def _moved_by(self, item: WorldObject, forecast: Mapping[str, float]) -> dict[str, float]:
+        """Of a thing that is believed to be where it was seen: there, or gone its way meanwhile."""
+        here = self.words.where(replace(item, usual={}))
+        place = max(here, key=lambda name: (here[name] > SURE, name in self._furniture, here[name]))
+        stays = float(forecast.get(place, 0.0))
+        if stays >= STAYS:
+            return {}
+        # Where it is in the place where it stays, the position knows better.
+        return {name: stays * p if name == place else forecast.get(name, 0.0) for name, p in here.items()}
+
+    def explain(self, object_id: str) -> str:
+        """What an object usually does, in a sentence; "" where nothing was learned. Raises InputError."""
+        self._anchors.find(object_id)
+        return self.household.explain(object_id, self.stamp)
+
+    def close(self) -> None:
+        """Write what was learned, and close the store."""
+        if self.store is not None:
+            self.household.keep(self.stamp, now=True)
+            self.store.close()
 
     def _state(self, associations: tuple[str | None, ...] = ()) -> WorldState:
         anchors = self._anchors
@@ -223,6 +274,7 @@ class WorldModel:
             self._anchors.rename(track, new_object_id)
             if self.store is not None:
                 self.store.rename(object_id, new_object_id)
+            self.household.rename(object_id, new_object_id)
         self._recorded(self._state())
 
     def restore(
@@ -296,3 +348,8 @@ class WorldModel:
     def health(self) -> dict[str, float]:
         """Figures for diagnostics: objects, anchors, hypotheses, leaves."""
         return self._anchors.health()
+
+
+def routines_path(store: Path) -> Path:
+    """The file beside a store that keeps the routines."""
+    return store.with_name(store.name + SUFFIX)

@@ -173,3 +173,10 @@ def test_words_are_plain(page: Path) -> None:
     text = prose(page)
     found = [word for word in AVOIDED if re.search(word, text, flags=re.IGNORECASE)]
     assert not found, f"{page.name}: {found}"
+
+
+def test_the_adapter_in_the_camera_page_is_the_example_and_short() -> None:
+    text = (ROOT / "examples/yolo_adapter.py").read_text(encoding="utf-8")
+    compile(text, "yolo_adapter.py", "exec")
+    assert text.rstrip() in (ROOT / "docs/camera.md").read_text(encoding="utf-8")
+    assert len([line for line in text.splitlines() if line.strip()]) <= 30

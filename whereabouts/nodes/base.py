@@ -161,6 +161,11 @@ class SuiteNode(LifecycleNode):
         self._created.append((self.destroy_subscription, item.subscription))
         return item
 
+    def take_on(self, item: Input) -> None:
+        """An input that was made elsewhere goes with the others."""
+        self.inputs.append(item)
+        self._created.append((self.destroy_subscription, item.subscription))
+
     def add_latched_input(
         self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
     ) -> Input:

@@ -25,6 +25,7 @@ BUDGETS = {
     "tf2_msgs/TFMessage": Budget(messages=5000.0),
     "nav_msgs/Odometry": Budget(messages=1500.0),
     "sensor_msgs/PointCloud2": Budget(bytes=256e6),
+    "sensor_msgs/Image": Budget(bytes=512e6),
 }
 
 

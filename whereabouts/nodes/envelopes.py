@@ -59,6 +59,10 @@ LIMITS: dict[str, dict[str, Limit]] = {
     "sensor_msgs/PointCloud2": {
         "height": (0, 1 << 24), "width": (0, 1 << 24), "point_step": (0, 4096), "fields": 64, "data": PAYLOAD,
     },
+    "sensor_msgs/Image": {
+        "height": (0, 1 << 16), "width": (0, 1 << 16), "step": (0, 1 << 20), "data": PAYLOAD,
+    },
+    "sensor_msgs/CameraInfo": {"height": (0, 1 << 16), "width": (0, 1 << 16), "d": 64},
     "nav_msgs/MapMetaData": {"width": (0, 1 << 16), "height": (0, 1 << 16), "resolution": (1e-3, 100.0)},
     "nav_msgs/OccupancyGrid": {"data": 1 << 26},
     # One transform that makes no sense takes nothing from the others: the buffer checks each by itself.

@@ -1,15 +1,16 @@
 """Node `world_model`: which objects exist and where they are, with a memory.
 
-In: `evidence` (WorldEvidence), `detections` (vision_msgs/Detection3DArray), `targets` (TargetArray), `predicted_paths`
-(PredictedPathArray, optional), `robot_pose` (PoseWithCovarianceStamped, optional), tf. Out: `world_state`,
-`world_hypotheses`, `objects` (vision_msgs/Detection3DArray), `~/markers`. Services: `~/query`, `~/forget`, `~/relabel`,
-`~/save`, `~/reset`.
+In: `evidence` (WorldEvidence), `detections` (vision_msgs/Detection3DArray), `detections_2d` (Detection2DArray) with
+`camera_info` and `depth` or `scan`, `targets` (TargetArray), `predicted_paths` (PredictedPathArray, optional),
+`robot_pose` (PoseWithCovarianceStamped, optional), tf. Out: `world_state`, `world_hypotheses`, `objects`
+(vision_msgs/Detection3DArray), `~/markers`. Services: `~/query`, `~/forget`, `~/relabel`, `~/save`, `~/reset`.
 """
 
 from __future__ import annotations
 
 import time
 from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,14 @@ from numpy.typing import NDArray
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header
-from vision_msgs.msg import Detection3DArray
+from vision_msgs.msg import Detection2DArray, Detection3DArray
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
+from whereabouts.camera_messages import box_from_message
 from whereabouts.evidence import PERSON, Frame, Reader, most_probably
 from whereabouts.nodes.base import SuiteNode, exit_with
+from whereabouts.nodes.camera_door import CameraDoor
 from whereabouts.nodes.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.inputs import Input
@@ -73,9 +76,11 @@ class WorldModelNode(SuiteNode):
         settings = self.settings
         config, symbols = settings.world, settings.symbols
         places = settings.places
-        self._map = frame_name(settings.map_frame)
-        if places and places.frame != self._map:
-            raise InputError(f"places_file is in frame '{places.frame}', '{self._map}' (map_frame) expected")
+        self.map_frame = frame_name(settings.map_frame)
+        if places and places.frame != self.map_frame:
+            raise InputError(
+                f"places_file is in frame '{places.frame}', '{self.map_frame}' (map_frame) expected"
+            )
         store = Store(settings.store_path, settings.history_limit) if settings.store_path else None
         # Nobody asks the node to look back.
         self._model = WorldModel(config, places, store, looks_back=False)
@@ -94,20 +99,16 @@ class WorldModelNode(SuiteNode):
         pose = Input(
             self, PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False, in_turn=True
         )
-        self.inputs.append(pose)
-        self._created.append((self.destroy_subscription, pose.subscription))
+        self.take_on(pose)
         self.add_input(EvidenceMessage, "evidence", self._take_evidence, frames=self._frames, in_turn=True)
-        self.add_input(
-            Detection3DArray, "detections", self._take_detections, frames=self._frames, in_turn=True
-        )
+        self._camera = CameraDoor(self, self._take_boxes, self._take_detections)
         self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True)
         # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
         paths = Input(
             self, PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False,
             in_turn=True,
         )  # fmt: skip
-        self.inputs.append(paths)
-        self._created.append((self.destroy_subscription, paths.subscription))
+        self.take_on(paths)
         self._state_output = self.add_output(StateMessage, "world_state", STATE_QOS)
         self._hypotheses_output = self.add_output(WorldHypotheses, "world_hypotheses")
         self._objects_output = self.add_output(Detection3DArray, "objects")
@@ -140,6 +141,7 @@ class WorldModelNode(SuiteNode):
         self._targets_at: int | None = None
         self._target_ids: dict[int, str] = {}
         self._predictions: dict[str, Path] = {}
+        self._camera.reset()
         self._left_out = 0
         self._refused = 0
 
@@ -170,8 +172,8 @@ class WorldModelNode(SuiteNode):
         super().destroy_node()
 
     def _close(self) -> None:
-        if self._model is not None and self._model.store is not None:
-            self._model.store.close()
+        if self._model is not None:
+            self._model.close()
         self._model, self._configured = None, False
 
     def health(self) -> Health:
@@ -183,6 +185,10 @@ class WorldModelNode(SuiteNode):
         figures["updates"] = self._updates
         figures["people in other evidence, ignored"] = self._left_out
         figures["detections with unknown words, ignored"] = self._refused
+        if self._camera.cameras.lenses:
+            figures["detections without a place, ignored"] = self._camera.unplaced
+            figures["looks without depth, absence not counted"] = self._camera.without_depth
+            figures |= self._camera.rates.figures()
         if self._durations:
             p50, p99 = np.percentile(self._durations, [50, 99]) * 1e3
             figures |= {"update p50 [ms]": float(p50), "update p99 [ms]": float(p99)}
@@ -197,7 +203,9 @@ class WorldModelNode(SuiteNode):
         keeper = store.keeper
         if keeper is not None:
             figures |= {"checks of the store": keeper.checks, "snapshots": keeper.snapshots}
-        trouble = store.problem or (keeper.problem if keeper is not None else "")
+        trouble = (
+            store.problem or self._model.household.problem or (keeper.problem if keeper is not None else "")
+        )
         if trouble or store.damages:
             return Health(trouble or store.damages[-1], warning=True, figures=figures)
         return Health(f"{figures['objects']} objects", figures=figures)
@@ -206,18 +214,20 @@ class WorldModelNode(SuiteNode):
 
     def _frames(self, message: Any) -> list[tuple[str, str]]:
         frame = frame_name(message.header.frame_id)
-        return [(self._map, frame)] if frame else []
+        return [(self.map_frame, frame)] if frame else []
 
     def _frame(self, message: Any, stamp: int) -> Frame:
         """From the message's frame to the world, with what is uncertain about it."""
         frame = frame_name(message.header.frame_id)
         if not frame:
             raise InputError("header.frame_id is empty")
-        if frame == self._map:
-            return Frame()
-        matrix = self.transforms.lookup(self._map, frame, stamp)
+        return Frame() if frame == self.map_frame else self._frame_of(frame, stamp)
+
+    def _frame_of(self, frame: str, stamp: int) -> Frame:
+        """From a frame to the world, with what is uncertain about it."""
+        matrix = self.transforms.lookup(self.map_frame, frame, stamp)
         try:
-            origin = self.transforms.lookup(self._map, self.settings.base_frame, stamp)[:2, 3]
+            origin = self.transforms.lookup(self.map_frame, self.settings.base_frame, stamp)[:2, 3]
         except TransformError:
             origin = matrix[:2, 3]
         return Frame(matrix, origin, self._pose_covariance(stamp))
@@ -230,8 +240,10 @@ class WorldModelNode(SuiteNode):
         return np.diag([settings.position_sigma**2, settings.position_sigma**2, settings.heading_sigma**2])
 
     def _take_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
-        if frame_name(message.header.frame_id) != self._map:
-            raise InputError(f"robot_pose is in frame '{message.header.frame_id}', expected '{self._map}'")
+        if frame_name(message.header.frame_id) != self.map_frame:
+            raise InputError(
+                f"robot_pose is in frame '{message.header.frame_id}', expected '{self.map_frame}'"
+            )
         pose_from_message(message.pose.pose)
         covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
         if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
@@ -249,6 +261,25 @@ class WorldModelNode(SuiteNode):
 
     def _take_detections(self, message: Detection3DArray, stamp: int) -> None:
         evidence = self._reader.detections(message, self._frame(message, stamp))
+        lens = self._camera.lens_of(message, of_image=False)
+        if lens is not None:
+            evidence.view = self._camera.view(lens, stamp, self._frame_of(lens[0], stamp))
+            evidence.blocked = self._camera.says_nothing(evidence.view, stamp)
+        evidence.objects = self._without_people(evidence)
+        self._update(self._usable(evidence)[0], stamp)
+
+    def _take_boxes(self, message: Detection2DArray, stamp: int) -> None:
+        lens = self._camera.lens_of(message, of_image=True)
+        assert lens is not None
+        frame = self._frame_of(lens[0], stamp)
+        view = self._camera.view(lens, stamp, frame)
+        evidence, refused = self._reader.boxes(message, frame, self._camera.placing(view))
+        for reason in refused.values():
+            self.complain(f"a detection has no place and is ignored: {reason}", key="boxes")
+        self._camera.unplaced += len(refused)
+        taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
+        evidence.view = replace(view, taken=taken)
+        evidence.blocked = self._camera.says_nothing(view, stamp)
         evidence.objects = self._without_people(evidence)
         self._update(self._usable(evidence)[0], stamp)
 
@@ -274,7 +305,7 @@ class WorldModelNode(SuiteNode):
         frame = frame_name(message.header.frame_id)
         if not frame:
             raise InputError("header.frame_id is empty")
-        there = np.eye(4) if frame == self._map else self.transforms.lookup(self._map, frame, stamp)
+        there = np.eye(4) if frame == self.map_frame else self.transforms.lookup(self.map_frame, frame, stamp)
         for label, path in paths_from_message(message, there).items():
             name = self._target_ids.get(label)
             if name is not None:
@@ -355,14 +386,18 @@ class WorldModelNode(SuiteNode):
         return True
 
     def _header(self, stamp: int) -> Header:
-        return Header(stamp=time_message(max(stamp, 0)), frame_id=self._map)
+        return Header(stamp=time_message(max(stamp, 0)), frame_id=self.map_frame)
 
     # Services.
 
     def _query(self, request: QueryWorld.Request, response: QueryWorld.Response) -> QueryWorld.Response:
         moment = nanoseconds(request.time)
-        frame = frame_name(request.frame_id) or self._map
-        there = np.eye(4) if frame == self._map else self.transforms.lookup(self._map, frame, self._stamp)
+        frame = frame_name(request.frame_id) or self.map_frame
+        there = (
+            np.eye(4)
+            if frame == self.map_frame
+            else self.transforms.lookup(self.map_frame, frame, self._stamp)
+        )
         answers = self.model.query(
             class_name=request.class_name,
             predicate=list(request.predicates),

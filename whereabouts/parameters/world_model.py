@@ -77,6 +77,30 @@ class WorldModelParameters(_WithWorld):  # type: ignore[valid-type, misc]
         ge=0.0,
         le=1.0,
     )
+    depth_from_scan: bool = setting(
+        False, "how far away things are, and what hides them, comes from `scan`, not from `depth`", fixed=True
+    )
+    depth_tolerance: float = setting(
+        0.05, "largest time between detections and the depth image or scan of them", unit="s", ge=0.0, le=1.0
+    )
+    camera_rectified: bool = setting(
+        False, "detections are in straightened images: of camera_info counts P alone", fixed=True
+    )
+    recognised_pixels: float = setting(
+        16.0,
+        "apparent size at which the detector is taken to find half of the things, until it has shown how many",
+        unit="px",
+        fixed=True,
+        ge=1.0,
+        le=1000.0,
+    )
+    absence_period: float = setting(
+        0.2,
+        "shortest time between images whose missing detections count: pictures of the same view miss the same things",
+        unit="s",
+        ge=0.0,
+        le=10.0,
+    )
     hypotheses_period: float = setting(0.2, "time between published hypotheses", unit="s", ge=0.0, le=60.0)
     published_hypotheses: int = setting(20, "largest number of hypotheses in a message", ge=1, le=1000)
 

@@ -1,0 +1,175 @@
+"""Routines in the world model: where things are by now, learned while running, kept, and taken up again."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.errors import InputError
+from estimation.places import Places
+from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
+from world_model.household import DAYS, FEWEST_DAYS, Household
+from world_model.world import routines_path
+
+HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
+REGION = ((0.0, 9.5), (0.0, 8.5), (0.0, 2.5))
+TABLE, DESK, COUNTER = np.array([2.0, 1.6, 0.8]), np.array([1.0, 8.0, 0.9]), np.array([0.3, 2.0, 1.0])
+HOUR, DAY = 3600.0, 86400.0
+BREAKFAST = (7, 9)  # o'clock, between which the cup is on the kitchen table
+
+
+def config() -> WorldModelConfig:
+    motion = {"*": {"model": "static", "moved_per_second": 1e-6, "usual_place": 0.8}}
+    return WorldModelConfig(
+        classes=("cup", "book"), region=REGION, motion=motion, removed_per_second=1e-9, new_objects_per_second=1e-6
+    )  # fmt: skip
+
+
+def seen(model: WorldModel, stamp: float, **where: np.ndarray) -> None:
+    """Verified: every thing named is at its place now."""
+    found = [
+        ObjectEvidence(p, 1e-4 * np.eye(3), {"class": {name.partition("_")[0]: 1.0}}, name.replace("_", "-"))
+        for name, p in where.items()
+    ]
+    model.update(WorldEvidence(found, blocked=True), stamp)
+
+
+def lived(path: Path | None, days: int = 8) -> WorldModel:
+    """A cup that is on the kitchen table at breakfast and else on the desk; a book that stays on the counter."""
+    model = WorldModel(config(), HOME, path)
+    for k in range(3):
+        both = [
+            ObjectEvidence(p, 1e-4 * np.eye(3), {"class": {kind: 1.0}})
+            for kind, p in (("cup", DESK), ("book", COUNTER))
+        ]
+        model.update(WorldEvidence(both, blocked=True), float(k))
+    for day in range(days):
+        for step in range(72):
+            stamp = day * DAY + step * 1200.0 + 10.0
+            table = BREAKFAST[0] <= step / 3 < BREAKFAST[1]
+            seen(model, stamp, cup_1=TABLE if table else DESK, book_1=COUNTER)
+    return model
+
+
+def cup_of(objects: tuple[WorldObject, ...]) -> WorldObject:
+    [cup] = [item for item in objects if item.id == "cup-1"]
+    return cup
+
+
+def test_what_nobody_has_seen_for_a_while_has_gone_its_way(tmp_path: Path) -> None:
+    model = lived(tmp_path / "world.sqlite")
+    seen(model, 8 * DAY + 7 * HOUR + 60.0, cup_1=TABLE, book_1=COUNTER)
+    words = model.words
+    soon = cup_of(model.propagate(8 * DAY + 7 * HOUR + 300.0).objects)
+    assert soon.usual == {}
+    assert words.described(soon).place == "kitchen_table"
+    later = model.propagate(8 * DAY + 11 * HOUR)
+    cup = cup_of(later.objects)
+    assert not cup.lost
+    assert words.where(cup)["desk"] > 0.7
+    assert words.where(cup)["office"] >= words.where(cup)["desk"]
+    assert words.where(cup)["kitchen_table"] < 0.3
+    assert words.described(cup).place == "desk"
+    assert "probably by now on the desk" in words.sentence(cup)
+    # Where it was seen is still where it was seen.
+    assert np.allclose(cup.position, TABLE, atol=0.05)
+    [book] = [item for item in later.objects if item.id == "book-1"]
+    assert book.usual == {}
+    [answer] = model.query(stamp=8 * DAY + 11 * HOUR, class_name="cup", region="office", min_probability=0.3)
+    assert answer.probability == pytest.approx(words.where(cup)["office"] * cup.existence, rel=0.05)
+    assert "from kitchen_table to desk" in model.explain("cup-1")
+    with pytest.raises(InputError, match="cup-9"):
+        model.explain("cup-9")
+    # It will be fetched for breakfast, and the book will not.
+    seen(model, 9 * DAY + 6.8 * HOUR, cup_1=DESK, book_1=COUNTER)
+    moves = model.household.moves(9 * DAY + 6.8 * HOUR, 1800.0)
+    assert moves["cup-1"][0] == "kitchen_table"
+    assert "book-1" not in moves
+
+
+def test_what_was_learned_is_kept_and_taken_up_again(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    model = lived(path)
+    seen(model, 8 * DAY + 7 * HOUR + 60.0, cup_1=TABLE)
+    before = cup_of(model.propagate(8 * DAY + 11 * HOUR).objects).usual
+    model.close()
+    again = WorldModel(config(), HOME, path)
+    assert again.household.problem == ""
+    assert cup_of(again.propagate(8 * DAY + 11 * HOUR).objects).usual == pytest.approx(before)
+    lost = cup_of(again.report("cup-1", "not_found", 8 * DAY + 11 * HOUR).objects)
+    assert lost.lost
+    assert 0.5 < again.words.where(lost)["desk"] <= 0.8
+    again.relabel("cup-1", new_object_id="grandmas")
+    assert again.explain("grandmas").startswith("grandmas usually goes")
+    again.close()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda text: text[: len(text) // 2], "checksum"),
+        (lambda text: text.replace("desk", "dusk"), "checksum"),
+        (lambda text: "", "checksum"),
+        (lambda text: "\x00\xff" * 50, "checksum"),
+    ],
+)
+def test_a_damaged_file_is_set_aside_and_nothing_else_suffers(tmp_path: Path, spoil, words: str) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / "world.sqlite"
+    model = lived(path, days=4)
+    model.close()
+    beside = routines_path(path)
+    beside.write_text(spoil(beside.read_text(encoding="utf-8")), encoding="utf-8")
+    again = WorldModel(config(), HOME, path)
+    assert words in again.household.problem
+    assert beside.with_name(beside.name + ".damaged").exists()
+    assert {item.id for item in again.propagate(again.stamp).objects} == {"cup-1", "book-1"}
+    again.close()
+
+
+def test_another_version_is_set_aside(tmp_path: Path) -> None:
+    household = Household(HOME)
+    kept = tmp_path / "kept"
+    household.write(kept)
+    assert Household(HOME, kept).problem == ""
+    household.routines.to_dict = lambda: {"format": "other"}  # type: ignore[method-assign]
+    household.write(kept)
+    assert "whereabouts.routines" in Household(HOME, kept).problem
+
+
+def test_things_that_stay_are_no_new_versions_while_nobody_looks() -> None:
+    model = lived(None, days=4)
+    seen(model, 4 * DAY + 7 * HOUR + 60.0, cup_1=TABLE, book_1=COUNTER)
+    seen(model, 4 * DAY + 11 * HOUR, book_1=COUNTER)
+    first = model.update(WorldEvidence([], blocked=True), 4 * DAY + 11 * HOUR + 10.0)
+    second = model.update(WorldEvidence([], blocked=True), 4 * DAY + 11 * HOUR + 20.0)
+    assert cup_of(first.objects).usual
+    assert [id(a) for a in first.objects] == [id(b) for b in second.objects]
+
+
+def test_few_days_and_things_at_an_edge_make_no_routine() -> None:
+    model = lived(None, days=FEWEST_DAYS - 1)
+    assert model.household.by_now("cup-1", model.stamp + 10.0 * HOUR) == {}
+    household = Household(HOME)
+    edge = WorldObject(
+        "cup-1", TABLE, np.zeros(3), np.eye(3), {"class": {"cup": 1.0}}, 1.0, False, 0.0,
+        place="kitchen_table", place_probability=0.9,
+    )  # fmt: skip
+    unsure = WorldObject(
+        "cup-1", TABLE, np.zeros(3), np.eye(3), {"class": {"cup": 1.0}}, 1.0, False, 0.0,
+        place="kitchen", place_probability=0.5,
+    )  # fmt: skip
+    for k in range(10 * DAYS):
+        household.watch([unsure if k % 2 else edge], k * DAY / 10.0)
+    assert household.by_now("cup-1", 10 * DAYS * DAY) == {}
+
+
+def test_time_that_goes_back_teaches_nothing() -> None:
+    model = lived(None, days=4)
+    stamp = model.household.routines.to_stamp
+    model.next_run()
+    for k in range(5):
+        seen(model, 100.0 + 200.0 * k, cup_1=DESK)
+    assert model.household.routines.to_stamp == stamp

@@ -1,0 +1,116 @@
+"""A camera's messages, by their fields: what has come of its lens and its depth images, and which belong together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from estimation.errors import InputError
+from world_model.camera import Box, CameraModel, DepthImage
+
+KEPT = 30
+"""Depth images that wait for detections: a second of a fast camera."""
+
+
+def camera_from_message(message: Any, rectified: bool) -> CameraModel:
+    """The lens of a sensor_msgs/CameraInfo; rectified : whether images are straightened. Raises InputError."""
+    lens = CameraModel.checked(
+        (message.width, message.height),
+        message.k,
+        list(message.d),
+        str(message.distortion_model),
+        message.r,
+        message.p,
+        rectified,
+    )
+    roi = message.roi
+    return lens.part(
+        (message.binning_x, message.binning_y), (roi.x_offset, roi.y_offset, roi.width, roi.height)
+    )
+
+
+def depth_from_message(message: Any) -> DepthImage:
+    """A sensor_msgs/Image with depths. Raises InputError naming the field."""
+    size = (int(message.width), int(message.height))
+    return DepthImage.decoded(
+        size, str(message.encoding), bytes(message.data), int(message.step), bool(message.is_bigendian)
+    )
+
+
+def box_from_message(bbox: Any) -> Box:
+    """A vision_msgs/BoundingBox2D; one that is turned is put into an upright one of its size."""
+    centre = bbox.center.position
+    return Box(float(centre.x), float(centre.y), float(bbox.size_x), float(bbox.size_y))
+
+
+@dataclass
+class Cameras:
+    """Lenses by frame, and the newest depth images or scans by stamp.
+
+    tolerance : ns, between detections and what belongs to them. rectified : whether images are straightened.
+    """
+
+    tolerance: int
+    rectified: bool = False
+    lenses: dict[str, CameraModel] = field(default_factory=dict)
+    _kept: dict[int, Any] = field(default_factory=dict)
+
+    def take_info(self, message: Any, frame: str) -> None:
+        """A CameraInfo. Raises InputError, and what was known of that camera stays."""
+        if not frame:
+            raise InputError("header.frame_id is empty")
+        self.lenses[frame] = camera_from_message(message, self.rectified)
+
+    def keep(self, stamp: int, message: Any) -> None:
+        """A depth image or a scan that detections may come for; ns."""
+        self._kept[stamp] = message
+        while len(self._kept) > KEPT:
+            del self._kept[min(self._kept)]
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether any depth image or scan has come."""
+        return bool(self._kept)
+
+    def nearest(self, stamp: int) -> tuple[int, Any] | None:
+        """The depth image or scan nearest in time, of two the earlier; None where none is within the tolerance."""
+        best = min(self._kept, key=lambda other: (abs(other - stamp), other), default=None)
+        if best is None or abs(best - stamp) > self.tolerance:
+            return None
+        return best, self._kept[best]
+
+    def replace(self, stamp: int, read: Any) -> None:
+        """Keep what was made of a message in its place."""
+        if stamp in self._kept:
+            self._kept[stamp] = read
+
+    def lens_for(self, frame: str, of_image: bool) -> tuple[str, CameraModel] | None:
+        """The camera of detections in a frame, and its own frame; None where there is none.
+
+        of_image : they are in its pixels, so that no other will do. Raises InputError where it cannot be told.
+        """
+        if frame in self.lenses:
+            return frame, self.lenses[frame]
+        if of_image:
+            known = ", ".join(f"'{name}'" for name in self.lenses)
+            raise InputError(
+                f"detections are in the image of '{frame}', camera_info tells of {known}"
+                if known
+                else f"no camera_info of '{frame}' has come: what a pixel looks at is not known"
+            )
+        if len(self.lenses) == 1:
+            return next(iter(self.lenses.items()))
+        return None
+
+
+def check_depth(depth: DepthImage, depth_frame: str, camera: CameraModel, frame: str) -> None:
+    """Raises InputError where a depth image is not one of the camera that the detections are of."""
+    if depth_frame != frame:
+        raise InputError(
+            f"the depth image is in frame '{depth_frame}', camera_info in '{frame}': register it to that image"
+        )
+    if depth.size != (camera.width, camera.height):
+        width, height = depth.size
+        raise InputError(
+            f"the depth image has {width} x {height} pixels, camera_info tells of {camera.width} x {camera.height}"
+        )

@@ -1,0 +1,176 @@
+"""The inputs of `world_model` that a camera with any detector has: boxes, lenses, depth images or scans.
+
+What was in view comes from them, so that what a detector does not report is evidence, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from vision_msgs.msg import Detection2DArray, Detection3DArray
+
+from estimation.errors import InputError
+from whereabouts.camera_messages import Cameras, check_depth, depth_from_message
+from whereabouts.evidence import Frame
+from whereabouts.nodes.conversions import scan_from_message
+from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.packed import Packed
+from whereabouts.nodes.stamps import NANOSECONDS
+from whereabouts.nodes.transforms import TransformError, frame_name
+from world_model.camera import Box, CameraModel, CameraView, DepthImage, LevelScan, Located, SightRates
+from world_model.camera import located as placed_by_depth
+from world_model.camera import located_by_scan as placed_by_scan
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.world_model_node import WorldModelNode
+
+Array = NDArray[np.float64]
+
+
+class CameraDoor:
+    """A node's camera inputs, and the view at a stamp.
+
+    take_boxes, take_detections : handlers of `detections_2d` and `detections`. frames : as of `Input`, of messages with
+    a header.
+    """
+
+    def __init__(
+        self,
+        node: WorldModelNode,
+        take_boxes: Callable[[Detection2DArray, int], None],
+        take_detections: Callable[[Detection3DArray, int], None],
+    ) -> None:
+        self._node = node
+        settings = node.settings
+        self.from_scan = settings.depth_from_scan
+        self.cameras = Cameras(0)
+        self.rates = SightRates(settings.recognised_pixels)
+        self.reset()
+        info = Input(node, CameraInfo, "camera_info", self._take_info, sensor=False)
+        if self.from_scan:
+            depth = Input(node, LaserScan, "scan", self._take_depth, sensor=False)
+        else:
+            depth = Input(node, Image, "depth", self._take_depth, sensor=False, packed=True)
+        self._depth = depth
+        # Detections come after the image they are of, but a depth image may take longer to be registered to it.
+        self._detections = [
+            Input(node, kind, topic, handler, frames=self._frames, companions=[depth], patient=True, in_turn=True)
+            for kind, topic, handler in (
+                (Detection3DArray, "detections", take_detections),
+                (Detection2DArray, "detections_2d", take_boxes),
+            )
+        ]  # fmt: skip
+        for item in (info, depth, *self._detections):
+            node.take_on(item)
+
+    def reset(self) -> None:
+        """A new run: lenses stay, images go."""
+        settings = self._node.settings
+        tolerance = round(settings.depth_tolerance * NANOSECONDS)
+        self.cameras = Cameras(tolerance, settings.camera_rectified, self.cameras.lenses)
+        self.without_depth = self.unplaced = 0
+        self._counted: int | None = None
+
+    def _frames(self, message: Any) -> list[tuple[str, str]]:
+        """What tf must know: where detections are, and where the camera was."""
+        frame = frame_name(message.header.frame_id)
+        wanted = [frame] if frame else []
+        if frame not in self.cameras.lenses and len(self.cameras.lenses) == 1:
+            wanted += list(self.cameras.lenses)
+        return [(self._node.map_frame, name) for name in wanted]
+
+    def _take_info(self, message: CameraInfo, stamp: int) -> None:
+        self.cameras.take_info(message, frame_name(message.header.frame_id))
+
+    def _take_depth(self, message: Any, stamp: int) -> None:
+        self.cameras.keep(stamp, message)
+        for item in self._detections:
+            item.companion_came()
+
+    def lens_of(self, message: Any, of_image: bool) -> tuple[str, CameraModel] | None:
+        """The camera that detections are of, with its frame; None where nobody says. Raises InputError."""
+        return self.cameras.lens_for(frame_name(message.header.frame_id), of_image)
+
+    def view(self, lens: tuple[str, CameraModel], stamp: int, robot: Frame) -> CameraView:
+        """What the camera saw at a stamp, ns; robot : as `Frame` of the camera has it. Raises TransformError."""
+        frame, camera = lens
+        depth = scan = None
+        if self.from_scan:
+            scan = self._scan(stamp, robot.matrix[:3, 3])
+        else:
+            depth = self._image(stamp, frame, camera)
+        return CameraView(
+            camera,
+            robot.matrix,
+            depth,
+            scan,
+            robot.pose_covariance,
+            robot.origin,
+            self.rates,
+        )
+
+    def says_nothing(self, view: CameraView, stamp: int) -> bool:
+        """Whether what a look did not show means nothing: what hides things is not known, or it is another picture of
+        the same view: those miss the same things.
+        """
+        if view.depth is None and view.scan is None and self.cameras.has_depth:
+            self.without_depth += 1
+            return True
+        period = self._node.settings.absence_period * NANOSECONDS
+        if self._counted is not None and 0 <= stamp - self._counted < period:
+            return True
+        self._counted = stamp
+        return False
+
+    def placing(self, view: CameraView) -> Callable[[Box], Located]:
+        """Where the object in a box is, in the camera's frame. Raises InputError where there is no depth at all."""
+        if view.depth is not None:
+            depth = view.depth
+            return lambda box: placed_by_depth(box, view.camera, depth)
+        if view.scan is not None:
+            scan = view.scan
+            return lambda box: placed_by_scan(box, view.camera, view.pose, scan)
+        tolerance = self._node.settings.depth_tolerance
+        raise InputError(
+            f"no usable message on {self._depth.topic} within {tolerance:g} s (depth_tolerance) of these detections: "
+            "how far away things are is not known"
+        )
+
+    def _image(self, stamp: int, frame: str, camera: CameraModel) -> DepthImage | None:
+        found = self.cameras.nearest(stamp)
+        if found is None:
+            return None
+        at, kept = found
+        try:
+            if isinstance(kept, Packed):
+                message = kept.unpack()
+                kept = (frame_name(message.header.frame_id), depth_from_message(message))
+                self.cameras.replace(at, kept)
+            if kept is None:
+                return None
+            check_depth(kept[1], kept[0], camera, frame)
+        except InputError as error:
+            self._depth.refuse(str(error))
+            self.cameras.replace(at, None)
+            return None
+        depth: DepthImage = kept[1]
+        return depth
+
+    def _scan(self, stamp: int, origin: Array) -> LevelScan | None:
+        found = self.cameras.nearest(stamp)
+        if found is None:
+            return None
+        at, message = found
+        try:
+            points = scan_from_message(message).points()
+            frame = frame_name(message.header.frame_id)
+            there = self._node.transforms.lookup(self._node.map_frame, frame, at)
+        except (InputError, TransformError) as error:
+            self._depth.refuse(str(error))
+            return None
+        level = np.column_stack([points, np.zeros(len(points))])
+        return LevelScan(level @ there[:3, :3].T + there[:3, 3], origin)

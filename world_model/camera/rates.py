@@ -1,0 +1,97 @@
+"""What a detector does on this robot: how often it finds what is in view, and names it right.
+
+Learned from ordinary driving. An object that was in view and not found counts as missed once it has been found again at
+its place: otherwise it may have been gone. Detection goes by apparent size, in octaves, since distance and size decide.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.state import WorldObject
+
+PIXELS = 16.0
+"""Apparent size at which half of the things are recognised, until it has been learned."""
+STEEPNESS = 4.0
+FIRST, OCTAVES = 2, 8
+"""The smallest octave is up to 2 ** (FIRST + 1) pixels."""
+PRIOR = 4.0
+"""Looks that the assumed rate counts for, an octave."""
+FEWEST = 10
+"""Looks of which a rate is told."""
+SURELY = 0.95
+
+
+class SightRates:
+    """pixels : apparent size at which half of the things are recognised, before anything is learned."""
+
+    def __init__(self, pixels: float = PIXELS) -> None:
+        self.pixels = pixels
+        self.found = np.zeros(OCTAVES)
+        self.missed = np.zeros(OCTAVES)
+        self.named: Counter[tuple[str, str]] = Counter()
+        self.looks = self.unexplained = 0
+        self._open: dict[str, FloatArray] = {}
+
+    def recognisable(self, apparent: FloatArray) -> FloatArray:
+        """Probability (N,) that something of an apparent size (N,), pixels, is reported."""
+        assumed = 1.0 / (1.0 + (self.pixels / np.maximum(apparent, 1e-6)) ** STEEPNESS)
+        octave = _octave(apparent)
+        total = self.found + self.missed
+        result: FloatArray = (self.found[octave] + PRIOR * assumed) / (total[octave] + PRIOR)
+        return result
+
+    def look(self, objects: Sequence[WorldObject], apparent: FloatArray, found: Iterable[str | None]) -> None:
+        """One look: objects that were surely in view, their apparent sizes (N,), and whose each detection was."""
+        told = list(found)
+        here = set(told)
+        self.looks += 1
+        self.unexplained += sum(name is None for name in told)
+        for item, octave in zip(objects, _octave(apparent).tolist(), strict=True):
+            if item.id not in here:
+                self._open.setdefault(item.id, np.zeros(OCTAVES))[octave] += 1.0
+                continue
+            self.found[octave] += 1.0
+            missed = self._open.pop(item.id, None)
+            if missed is not None:
+                self.missed += missed
+
+    def name(self, objects: Sequence[WorldObject], said: Mapping[str, Mapping[str, float]]) -> None:
+        """Which class each object was given, {id: distribution}, against what is surely known of it."""
+        for item in objects:
+            known = item.attributes.get("class", {})
+            given = said.get(item.id)
+            if given and known and max(known.values()) > SURELY:
+                self.named[(item.most_probable("class"), max(given, key=given.__getitem__))] += 1
+
+    def forget(self, gone: Iterable[str]) -> None:
+        """Objects that are not where they were: they were not missed."""
+        for name in gone:
+            self._open.pop(name, None)
+
+    def figures(self) -> dict[str, str]:
+        """What has been learned, in words, of what was seen often enough."""
+        told = {}
+        for octave in np.flatnonzero(self.found + self.missed >= FEWEST).tolist():
+            low, high = 2 ** (octave + FIRST), 2 ** (octave + FIRST + 1)
+            total = self.found[octave] + self.missed[octave]
+            told[f"found at {low} to {high} px"] = f"{self.found[octave] / total:.2f} of {total:.0f}"
+        total = self.named.total()
+        if total >= FEWEST:
+            right = sum(count for (known, said), count in self.named.items() if known == said)
+            told["named right"] = f"{right / total:.2f} of {total}"
+            wrong = Counter({pair: count for pair, count in self.named.items() if pair[0] != pair[1]})
+            for (known, said), count in wrong.most_common(1):
+                told["most often confused"] = f"{known} called {said}: {count}"
+        if self.looks >= FEWEST:
+            told["detections nobody believes"] = f"{self.unexplained / self.looks:.3f} a look"
+        return told
+
+
+def _octave(apparent: FloatArray) -> np.ndarray:
+    octave = np.floor(np.log2(np.maximum(apparent, 1.0))).astype(np.int64) - FIRST
+    return np.clip(octave, 0, OCTAVES - 1)

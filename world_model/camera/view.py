@@ -1,0 +1,175 @@
+"""What would have been detected if it were there: in the image, not hidden, and large enough to be recognised.
+
+This is the probability of detection of (2.10) as geometry gives it: an object that is not reported counts as missed
+only as far as it could be seen. Where the depth image has a hole, nobody knows, and nothing is concluded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.camera.boxes import Box
+from world_model.camera.depth import DepthImage, LevelScan, depth_sigma
+from world_model.camera.lens import CameraModel
+from world_model.camera.rates import SightRates
+from world_model.state import WorldObject
+
+SIZE = 0.1
+"""m: of things whose size nobody measured. Small: less is concluded then."""
+NEAR = 0.2  # m: nearer nothing is recognised
+FARTHEST = 30.0  # m
+AROUND = 8
+SHARE, SPREAD = 0.25, 1.5
+"""How far beside an object's middle is looked as well: of its size, and of the deviation of its position."""
+SLACK = 0.05
+"""m: what is in front by less than that, and by the object's own size and deviation, does not hide it."""
+LEAST, FULL = 0.5, 0.9
+"""Shares of an object in view that say nothing, and all, about its absence."""
+RESTING, IN_VIEW = 0.9, 0.6
+"""Probabilities of resting, and of having been in view, from which on a look says how good the detector is."""
+KNOWN = 5
+"""Of all samples; fewer with a depth say nothing."""
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """One image: camera, its pose (4, 4) in the world (optical frame), and what tells about hiding.
+
+    pose_covariance (3, 3), origin (2,) : of the robot's x, y, yaw, and where it stands; doubt about the pose blurs what
+    was in view. rates : how well the detector finds what is in view, learned with every look. taken : boxes of
+    detections that could not be placed: whatever is there may be what was detected.
+    """
+
+    camera: CameraModel
+    pose: FloatArray
+    depth: DepthImage | None = None
+    scan: LevelScan | None = None
+    pose_covariance: FloatArray | None = None
+    origin: FloatArray | None = None
+    rates: SightRates = field(default_factory=SightRates)
+    taken: tuple[Box, ...] = ()
+
+    @property
+    def knows_hidden(self) -> bool:
+        """Whether what hides an object has been measured."""
+        return self.depth is not None
+
+    def seen(self, positions: FloatArray, sigmas: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Probability (N,) that objects would have been in the picture, whole and large enough.
+
+        positions (N, 3) m, world. sigmas (N,) m, of these. sizes (N,) m; NaN where unknown.
+        """
+        return self.visible(positions, sigmas, sizes) * self.recognisable(positions, sizes)
+
+    def visible(self, positions: FloatArray, sigmas: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Probability (N,) that objects would have been in the picture and unhidden; arguments as of `seen`."""
+        if len(positions) == 0:
+            return np.zeros(0)
+        size = np.where(np.isfinite(sizes), sizes, SIZE)
+        spread = np.hypot(sigmas, self._doubt(positions))
+        reach = SHARE * size + SPREAD * spread
+        samples = (positions[:, None, :] + reach[:, None, None] * self._beside[None]).reshape(-1, 3)
+        slack = np.repeat(SLACK + 0.5 * size + 2.0 * spread, AROUND + 1)
+        seen, known = self._unhidden(samples, slack)
+        seen, known = (each.reshape(-1, AROUND + 1) for each in (seen, known))
+        total = known.sum(1)
+        share = np.where(total >= KNOWN, seen.sum(1) / np.maximum(total, 1), 0.0)
+        return np.clip((share - LEAST) / (FULL - LEAST), 0.0, 1.0)
+
+    def recognisable(self, positions: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Probability (N,) that a detector recognises something as small as it appears."""
+        return self.rates.recognisable(self.apparent(positions, sizes))
+
+    def apparent(self, positions: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Apparent size (N,) of objects, pixels."""
+        size = np.where(np.isfinite(sizes), sizes, SIZE)
+        away = np.maximum(np.linalg.norm(positions - self.pose[:3, 3], axis=1), NEAR)
+        result: FloatArray = self.camera.fx * size / away
+        return result
+
+    def learn(
+        self, objects: Sequence[WorldObject], found: Sequence[str | None], said: Sequence[Mapping[str, float]]
+    ) -> None:
+        """How the detector did: objects believed in, whose each detection (M,) was, and its class distribution."""
+        self.rates.forget(item.id for item in objects if item.lost)
+        resting = [item for item in objects if item.behaviors.get("constant_position", 0.0) > RESTING]
+        if resting:
+            positions = np.array([item.position for item in resting])
+            sigmas = np.sqrt(np.array([np.max(np.diagonal(item.covariance)) for item in resting]))
+            sizes = np.array([item.quantities.get("size", (np.nan, 0.0))[0] for item in resting])
+            clear = self.visible(positions, sigmas, sizes) > IN_VIEW
+            surely = [item for item, good in zip(resting, clear.tolist(), strict=True) if good]
+            self.rates.look(surely, self.apparent(positions, sizes)[clear], found)
+        self.rates.name(objects, {name: given for name, given in zip(found, said, strict=True) if name})
+
+    def cells(self, centres: FloatArray, heights: FloatArray) -> FloatArray:
+        """Share (N,) of the heights at places (N, 2) where a thing of unknown size would have been detected."""
+        points = np.concatenate([np.column_stack([centres, np.full(len(centres), z)]) for z in heights])
+        seen, known = self._unhidden(points, np.full(len(points), SLACK + 0.5 * SIZE))
+        chance = (seen & known) * self.recognisable(points, np.full(len(points), SIZE))
+        result: FloatArray = chance.reshape(len(heights), -1).mean(0)
+        return result
+
+    @cached_property
+    def sensor(self) -> dict[str, Any]:
+        """The view as `WorldEvidence.sensor`: a cone about the vertical that holds all of it."""
+        rays = self.camera.border @ self.pose[:3, :3].T
+        ahead = self.pose[:3, :3] @ self.camera.rays([[self.camera.cx, self.camera.cy]])[0]
+        yaw = float(np.arctan2(ahead[1], ahead[0]))
+        off = np.arctan2(rays[:, 1], rays[:, 0]) - yaw
+        off = np.abs(np.arctan2(np.sin(off), np.cos(off)))
+        # Who looks over the vertical sees all around.
+        half = float(off.max()) + 0.02 if not self._sees_vertical else np.pi
+        return {
+            "pose": (*self.pose[:3, 3].tolist(), yaw),
+            "range": FARTHEST,
+            "angle": 2.0 * min(half, np.pi),
+        }
+
+    @property
+    def _sees_vertical(self) -> bool:
+        turn = self.pose[:3, :3]
+        return bool(self.camera.inside(self.camera.project(np.array([-turn[2], turn[2]]))).any())
+
+    @cached_property
+    def _beside(self) -> FloatArray:
+        """Unit offsets (AROUND + 1, 3) in the picture's plane, the middle first."""
+        angle = np.arange(AROUND) * 2.0 * np.pi / AROUND
+        flat = np.vstack([np.zeros(3), np.column_stack([np.cos(angle), np.sin(angle), np.zeros(AROUND)])])
+        result: FloatArray = flat @ self.pose[:3, :3].T
+        return result
+
+    def _doubt(self, positions: FloatArray) -> FloatArray:
+        """Standard deviation (N,) m of where objects are relative to the camera, by the robot's own pose."""
+        if self.pose_covariance is None:
+            return np.zeros(len(positions))
+        origin = self.pose[:2, 3] if self.origin is None else self.origin
+        away = np.hypot(*(positions[:, :2] - origin).T)
+        planar = max(float(self.pose_covariance[0, 0]), float(self.pose_covariance[1, 1]))
+        result: FloatArray = np.sqrt(planar + away**2 * float(self.pose_covariance[2, 2]))
+        return result
+
+    def _unhidden(self, points: FloatArray, slack: FloatArray) -> tuple[Any, Any]:
+        """Which points (N, 3) are in the picture, nothing over slack (N,) m before them; which are known."""
+        local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
+        pixels = self.camera.project(local)
+        inside = self.camera.inside(pixels) & (local[:, 2] > NEAR)
+        known = np.ones(len(points), bool)
+        hidden = np.zeros(len(points), bool)
+        if self.depth is not None:
+            met = self.depth.at(pixels)
+            known = ~inside | np.isfinite(met)
+            with np.errstate(invalid="ignore"):
+                hidden = met < local[:, 2] - slack - 3.0 * depth_sigma(local[:, 2])
+        if self.scan is not None:
+            hidden |= self.scan.hides(points)
+        for box in self.taken:
+            beside = np.abs(pixels - (box.x, box.y)) > 0.5 * np.array([box.width, box.height])
+            known &= beside.any(axis=1) | ~inside
+        return inside & known & ~hidden, known
