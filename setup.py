@@ -33,7 +33,9 @@ setup(
     maintainer_email="whereabouts@example.org",
     python_requires=">=3.11,<3.14",
     packages=packages,
-    package_data={package: ["models/*.json", "defaults/*.yaml", "presets/*.yaml", "*.html"] for package in packages},
+    package_data={
+        package: ["models/*.json", "defaults/*.yaml", "presets/*.yaml", "*.html"] for package in packages
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

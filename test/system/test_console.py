@@ -16,10 +16,10 @@ from nav_msgs.msg import OccupancyGrid
 from tf2_msgs.msg import TFMessage
 
 from evaluation.browser import CHROMIUM, Browser
-from whereabouts.console.live import LiveSource
 from whereabouts.console.server import Console
 from whereabouts.console.sources import ConsoleError
 from whereabouts.nodes.base import LATCHED
+from whereabouts.nodes.console_source import LiveSource
 from whereabouts_msgs.msg import DiscreteDistribution, TargetArray, WorldState
 from whereabouts_msgs.msg import Target as TargetMessage
 from whereabouts_msgs.msg import WorldObject as ObjectMessage

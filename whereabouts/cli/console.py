@@ -82,7 +82,7 @@ def _source(stack: ExitStack, store: Path | None, live: bool, namespace: str) ->
         source = StoreSource(store)
         stack.callback(source.close)
         return source
-    from whereabouts.console.live import LiveSource
+    from whereabouts.nodes.console_source import LiveSource
     from whereabouts.nodes.suite import prepare_environment
 
     prepare_environment()
