@@ -139,7 +139,8 @@ def _run_live(config: SuiteConfig) -> None:
     from whereabouts.nodes.bring_up import bring_up, lifecycle_clients
     from whereabouts.nodes.supervisor import Supervisor
 
-    with Supervisor(config.logs, on_event=typer.echo, patient=True) as supervisor:
+    several = len(config.nodes) > 1
+    with Supervisor(config.logs, on_event=typer.echo, patient=True, hosted=several) as supervisor:
         try:
             # Those that shall not configure themselves are somebody else's to bring up.
             managed = []

@@ -52,13 +52,13 @@ class CameraDoor:
         self.reset()
         info = Input(node, CameraInfo, "camera_info", self._take_info, sensor=False)
         if self.from_scan:
-            depth = Input(node, LaserScan, "scan", self._take_depth, sensor=False)
+            depth = Input(node, LaserScan, "scan", self._take_depth, sensor=False, awaited=True)
         else:
-            depth = Input(node, Image, "depth", self._take_depth, sensor=False, packed=True)
+            depth = Input(node, Image, "depth", self._take_depth, sensor=False, packed=True, awaited=True)
         self._depth = depth
         # Detections come after the image they are of, but a depth image may take longer to be registered to it.
         self._detections = [
-            Input(node, kind, topic, handler, frames=self._frames, companions=[depth], patient=True, in_turn=True)
+            Input(node, kind, topic, handler, frames=self._frames, companions=[depth], in_turn=True)
             for kind, topic, handler in (
                 (Detection3DArray, "detections", take_detections),
                 (Detection2DArray, "detections_2d", take_boxes),

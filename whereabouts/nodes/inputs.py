@@ -82,7 +82,6 @@ class Input:
         counts from when they are taken in.
         In a replay nothing is on demand, as it would come now sooner, now later.
     companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
-    patient : whether it waits for companions also where it is no replay, for as long as for a transform.
     in_turn : whether a message is kept, in a lock-step replay, until it is the node's turn; see `Turns`.
     awaited : whether others wait for it also on a live robot, as its messages say where theirs were taken.
     packed : whether the handler is given a `Packed` message instead of the message itself.
@@ -101,14 +100,13 @@ class Input:
         on_demand: bool = False,
         packed: bool = False,
         companions: Sequence[Input] = (),
-        patient: bool = False,
         in_turn: bool = False,
         awaited: bool = False,
     ) -> None:
         self._node = node
         self._in_turn = in_turn
         self.awaited = awaited
-        self._companions = [item for item in companions if node.replayed or patient or item.awaited]
+        self._companions = [item for item in companions if node.replayed or item.awaited]
         self._expected: bool | None = None
         self._kind = message_type
         self._packed = packed

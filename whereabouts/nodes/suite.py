@@ -90,7 +90,9 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
         executor = NodeExecutor(context)
         executor.add_node(node)
         stack.callback(node.destroy_node)
-        supervisor = stack.enter_context(Supervisor(run.log_directory, on_event=run.on_event))
+        supervisor = stack.enter_context(
+            Supervisor(run.log_directory, on_event=run.on_event, hosted=len(run.nodes) > 1)
+        )
         run.supervisor = supervisor
         replayer = Replayer(
             node,

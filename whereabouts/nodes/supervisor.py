@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from estimation.errors import WhereaboutsError
 from whereabouts.nodes.base import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE
+from whereabouts.nodes.host import Host
 from whereabouts.nodes.shared_memory import remove_orphans
 from whereabouts.resources import config_file
 
@@ -76,12 +77,37 @@ def _literal(value: Any) -> str:
     return json.dumps(value) if isinstance(value, list) else str(value)
 
 
+class Process(Protocol):
+    """What the supervisor needs of a process."""
+
+    pid: int
+    returncode: int | None
+
+    def poll(self) -> int | None: ...
+    def wait(self, timeout: float | None = None) -> int: ...
+    def send_signal(self, sig: int) -> None: ...
+    def kill(self) -> None: ...
+
+
+Launch = Callable[[list[str], Path, Mapping[str, str]], Process]
+
+
+def launch_alone(command: list[str], log: Path, environment: Mapping[str, str]) -> Process:
+    """A process that imports everything for itself."""
+    with log.open("ab") as out:
+        # A session of its own, so that Ctrl-C reaches the supervisor only, which then ends the nodes in order.
+        return subprocess.Popen(
+            command, stdout=out, stderr=subprocess.STDOUT, env=environment, start_new_session=True
+        )
+
+
 class ManagedNode:
     """One node's process and its history."""
 
-    def __init__(self, spec: NodeSpec, log: Path, environment: Mapping[str, str]) -> None:
+    def __init__(self, spec: NodeSpec, log: Path, environment: Mapping[str, str], launch: Launch) -> None:
         self.spec = spec
         self.log = log
+        self._launch = launch
         self._mark = log.with_suffix(".active")
         self._mark.unlink(missing_ok=True)
         self._environment = {
@@ -92,17 +118,9 @@ class ManagedNode:
         self.due: float | None = None
         self.process = self._start()
 
-    def _start(self) -> subprocess.Popen[bytes]:
+    def _start(self) -> Process:
         self.starts.append(time.monotonic())
-        with self.log.open("ab") as out:
-            # A session of its own, so that Ctrl-C reaches the supervisor only, which then ends the nodes in order.
-            return subprocess.Popen(
-                self.spec.command(),
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                env=self._environment,
-                start_new_session=True,
-            )
+        return self._launch(self.spec.command(), self.log, self._environment)
 
     @property
     def running(self) -> bool:
@@ -145,6 +163,7 @@ class Supervisor:
     restart : bring back a node that died of a signal or an error, after ever longer waits.
     patient : go on for ever with a node that was active once; otherwise it is given up after RESTART_LIMIT deaths.
     on_event : called with a sentence whenever a node died, came back or was given up.
+    hosted : fork nodes from one process that has loaded everything (`Host`), where this machine can: for several nodes.
     """
 
     def __init__(
@@ -153,8 +172,11 @@ class Supervisor:
         restart: bool = True,
         on_event: Callable[[str], None] | None = None,
         patient: bool = False,
+        hosted: bool = False,
     ) -> None:
         self._patient = patient
+        self._hosted = hosted
+        self._host: Host | None = None
         self._log_directory = log_directory
         self._restart = restart
         self._on_event = on_event or (lambda text: None)
@@ -177,8 +199,30 @@ class Supervisor:
         log.unlink(missing_ok=True)
         # An interrupt between the process and its entry here would leave a node that nobody ends.
         with _interrupt_later():
-            self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ)
+            self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ, self._launch)
         return self.nodes[spec.full_name]
+
+    def _launch(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Process:
+        if self._hosted:
+            try:
+                if self._host is None:
+                    self._host = Host(self._log_directory / "host.log")
+                return self._host.start(command, log, environment)
+            except OSError as error:
+                self._hosted = False
+                self._end_host()
+                self._on_event(f"nodes are started one by one: {error or type(error).__name__}")
+        return launch_alone(command, log, environment)
+
+    @property
+    def host_pid(self) -> int | None:
+        """Process from which nodes are forked, if there is one."""
+        return None if self._host is None else self._host.pid
+
+    def _end_host(self) -> None:
+        if self._host is not None:
+            self._host.end()
+            self._host = None
 
     def _has_ended(self) -> bool:
         """Whether any child has: one question instead of one for each, as it is asked between any two messages."""
@@ -204,7 +248,7 @@ class Supervisor:
             if node.due is None:
                 self._bury(name, node)
             if node.due is not None and time.monotonic() >= node.due:
-                code = node.process.returncode
+                code = node.process.returncode or 0
                 node.restart()
                 self._on_event(f"{name} ended with {_reason(code)} and was started again")
 
@@ -235,6 +279,7 @@ class Supervisor:
                 self._on_event(f"{name} did not end in {GRACE:.0f} s and was killed")
                 node.process.kill()
                 node.process.wait()
+        self._end_host()
         remove_orphans()
 
 

@@ -1,0 +1,84 @@
+"""Nodes forked from one host: processes like any other, with their memory shared, and what happens without the host."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from whereabouts.nodes import host as module
+from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
+
+NAMES = ("verifier", "object_search", "world_maintenance")
+
+
+def watch(supervisor: Supervisor, enough: Callable[[], bool]) -> None:
+    while not enough():
+        supervisor.check()
+        time.sleep(0.01)
+
+
+def private(pid: int) -> float:
+    """MiB that no other process shares."""
+    text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+    return sum(int(size) for size in re.findall(r"^Private_\w+:\s+(\d+) kB", text, re.MULTILINE)) / 1024
+
+
+def test_nodes_of_one_host_share_memory_die_alone_and_end_with_the_supervisor(tmp_path: Path) -> None:
+    events: list[str] = []
+    with Supervisor(tmp_path, on_event=events.append, hosted=True) as supervisor:
+        nodes = [supervisor.start(NodeSpec(name)) for name in NAMES]
+        watch(supervisor, lambda: all(node.was_active for node in nodes))
+        first = nodes[0]
+        with Supervisor(tmp_path / "alone") as other:
+            alone = other.start(NodeSpec("verifier", "/alone"))
+            watch(other, lambda: alone.was_active)
+            assert private(first.process.pid) < 0.6 * private(alone.process.pid)
+        assert os.getpgid(first.process.pid) == first.process.pid
+        before = first.process.pid
+        os.kill(before, signal.SIGKILL)
+        watch(supervisor, lambda: first.restarts == 1)
+        assert [node.restarts for node in nodes] == [1, 0, 0]
+        assert first.process.pid != before
+        pids = [node.process.pid for node in nodes]
+    assert events == ["/verifier ended with SIGKILL and was started again"]
+    assert [node.process.returncode for node in nodes] == [0, 0, 0]
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_without_the_host_nodes_start_alone(tmp_path: Path) -> None:
+    events: list[str] = []
+    with Supervisor(tmp_path, on_event=events.append, hosted=True) as supervisor:
+        first = supervisor.start(NodeSpec("verifier"))
+        watch(supervisor, lambda: first.was_active)
+        assert supervisor.host_pid is not None
+        os.kill(supervisor.host_pid, signal.SIGKILL)
+        second = supervisor.start(NodeSpec("object_search"))
+        watch(supervisor, lambda: second.was_active)
+        assert first.running
+    assert "one by one" in events[0]
+
+
+def test_where_children_of_children_cannot_be_adopted_nodes_start_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "PR_SET_CHILD_SUBREAPER", -1)
+    events: list[str] = []
+    with Supervisor(tmp_path, on_event=events.append, hosted=True) as supervisor:
+        node = supervisor.start(NodeSpec("verifier"))
+        watch(supervisor, lambda: node.was_active)
+    assert "cannot be adopted" in events[0]
+
+
+def test_wrong_parameters_are_told_as_by_a_process_of_its_own(tmp_path: Path) -> None:
+    with Supervisor(tmp_path, hosted=True) as supervisor:
+        supervisor.start(NodeSpec("verifier", parameters={"diagnostics_period": -3.0}))
+        with pytest.raises(SuiteError, match=r"(?s)could not start.*diagnostics_period"):
+            watch(supervisor, lambda: False)
