@@ -15,6 +15,7 @@ from loop_closure.graph import Edge
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import invert, length, motion, orthonormal, turn
 from registration.align_globally import align_globally
+from registration.feature_matching import match_features
 from registration.result import Registration
 from registration.spatial import align_clouds, overlap, polish
 
@@ -142,16 +143,10 @@ def anywhere(source: FloatArray, target: FloatArray) -> tuple[FloatArray, float]
     """The same without a guess: by features that correspond."""
     if min(len(source), len(target)) < LEAST_POINTS:
         return None
-    # Imported here: planar maps need neither the library nor the time to load it.
-    import kiss_matcher
-
-    matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size=FEATURE))
-    solution = matcher.estimate(source.astype(np.float32), target.astype(np.float32))
-    start = np.eye(4)
-    start[:3, :3], start[:3, 3] = solution.rotation, np.asarray(solution.translation).ravel()
-    if matcher.get_num_final_inliers() < LEAST_FEATURES or not np.isfinite(start).all():
+    match = match_features(source, target, FEATURE)
+    if match is None or match.inliers < LEAST_FEATURES:
         return None
-    return nearby(source, target, start)
+    return nearby(source, target, match.transform)
 
 
 def as_cloud(cloud: npt.ArrayLike) -> FloatArray:

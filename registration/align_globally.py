@@ -17,6 +17,7 @@ from estimation.poses import between
 from registration.align import agreements, is_cloud, keep_open, settle
 from registration.consistency import Agreement
 from registration.correlative import candidates
+from registration.feature_matching import match_features
 from registration.judgement import GUESS_SIGMA, Asked, judged
 from registration.motion import Array
 from registration.prepared import PreparedScan, prepare
@@ -130,21 +131,14 @@ def _clouds(source: Array, target: Array) -> Registration:
     refusal = too_few(moving, still, np.eye(4))
     if refusal is not None:
         return refusal
-    # Imported here: planar registration needs neither the library nor the time to load it.
-    import kiss_matcher
-
     best: Registration | None = None
     for voxel in (4.0 * leaf_size(still), 7.0 * leaf_size(still)):
-        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size=voxel))
-        solution = matcher.estimate(moving.astype(np.float32), still.astype(np.float32))
-        start = np.eye(4)
-        start[:3, :3], start[:3, 3] = solution.rotation, np.asarray(solution.translation).ravel()
-        if not np.isfinite(start).all():
+        match = match_features(moving, still, voxel)
+        if match is None:
             continue
-        found = align_clouds(moving, still, start, close=True)
-        inliers = matcher.get_num_final_inliers()
-        if found.converged and inliers < 5:
-            reason = f"only {inliers} features match"
+        found = align_clouds(moving, still, match.transform, close=True)
+        if found.converged and match.inliers < 5:
+            reason = f"only {match.inliers} features match"
             found = replace(found, converged=False, reason=reason)
         if best is None or (found.converged, found.fitness) > (best.converged, best.fitness):
             best = found

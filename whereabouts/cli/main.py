@@ -27,7 +27,6 @@ from whereabouts.cli.track import track
 from whereabouts.cli.view import view
 from whereabouts.cli.world import world
 from whereabouts.interrupts import listen_to_interrupts
-from whereabouts.without_features import stand_in
 
 # What to install for a package that is missing, by the package. ROS's own are told apart by their names.
 EXTRAS = {
@@ -85,7 +84,6 @@ def _missing(package: str) -> str:
 def main() -> None:
     """Run the command line; an expected error is one sentence and exit code 1."""
     listen_to_interrupts()
-    stand_in()
     try:
         app()
     except WhereaboutsError as error:

@@ -42,7 +42,6 @@ from whereabouts.nodes.timekeeping import Timekeeper
 from whereabouts.nodes.transforms import TransformBuffer
 from whereabouts.nodes.turns import Caller, Turns, turn_topic
 from whereabouts.parameters.base import NodeParameters
-from whereabouts.without_features import stand_in
 from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
@@ -489,7 +488,6 @@ def run_node(node_type: type[NodeType]) -> int:
     Returns the exit code: 0 after SIGINT or SIGTERM, 1 for an error, 2 for wrong parameters.
     """
     listen_to_interrupts()
-    stand_in()
     rclpy.init()
     keep_packed()
     node: NodeType | None = None

@@ -130,9 +130,7 @@ def _load() -> None:
     from whereabouts.compile import PARTS
     from whereabouts.node_names import NODES
     from whereabouts.nodes.footprint import keep_packed
-    from whereabouts.without_features import stand_in
 
-    stand_in()
     keep_packed()
     for name in NODES:
         importlib.import_module(f"whereabouts.nodes.{name}_node")
