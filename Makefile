@@ -6,7 +6,7 @@ BIN := .venv/bin
 # The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test test-bounds lint setup setup-test docs site colcon bench chaos peers clean
+.PHONY: help demo test test-bounds lint setup setup-test docs site colcon wheels lock bench chaos peers clean
 
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
@@ -16,6 +16,8 @@ help:
 	@echo "make docs    write every figure and generated page anew, from results/ and the sources"
 	@echo "make site    build the documentation as a web site, in site/"
 	@echo "make colcon  build the workspace with colcon"
+	@echo "make wheels  wheels of the product, its experiments and its messages, in dist/"
+	@echo "make lock    requirements/lock.txt anew: all that the runtime needs, with hashes, for every Python and machine"
 	@echo "make bench   benchmarks; results go to bench/*.txt"
 	@echo "make peers   an environment for peers that need other versions of libraries, for the experiment peers"
 	@echo "make clean   remove .venv and everything generated"
@@ -71,6 +73,13 @@ colcon: setup-test
 		--cmake-args -G Ninja -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" \
 		-DCMAKE_PROJECT_INCLUDE="$(CURDIR)/compat/ros_wheels.cmake"
 
+wheels: setup
+	$(BIN)/python compat/wheels.py dist
+
+lock: setup
+	$(BIN)/pip install -q --disable-pip-version-check -r requirements/locking.txt
+	$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header requirements/runtime.txt -o requirements/lock.txt
+
 # Peers that cannot live in one environment with the suite.
 peers:
 	$(PYTHON) -m venv .venv-peers
@@ -80,5 +89,5 @@ bench: setup-test
 	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf .venv .venv-peers build install log site demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
+	rm -rf .venv .venv-peers build dist install log site demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -69,14 +69,19 @@ setup(
         "websockets>=10.4",
     ],
     extras_require={
-        # The nodes on a machine without a ROS installation. The suite's own messages are built from whereabouts_msgs/.
-        "ros": ["ros-rclpy[fastrtps]>=7.1,<8", "ros-common-interfaces>=5.3,<6"],
+        # The nodes on a machine without a ROS installation; `make wheels` builds the messages.
+        "ros": [
+            "ros-rclpy[fastrtps]>=7.1,<8",
+            "ros-common-interfaces>=5.3,<6",
+            "whereabouts-msgs",
+            "whereabouts-compat-msgs",
+        ],
         # Live pictures: `whereabouts view`.
         "view": ["rerun-sdk>=0.20"],
         # Placing clouds without a guess. It has no wheels from Python 3.13 on.
         "clouds": ["kiss_matcher>=1.0; python_version < '3.13'"],
         # `whereabouts experiment`, and what compares with others.
-        "evaluation": ["whereabouts-evaluation"],
+        "evaluation": ["whereabouts-evaluation", "motmetrics>=1.4", "dask[distributed]>=2024.1"],
     },
     entry_points={
         "console_scripts": [

@@ -65,7 +65,7 @@ Fields, units and frames: {fields}. Every input takes ROS's QoS overrides, such 
 
 ## Parameters
 
-`config/{node}.yaml` states the defaults; † can only be set at the start. A value that is not allowed is refused with the
+`config/{node}.yaml` states the defaults; † can only be set while the node is unconfigured. A value that is not allowed is refused with the
 parameter's name and its range.
 
 {parameter_table(model_of(node))}

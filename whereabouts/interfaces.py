@@ -148,7 +148,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("action", "verify_object", "whereabouts_msgs/VerifyObject", "check a region: found, occluded or not found"),
     ),
     "world_maintenance": (
-        _I("in", "world_state", "whereabouts_msgs/WorldState", "the most probable world"),
+        _I("in, latched", "world_state", "whereabouts_msgs/WorldState", "the most probable world"),
         _I("in, latched", "base_available", "std_msgs/Bool", "false while another component moves the base; then only objects in view are verified"),
         _I("in, latched", "map", _GRID, "optional: paths avoid what is occupied"),
         _I("in", "tf", _TF, "`map` → `base_link`"),
@@ -162,7 +162,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("calls", "find_object", "whereabouts_msgs/FindObject", "to find lost objects", "search_for_lost"),
     ),
     "object_search": (
-        _I("in", "world_state", "whereabouts_msgs/WorldState", "what is in view, and what is known"),
+        _I("in, latched", "world_state", "whereabouts_msgs/WorldState", "what is in view, and what is known"),
         _I("in, latched", "map", _GRID, "optional: the middle of the room, and unseen floor"),
         _I("in", "tf", _TF, "`map` → `base_link`"),
         _I("in, latched", "tf_static", _TF, "the same"),

@@ -26,6 +26,7 @@ from whereabouts.nodes.base import LATCHED, TF_STATIC_QOS, SuiteNode, start
 from whereabouts.nodes.budget import BURST, Budget, Purse
 from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
+from whereabouts.nodes.inputs import HEARD_LATCHED
 from whereabouts.nodes.interfaces import message_class
 from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
@@ -116,7 +117,7 @@ def test_samples_too_short_for_a_stamp_end_no_node(graph: Graph, name: str) -> N
     spec = graph.start(name)
     broken = [bytes([0, 1, 0, 0]) + bytes(length) for length in range(8)]
     for data in broken:
-        graph.publish("world_state", data, kind=WorldState)
+        graph.publish("world_state", data, HEARD_LATCHED, kind=WorldState)
     dropped = "/world_state dropped, refused"
     graph.until(lambda: figures(name, diagnostics).get(dropped) == str(len(broken)), "all are counted")
     assert graph.state(spec) == State.PRIMARY_STATE_ACTIVE

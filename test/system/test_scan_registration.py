@@ -325,11 +325,11 @@ def test_wrong_parameter_ends_the_node_with_a_sentence(graph: Graph) -> None:
 
 def test_parameters_are_described_and_checked_at_run_time(graph: Graph) -> None:
     graph.start(NODE)
-    request = DescribeParameters.Request(names=["max_wheel_age", "scan_topics"])
+    request = DescribeParameters.Request(names=["max_wheel_age", "scan_topics", "autostart"])
     described = graph.call(DescribeParameters, f"{NODE}/describe_parameters", request).descriptors
     assert described[0].floating_point_range[0].to_value == 10.0
     assert described[0].description.endswith("[s]")
-    assert described[1].read_only
+    assert [item.read_only for item in described] == [False, False, True]
 
     def set_to(name: str, value: float) -> object:
         parameter = Parameter(

@@ -35,7 +35,7 @@ from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.footprint import keep_packed, release, settle
-from whereabouts.nodes.inputs import Frames, Handler, Input
+from whereabouts.nodes.inputs import HEARD_LATCHED, Frames, Handler, Input
 from whereabouts.nodes.outputs import QUIET, Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
 from whereabouts.nodes.timekeeping import Timekeeper
@@ -55,8 +55,6 @@ SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 # A file that a node makes once it is active: from then on its death is no failure to start.
 ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Of two that come at once the first is heard as well: a replay counts them.
-HEARD_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NodeType = TypeVar("NodeType", bound="SuiteNode")
@@ -149,12 +147,13 @@ class SuiteNode(LifecycleNode):
         companions: Sequence[Input] = (),
         in_turn: bool = False,
         awaited: bool = False,
+        qos: QoSProfile | None = None,
     ) -> Input:
         """Subscribe a sensor topic; see `Input`."""
         item = Input(
             self, message_type, topic, handler,
             frames=frames, on_demand=on_demand, packed=packed, companions=companions, in_turn=in_turn,
-            awaited=awaited,
+            awaited=awaited, qos=qos,
         )  # fmt: skip
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
@@ -345,6 +344,12 @@ class SuiteNode(LifecycleNode):
     # Lifecycle.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._parameter_set.freeze(True)
+        done = self._configure(state)
+        self._parameter_set.freeze(done == TransitionCallbackReturn.SUCCESS)
+        return done
+
+    def _configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
             self.setup()
             self.add_service(Reset, "~/reset", self._reset)
@@ -379,6 +384,7 @@ class SuiteNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._destroy_created()
         self.time.stop()
+        self._parameter_set.freeze(False)
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:

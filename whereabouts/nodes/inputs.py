@@ -138,7 +138,9 @@ class Input:
             qos or sensor_qos(node.settings.input_reliability),
             callback_group=node.default_callback_group,
             event_callbacks=SubscriptionEventCallbacks(
-                message_lost=self._on_lost, use_default_callbacks=False
+                message_lost=self._on_lost,
+                incompatible_qos=self._on_incompatible,
+                use_default_callbacks=False,
             ),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             raw=packed,
@@ -413,6 +415,14 @@ class Input:
         if not (self._latched or self.on_demand):
             self.counts.reported_lost = int(event.total_count)
 
+    def _on_incompatible(self, event: Any) -> None:
+        policy = str(event.last_policy_kind).rpartition(".")[2].lower().removeprefix("rmw_qos_policy_")
+        self._node.complain(
+            f"{self.topic}: a publisher offers less than is asked for ({policy}) and is not heard. Change it, or set "
+            f"qos_overrides.{self.topic}.subscription.{policy} for this node",
+            key=(self.topic, "qos"),
+        )
+
     def _acknowledge(self, stamp: int, sequence: int) -> None:
         if self.on_demand or not self._node.settings.report_processed:
             return
@@ -426,6 +436,14 @@ class Input:
             lost=max(self.counts.lost, self.counts.reported_lost),
         )
         self._node.acknowledge(message)
+
+
+# What is said once and must not get lost: a verdict, a change of who is there.
+EVENTS = QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+# A state that is kept for those who come late. Of two at once the first is heard as well: a replay counts them.
+HEARD_LATCHED = QoSProfile(
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 
 
 def sensor_qos(reliability: str) -> QoSProfile:

@@ -25,7 +25,7 @@ from tracking.social_forces import Obstacles
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.conversions import cloud_message
 from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.inputs import EVENTS, Input
 from whereabouts.nodes.intention_messages import (
     markers_message,
     occupancy_points,
@@ -51,7 +51,9 @@ class MotionPredictorNode(SuiteNode):
     def setup(self) -> None:
         self._restart()
         self.listen_to_transforms(on_demand=True)
-        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True)
+        self.add_input(
+            TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True, qos=EVENTS
+        )
         walls = Input(self, OccupancyGrid, "map", self._take_map, qos=LATCHED, sensor=False)
         self.inputs.append(walls)
         self._created.append((self.destroy_subscription, walls.subscription))

@@ -19,6 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.driving import PATIENCE, Approach
+from whereabouts.nodes.inputs import HEARD_LATCHED
 from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import frame_name
@@ -48,7 +49,9 @@ class ObjectSearchNode(SuiteNode):
         self._search = ObjectSearch(self._relations, settings.search, settings.places)
         self._serial = 0
         self.listen_to_transforms(on_demand=True)
-        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, in_turn=True)
+        states = self.add_input(
+            StateMessage, "world_state", self._take_state, packed=True, in_turn=True, qos=HEARD_LATCHED
+        )
         self._latest = LatestState(states.refuse)
         self.add_latched_input(GridMessage, "map", self._take_map)
         self._goal_output = self.add_output(FindObject.Feedback().goal.__class__, "search_goal", LATCHED)

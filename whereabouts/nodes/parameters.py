@@ -17,6 +17,8 @@ from whereabouts.parameters.description import allowed, bounds, explain, extra
 from whereabouts.parameters.registry import is_parameter_of_any
 
 Model = TypeVar("Model", bound=NodeParameters)
+# Read once, before the node is configured for the first time.
+AT_THE_START = ("autostart", "report_processed", "diagnostics_period")
 
 
 class ParameterError(InputError):
@@ -38,14 +40,19 @@ class ParameterSet(Generic[Model]):
     def __init__(self, node: Node, model: type[Model]) -> None:
         self._model = model
         self._listeners: list[Any] = []
+        self._configured = False
         given = {name: override.value for name, override in node._parameter_overrides.items()}
         self._warn_unknown(node, given)
         self.values = self._validated({name: given[name] for name in model.model_fields if name in given})
         for name, field in model.model_fields.items():
             # Dynamic, so that `range: 10` in a YAML file serves where 10.0 was meant; the model still checks.
-            descriptor = describe(field)
+            descriptor = describe(name, field)
             node.declare_parameter(name, getattr(self.values, name), descriptor, ignore_override=True)
         node.add_on_set_parameters_callback(self._on_set)
+
+    def freeze(self, configured: bool) -> None:
+        """Whether the node is configured: what is read then cannot be changed until it is cleaned up."""
+        self._configured = configured
 
     def on_change(self, listener: Any) -> None:
         """Call `listener(values)` after every change."""
@@ -75,9 +82,11 @@ class ParameterSet(Generic[Model]):
         changes = {p.name: p.value for p in parameters if p.name in self._model.model_fields}
         if not changes:
             return SetParametersResult(successful=True)
-        fixed = [name for name in changes if extra(self._model.model_fields[name], "fixed")]
+        fixed = [
+            name for name in changes if self._configured and extra(self._model.model_fields[name], "fixed")
+        ]
         if fixed:
-            reason = f"{fixed[0]} can only be set when the node starts"
+            reason = f"{fixed[0]} can only be set while the node is unconfigured: clean it up first"
             return SetParametersResult(successful=False, reason=reason)
         try:
             values = self._validated(changes)
@@ -89,13 +98,13 @@ class ParameterSet(Generic[Model]):
         return SetParametersResult(successful=True)
 
 
-def describe(field: FieldInfo) -> ParameterDescriptor:
+def describe(name: str, field: FieldInfo) -> ParameterDescriptor:
     """ROS descriptor of a field: description, range, whether it is read only."""
     unit = extra(field, "unit")
     descriptor = ParameterDescriptor(
         description=f"{field.description}{f' [{unit}]' if unit else ''}",
         additional_constraints=allowed(field),
-        read_only=bool(extra(field, "fixed")),
+        read_only=name in AT_THE_START,
         dynamic_typing=field.annotation is float,
     )
     lower, upper = bounds(field)

@@ -179,7 +179,8 @@ class Replayer:
 
     def _advertise(self, topic: Topic) -> None:
         latched = any(offer.durability == "transient_local" for offer in topic.qos)
-        latched = latched or topic.name.rsplit("/", 1)[-1] == "tf_static"
+        # Old recordings do not tell; who listens to these asks for it.
+        latched = latched or topic.name.rsplit("/", 1)[-1] in ("tf_static", "world_state")
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
         try:

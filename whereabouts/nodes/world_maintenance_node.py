@@ -26,6 +26,7 @@ from whereabouts.evidence import NOT_FOUND
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.driving import Navigator, navigate_type
+from whereabouts.nodes.inputs import HEARD_LATCHED
 from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name
@@ -68,7 +69,9 @@ class WorldMaintenanceNode(SuiteNode):
         self._grid: OccupancyGrid | None = None
         self._available = True
         self.listen_to_transforms(on_demand=True)
-        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, in_turn=True)
+        states = self.add_input(
+            StateMessage, "world_state", self._take_state, packed=True, in_turn=True, qos=HEARD_LATCHED
+        )
         self._latest = LatestState(states.refuse, self._observe)
         self.add_latched_input(GridMessage, "map", self._take_map)
         self.add_latched_input(Bool, "base_available", self._take_available, in_turn=True)

@@ -29,7 +29,7 @@ from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.camera_door import CameraDoor
 from whereabouts.nodes.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.inputs import EVENTS, Input
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import TransformError, frame_name
 from whereabouts.nodes.world_messages import (
@@ -100,9 +100,13 @@ class WorldModelNode(SuiteNode):
             self, PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False, in_turn=True
         )
         self.take_on(pose)
-        self.add_input(EvidenceMessage, "evidence", self._take_evidence, frames=self._frames, in_turn=True)
+        self.add_input(
+            EvidenceMessage, "evidence", self._take_evidence, frames=self._frames, in_turn=True, qos=EVENTS
+        )
         self._camera = CameraDoor(self, self._take_boxes, self._take_detections)
-        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True)
+        self.add_input(
+            TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True, qos=EVENTS
+        )
         # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
         paths = Input(
             self, PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False,

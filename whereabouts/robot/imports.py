@@ -29,6 +29,9 @@ def origins() -> dict[str, str]:
 
 
 def _origin(name: str) -> str:
+    loaded = sys.modules.get(name)
+    if loaded is not None and loaded.__spec__ is None:
+        return MISSING  # something that stands in for it
     spec = importlib.util.find_spec(name)
     if spec is None or (spec.origin is None and not spec.submodule_search_locations):
         return MISSING

@@ -1,0 +1,144 @@
+"""The wheels that `make wheels` builds: complete metadata, and a product that runs in an empty environment."""
+
+from __future__ import annotations
+
+import ast
+import email
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.poses import between
+from whereabouts.logs import read_tum
+from whereabouts.simulation.small_robot import record
+
+ROOT = Path(__file__).resolve().parents[2]
+PRODUCT = ("estimation", "registration", "loop_closure", "tracking", "world_model", "whereabouts")
+# Names of imports whose packages are called otherwise.
+PACKAGES = {
+    "yaml": "pyyaml", "rerun": "rerun-sdk", "evaluation": "whereabouts-evaluation", "distributed": "dask",
+    "llvmlite": "numba",
+}  # fmt: skip
+# What comes with those that are named, or only with ROS.
+ALONG = {
+    "ament_index_python",
+    "launch",
+    "launch_ros",
+    "rosidl_runtime_py",
+    "rclpy",
+    "click",
+    "annotated_types",
+}
+
+
+@pytest.fixture(scope="module")
+def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dist")
+    subprocess.run([sys.executable, ROOT / "compat" / "wheels.py", folder], check=True, cwd=ROOT)
+    return folder
+
+
+def metadata(wheel: Path) -> email.message.Message:
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = [item for item in archive.namelist() if item.endswith(".dist-info/METADATA")]
+        return email.message_from_bytes(archive.read(name))
+
+
+def test_all_that_is_imported_is_named(dist: Path) -> None:
+    (wheel,) = dist.glob("whereabouts-*.whl")
+    about = metadata(wheel)
+    named = {
+        re.split(r"[^\w.-]", line)[0].lower().replace("_", "-") for line in about.get_all("Requires-Dist", [])
+    }
+    imported = set()
+    for path in (path for name in PRODUCT for path in (ROOT / name).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                imported.add(node.module.partition(".")[0])
+    others = {
+        name
+        for name in imported - set(sys.stdlib_module_names) - set(PRODUCT) - ALONG
+        if not name.endswith("_msgs") and not name.endswith("_interfaces")
+    }
+    missing = {name for name in others if PACKAGES.get(name, name).lower().replace("_", "-") not in named}
+    assert not missing
+    assert set(about.get_all("Provides-Extra", [])) == {"ros", "view", "clouds", "evaluation"}
+    assert set(about["Requires-Python"].split(",")) == {">=3.11", "<3.14"}
+
+
+def test_messages_carry_their_type_supports(dist: Path) -> None:
+    (wheel,) = dist.glob("whereabouts_msgs-*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "whereabouts_msgs/msg/_world_state.py" in names
+    assert any(name.endswith("/lib/libwhereabouts_msgs__rosidl_typesupport_fastrtps_c.so") for name in names)
+    assert any(re.search(r"^whereabouts_msgs/.*typesupport_fastrtps_c.*\.so$", name) for name in names)
+
+
+def pinned() -> dict[str, str]:
+    """Versions of the lock file for this Python and machine."""
+    found = {}
+    for line in (ROOT / "requirements" / "lock.txt").read_text(encoding="utf-8").splitlines():
+        match = re.match(r"^([\w.-]+)==([^ ;\\]+)(?: ; python_full_version (<|>=) '3\.(\d+)')?", line)
+        if match is None:
+            continue
+        name, version, relation, minor = match.groups()
+        newer = minor is not None and sys.version_info[1] >= int(minor)
+        if relation is None or newer == (relation == ">="):
+            found[name] = version
+    return found
+
+
+def test_the_lock_file_has_what_the_requirements_name_with_hashes() -> None:
+    locked = pinned()
+    for file in ("runtime.txt", "build.txt"):
+        for line in (ROOT / "requirements" / file).read_text(encoding="utf-8").splitlines():
+            match = re.match(
+                r'^([\w.-]+)(?:\[\w+\])?==([^ ;#]+)(?:; python_version (<|>=) "3\.(\d+)")?', line
+            )
+            if match is None:
+                continue
+            name, version, relation, minor = match.groups()
+            if relation is None or (sys.version_info[1] >= int(minor)) == (relation == ">="):
+                assert locked[name.lower().replace("_", "-")] == version, f"make lock: {name}"
+    text = (ROOT / "requirements" / "lock.txt").read_text(encoding="utf-8")
+    entries = re.split(r"\n(?=[\w.-]+==)", text)
+    assert len(entries) > 50
+    assert all("--hash=sha256:" in entry for entry in entries)
+
+
+@pytest.mark.timeout(1200)
+def test_the_product_maps_in_an_empty_environment(dist: Path, tmp_path: Path) -> None:
+    """Nothing but the wheel and what its metadata names, from the package index."""
+    (wheel,) = dist.glob("whereabouts-*.whl")
+    venv, bag, out = tmp_path / "venv", tmp_path / "drive.mcap", tmp_path / "drive.tum"
+    truth = record(bag, duration=20.0)
+    versions = tmp_path / "constraints.txt"
+    versions.write_text("".join(f"{name}=={version}\n" for name, version in pinned().items()))
+    env = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "_ROS", "AMENT"))}
+
+    def run(*command: object) -> str:
+        answer = subprocess.run([*map(str, command)], capture_output=True, text=True, cwd=tmp_path, env=env)
+        assert answer.returncode == 0, answer.stdout + answer.stderr
+        return answer.stdout
+
+    run(sys.executable, "-m", "venv", venv)
+    run(venv / "bin/pip", "install", "-q", "--constraint", versions, wheel)
+    run(venv / "bin/pip", "check")
+    command = venv / "bin/whereabouts"
+    assert run(command, "--version").startswith("whereabouts ")
+    run(command, "setup", bag, "--out", tmp_path / "robot.yaml")
+    run(
+        command, "slam", bag, "--params", tmp_path / "robot.yaml", "--out", out, "--map", tmp_path / "map.png"
+    )
+    expected = np.array([between(truth[0, 1:], row[1:])[:2] for row in truth])
+    assert np.abs(read_tum(out).se2()[:, :2] - expected).max() < 0.05
+    run(command, "track", bag, "--out", tmp_path / "tracks.csv")
+    assert "not installed" in run(command, "doctor", bag), "there is no ROS there"
