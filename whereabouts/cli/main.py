@@ -13,6 +13,7 @@ from whereabouts.cli.demo import demo
 from whereabouts.cli.experiment import experiment
 from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
+from whereabouts.cli.mcp import mcp
 from whereabouts.cli.odometry import odometry
 from whereabouts.cli.run import run
 from whereabouts.cli.security import security
@@ -35,7 +36,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, run, ask, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
+    demo, run, ask, mcp, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")
