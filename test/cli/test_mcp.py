@@ -122,7 +122,7 @@ def test_over_http_only_who_has_the_token_is_answered(store: Path) -> None:
 
     async def run() -> None:
         async with httpx2.AsyncClient() as stranger:
-            while True:
+            while server.poll() is None:
                 try:
                     answer = await stranger.post(url, json={})
                     break

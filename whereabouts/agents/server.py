@@ -185,7 +185,7 @@ def _actions(server: MCPServer[Any], knowledge: Knowledge) -> None:
         return relabel(given["name"], given["class"])
 
     del by_keyword.__wrapped__
-    by_keyword.__signature__ = signature(relabel)  # type: ignore[attr-defined]
+    by_keyword.__signature__ = signature(relabel, eval_str=True)  # type: ignore[attr-defined]
     server.tool(annotations=acting)(by_keyword)
 
 
