@@ -18,6 +18,7 @@ from whereabouts.cli.odometry import odometry
 from whereabouts.cli.run import run
 from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
+from whereabouts.cli.short import find, forget, load_map, save_map
 from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
 from whereabouts.cli.view import view
@@ -36,7 +37,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, run, ask, mcp, convert, odometry, experiment, intentions, security, segment, slam, track, view, world,
+    demo, run, ask, find, forget, save_map, load_map, mcp, convert, odometry, experiment, intentions, security, segment,
+    slam, track, view, world,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")

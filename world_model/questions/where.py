@@ -19,7 +19,7 @@ from world_model.questions.answers import (
     told,
 )
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, name_of, place_named, plain, spoken, things_named
+from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.recall import BELIEVED, Recall, Stay, Timeline
 
 MONTH = 28 * 86400.0
@@ -235,8 +235,6 @@ def usual_places(line: Timeline, now: float, days: float = MONTH) -> dict[str, f
 
 def where_usually(world: Recall, what: str) -> Answer:
     """Where an object usually is. value : name of the place. Raises NothingKnownError or AmbiguousError."""
-    from world_model.questions.naming import one_named
-
     name = one_named(world, what)
     shares = usual_places(world.timeline(name), world.now)
     if not shares:
@@ -427,7 +425,26 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     return Answer(sentence, "how_many", probability, iso(stamp), len(there), (), options)
 
 
-__all__ = [
-    "at_place", "evidence_of", "how_many", "is_at", "name_of", "what_is_at", "when_last_seen", "where_is",
-    "where_usually", "where_was",
-]  # fmt: skip
+def where_to_look(world: Recall, what: str) -> Answer:
+    """Places in the order in which to look for an object: where it is, then where it usually is. value : names.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    name = one_named(world, what)
+    line = world.timeline(name)
+    now = {} if line.lost else line.at(world.now)[0]
+    chances = {place: min(p, 0.99) for place, p in now.items() if place}
+    left = 1.0 - min(sum(chances.values()), 1.0)
+    for place, share in usual_places(line, world.now).items():
+        if place:
+            chances[place] = chances.get(place, 0.0) + left * share
+    if not chances:
+        raise NothingKnownError(f"Nobody knows where {clean(name)} may be: no place has a name.")
+    order = sorted(chances, key=lambda place: -chances[place])
+    parts = [
+        f"{spoken(world, place)} ({told(chances[place])})" if chances[place] >= 0.01 else spoken(world, place)
+        for place in order[:6]
+    ]
+    options = tuple({"object": name, "place": place, "probability": chances[place]} for place in order)
+    sentence = f"Look for {described(world, name)} {', then '.join(parts)}."
+    return Answer(sentence, "where_to_look", chances[order[0]], iso(world.now), order, (), options)
