@@ -60,6 +60,8 @@ setup(
         "lz4>=4",
         "zstandard>=0.21",
     ],
+    # Ubuntu has no package of it, and only `whereabouts mcp` uses it.
+    extras_require={"mcp": ["mcp>=2.3,<3"]},
     entry_points={
         "console_scripts": [
             "whereabouts = whereabouts.cli.main:main",
