@@ -236,7 +236,7 @@ def usual_places(line: Timeline, now: float, days: float = MONTH) -> dict[str, f
 def where_usually(world: Recall, what: str) -> Answer:
     """Where an object usually is. value : name of the place. Raises NothingKnownError or AmbiguousError."""
     name = one_named(world, what)
-    shares = usual_places(world.timeline(name), world.now)
+    shares = usual_places(world.outline(name, world.now - MONTH), world.now)
     if not shares:
         raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
     order = sorted(shares, key=lambda place: -shares[place])
@@ -435,7 +435,7 @@ def where_to_look(world: Recall, what: str) -> Answer:
     now = {} if line.lost else line.at(world.now)[0]
     chances = {place: min(p, 0.99) for place, p in now.items() if place}
     left = 1.0 - min(sum(chances.values()), 1.0)
-    for place, share in usual_places(line, world.now).items():
+    for place, share in usual_places(world.outline(name, world.now - MONTH), world.now).items():
         if place:
             chances[place] = chances.get(place, 0.0) + left * share
     if not chances:
