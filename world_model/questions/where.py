@@ -342,7 +342,7 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * (0.97 if chances else 0.9)
     options = tuple({"object": name, "place": where, "probability": p} for name, p in chances.items())
     evidence = tuple(
-        entry for name in there[:4] for entry in evidence_of(world, world.timeline(name), stamp, stamp)
+        entry for name in there[:4] for entry in evidence_of(world, world.glimpse(name, stamp), stamp, stamp)
     )
     return Answer(
         f"{sentence}, {told(probability)}.", "what_is_at", probability, iso(stamp), there, evidence, options
@@ -383,7 +383,7 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
         ]
         sentence = f"No, {clean(plain(what))} {verb} not {spoken(world, where)}{then}: {listed(known)}, {told(1 - p)}."
     options = tuple({"object": name, "place": where, "probability": q} for name, q in chances.items())
-    evidence = evidence_of(world, world.timeline(meant.ids[0]), stamp, stamp)
+    evidence = evidence_of(world, world.glimpse(meant.ids[0], stamp), stamp, stamp)
     return Answer(sentence, "is_at", max(p, 1.0 - p), iso(stamp), yes, evidence, options)
 
 
