@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
 from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 from harness import Graph
+from mcp import Client as McpClient
+from mcp import StdioServerParameters
+from mcp.client.stdio import stdio_client
 from rclpy.action.server import ActionServer, CancelResponse
 from test_world_model import ON_COUNTER, ON_TABLE, World, seen
 
 from whereabouts.nodes.live_actions import find, forget, goal_for
 from whereabouts.nodes.live_world import Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
+from whereabouts_msgs.msg import WorldObject
 from world_model import ask
 
 
@@ -84,3 +92,42 @@ async def _soon(graph: Graph) -> None:
 def test_words_become_a_goal() -> None:
     goal = goal_for("the small red cup", None)
     assert (goal.class_name, list(goal.predicates), goal.object_id) == ("cup", ["small", "red"], "")
+
+
+def test_an_agent_searches_with_the_robot_and_hears_how_it_goes(graph: Graph) -> None:
+    async def search(handle: Any) -> FindObject.Result:
+        for _ in range(3):
+            handle.publish_feedback(FindObject.Feedback(reason="no cup seen", probability=0.4, kind="room"))
+            await _soon(graph)
+        handle.succeed()
+        found = WorldObject(id="cup-7", place="kitchen_table", existence_probability=0.95)
+        return FindObject.Result(code=FindObject.Result.FOUND, object=[found], distance=2.0)
+
+    server = ActionServer(graph.node, FindObject, "find_object", search)
+    progress: list[str] = []
+    results: list[dict[str, Any]] = []
+
+    async def hear(share: float, total: float | None, message: str | None) -> None:
+        progress.append(message or "")
+
+    async def talk() -> None:
+        command = ["-m", "whereabouts.cli.main", "mcp", "--allow", "find_object"]
+        process = StdioServerParameters(command=sys.executable, args=command, env=dict(os.environ))
+        async with McpClient(stdio_client(process)) as agent:
+            for tool in ("find_object", "forget", "where_is"):
+                heard = hear if tool == "find_object" else None
+                answer = await agent.call_tool(tool, {"name": "red cup"}, progress_callback=heard)
+                results.append(dict(answer.structured_content or {}))
+
+    talking = threading.Thread(target=lambda: anyio.run(talk))
+    talking.start()
+    graph.until(lambda: not talking.is_alive(), "the agent has its answers")
+    found, forgot, nothing = results
+    assert found["ok"]
+    assert (found["value"], found["probability"]) == ("cup-7", 0.95)
+    assert "kitchen table" in found["sentence"]
+    assert "no cup seen (p = 0.40)" in progress
+    assert "--allow forget" in forgot["sentence"]
+    assert not nothing["ok"]
+    assert "whereabouts run" in nothing["sentence"]
+    server.destroy()

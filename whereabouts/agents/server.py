@@ -237,8 +237,12 @@ async def _find(knowledge: Knowledge, name: str, context: Context[Any, Any]) -> 
 
     def search() -> Any:
         from whereabouts.nodes.live_actions import find, goal_for
+        from whereabouts.nodes.live_world import NoWorldError
 
-        goal = knowledge.ask(lambda world: goal_for(name, world))
+        try:
+            goal = knowledge.ask(lambda world: goal_for(name, world))
+        except NoWorldError:
+            goal = goal_for(name, None)
 
         def say(words: str, probability: float) -> None:
             loop.call_soon_threadsafe(steps.put_nowait, (words, probability))
