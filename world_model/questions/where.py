@@ -194,12 +194,14 @@ def _gaps(line: Timeline) -> list[tuple[float, float]]:
 
 
 def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+    before = [each for each in line.stays if each.until <= stamp]
+    known = before[-1] if before else stay
     sentence = (
         f"Nobody knows where {described(world, name)} was at {clock(stamp)}: it was seen last before that "
-        f"{spoken(world, stay.place)}, at {clock(stay.until)}."
+        f"{spoken(world, known.place)}, at {clock(known.until)}."
     )
     return Answer(
-        sentence, "where_was", 0.7, iso(stamp), None, evidence_of(world, line, stay.since, stay.until)
+        sentence, "where_was", 0.7, iso(stamp), None, evidence_of(world, line, known.since, known.until)
     )
 
 
