@@ -82,6 +82,8 @@ setup(
         "clouds": ["kiss_matcher>=1.0; python_version < '3.13'"],
         # `whereabouts experiment`, and what compares with others.
         "evaluation": ["whereabouts-evaluation", "motmetrics>=1.4", "dask[distributed]>=2024.1"],
+        # `whereabouts mcp`: Ubuntu has no package of it.
+        "mcp": ["mcp>=2.3,<3"],
     },
     entry_points={
         "console_scripts": [

@@ -212,17 +212,26 @@ class Records:
         return dict(rows)
 
     def sights(
-        self, object_id: str, epoch: int, start: float = -float("inf"), end: float = float("inf")
+        self,
+        object_id: str,
+        epoch: int,
+        start: float = -float("inf"),
+        end: float = float("inf"),
+        events: bool = False,
     ) -> list[tuple[float, str, bytes, float, int, float, float]]:
-        """History of an object in a run, oldest first: stamp, event, numbers, existence, lost, last and first seen."""
+        """History of an object in a run, oldest first: stamp, event, numbers, existence, lost, last and first seen.
+
+        events : without rows that only say that it was seen again.
+        """
         return self._execute(
             "SELECT h.stamp, h.event, h.numbers, h.existence, h.lost, h.last_seen, h.first_seen "
             "FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
-            "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row",
+            "AND h.stamp BETWEEN ? AND ? AND (NOT ? OR h.event != 'seen') ORDER BY h.stamp, h.row",
             object_id,
             epoch,
             start,
             end,
+            events,
         ).fetchall()
 
     def lives(self, prefix: str) -> list[tuple[str, float, float, str]]:
@@ -255,39 +264,15 @@ class Records:
         ).fetchone()
         return None if found is None else decode(object_id, tuple(found))
 
-    def active(self, start: float, end: float) -> dict[str, int]:
-        """Rows of history between two stamps, by object of the newest run."""
-        low, high = self._row_at(start), self._row_at(end)
+    def active(self, start: float, end: float) -> list[str]:
+        """Objects of the newest run with history between two stamps."""
         rows = self._execute(
-            "SELECT o.id, count(*) FROM history h JOIN objects o ON o.key = h.key WHERE h.row BETWEEN ? AND ? "
-            "AND h.stamp BETWEEN ? AND ? AND o.epoch = (SELECT epoch FROM clock) GROUP BY h.key",
-            low - 1,
-            high + 1,
+            "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND EXISTS "
+            "(SELECT 1 FROM history h WHERE h.key = o.key AND h.stamp BETWEEN ? AND ?) ORDER BY o.key",
             start,
             end,
         )
-        return dict(rows)
-
-    def _row_at(self, stamp: float) -> int:
-        """The last row of the newest run up to a stamp: rows of a run are in order of time."""
-        low = self._execute(
-            "SELECT min(row) FROM history WHERE key = (SELECT min(key) FROM objects WHERE epoch = "
-            "(SELECT epoch FROM clock))"
-        ).fetchone()[0]
-        high = self._execute("SELECT max(row) FROM history").fetchone()[0]
-        if low is None or high is None:
-            return 0
-        low, high = low - 1, high + 1
-        while high - low > 1:
-            middle = (low + high) // 2
-            row = self._execute(
-                "SELECT row, stamp FROM history WHERE row >= ? ORDER BY row LIMIT 1", middle
-            ).fetchone()
-            if row is not None and row[1] <= stamp:
-                low = int(row[0])
-            else:
-                high = middle
-        return int(low)
+        return [name for (name,) in rows]
 
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
         return self._file.connection.execute(statement, values)

@@ -266,9 +266,15 @@ class WorldModel:
         self._recorded(self._state())
 
     def relabel(self, object_id: str, class_name: str = "", new_object_id: str = "") -> None:
-        """Correct the class or the id of an object. Raises InputError for an unknown id or class, or an id in use."""
+        """Correct the class or the id of an object.
+
+        Raises InputError for an unknown id, an id in use, or a class that is none of those the configuration names.
+        """
         track = self._anchors.find(object_id)
         if class_name:
+            # A class that was never seen is one of any names that are allowed.
+            for name, value in self._anchors.vocabulary.check([{"class": {class_name: 1.0}}]):
+                self._anchors.learn_value(name, value)
             self._anchors.set_class(track, class_name)
         if new_object_id:
             self._anchors.rename(track, new_object_id)

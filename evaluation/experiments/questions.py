@@ -213,8 +213,9 @@ def _thing(rng: np.random.Generator) -> str:
 
 def _when(now: float, rng: np.random.Generator) -> tuple[str, float]:
     """A moment in words, and itself."""
-    day, half_hour = int(rng.integers(0, max(int((now - BEGIN) / DAY), 1))), int(rng.integers(16, 44))
-    at = min(BEGIN + day * DAY + half_hour * HOUR / 2, now - HOUR)
+    day, half = rng.integers(0, max(int((now - BEGIN) / DAY), 1)), rng.integers(16, 44)
+    at = BEGIN + float(day) * DAY + float(half) * HOUR / 2
+    at = min(at, now - HOUR)
     form = rng.integers(3)
     then, today = datetime.fromtimestamp(at), datetime.fromtimestamp(now)
     back = (today.date() - then.date()).days

@@ -111,6 +111,8 @@ def test_times_in_answers_are_when_it_happened(store: Store) -> None:
     moved = datetime.fromisoformat(ask(store, "when was the red cup moved?").value).timestamp()
     assert moved == MONDAY + 2 * DAY + 19 * HOUR
     assert ask(store, "how long has the red cup been there?").value == pytest.approx(HOUR, abs=600.0)
+    assert ask(store, "who was on the sofa yesterday between 10:00 and 11:00?").value == []
+    assert len(ask(store, "who was on the sofa yesterday between 8:30 and 11:00?").value) == 1
     [[person, begin, end, _]] = ask(store, "who was on the sofa yesterday morning?").value
     assert person == "person-1"
     assert [datetime.fromisoformat(each).hour for each in (begin, end)] == [9, 9]

@@ -17,11 +17,13 @@ from whereabouts.cli.doctor import doctor
 from whereabouts.cli.experiment import experiment
 from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
+from whereabouts.cli.mcp import mcp
 from whereabouts.cli.odometry import odometry
 from whereabouts.cli.run import run
 from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
 from whereabouts.cli.setup import setup
+from whereabouts.cli.short import find, forget, load_map, save_map
 from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
 from whereabouts.cli.view import view
@@ -36,6 +38,7 @@ EXTRAS = {
     "small_gicp": "small_gicp: `pip install small_gicp`",
     "kiss_icp": "kiss-icp: `pip install kiss-icp`",
     "rerun": "rerun-sdk: `pip install 'whereabouts[view]'`",
+    "mcp": "mcp: `pip install 'whereabouts[mcp]'`",
 }
 
 
@@ -52,7 +55,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, setup, doctor, run, ask, console, view,
+    demo, setup, doctor, run, ask, find, forget, save_map, load_map, mcp, console, view,
     odometry, slam, track, segment, world, intentions, convert, experiment, security,
 ):  # fmt: skip
     app.command()(command)

@@ -27,6 +27,7 @@ from world_model.questions.where import (
     what_is_at,
     when_last_seen,
     where_is,
+    where_to_look,
     where_usually,
     where_was,
 )
@@ -56,6 +57,7 @@ __all__ = [
     "when_last_seen",
     "when_moved",
     "where_is",
+    "where_to_look",
     "where_usually",
     "where_was",
     "who_was_here",

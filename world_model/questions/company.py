@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -124,9 +123,7 @@ def _joined(name: str, stamps: FloatArray) -> list[Visit]:
 
 def _changes(world: Recall, where: str, span: Span) -> list[Change]:
     """What was moved at a place within a span."""
-    names: Mapping[str, Any] = (
-        world.present if world.store is None else world.store.active(span.start, span.end)
-    )
+    names = list(world.present) if world.store is None else world.store.active(span.start, span.end)
     found = []
     for name in world.heads(names):
         for change in changes_of(world.since(name, span.start), span.start, span.end):

@@ -100,10 +100,16 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     """A question without its time, the time, and the word before it ("since"); lower-case text, single spaces."""
     found = _RANGE.search(text)
     if found:
+        rest = _without(text, found)
+        day = re.search(rf"{_BEFORE}{_DAY}{_AFTER}", rest)
         first, last = moment(found["a"], now), moment(found["b"], now)
+        if day:
+            begin = _stamp(_day(day[0], datetime.fromtimestamp(now)))
+            first, last = (Span(_on(begin, each.start), _on(begin, each.end)) for each in (first, last))
+            rest = _without(rest, day)
         if last.end < first.start:
             last = Span(last.start + 86400.0, last.end + 86400.0)
-        return _without(text, found), Span(first.start, last.end, found[0]), "between"
+        return rest, Span(first.start, last.end, found[0]), "between"
     found = _SINCE_TIME.search(text) or _longest(text)
     if found is None:
         return text, None, ""
@@ -113,6 +119,11 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     elif word in ("before", "until", "till", "by"):
         span, word = Span(span.start, span.start, span.words), "until"
     return _without(text, found), span, word
+
+
+def _on(begin: float, stamp: float) -> float:
+    """The time of day of a stamp on the day that begins at `begin`."""
+    return begin + (stamp - _stamp(_midnight(datetime.fromtimestamp(stamp))))
 
 
 def _longest(text: str) -> re.Match[str] | None:

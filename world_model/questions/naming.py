@@ -234,11 +234,12 @@ def _is_at(world: Recall, object_id: str, place: str) -> bool:
 
 
 def _nothing(world: Recall, words: str, place: str) -> str:
+    said = clean(plain(words) or words)
     if place:
-        return f'I know of no "{clean(words)}" now.'
+        return f'I know of no "{said}" now.'
     known = sorted(classes(world).values())
     if not known:
-        return f'I know of no "{clean(words)}": nothing has been seen yet.'
+        return f'I know of no "{said}": nothing has been seen yet.'
     return (
         f'I know of no "{clean(words)}"; what I have seen are of the classes {listed(map(clean, known), 20)}.'
     )

@@ -237,7 +237,7 @@ def what_changed(world: Recall, since: str | float | Span | None = None, place: 
 def _net_changes(world: Recall, span: Span) -> list[Change]:
     """One for each object that is not where it was at the beginning of a span."""
     found = []
-    active = world.present.keys() if world.store is None else world.store.active(span.start, span.end).keys()
+    active = world.present.keys() if world.store is None else world.store.active(span.start, span.end)
     for name in world.heads(active):
         line = world.since(name, span.start)
         changes = changes_of(line, span.start, span.end)

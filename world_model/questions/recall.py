@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 PERSON = "person"
 APART = 0.5
 """m: so far from where it was something has been moved, where no other place says so."""
+STEP = 0.005
+"""m: what moves less from row to row rests."""
 AWAY = 900.0
 """s: what was missing for longer and is back began another stay."""
 BELIEVED = 0.5
@@ -332,6 +334,20 @@ class Recall:
         alike = [item.id for item in others if first and likeness(first, item.attributes) >= LOOKS_ALIKE]
         return alike[0] if len(alike) == 1 else ""
 
+    def outline(self, object_id: str, start: float) -> Timeline:
+        """As `since`, from what happened alone: each stay lasts until the next begins. Cheap over many weeks."""
+        name = self.individual(object_id)[0]
+        key = f"outline {name} {start}"
+        known = self.kept.get(key)
+        if not isinstance(known, Timeline):
+            known = self._read(name, self.epoch, start - AROUND, math.inf, True)
+            for before in self._before(name):
+                if known.stays and known.stays[0].since <= start:
+                    break
+                known = _joined(self._read(before, self.epoch, start - AROUND, math.inf, True), known)
+            known = self.kept[key] = replace(known, stays=_filled(known.stays))
+        return known
+
     def glimpse(self, object_id: str, stamp: float) -> Timeline:
         """The part of an object's timeline around a moment; cheaper where there are many objects."""
         name = self.individual(object_id)[0]
@@ -357,9 +373,16 @@ class Recall:
             found.append(object_id)
         return found
 
-    def _read(self, object_id: str, run: int, start: float = -math.inf, end: float = math.inf) -> Timeline:
+    def _read(
+        self,
+        object_id: str,
+        run: int,
+        start: float = -math.inf,
+        end: float = math.inf,
+        events: bool = False,
+    ) -> Timeline:
         item = self.present.get(object_id) if run == self.epoch and end >= self.now else None
-        rows = [] if self.store is None else self.store.sights(object_id, run, start, end)
+        rows = [] if self.store is None else self.store.sights(object_id, run, start, end, events)
         stamps = [row[0] for row in rows]
         here = [row[1] != "gone" and not row[4] and row[3] >= BELIEVED for row in rows]
         seen = [row[5] for row in rows]
@@ -382,7 +405,12 @@ class Recall:
 
     def words(self, positions: FloatArray) -> list[str]:
         """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
-        return _words(self.places, positions)
+        ordered = self.kept.get("places")
+        if not isinstance(ordered, list):
+            # What is said last is said: the smallest furniture.
+            ordered = sorted(self.places, key=lambda place: (place.kind != "room", -place.area))
+            self.kept["places"] = ordered
+        return _words(ordered, positions)
 
     def place_probability(self, item: WorldObject, place: str) -> float:
         """That an object which exists, and is where it was measured, is at a place."""
@@ -460,13 +488,30 @@ def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mappi
     return product
 
 
-def _words(places: Places, positions: FloatArray) -> list[str]:
-    found = [""] * len(positions)
-    ordered: Iterable[Place] = sorted(places, key=lambda place: (place.kind != "room", -place.area))
-    for place in ordered:
-        for index in np.flatnonzero(place.contains(positions)) if len(positions) else ():
-            found[int(index)] = place.name
-    return found
+def _words(ordered: list[Place], positions: FloatArray) -> list[str]:
+    """Names of the last place around each position; rows that rest share theirs."""
+    if not len(positions):
+        return []
+    steps = np.abs(np.diff(positions, axis=0)).max(1) > STEP
+    group = np.concatenate([[0], np.cumsum(steps)])
+    firsts = positions[np.concatenate([[True], steps])]
+    found = np.full(len(firsts), -1)
+    for index, place in enumerate(ordered):
+        low, high = place.polygon.min(0), place.polygon.max(0)
+        near = np.flatnonzero(((firsts[:, :2] >= low) & (firsts[:, :2] <= high)).all(1))
+        if len(near):
+            found[near[place.contains(firsts[near])]] = index
+    names = [*(place.name for place in ordered), ""]
+    return [names[index] for index in found[group].tolist()]
+
+
+def _filled(stays: tuple[Stay, ...]) -> tuple[Stay, ...]:
+    """Stays that last until the next begins, where nothing says that they ended before."""
+    made = [
+        stay if stay.gone else replace(stay, until=max(stay.until, after.since - 1.0))
+        for stay, after in itertools.pairwise(stays)
+    ]
+    return (*made, *stays[-1:])
 
 
 def _stays(

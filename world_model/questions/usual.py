@@ -21,7 +21,7 @@ def _things(world: Recall, start: float) -> list[str]:
     """What was seen since a moment and is no person."""
     if world.store is None:
         return world.things()
-    active = world.store.active(start, world.now).keys() | world.present.keys()
+    active = {*world.store.active(start, world.now), *world.present}
     return [name for name in world.things() if name in active]
 
 
@@ -33,7 +33,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     where = place_named(world, place)
     shares = {}
     for name in _things(world, world.now - WEEKS):
-        by_place = world.since(name, world.now - WEEKS).shares(world.now - WEEKS, world.now, True)
+        by_place = world.outline(name, world.now - WEEKS).shares(world.now - WEEKS, world.now, True)
         share = sum(part for other, part in by_place.items() if world.contains(where, other))
         if share > 0.02:
             shares[name] = share
@@ -103,7 +103,7 @@ def learned(world: Recall) -> Routines:
         return kept
     config = RoutinesConfig()
     start = world.now - WEEKS
-    lines = [world.since(name, start) for name in _things(world, start)]
+    lines = [world.outline(name, start) for name in _things(world, start)]
     lines = [line for line in lines if line.stays]
     known = world.now - min((line.stays[0].since for line in lines), default=world.now)
     if known < LEAST_DAYS * DAY:

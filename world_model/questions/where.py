@@ -19,7 +19,7 @@ from world_model.questions.answers import (
     told,
 )
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, name_of, place_named, plain, spoken, things_named
+from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.recall import BELIEVED, Recall, Stay, Timeline
 
 MONTH = 28 * 86400.0
@@ -194,12 +194,14 @@ def _gaps(line: Timeline) -> list[tuple[float, float]]:
 
 
 def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+    before = [each for each in line.stays if each.until <= stamp]
+    known = before[-1] if before else stay
     sentence = (
         f"Nobody knows where {described(world, name)} was at {clock(stamp)}: it was seen last before that "
-        f"{spoken(world, stay.place)}, at {clock(stay.until)}."
+        f"{spoken(world, known.place)}, at {clock(known.until)}."
     )
     return Answer(
-        sentence, "where_was", 0.7, iso(stamp), None, evidence_of(world, line, stay.since, stay.until)
+        sentence, "where_was", 0.7, iso(stamp), None, evidence_of(world, line, known.since, known.until)
     )
 
 
@@ -235,10 +237,8 @@ def usual_places(line: Timeline, now: float, days: float = MONTH) -> dict[str, f
 
 def where_usually(world: Recall, what: str) -> Answer:
     """Where an object usually is. value : name of the place. Raises NothingKnownError or AmbiguousError."""
-    from world_model.questions.naming import one_named
-
     name = one_named(world, what)
-    shares = usual_places(world.timeline(name), world.now)
+    shares = usual_places(world.outline(name, world.now - MONTH), world.now)
     if not shares:
         raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
     order = sorted(shares, key=lambda place: -shares[place])
@@ -344,7 +344,7 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * (0.97 if chances else 0.9)
     options = tuple({"object": name, "place": where, "probability": p} for name, p in chances.items())
     evidence = tuple(
-        entry for name in there[:4] for entry in evidence_of(world, world.timeline(name), stamp, stamp)
+        entry for name in there[:4] for entry in evidence_of(world, world.glimpse(name, stamp), stamp, stamp)
     )
     return Answer(
         f"{sentence}, {told(probability)}.", "what_is_at", probability, iso(stamp), there, evidence, options
@@ -385,7 +385,7 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
         ]
         sentence = f"No, {clean(plain(what))} {verb} not {spoken(world, where)}{then}: {listed(known)}, {told(1 - p)}."
     options = tuple({"object": name, "place": where, "probability": q} for name, q in chances.items())
-    evidence = evidence_of(world, world.timeline(meant.ids[0]), stamp, stamp)
+    evidence = evidence_of(world, world.glimpse(meant.ids[0], stamp), stamp, stamp)
     return Answer(sentence, "is_at", max(p, 1.0 - p), iso(stamp), yes, evidence, options)
 
 
@@ -427,7 +427,26 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     return Answer(sentence, "how_many", probability, iso(stamp), len(there), (), options)
 
 
-__all__ = [
-    "at_place", "evidence_of", "how_many", "is_at", "name_of", "what_is_at", "when_last_seen", "where_is",
-    "where_usually", "where_was",
-]  # fmt: skip
+def where_to_look(world: Recall, what: str) -> Answer:
+    """Places in the order in which to look for an object: where it is, then where it usually is. value : names.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    name = one_named(world, what)
+    line = world.timeline(name)
+    now = {} if line.lost else line.at(world.now)[0]
+    chances = {place: min(p, 0.99) for place, p in now.items() if place}
+    left = 1.0 - min(sum(chances.values()), 1.0)
+    for place, share in usual_places(world.outline(name, world.now - MONTH), world.now).items():
+        if place:
+            chances[place] = chances.get(place, 0.0) + left * share
+    if not chances:
+        raise NothingKnownError(f"Nobody knows where {clean(name)} may be: no place has a name.")
+    order = sorted(chances, key=lambda place: -chances[place])
+    parts = [
+        f"{spoken(world, place)} ({told(chances[place])})" if chances[place] >= 0.01 else spoken(world, place)
+        for place in order[:6]
+    ]
+    options = tuple({"object": name, "place": place, "probability": chances[place]} for place in order)
+    sentence = f"Look for {described(world, name)} {', then '.join(parts)}."
+    return Answer(sentence, "where_to_look", chances[order[0]], iso(world.now), order, (), options)

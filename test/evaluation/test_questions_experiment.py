@@ -1,0 +1,59 @@
+"""The judges of the experiment `questions`: right answers pass, wrong ones do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation.experiments import questions as experiment
+from evaluation.report import Options
+from world_model.questions import Answer
+
+DAY, HOUR = 86400.0, 3600.0
+
+
+def home() -> experiment.Household:
+    rng = np.random.default_rng(5)
+    return experiment.Household.living(6, rng)
+
+
+def test_the_truth_of_a_household_is_its_moves() -> None:
+    known = home()
+    for name, moves in known.moves.items():
+        for (begin, place, _), (end, *_) in zip(moves, [*moves[1:], (np.inf,)], strict=True):
+            assert known.at(name, begin)[0] == place
+            assert known.at(name, min(end, begin + 1e6) - 1.0)[0] == place
+    assert known.times("black box", 0.0, np.inf) == 0
+
+
+@pytest.mark.parametrize(
+    "kind", ["where is", "where was", "is it there", "how often", "what is there", "missing"]
+)
+def test_wrong_answers_are_found_out(kind: str) -> None:
+    known, rng = home(), np.random.default_rng(1)
+    now = experiment.BEGIN + 5 * DAY + 20 * HOUR
+    asked = 0
+    while asked < 5:
+        made = experiment.QUESTIONS[kind](known, now, rng)
+        if made is None:
+            continue
+        asked += 1
+        _, check = made
+        wrong = {"is it there": None, "how often": 99}.get(kind, ["unicorn-1"])
+        assert not check(Answer("", "where_is", 1.0, "", wrong))
+
+
+def test_a_day_is_answered(tmp_path: Path) -> None:
+    tallies = experiment.two_weeks(Options(tmp_path, seed=3), 1, 40)
+    right = [each for tally in tallies.values() for each in tally.right]
+    assert len(right) == 40
+    assert np.mean(right) > 0.85
+
+
+@pytest.mark.parametrize("kind", experiment.PUZZLES)
+def test_nothing_wrong_is_told_as_sure(kind: str) -> None:
+    ghosts, swaps, asked = experiment._puzzle(kind, 7)
+    assert (ghosts, swaps) == (0, 0)
+    assert asked >= 4

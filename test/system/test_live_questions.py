@@ -1,0 +1,133 @@
+"""The running suite asked and told from outside: questions, forgetting, a search that is cancelled."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+from harness import Graph
+from mcp import Client as McpClient
+from mcp import StdioServerParameters
+from mcp.client.stdio import stdio_client
+from rclpy.action.server import ActionServer, CancelResponse
+from test_world_model import ON_COUNTER, ON_TABLE, World, seen
+
+from whereabouts.nodes.live_actions import find, forget, goal_for
+from whereabouts.nodes.live_world import Client, NoWorldError, live_world
+from whereabouts_msgs.action import FindObject
+from whereabouts_msgs.msg import WorldObject
+from world_model import ask
+
+
+@pytest.fixture
+def client(domain: int) -> Any:
+    made = Client()
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("remembers", [True, False])
+def test_the_live_world_is_asked_and_told(
+    graph: Graph, client: Client, tmp_path: Path, remembers: bool
+) -> None:
+    world = World(graph, **({"store_path": str(tmp_path / "world.sqlite")} if remembers else {}))
+    world.look(0.0, 12, seen(ON_TABLE, "cup", "red"), seen(ON_COUNTER, "cup", "blue"))
+    with live_world(client) as known:
+        assert ask(known, "where is the red cup?").value == "kitchen_table"
+        [cup] = [item.id for item in known.present.values() if item.most_probable("color") == "red"]
+        assert goal_for(cup, known).object_id == cup
+    assert forget(client, cup).ok
+    with live_world(client) as known:
+        assert ask(known, "where is the red cup?").value is None
+    assert not forget(client, "cup-99").ok
+
+
+def test_without_a_node_it_is_said(client: Client) -> None:
+    with pytest.raises(NoWorldError, match="whereabouts run"), live_world(client):
+        pass
+
+
+def test_a_search_tells_its_steps_and_is_cancelled(graph: Graph, client: Client) -> None:
+    cancelled: list[bool] = []
+
+    async def search(handle: Any) -> FindObject.Result:
+        while not handle.is_cancel_requested:
+            handle.publish_feedback(FindObject.Feedback(reason="no cup seen", probability=0.4, kind="room"))
+            await _soon(graph)
+        cancelled.append(True)
+        handle.canceled()
+        return FindObject.Result(code=FindObject.Result.CANCELED)
+
+    server = ActionServer(
+        graph.node, FindObject, "find_object", search, cancel_callback=lambda handle: CancelResponse.ACCEPT
+    )
+    steps: list[tuple[str, float]] = []
+
+    def spun() -> bool:
+        graph.executor.spin_once(timeout_sec=0.01)
+        return bool(steps)
+
+    done = find(client, goal_for("red cup", None), lambda reason, p: steps.append((reason, p)), spun)
+    assert not done.ok
+    assert steps[0] == ("no cup seen", 0.4)
+    graph.until(lambda: bool(cancelled), "the search is cancelled")
+    server.destroy()
+
+
+async def _soon(graph: Graph) -> None:
+    """Give way once."""
+    from rclpy.task import Future
+
+    future: Future = Future(executor=graph.executor)
+    timer = graph.node.create_timer(0.02, lambda: future.done() or future.set_result(None))
+    await future
+    graph.node.destroy_timer(timer)
+
+
+def test_words_become_a_goal() -> None:
+    goal = goal_for("the small red cup", None)
+    assert (goal.class_name, list(goal.predicates), goal.object_id) == ("cup", ["small", "red"], "")
+
+
+def test_an_agent_searches_with_the_robot_and_hears_how_it_goes(graph: Graph) -> None:
+    async def search(handle: Any) -> FindObject.Result:
+        for _ in range(3):
+            handle.publish_feedback(FindObject.Feedback(reason="no cup seen", probability=0.4, kind="room"))
+            await _soon(graph)
+        handle.succeed()
+        found = WorldObject(id="cup-7", place="kitchen_table", existence_probability=0.95)
+        return FindObject.Result(code=FindObject.Result.FOUND, object=[found], distance=2.0)
+
+    server = ActionServer(graph.node, FindObject, "find_object", search)
+    progress: list[str] = []
+    results: list[dict[str, Any]] = []
+
+    async def hear(share: float, total: float | None, message: str | None) -> None:
+        progress.append(message or "")
+
+    async def talk() -> None:
+        command = ["-m", "whereabouts.cli.main", "mcp", "--allow", "find_object"]
+        process = StdioServerParameters(command=sys.executable, args=command, env=dict(os.environ))
+        async with McpClient(stdio_client(process)) as agent:
+            for tool in ("find_object", "forget", "where_is"):
+                heard = hear if tool == "find_object" else None
+                answer = await agent.call_tool(tool, {"name": "red cup"}, progress_callback=heard)
+                results.append(dict(answer.structured_content or {}))
+
+    talking = threading.Thread(target=lambda: anyio.run(talk))
+    talking.start()
+    graph.until(lambda: not talking.is_alive(), "the agent has its answers")
+    found, forgot, nothing = results
+    assert found["ok"]
+    assert (found["value"], found["probability"]) == ("cup-7", 0.95)
+    assert "kitchen table" in found["sentence"]
+    assert "no cup seen (p = 0.40)" in progress
+    assert "--allow forget" in forgot["sentence"]
+    assert not nothing["ok"]
+    assert "whereabouts run" in nothing["sentence"]
+    server.destroy()
