@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from estimation.errors import InputError
 from estimation.places import LIKELY, Place, Places
-from world_model.state import WorldObject, WorldState
+from world_model.state import MOVED_ON, WorldObject, WorldState
 from world_model.symbols import Symbols, default_symbols
 
 NEAR = 0.75
@@ -109,11 +109,12 @@ class Words:
         if known is not None and known[0] is item:
             return known[1]
         place, probability = self.places.word(self.where(item))
+        moved_on = (MOVED_ON,) if item.usual and not item.lost else ()
         made = replace(
             item,
             place=place,
             place_probability=probability,
-            predicates=tuple(self.symbols.holding(item.attributes, item.quantities)),
+            predicates=(*self.symbols.holding(item.attributes, item.quantities), *moved_on),
         )
         self._known[item.id] = (item, made)
         return made
@@ -134,7 +135,9 @@ class Words:
     def sentence(self, item: WorldObject) -> str:
         """ "cup-3, red: on the kitchen table, p = 0.68"; the probability includes that of its existence."""
         told = self.described(item)
-        plain = (name for name in told.predicates if not self.symbols.is_collective(name))
+        plain = (
+            name for name in told.predicates if name != MOVED_ON and not self.symbols.is_collective(name)
+        )
         what = ", ".join((item.id, *plain))
         if told.place:
             place = self.places[told.place]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -11,7 +12,12 @@ import pytest
 from estimation.errors import InputError
 from estimation.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
+from world_model.growth import Growth
 from world_model.household import DAYS, FEWEST_DAYS, Household
+from world_model.looks import Sensor
+from world_model.maintenance import Maintenance
+from world_model.relations import Relations
+from world_model.search import ObjectSearch
 from world_model.world import routines_path
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
@@ -173,3 +179,31 @@ def test_time_that_goes_back_teaches_nothing() -> None:
     for k in range(5):
         seen(model, 100.0 + 200.0 * k, cup_1=DESK)
     assert model.household.routines.to_stamp == stamp
+
+
+def test_the_search_begins_where_the_thing_probably_is_by_now() -> None:
+    search = ObjectSearch(Relations(), places=HOME)
+    pose = np.array([2.0, 3.0, 0.0])
+    search.expect({"desk": 0.6, "kitchen_table": 0.4, "counter": 0.05, "office": 0.9})
+    step = search.next_goal({}, "cup", pose)
+    assert (step.kind, step.object) == ("place", "kitchen_table")  # less probable, and much nearer
+    assert "on the kitchen table by now, p = 0.40" in step.reason
+    search.reached()
+    step = search.next_goal({}, "cup", pose)
+    assert (step.kind, step.object, step.probability) == ("place", "desk", 0.6)
+    search.reached()
+    assert search.next_goal({}, "cup", pose).kind != "place"
+    # Somebody sees it.
+    assert search.next_goal({"cup": COUNTER}, "cup", pose).kind == "target"
+
+
+def test_maintenance_looks_where_something_has_probably_moved_on() -> None:
+    model = lived(None, days=4)
+    seen(model, 4 * DAY + 7 * HOUR + 60.0, cup_1=TABLE, book_1=COUNTER)
+    for hours, first in ((7.05, None), (11.0, "cup-1")):
+        state = model.propagate(4 * DAY + hours * HOUR)
+        told = replace(state, objects=tuple(model.words.described(item) for item in state.objects))
+        ahead = Growth(1e-9).ahead(told, told.stamp)
+        camera = Sensor("camera", 0.2, 4.0, 1e-4 * np.eye(3))
+        task = Maintenance().next_task(ahead, np.array([1.5, 2.5, 0.0]), [camera], None)
+        assert (None if task is None else task.object_id) == first
