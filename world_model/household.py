@@ -40,7 +40,8 @@ SUFFIX = ".routines"
 class Household:
     """places : where things can be. path : of the file that keeps what was learned, or None.
 
-    problem : why that file could not be read or written, "" while all is well.
+    aliases : symbols that things had before somebody renamed them. problem : why the file could not be read or written,
+    "" while all is well.
     """
 
     def __init__(self, places: Places, path: Path | None = None) -> None:
@@ -58,6 +59,7 @@ class Household:
 
     def _begin(self) -> None:
         self.routines = Routines(RoutinesConfig(days=DAYS))
+        self.aliases: dict[str, str] = {}
         self._at: dict[str, str] = {}
         self._moved: dict[str, list[int]] = {}
         self._watched = self._kept = -math.inf
@@ -126,6 +128,10 @@ class Household:
             self._at[new] = self._at.pop(name)
         if name in self._moved:
             self._moved[new] = self._moved.pop(name)
+        self.aliases = {old: new if kept == name else kept for old, kept in self.aliases.items()} | {
+            name: new
+        }
+        self.aliases.pop(new, None)
 
     # Forecasts.
 
@@ -168,7 +174,8 @@ class Household:
 
     def keep(self, stamp: float, now: bool = False) -> None:
         """Write what was learned, every half an hour or `now`. Does not raise: see `problem`."""
-        if self.path is None or not self.routines.objects or not (now or stamp - self._kept >= KEEPING):
+        known = self.routines.objects or self.aliases
+        if self.path is None or not known or not (now or stamp - self._kept >= KEEPING):
             return
         first = self._kept == -math.inf
         self._kept = stamp
@@ -185,6 +192,7 @@ class Household:
         data = {
             "format": FORMAT,
             "version": VERSION,
+            "aliases": self.aliases,
             "at": self._at,
             "moved": self._moved,
             "routines": self.routines.to_dict(),
@@ -208,6 +216,7 @@ class Household:
             if data.get("format") != FORMAT or data.get("version") != VERSION:
                 raise InputError(f"not {FORMAT} of version {VERSION}")
             self.routines = Routines.from_dict(data["routines"])
+            self.aliases = {str(name): str(new) for name, new in data["aliases"].items()}
             self._at = {str(name): str(place) for name, place in data["at"].items()}
             self._moved = {str(name): [int(d) for d in days] for name, days in data["moved"].items()}
         except OSError as error:

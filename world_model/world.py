@@ -81,6 +81,9 @@ class WorldModel:
         Raises InputError, before anything has changed, naming what is wrong with the evidence.
         """
         measured = checked(evidence, self.config.measurement_sigma)
+        if self.household.aliases and any(measured.object_ids):
+            named = tuple(None if name is None else self._symbol(name) for name in measured.object_ids)
+            measured = replace(measured, object_ids=named)
         paths = checked_predictions(predictions, self._anchors.shown.values(), float(stamp))
         fresh = self._anchors.vocabulary.check(measured.attributes)
         for index, given in enumerate(measured.quantities):
@@ -180,8 +183,16 @@ class WorldModel:
 
     def explain(self, object_id: str) -> str:
         """What an object usually does, in a sentence; "" where nothing was learned. Raises InputError."""
-        self._anchors.find(object_id)
-        return self.household.explain(object_id, self.stamp)
+        symbol = self._symbol(object_id)
+        self._anchors.find(symbol)
+        return self.household.explain(symbol, self.stamp)
+
+    def _symbol(self, object_id: str) -> str:
+        """The symbol of an object by that or by one it had before."""
+        alias = self.household.aliases.get(object_id)
+        if alias is None or any(track.id == object_id for track in self._anchors.tracks.values()):
+            return object_id
+        return alias
 
     def close(self) -> None:
         """Write what was learned, and close the store."""
@@ -228,6 +239,8 @@ class WorldModel:
         "last_seen" is when the region was last seen, None is now. Raises InputError naming the argument.
         """
         checked_request = Request.checked(**request)
+        if checked_request.object_id:
+            checked_request = replace(checked_request, object_id=self._symbol(checked_request.object_id))
         if stamp == LAST_SEEN:
             stamp = last_seen(self, checked_request.region, self.words)
         worlds, moment = worlds_at(self, stamp)  # type: ignore[arg-type]
@@ -241,6 +254,7 @@ class WorldModel:
         """
         if outcome not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)}, got {outcome!r}")
+        object_id = self._symbol(object_id)
         track = self._anchors.find(object_id)
         self.stamp = max(float(stamp), self.stamp)
         if outcome == "not_found":
@@ -260,11 +274,14 @@ class WorldModel:
 
     def forget(self, object_id: str) -> None:
         """Take an object out of the model for good. Raises InputError for an unknown id."""
-        self._anchors.remove(self._anchors.find(object_id))
+        self._anchors.remove(self._anchors.find(self._symbol(object_id)))
         self._recorded(self._state())
 
     def relabel(self, object_id: str, class_name: str = "", new_object_id: str = "") -> None:
-        """Correct the class or the id of an object. Raises InputError for an unknown id or class, or an id in use."""
+        """Correct the class or the id of an object; its old id stays an alias.
+
+        Raises InputError for an unknown id or class, or an id in use.
+        """
         track = self._anchors.find(object_id)
         if class_name:
             self._anchors.set_class(track, class_name)
@@ -273,6 +290,7 @@ class WorldModel:
             if self.store is not None:
                 self.store.rename(object_id, new_object_id)
             self.household.rename(object_id, new_object_id)
+            self.household.keep(self.stamp, now=True)
         self._recorded(self._state())
 
     def restore(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from estimation.errors import InputError
 from estimation.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
+from world_model.describing import ago, named
 from world_model.growth import Growth
 from world_model.household import DAYS, FEWEST_DAYS, Household
 from world_model.looks import Sensor
@@ -207,3 +209,38 @@ def test_maintenance_looks_where_something_has_probably_moved_on() -> None:
         camera = Sensor("camera", 0.2, 4.0, 1e-4 * np.eye(3))
         task = Maintenance().next_task(ahead, np.array([1.5, 2.5, 0.0]), [camera], None)
         assert (None if task is None else task.object_id) == first
+
+
+def test_what_was_renamed_is_still_known_by_its_old_symbol(tmp_path: Path) -> None:
+    model = lived(tmp_path / "world.sqlite", days=1)
+    model.relabel("cup-1", new_object_id="grandmas")
+    [answer] = model.query(object_id="cup-1")
+    assert answer.object.id == "grandmas"
+    assert answer.description.startswith("the cup (grandmas): on the desk, p = ")
+    assert answer.description.endswith("seen now")
+    # A verification that was asked for by the old symbol is of the same thing.
+    seen(model, DAY + 60.0, cup_1=TABLE)
+    assert {item.id for item in model.propagate(DAY + 60.0).objects} == {"grandmas", "book-1"}
+    model.close()
+    again = WorldModel(config(), HOME, tmp_path / "world.sqlite")
+    assert again.query(object_id="cup-1")[0].object.id == "grandmas"
+    again.relabel("grandmas", class_name="book")
+    assert again.query(object_id="cup-1")[0].description.startswith(
+        "the book (grandmas): on the kitchen table"
+    )
+    again.forget("cup-1")
+    assert again.query(object_id="grandmas") == []
+    again.close()
+
+
+def test_words_for_objects() -> None:
+    def bowl(**given: Any) -> WorldObject:
+        return WorldObject("book-1", TABLE, np.zeros(3), np.eye(3), given, 1.0, False, 0.0)
+
+    assert named(bowl(**{"class": {"bowl": 0.97}, "color": {"green": 0.8}})) == "the green bowl (book-1)"
+    assert named(bowl(**{"class": {"bowl": 0.97}}), ["small", "bowl"]) == "the small bowl (book-1)"
+    assert named(bowl(**{"class": {"bowl": 0.74}, "color": {"green": 0.4}})) == "the bowl, 0.74 (book-1)"
+    assert named(bowl(**{"class": {"bowl": 0.3, "cup": 0.2}})) == named(bowl()) == "book-1"
+    assert [ago(s) for s in (0.0, 40.0, 190.0, 7300.0, 3e5, np.inf)] == [
+        "now", "40 s ago", "3 min ago", "2 h ago", "3 days ago", "long ago",
+    ]  # fmt: skip
