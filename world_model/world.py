@@ -157,7 +157,7 @@ class WorldModel:
             for item in objects
         )
 
-    def _usual(self, item: WorldObject, stamp: float) -> WorldObject:
+    def _usual(self, item: WorldObject, stamp: float) -> Mapping[str, float]:
         usual = self.household.by_now(item.id, stamp)
         if item.lost:
             trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
@@ -169,7 +169,7 @@ class WorldModel:
                 usual = self.habits.where(item, stamp, trust, box)
         elif usual:
             usual = self._moved_by(item, usual)
-        return replace(item, usual=usual) if usual else item
+        return usual
 
     def _moved_by(self, item: WorldObject, forecast: Mapping[str, float]) -> dict[str, float]:
         """Of a thing that is believed to be where it was seen: there, or gone its way meanwhile."""
