@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from world_model.state import WorldState
+from world_model.state import MOVED_ON, WorldState
+
+ELSEWHERE = 1.0
+"""m: standard deviation of what has probably gone somewhere else; one look tells."""
 
 
 @dataclass
@@ -42,11 +45,15 @@ class Growth:
         self._tracks = tracks
 
     def ahead(self, state: WorldState, stamp: float) -> WorldState:
-        """The state as it is at a later stamp, s, with `process_noise` filled in."""
+        """The state as it is at a later stamp, s, with `process_noise` filled in; what has moved on is uncertain."""
         seconds = max(stamp - state.stamp, 0.0)
         objects = []
         for item in state.objects:
             track = self._tracks.get(item.id)
-            noise = (self._default if track is None else track.rate) * np.eye(len(item.covariance))
-            objects.append(replace(item, covariance=item.covariance + seconds * noise, process_noise=noise))
+            unit = np.eye(len(item.covariance))
+            noise = (self._default if track is None else track.rate) * unit
+            grown = item.covariance + seconds * noise
+            if MOVED_ON in item.predicates:
+                grown = grown + ELSEWHERE**2 * unit
+            objects.append(replace(item, covariance=grown, process_noise=noise))
         return replace(state, objects=tuple(objects), stamp=max(stamp, state.stamp))

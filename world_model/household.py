@@ -11,9 +11,9 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from estimation.errors import InputError
 from estimation.places import Places
@@ -33,6 +33,9 @@ FEWEST_DAYS = 3
 """Days with a move after which a thing has routines."""
 MANY = 200
 """Things that are followed from the start; of more only those that are seen to move. Memory goes by things and days."""
+OLDEST = 10.0 * PERIOD
+AT_ONCE = 5
+"""Forecasts that are made anew with one look at the world: half a millisecond each."""
 DAYS = 60
 SUFFIX = ".routines"
 
@@ -40,7 +43,8 @@ SUFFIX = ".routines"
 class Household:
     """places : where things can be. path : of the file that keeps what was learned, or None.
 
-    problem : why that file could not be read or written, "" while all is well.
+    aliases : symbols that things had before somebody renamed them. problem : why the file could not be read or written,
+    "" while all is well.
     """
 
     def __init__(self, places: Places, path: Path | None = None) -> None:
@@ -58,9 +62,11 @@ class Household:
 
     def _begin(self) -> None:
         self.routines = Routines(RoutinesConfig(days=DAYS))
+        self.aliases: dict[str, str] = {}
         self._at: dict[str, str] = {}
         self._moved: dict[str, list[int]] = {}
         self._watched = self._kept = -math.inf
+        self._asked = (-math.inf, 0)
         self._forecasts: dict[str, tuple[WorldObject, float, WorldObject]] = {}
 
     # Learning.
@@ -126,6 +132,10 @@ class Household:
             self._at[new] = self._at.pop(name)
         if name in self._moved:
             self._moved[new] = self._moved.pop(name)
+        self.aliases = {old: new if kept == name else kept for old, kept in self.aliases.items()} | {
+            name: new
+        }
+        self.aliases.pop(new, None)
 
     # Forecasts.
 
@@ -143,16 +153,31 @@ class Household:
                 found[room] = found.get(room, 0.0) + found[place]
         return {place.name: found.get(place.name, 0.0) for place in self.places}
 
-    def told(self, item: WorldObject, stamp: float, make: Any) -> WorldObject:
-        """What `make(item)` gave for this version of a thing, made anew every `PERIOD` s."""
+    def told(
+        self, item: WorldObject, stamp: float, usual: Callable[[WorldObject], Mapping[str, float]]
+    ) -> WorldObject:
+        """A thing with `usual(item)`, which is asked anew every `PERIOD` s, and for few things at once."""
         known = self._forecasts.get(item.id)
-        if known is not None and known[0] is item and 0.0 <= stamp - known[1] < PERIOD:
-            return known[2]
-        made: WorldObject = make(item)
+        same = known is not None and (known[0].last_seen, known[0].lost) == (item.last_seen, item.lost)
+        if known is not None and same and self._holds(stamp, known[1]):
+            if known[0] is item:
+                return known[2]
+            made = replace(item, usual=known[2].usual)
+            self._forecasts[item.id] = (item, known[1], made)
+            return made
+        made = replace(item, usual=found) if (found := usual(item)) else item
         if len(self._forecasts) > 10_000:
             self._forecasts.clear()
         self._forecasts[item.id] = (item, stamp, made)
         return made
+
+    def _holds(self, stamp: float, made_at: float) -> bool:
+        """Whether a forecast is fresh, or not old and `AT_ONCE` others were made anew at this stamp."""
+        if 0.0 <= stamp - made_at < PERIOD:
+            return True
+        at, count = self._asked
+        self._asked = (stamp, count + 1) if at == stamp else (stamp, 1)
+        return PERIOD <= stamp - made_at < OLDEST and self._asked[1] > AT_ONCE
 
     def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
         """Things that will probably move within `horizon` s, where to, and how probably."""
@@ -168,7 +193,8 @@ class Household:
 
     def keep(self, stamp: float, now: bool = False) -> None:
         """Write what was learned, every half an hour or `now`. Does not raise: see `problem`."""
-        if self.path is None or not self.routines.objects or not (now or stamp - self._kept >= KEEPING):
+        known = self.routines.objects or self.aliases
+        if self.path is None or not known or not (now or stamp - self._kept >= KEEPING):
             return
         first = self._kept == -math.inf
         self._kept = stamp
@@ -185,6 +211,7 @@ class Household:
         data = {
             "format": FORMAT,
             "version": VERSION,
+            "aliases": self.aliases,
             "at": self._at,
             "moved": self._moved,
             "routines": self.routines.to_dict(),
@@ -208,6 +235,7 @@ class Household:
             if data.get("format") != FORMAT or data.get("version") != VERSION:
                 raise InputError(f"not {FORMAT} of version {VERSION}")
             self.routines = Routines.from_dict(data["routines"])
+            self.aliases = {str(name): str(new) for name, new in data["aliases"].items()}
             self._at = {str(name): str(place) for name, place in data["at"].items()}
             self._moved = {str(name): [int(d) for d in days] for name, days in data["moved"].items()}
         except OSError as error:

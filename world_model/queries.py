@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from estimation.errors import InputError
 from estimation.places import LIKELY, Place, Places
-from world_model.state import WorldObject, WorldState
+from world_model.describing import ago, named
+from world_model.state import MOVED_ON, WorldObject, WorldState
 from world_model.symbols import Symbols, default_symbols
 
 NEAR = 0.75
@@ -50,7 +51,7 @@ class Model(Protocol):
 @dataclass(frozen=True)
 class Answer:
     """One object. probability : that it meets the request. places : probability by name of place. description : in
-    words, "cup-3, red: on the kitchen table, p = 0.68". stamp : the moment that was asked about, s."""
+    words, "the red cup (cup-3): on the kitchen table, p = 0.68". stamp : the moment that was asked about, s."""
 
     object: WorldObject
     probability: float
@@ -109,11 +110,12 @@ class Words:
         if known is not None and known[0] is item:
             return known[1]
         place, probability = self.places.word(self.where(item))
+        moved_on = (MOVED_ON,) if item.usual and not item.lost else ()
         made = replace(
             item,
             place=place,
             place_probability=probability,
-            predicates=tuple(self.symbols.holding(item.attributes, item.quantities)),
+            predicates=(*self.symbols.holding(item.attributes, item.quantities), *moved_on),
         )
         self._known[item.id] = (item, made)
         return made
@@ -131,11 +133,17 @@ class Words:
             return self.places.shares(item.region)
         return self.places.probabilities(item.position, item.covariance)
 
-    def sentence(self, item: WorldObject) -> str:
-        """ "cup-3, red: on the kitchen table, p = 0.68"; the probability includes that of its existence."""
+    def name(self, item: WorldObject) -> str:
+        """ "the small red cup (cup-3)"; see `world_model.describing`."""
+        told = self.described(item).predicates
+        return named(item, (w for w in told if w != MOVED_ON and not self.symbols.is_collective(w)))
+
+    def sentence(self, item: WorldObject, stamp: float | None = None) -> str:
+        """ "the red cup (cup-3): on the kitchen table, p = 0.68, seen 3 min ago"; p includes that of its existence.
+
+        stamp : s, of the one who asks; without it nothing is said about when it was seen.
+        """
         told = self.described(item)
-        plain = (name for name in told.predicates if not self.symbols.is_collective(name))
-        what = ", ".join((item.id, *plain))
         if told.place:
             place = self.places[told.place]
             spoken = f"{place.preposition} the {place.name.replace('_', ' ')}"
@@ -147,7 +155,8 @@ class Words:
             x, y, z = item.position
             sigma = float(np.sqrt(max(np.linalg.eigvalsh(item.covariance)[-1], 0.0)))
             where = f"at ({x:.2f}, {y:.2f}, {z:.2f}) m ± {sigma:.2f} m, p = {item.existence:.2f}"
-        return f"{what}: {'moved away, ' if item.lost else ''}{where}"
+        seen = "" if stamp is None else f", seen {ago(stamp - item.last_seen)}"
+        return f"{self.name(item)}: {'moved away, ' if item.lost else ''}{where}{seen}"
 
 
 def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -> list[Answer]:
@@ -170,7 +179,13 @@ def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -
             totals[item.id] = totals.get(item.id, 0.0) + share * meets[id(item)]
     order = sorted((-p, name) for name, p in totals.items() if p >= max(request.min_probability, 1e-6))
     return [
-        Answer(words.described(first[name]), -p, stamp, words.where(first[name]), words.sentence(first[name]))
+        Answer(
+            words.described(first[name]),
+            -p,
+            stamp,
+            words.where(first[name]),
+            words.sentence(first[name], stamp),
+        )
         for p, name in order[: request.limit]
     ]
 

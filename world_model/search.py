@@ -31,6 +31,7 @@ BEYOND = (2.0,)
 LINKS = 40  # names that a chain may lead through
 FLOOR = 0.1  # least share of p(o | T) that counts, whatever is in view everywhere
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
+LIKELY = 0.2  # probability of a place from which on the search goes there first
 MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
 
 
@@ -74,9 +75,9 @@ class SearchConfig:
 class SearchStep:
     """Where to go next and why.
 
-    kind : "target", "intermediate", "room", "random", or "none" where nothing is left to try. goal : (2,) m, None for
-    "none". object : the name the step is about, "" where it is about none. reason : one sentence. probability : of
-    finding the target by it, as far as the relations tell.
+    kind : "target", "place" (where it probably is by now), "intermediate", "room", "random", or "none" where nothing is
+    left to try. goal : (2,) m, None for "none". object : the name the step is about, "" where it is about none. reason
+    : one sentence. probability : of finding the target by it, as far as the relations tell.
     """
 
     kind: str
@@ -110,6 +111,7 @@ class ObjectSearch:
         self.relations = relations
         self.config = config or SearchConfig()
         self.places = places
+        self._furniture = {place.name for place in places or () if place.kind == "furniture"}
         self.grid = grid
         self.reset()
 
@@ -126,6 +128,8 @@ class ObjectSearch:
         self._start: FloatArray | None = None
         self._coverage: Coverage | None = None
         self._track: list[FloatArray] = []
+        self._expected: dict[str, float] = {}
+        self._looked: set[str] = set()
         self._step: SearchStep | None = None
 
     @property
@@ -147,13 +151,19 @@ class ObjectSearch:
         if step is None or step.goal is None:
             return
         where = step.goal if goal is None else as_vectors("goal", goal, 2, 3)[:2]
-        if step.kind == "room":
+        if step.kind == "place":
+            self._looked.add(step.object)
+        elif step.kind == "room":
             self._middles.append(step.goal)
         elif step.object:
             self._dead.setdefault(step.object, []).append((step.goal, np.array(where, dtype=np.float64)))
         if self._coverage is not None:
             self._coverage.look(np.asarray(where, dtype=np.float64))
         self._step = None
+
+    def expect(self, places: Mapping[str, float]) -> None:
+        """Where the target probably is by its routines: {place: probability}; the search begins there."""
+        self._expected = dict(places)
 
     def next_goal(
         self, observed: Mapping[str, npt.ArrayLike], target: str, robot_pose: npt.ArrayLike
@@ -172,7 +182,9 @@ class ObjectSearch:
         if not wanted:
             raise InputError("target: a name to look for is needed")
         if wanted != self._target:
+            expected = self._expected
             self.reset()
+            self._expected = expected
             self._begin(wanted, place)
         known = {name: as_vectors(f"position of {name!r}", spot, 2, 3)[:2] for name, spot in observed.items()}
         self._follow(place)
@@ -225,6 +237,9 @@ class ObjectSearch:
         for name, spot in known.items():
             if self.relations.unified(name) == self._target:
                 return SearchStep("target", spot, name, f"{name} is in view.", 1.0)
+        likely = self._likely(place)
+        if likely is not None:
+            return likely
         room = self._room(place)
         if room is not None and not room.contains(place):
             said = f"The best room for {self._target} is {room.name}: drive there."
@@ -242,6 +257,23 @@ class ObjectSearch:
             if self._room(place) is not None:
                 return self._choose(known, place)
         return step or self._anywhere(known, place, unknown)
+
+    def _likely(self, place: FloatArray) -> SearchStep | None:
+        """The place where the target probably is by now, of those nobody has looked at yet: probable, and near."""
+        if self.places is None:
+            return None
+        able = {
+            name: p
+            for name, p in self._expected.items()
+            if p >= LIKELY and name not in self._looked and name in self._furniture
+        }
+        if not able:
+            return None
+        centres = {name: np.asarray(self.places[name].center) for name in able}
+        best = max(able, key=lambda name: able[name] / (length_between(centres[name], place) + 3.0))
+        spoken = f"{self.places[best].preposition} the {best.replace('_', ' ')}"
+        said = f"{self._target} is probably {spoken} by now, p = {able[best]:.2f}: look there."
+        return SearchStep("place", centres[best], best, said, able[best])
 
     def _room(self, place: FloatArray) -> Place | None:
         """The best room that is left: probable by its type, and near."""

@@ -12,6 +12,10 @@ from estimation.checks import FloatArray
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
+MOVED_ON = "moved_on"
+"""Predicate of what nobody has seen for a while and has probably gone its way since: `place` says where it is now."""
+
+
 @dataclass(frozen=True)
 class WorldObject:
     """One object: the signature (2.3) of an anchor in one hypothesis.

@@ -83,6 +83,9 @@ class WorldModel:
         Raises InputError, before anything has changed, naming what is wrong with the evidence.
         """
         measured = checked(evidence, self.config.measurement_sigma)
+        if self.household.aliases and any(measured.object_ids):
+            named = tuple(None if name is None else self._symbol(name) for name in measured.object_ids)
+            measured = replace(measured, object_ids=named)
         paths = checked_predictions(predictions, self._anchors.shown.values(), float(stamp))
         fresh = self._anchors.vocabulary.check(measured.attributes)
         for index, given in enumerate(measured.quantities):
@@ -156,7 +159,7 @@ class WorldModel:
             for item in objects
         )
 
-    def _usual(self, item: WorldObject, stamp: float) -> WorldObject:
+    def _usual(self, item: WorldObject, stamp: float) -> Mapping[str, float]:
         usual = self.household.by_now(item.id, stamp)
         if item.lost:
             trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
@@ -168,7 +171,7 @@ class WorldModel:
                 usual = self.habits.where(item, stamp, trust, box)
         elif usual:
             usual = self._moved_by(item, usual)
-        return replace(item, usual=usual) if usual else item
+        return usual
 
     def _moved_by(self, item: WorldObject, forecast: Mapping[str, float]) -> dict[str, float]:
         """Of a thing that is believed to be where it was seen: there, or gone its way meanwhile."""
@@ -182,8 +185,16 @@ class WorldModel:
 
     def explain(self, object_id: str) -> str:
         """What an object usually does, in a sentence; "" where nothing was learned. Raises InputError."""
-        self._anchors.find(object_id)
-        return self.household.explain(object_id, self.stamp)
+        symbol = self._symbol(object_id)
+        self._anchors.find(symbol)
+        return self.household.explain(symbol, self.stamp)
+
+    def _symbol(self, object_id: str) -> str:
+        """The symbol of an object by that or by one it had before."""
+        alias = self.household.aliases.get(object_id)
+        if alias is None or any(track.id == object_id for track in self._anchors.tracks.values()):
+            return object_id
+        return alias
 
     def close(self) -> None:
         """Write what was learned, and close the store."""
@@ -230,6 +241,8 @@ class WorldModel:
         "last_seen" is when the region was last seen, None is now. Raises InputError naming the argument.
         """
         checked_request = Request.checked(**request)
+        if checked_request.object_id:
+            checked_request = replace(checked_request, object_id=self._symbol(checked_request.object_id))
         if stamp == LAST_SEEN:
             stamp = last_seen(self, checked_request.region, self.words)
         worlds, moment = worlds_at(self, stamp)  # type: ignore[arg-type]
@@ -243,6 +256,7 @@ class WorldModel:
         """
         if outcome not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)}, got {outcome!r}")
+        object_id = self._symbol(object_id)
         track = self._anchors.find(object_id)
         self.stamp = max(float(stamp), self.stamp)
         if outcome == "not_found":
@@ -262,11 +276,11 @@ class WorldModel:
 
     def forget(self, object_id: str) -> None:
         """Take an object out of the model for good. Raises InputError for an unknown id."""
-        self._anchors.remove(self._anchors.find(object_id))
+        self._anchors.remove(self._anchors.find(self._symbol(object_id)))
         self._recorded(self._state())
 
     def relabel(self, object_id: str, class_name: str = "", new_object_id: str = "") -> None:
-        """Correct the class or the id of an object.
+        """Correct the class or the id of an object; its old id stays an alias.
 
         Raises InputError for an unknown id, an id in use, or a class that is none of those the configuration names.
         """
@@ -281,6 +295,7 @@ class WorldModel:
             if self.store is not None:
                 self.store.rename(object_id, new_object_id)
             self.household.rename(object_id, new_object_id)
+            self.household.keep(self.stamp, now=True)
         self._recorded(self._state())
 
     def restore(

@@ -76,7 +76,7 @@ def test_from_bag_to_states_events_store_and_answers(recorded: tuple[Path, Path]
     output = run(bag, *settings, *files_)
     assert "400 messages" in output
     assert "objects[0]" in output
-    assert "cup-1, red: on the desk" in output
+    assert "the red cup (cup-1): on the desk" in output
     lines = [json.loads(line) for line in states.read_text().splitlines()]
     assert [line["stamp"] for line in lines] == pytest.approx([1000.0 + 0.05 * k for k in range(400)])
     assert {item["id"] for item in lines[-1]["objects"]} == {"cup-1", "bowl-1"}
@@ -89,7 +89,7 @@ def test_from_bag_to_states_events_store_and_answers(recorded: tuple[Path, Path]
 
     # The store answers on its own.
     output = run(store, *settings, "--id", "cup-1", "--at", 1005, "--json", figures)
-    assert output.startswith("1.00  cup-1, red: on the kitchen table, p = ")
+    assert output.startswith("1.00  the red cup (cup-1): on the kitchen table, p = ")
     assert json.loads(figures.read_text())["answers"][0]["places"]["kitchen_table"] > 0.9
     assert "cup-1" in run(store, *settings, "--region", "kitchen_table", "--at", "last_seen")
     assert run(store, *settings, "--class", "cup", "--region", "kitchen_table") == "no object matches\n"

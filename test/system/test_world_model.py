@@ -168,7 +168,7 @@ def test_objects_with_symbols_places_and_answers(graph: Graph) -> None:
 
     answer = world.query(class_name="cup", predicates=["red"], min_probability=0.5)
     assert (answer.code, [item.id for item in answer.world.objects]) == (answer.SUCCESS, ["cup-1"])
-    assert answer.descriptions[0].startswith("cup-1, red: on the kitchen table, p = ")
+    assert answer.descriptions[0].startswith("the red cup (cup-1): on the kitchen table, p = ")
     request = QueryWorld.Request(min_probability=0.5)
     request.region.name = "kitchen"
     answer = graph.call(QueryWorld, "world_model/query", request)

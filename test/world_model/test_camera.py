@@ -151,6 +151,9 @@ def test_a_box_is_placed_at_its_object_not_at_the_wall_behind() -> None:
     assert found.position[0] == pytest.approx(found.position[2] * 20.0 / 140.0)
     assert (found.width, found.height) == pytest.approx((0.343, 0.343), abs=0.01)
     assert (np.linalg.eigvalsh(found.covariance) > 0.0).all()
+    # A depth between front and background is nobody's.
+    stripes = np.where(np.arange(160) % 10 < 3, 1.0, 9.0).astype(np.float32) * np.ones((120, 1), np.float32)
+    assert located(Box(80.0, 60.0, 40.0, 40.0), camera, DepthImage(stripes)).position[2] < 2.0
     cut = located(Box(4.0, 59.5, 20.0, 24.0), camera, DepthImage(metres))
     assert (cut.width, cut.height) == (0.0, 0.0)
     for box, words in (

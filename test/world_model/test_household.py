@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,13 @@ import pytest
 from estimation.errors import InputError
 from estimation.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
+from world_model.describing import ago, named
+from world_model.growth import Growth
 from world_model.household import DAYS, FEWEST_DAYS, Household
+from world_model.looks import Sensor
+from world_model.maintenance import Maintenance
+from world_model.relations import Relations
+from world_model.search import ObjectSearch
 from world_model.world import routines_path
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
@@ -173,3 +181,66 @@ def test_time_that_goes_back_teaches_nothing() -> None:
     for k in range(5):
         seen(model, 100.0 + 200.0 * k, cup_1=DESK)
     assert model.household.routines.to_stamp == stamp
+
+
+def test_the_search_begins_where_the_thing_probably_is_by_now() -> None:
+    search = ObjectSearch(Relations(), places=HOME)
+    pose = np.array([2.0, 3.0, 0.0])
+    search.expect({"desk": 0.6, "kitchen_table": 0.4, "counter": 0.05, "office": 0.9})
+    step = search.next_goal({}, "cup", pose)
+    assert (step.kind, step.object) == ("place", "kitchen_table")  # less probable, and much nearer
+    assert "on the kitchen table by now, p = 0.40" in step.reason
+    search.reached()
+    step = search.next_goal({}, "cup", pose)
+    assert (step.kind, step.object, step.probability) == ("place", "desk", 0.6)
+    search.reached()
+    assert search.next_goal({}, "cup", pose).kind != "place"
+    # Somebody sees it.
+    assert search.next_goal({"cup": COUNTER}, "cup", pose).kind == "target"
+
+
+def test_maintenance_looks_where_something_has_probably_moved_on() -> None:
+    model = lived(None, days=4)
+    seen(model, 4 * DAY + 7 * HOUR + 60.0, cup_1=TABLE, book_1=COUNTER)
+    for hours, first in ((7.05, None), (11.0, "cup-1")):
+        state = model.propagate(4 * DAY + hours * HOUR)
+        told = replace(state, objects=tuple(model.words.described(item) for item in state.objects))
+        ahead = Growth(1e-9).ahead(told, told.stamp)
+        camera = Sensor("camera", 0.2, 4.0, 1e-4 * np.eye(3))
+        task = Maintenance().next_task(ahead, np.array([1.5, 2.5, 0.0]), [camera], None)
+        assert (None if task is None else task.object_id) == first
+
+
+def test_what_was_renamed_is_still_known_by_its_old_symbol(tmp_path: Path) -> None:
+    model = lived(tmp_path / "world.sqlite", days=1)
+    model.relabel("cup-1", new_object_id="grandmas")
+    [answer] = model.query(object_id="cup-1")
+    assert answer.object.id == "grandmas"
+    assert answer.description.startswith("the cup (grandmas): on the desk, p = ")
+    assert answer.description.endswith("seen now")
+    # A verification that was asked for by the old symbol is of the same thing.
+    seen(model, DAY + 60.0, cup_1=TABLE)
+    assert {item.id for item in model.propagate(DAY + 60.0).objects} == {"grandmas", "book-1"}
+    model.close()
+    again = WorldModel(config(), HOME, tmp_path / "world.sqlite")
+    assert again.query(object_id="cup-1")[0].object.id == "grandmas"
+    again.relabel("grandmas", class_name="book")
+    assert again.query(object_id="cup-1")[0].description.startswith(
+        "the book (grandmas): on the kitchen table"
+    )
+    again.forget("cup-1")
+    assert again.query(object_id="grandmas") == []
+    again.close()
+
+
+def test_words_for_objects() -> None:
+    def bowl(**given: Any) -> WorldObject:
+        return WorldObject("book-1", TABLE, np.zeros(3), np.eye(3), given, 1.0, False, 0.0)
+
+    assert named(bowl(**{"class": {"bowl": 0.97}, "color": {"green": 0.8}})) == "the green bowl (book-1)"
+    assert named(bowl(**{"class": {"bowl": 0.97}}), ["small", "bowl"]) == "the small bowl (book-1)"
+    assert named(bowl(**{"class": {"bowl": 0.74}, "color": {"green": 0.4}})) == "the bowl, 0.74 (book-1)"
+    assert named(bowl(**{"class": {"bowl": 0.3, "cup": 0.2}})) == named(bowl()) == "book-1"
+    assert [ago(s) for s in (0.0, 40.0, 190.0, 7300.0, 3e5, np.inf)] == [
+        "now", "40 s ago", "3 min ago", "2 h ago", "3 days ago", "long ago",
+    ]  # fmt: skip

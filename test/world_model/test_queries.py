@@ -68,7 +68,8 @@ def test_where_is_and_where_was_the_cup(model: WorldModel) -> None:
     name = one(cup).object.id
     now, then = one(model.query(object_id=name)), one(model.query(class_name="cup", stamp=91.5))
     assert now.places["desk"] > 0.9
-    assert now.description == f"{name}, red: on the desk, p = {now.object.existence * now.places['desk']:.2f}"
+    likely = now.object.existence * now.places["desk"]
+    assert now.description == f"the red cup ({name}): on the desk, p = {likely:.2f}, seen now"
     assert then.places["kitchen_table"] > 0.9
     assert then.object.place == "kitchen_table"
     assert "red" in then.object.predicates
@@ -152,7 +153,7 @@ def test_an_object_that_is_not_found_is_anywhere_in_its_room(model: WorldModel) 
     assert answer.places["office"] == 0.0
     table = places["kitchen_table"]
     assert answer.places["kitchen_table"] == pytest.approx(table.area * 0.7 / (places["kitchen"].area * 2.5))
-    assert answer.description.startswith(f"{name}, green: moved away, in the kitchen, p = ")
+    assert answer.description.startswith(f"the green bowl ({name}): moved away, in the kitchen, p = ")
     assert model.store is not None
     last = model.store.history(name)[-1]  # type: ignore[attr-defined]
     assert (last.event, last.object.region) == ("lost", answer.object.region)

@@ -38,7 +38,6 @@ EXTRAS = {
     "small_gicp": "small_gicp: `pip install small_gicp`",
     "kiss_icp": "kiss-icp: `pip install kiss-icp`",
     "rerun": "rerun-sdk: `pip install 'whereabouts[view]'`",
-    "mcp": "mcp: `pip install 'whereabouts[mcp]'`",
 }
 
 

@@ -29,6 +29,7 @@ from whereabouts.parameters.object_search import ObjectSearchParameters
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
+from world_model.state import MOVED_ON
 
 Array = NDArray[np.float64]
 LEARN_PERIOD = NANOSECONDS  # what is first seen within a second was there at the same time
@@ -161,6 +162,7 @@ class ObjectSearchNode(SuiteNode):
                 if found is not None:
                     self._succeed(handle, found, result)
                     return
+                self._search.expect(self._expected(request, wanted))
                 step = self._next(step, pose, wanted)
                 said = self._tell(handle, step, said)
                 if step.goal is None:
@@ -196,6 +198,19 @@ class ObjectSearchNode(SuiteNode):
                 self._search.reached(step.goal)
         return self._search.next_goal(self._observed(pose), wanted, pose)
 
+    def _expected(self, request: Any, wanted: str) -> dict[str, float]:
+        """Where what is asked for probably is by now, if it is lost or has probably moved on since it was seen."""
+        assert self._state is not None
+        places: dict[str, float] = {}
+        for item in self._state.objects:
+            if (
+                item.place
+                and (item.lost or MOVED_ON in item.predicates)
+                and self._is_asked(item, request, wanted)
+            ):
+                places[item.place] = max(places.get(item.place, 0.0), item.existence * item.place_probability)
+        return places
+
     def _looked_around(self) -> bool:
         """Whether the world model knows what there is to be seen from the goal; it may be behind the robot.
 
@@ -216,7 +231,8 @@ class ObjectSearchNode(SuiteNode):
         ranks: dict[str, tuple[bool, float]] = {}
         for item in self._state.objects:
             name = item.most_probable("class")
-            if name and not item.lost and item.existence >= self.settings.belief:
+            known = not item.lost and MOVED_ON not in item.predicates
+            if name and known and item.existence >= self.settings.belief:
                 away = float(np.hypot(*(item.position[:2] - pose[:2])))
                 rank = (self._search.tried(name, item.position), away)
                 if name not in ranks or rank < ranks[name]:
@@ -230,17 +246,20 @@ class ObjectSearchNode(SuiteNode):
     def _believed(self, request: Any, wanted: str) -> WorldObject | None:
         """The object that was asked for, if the world model believes in it and knows where it is."""
         assert self._state is not None
-        name = self._relations.unified(wanted)
         for item in self._state.objects:
-            if item.lost or item.existence < self.settings.belief:
+            if item.lost or MOVED_ON in item.predicates or item.existence < self.settings.belief:
                 continue
-            if request.object_id and item.id != request.object_id:
-                continue
-            if not request.object_id and self._relations.unified(item.most_probable("class")) != name:
-                continue
-            if set(request.predicates) <= set(item.predicates):
+            if self._is_asked(item, request, wanted):
                 return item
         return None
+
+    def _is_asked(self, item: WorldObject, request: Any, wanted: str) -> bool:
+        if request.object_id and item.id != request.object_id:
+            return False
+        kind = self._relations.unified(item.most_probable("class"))
+        if not request.object_id and kind != self._relations.unified(wanted):
+            return False
+        return set(request.predicates) <= set(item.predicates)
 
     def _succeed(self, handle: Any, found: WorldObject, result: Any) -> None:
         handle.succeed()

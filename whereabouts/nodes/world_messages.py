@@ -17,7 +17,7 @@ from estimation.errors import InputError
 from estimation.places import Place
 from estimation.rotations import rotation_from_quaternion
 from whereabouts.nodes.conversions import FREE
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts_msgs.msg import (
     Attribute,
     DiscreteDistribution,
@@ -174,11 +174,12 @@ def detections_message(header: Header, objects: Sequence[ObjectMessage]) -> Dete
 
 def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words) -> MarkerArray:
     """An ellipsoid of one standard deviation and a sentence per object; lost ones only have the sentence."""
+    stamp = nanoseconds(header.stamp) / NANOSECONDS
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for index, item in enumerate(objects):
         colour = PALETTE[sum(map(ord, item.most_probable("class"))) % len(PALETTE)]
         label = Marker(header=header, ns="symbols", id=index, type=Marker.TEXT_VIEW_FACING, action=Marker.ADD)
-        label.text = words.sentence(item)
+        label.text = words.sentence(item, stamp)
         label.scale.z = 0.12
         label.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=float(item.existence))
         _place(label, item.position + ABOVE)

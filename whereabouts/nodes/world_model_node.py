@@ -53,6 +53,7 @@ from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, 
 from world_model.predictions import Path
 from world_model.queries import Words
 from world_model.store import Store
+from world_model.world import routines_path
 
 Array = NDArray[np.float64]
 # A robot pose older than this says nothing about now.
@@ -419,6 +420,9 @@ class WorldModelNode(SuiteNode):
         response.world.epoch = self.model.epoch
         response.probabilities = [min(answer.probability, 1.0) for answer in answers]
         response.descriptions = [answer.description for answer in answers]
+        if request.object_id and answers and not moment:
+            routine = self.model.explain(request.object_id)
+            response.descriptions[0] += f". {routine}" if routine else ""
         response.code, response.message = response.SUCCESS, f"{len(answers)} objects"
         return response
 
@@ -456,7 +460,9 @@ class WorldModelNode(SuiteNode):
         if store is None:
             raise InputError("there is no store: the parameter store_path is empty")
         files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
-        response.path = str(store.save(files.named(request.path, self.settings.store_path, making=True)))
+        path = store.save(files.named(request.path, self.settings.store_path, making=True))
+        self.model.household.write(routines_path(path))
+        response.path = str(path)
         response.code, response.message = response.SUCCESS, "written"
         return response
 

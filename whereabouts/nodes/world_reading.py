@@ -123,7 +123,8 @@ def object_from_message(message: ObjectMessage) -> WorldObject:
     return WorldObject(
         message.id, position, np.array([linear.x, linear.y, linear.z]), covariance, attributes,
         message.existence_probability, message.lost, _seconds(message.last_seen), _seconds(message.first_seen),
-        place=message.place, predicates=tuple(message.predicates), alternatives=tuple(message.alternatives),
+        place=message.place, place_probability=message.place_probability,
+        predicates=tuple(message.predicates), alternatives=tuple(message.alternatives),
         quantities={
             item.name: (float(item.continuous.mean[0]), float(item.continuous.covariance[0]))
             for item in message.properties

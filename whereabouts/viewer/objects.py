@@ -9,6 +9,8 @@ import numpy as np
 
 from whereabouts.viewer.fields import matrix_of, most_probable, rows, xyz
 from whereabouts.viewer.shapes import Boxes, Color, Lines, Note, Points, Shape, Value
+from world_model.describing import LIKELY, SURE
+from world_model.state import MOVED_ON
 
 PRESENT: Color = (40, 120, 210)
 LOST: Color = (215, 60, 60)
@@ -40,13 +42,24 @@ def world(message: Any, path: str, name: str) -> Iterator[Shape]:
 
 
 def label_of(item: Any) -> str:
-    """An object in words: its id, symbols, place, and how probable it is."""
-    words = [", ".join([str(item.id), *map(str, item.predicates)])]
+    """An object in words: what it is, its symbol, place, and how probable it is."""
+    words = [_named(item)]
     if item.place:
         words.append(f"at {item.place}")
     if item.lost:
         words.append("lost")
     return f"{'; '.join(words)}, p = {float(item.existence_probability):.2f}"
+
+
+def _named(item: Any) -> str:
+    """ "the red cup (cup-1)", or the symbol with its predicates where the class is not known."""
+    classes = dict(zip(item.class_distribution.values, item.class_distribution.probabilities, strict=False))
+    kind = max(classes, key=classes.__getitem__, default="")
+    predicates = [str(word) for word in item.predicates]
+    if not kind or classes[kind] < LIKELY:
+        return ", ".join([str(item.id), *predicates])
+    share = "" if classes[kind] >= SURE else f", {classes[kind]:.2f}"
+    return f"the {' '.join([*(word for word in predicates if word not in (kind, MOVED_ON)), kind])}{share} ({item.id})"
 
 
 def hypotheses(message: Any) -> Iterator[Shape]:

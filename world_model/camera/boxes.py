@@ -58,7 +58,7 @@ def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
             f"bbox: no depth in the middle of the box at {box.x:.0f}, {box.y:.0f} "
             f"(of {len(depths)} pixels, {FEWEST} are needed)"
         )
-    front = float(np.quantile(depths, FRONT))
+    front = float(np.quantile(depths, FRONT, method="lower"))
     same = depths[np.abs(depths - front) < SAME + 0.5 * box.width * front / camera.fx]
     return _placed(
         box, camera, float(np.median(same)), float(np.hypot(same.std(), depth_sigma(np.array(front))))

@@ -109,9 +109,12 @@ class CameraModel:
         if self.distortion.any():
             for _ in range(ROUNDS):
                 radial, shift = _bent(straight, self.distortion)
-                straight = (seen - shift) / radial[:, None]
+                with np.errstate(all="ignore"):
+                    straight = (seen - shift) / radial[:, None]
                 outside = np.hypot(*straight.T) / self._fold
                 straight /= np.maximum(outside, 1.0)[:, None]
+            # A polynomial that makes no sense bends nothing.
+            straight = np.where(np.isfinite(straight), straight, seen)
         rays: FloatArray = np.column_stack([straight, np.ones(len(at))]) @ self.turn
         return rays
 
@@ -193,10 +196,11 @@ def _bent(flat: FloatArray, distortion: FloatArray) -> tuple[FloatArray, FloatAr
     k1, k2, p1, p2, k3, k4, k5, k6 = distortion
     x, y = flat.T
     square = x * x + y * y
-    radial = (1.0 + square * (k1 + square * (k2 + square * k3))) / (
-        1.0 + square * (k4 + square * (k5 + square * k6))
-    )
-    shift = np.column_stack(
-        [2.0 * p1 * x * y + p2 * (square + 2.0 * x * x), p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y]
-    )
+    with np.errstate(all="ignore"):
+        radial = (1.0 + square * (k1 + square * (k2 + square * k3))) / (
+            1.0 + square * (k4 + square * (k5 + square * k6))
+        )
+        shift = np.column_stack(
+            [2.0 * p1 * x * y + p2 * (square + 2.0 * x * x), p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y]
+        )
     return radial, shift
