@@ -24,7 +24,7 @@ ANSWER = struct.Struct("<q12d")
 
 
 @dataclass(frozen=True)
-class Match:
+class FeatureMatch:
     """What features say: `transform` (4, 4) from the source's to the target's frame, and how many agree with it."""
 
     transform: NDArray[np.float64]
@@ -81,7 +81,7 @@ _matcher = _Matcher()
 atexit.register(_matcher.close)
 
 
-def match_features(source: NDArray[Any], target: NDArray[Any], voxel: float) -> Match | None:
+def match_features(source: NDArray[Any], target: NDArray[Any], voxel: float) -> FeatureMatch | None:
     """The motion that lays the features of cloud `source` (N, 3) on those of `target` (M, 3), from anywhere.
 
     voxel : metres, of the grid both are thinned by. None where there is no answer, and where the library, which is
@@ -97,7 +97,7 @@ def match_features(source: NDArray[Any], target: NDArray[Any], voxel: float) -> 
     inliers, *entries = ANSWER.unpack(answer)
     transform = np.eye(4)
     transform[:3] = np.reshape(entries, (3, 4))
-    return Match(transform, inliers) if np.isfinite(transform).all() else None
+    return FeatureMatch(transform, inliers) if np.isfinite(transform).all() else None
 
 
 def _alone() -> Any:

@@ -51,6 +51,13 @@ def expand(  # type: ignore[no-untyped-def]
     H, T = rows.shape
     M = log_new.size
     everything_new = log_new.sum()
+    # What all detections can gain at the most over being new or clutter.
+    most = 0.0
+    for j in range(M):
+        gain = 0.0
+        for i in range(matrix.shape[0]):
+            gain = max(gain, matrix[i, j] - missing[i] - log_new[j])
+        most += gain
     order = np.argsort(-log_weights)
     share = np.exp(log_weights - log_weights.max())
     share /= share.sum()
@@ -73,7 +80,9 @@ def expand(  # type: ignore[no-untyped-def]
     for at in range(H):
         h = order[at]
         base = log_weights[h] + everything_new
-        if base < best - 3.0 * threshold:
+        # The parents are sorted: no child of this one or a later one is among the best. Groups that share a detection
+        # may gain a little more.
+        if base + most < best - (3.0 if sharing else 1.0) * threshold:
             break
         n = 0
         for t in range(T):
