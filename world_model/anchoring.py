@@ -28,6 +28,7 @@ from world_model.look import Look
 from world_model.occlusion import hide, restrict
 from world_model.predictions import Path
 from world_model.quantities import Quantities
+from world_model.rounds import Rounds
 from world_model.sensor_bias import CONSTANT
 from world_model.sensor_errors import SensorErrors
 from world_model.state import WorldObject
@@ -78,6 +79,7 @@ class Anchoring(Corrections):
         self._fresh: list[int] = []
         self._stamp = 0.0
         self.unseen.reset()
+        self.rounds = Rounds()
         self.touching.reset()
         self.bias.reset()
         self.hindsight.reset()
@@ -97,6 +99,7 @@ class Anchoring(Corrections):
     def look(self, measured: Measurements, stamp: float, lag: float) -> tuple[str | None, ...]:
         """Take a look in that was made `lag` seconds before `stamp`; returns the id per detection."""
         self._stamp = stamp
+        self.rounds.look(measured.sensor, stamp - lag, measured.silent)
         self._lead(stamp)
         raw, measured = measured, self._unbiased(measured, stamp - lag)
         measured, verified = self._verified(measured, stamp, lag)

@@ -11,6 +11,7 @@ from world_model.branching import GONE, other_names, presence, same_spot
 from world_model.clusters import Cluster, Track, best_sums
 from world_model.guidance import Guidance
 from world_model.leaves import AWAY, MOVING, NONE, REST
+from world_model.rounds import Rounds
 from world_model.state import WorldObject
 from world_model.unseen import Unseen
 
@@ -23,8 +24,6 @@ NAMED = 0.95
 """Probability from which an anchor gets a symbol and is believed in for the first time."""
 LATELY = 1.0
 """s after its first detection that it may turn out that an object began otherwise."""
-OUT_OF_VIEW_SECONDS = 0.3
-"""A mover that nobody looks at is shown for this long; after that it is only remembered."""
 LOST_SIGMA = 1.5
 """m: a mover that is looked for, but hidden, is shown until its position is known less well than this."""
 FORGOTTEN_SIGMA = 3.0
@@ -35,6 +34,7 @@ class Beliefs(Guidance):
     """Part of `Anchoring`: `shown`, expected counts and worlds."""
 
     unseen: Unseen
+    rounds: Rounds
     expected: dict[int, float]
     _open: set[int]
     _fresh: list[int]
@@ -136,7 +136,7 @@ class Beliefs(Guidance):
         if self._led(track, slot):
             return bool(leaves.rest_cov[slot].diagonal()[:2].max() < LOST_SIGMA**2)
         looked_for = leaves.missed[slot] > BELIEVED
-        if not looked_for and self._stamp - leaves.last[slot] > OUT_OF_VIEW_SECONDS:
+        if not looked_for and self._stamp - leaves.last[slot] > self.rounds.patience:
             return False
         return bool(leaves.moving_cov[slot].diagonal()[:3].max() < LOST_SIGMA**2)
 

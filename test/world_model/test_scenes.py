@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from evaluation.experiments.anchoring_scenes import ALL_ROUND, HARD, ROOM, known
-from whereabouts.simulation.objects import ObjectScene, Seen, Thing, scattered
+from evaluation.experiments.anchoring_scenes import ALL_ROUND, HALL, HARD, ROOM, known, turning
+from whereabouts.simulation.objects import ObjectScene, Seen, Thing, in_view, scattered
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 
 
@@ -226,3 +226,52 @@ def test_same_input_same_output() -> None:
     for one, other in zip(a.objects, b.objects, strict=True):
         np.testing.assert_array_equal(one.position, other.position)
     assert a.probability == b.probability
+
+
+def walkers(seed: int, looks: int) -> list[Thing]:
+    """Fifty things within 5 m that walk about at 0.3 m/s."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for thing in turning(50, 10, HALL, 5.0, seed).things:
+        place, heading, path = thing.position, rng.uniform(-np.pi, np.pi), []
+        for k in range(1, looks):
+            heading += rng.normal(0.0, 0.07)
+            to = place + 0.015 * np.array([np.cos(heading), np.sin(heading), 0.0])
+            if np.hypot(*to[:2]) > 4.8:
+                to, heading = place, heading + rng.uniform(0.5 * np.pi, 1.5 * np.pi)
+            path.append((k / 20.0, to))
+            place = to
+        made.append(replace(thing, path=tuple(path)))
+    return made
+
+
+WALK = {"*": {"model": "constant_velocity", "accel_sigma": 0.3}}
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_of_fifty_movers_those_in_view_are_told_of(turn: float) -> None:
+    scene = replace(turning(50, 10, HALL, 5.0, 1), things=walkers(1, 300), turn=turn)
+    model = WorldModel(known(scene, motion=WALK))
+    off = []
+    for seen in scene.looks(300):
+        told = len(model.update(seen.evidence, seen.stamp).objects)
+        if seen.stamp > 2.0:
+            off.append(told - sum(in_view(place, seen.evidence.sensor) for place in seen.truth.values()))
+    assert abs(np.mean(off)) < 0.25
+    assert np.median(off) == 0.0
+
+
+def test_what_one_of_two_cameras_sees_stays_while_the_other_looks() -> None:
+    config = WorldModelConfig(classes=("cart",), rate_hz=20.0, motion={"*": {"model": "constant_velocity"}})
+    model = WorldModel(config)
+    rng = np.random.default_rng(0)
+    for k in range(120):
+        there = np.array([2.0 + 0.01 * k, 0.0, 0.5])
+        yaw = np.pi * (k % 2)
+        seen = [
+            ObjectEvidence(there + rng.normal(0.0, 0.02, 3), 0.0004 * np.eye(3), {"class": {"cart": 1.0}})
+        ]
+        camera = {"pose": (0.0, 0.0, 0.5, yaw), "range": 8.0, "angle": 1.5}
+        state = model.update(WorldEvidence(seen if yaw == 0.0 else [], camera), k / 20.0)
+        if k > 20:
+            assert [item.id for item in state.objects] == ["cart-1"], k

@@ -1,0 +1,52 @@
+"""How often each sensor looks: what it saw in its last look and does not look for now has left its view."""
+
+from __future__ import annotations
+
+import math
+
+from world_model.evidence import Sensor
+
+LONGEST = 0.3
+"""s: no mover that nobody looks at is shown for longer."""
+LOOKS = 1.5
+"""Looks of a sensor for which a mover that it saw is shown."""
+NEAR, TURNED = 0.5, 0.35
+"""m and rad between two looks of one sensor at the most. Sensors have no names."""
+Pose = tuple[float, float, float]
+
+
+class Rounds:
+    """Sensors told apart by where they are and look to; one that has not looked for a second is forgotten."""
+
+    def __init__(self) -> None:
+        self._sensors: list[tuple[Pose | None, float, float]] = []
+        self.patience = LONGEST
+
+    def look(self, sensor: Sensor | None, stamp: float, silent: bool) -> None:
+        """Take a look in; `patience` is then how long, in seconds, a mover is shown that nobody looks at.
+
+        silent : whether not being seen means nothing in this look.
+        """
+        if silent:
+            self.patience = LONGEST
+            return
+        pose = (
+            None if sensor is None else (float(sensor.pose[0]), float(sensor.pose[1]), float(sensor.pose[3]))
+        )
+        known = [entry for entry in self._sensors if 0.0 <= stamp - entry[1] < 1.0]
+        same = [entry for entry in known if _one(entry[0], pose)]
+        if same:
+            last = max(same, key=lambda entry: entry[1])
+            known.remove(last)
+            period = stamp - last[1] or last[2]
+        else:
+            period = LONGEST
+        self._sensors = [*known, (pose, stamp, period)]
+        self.patience = min(LONGEST, LOOKS * max(entry[2] for entry in self._sensors))
+
+
+def _one(a: Pose | None, b: Pose | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    turn = math.remainder(a[2] - b[2], 2.0 * math.pi)
+    return math.hypot(a[0] - b[0], a[1] - b[1]) < NEAR and abs(turn) < TURNED
