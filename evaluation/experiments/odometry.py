@@ -285,7 +285,7 @@ def _means(every: list[list[Any]]) -> list[float]:
 
 def _simulated(options: Options, report: Report) -> None:
     """Errors and NEES of increments and of the pose along simulated floors."""
-    floors = options.share(60, 10)
+    floors = options.share(60, 6)
     rows: list[list[object]] = []
     for label, lidar in {"180 beams": Lidar(180), "361 beams": Lidar(361)}.items():
         steps: list[float] = []

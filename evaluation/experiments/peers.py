@@ -155,7 +155,7 @@ def _classifiers(options: Options, report: Report) -> None:
     count = options.share(2000, 600)
     (F, y), (G, z) = _places(options.seed, count), _places(options.seed + 1000, count)
     many = np.tile(G, (max(20_000 // len(G), 1), 1))
-    rounds = options.share(50, 25)
+    rounds = options.share(50, 15)
 
     def right(scores: Array) -> float:
         return 100.0 * float(np.mean((scores > 0.5) == (z == 1)))

@@ -42,7 +42,7 @@ def _parallel(options: Options, what: str, function: Any, calls: list[tuple[Any,
 
 def _figure_3(options: Options, report: Report) -> None:
     """OSPA and cardinality over time, extended against point targets, distances against K-means."""
-    count = options.share(100, 10)
+    count = options.share(100, 5)
     rows: list[list[Any]] = []
     for number, (title, make) in enumerate(monte_carlo.SCENES.items()):
         scene = make()

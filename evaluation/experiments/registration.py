@@ -82,7 +82,7 @@ def measure(aligner: Aligner, pairs: list[Pair]) -> Tally:
 
 
 def _pairs(options: Options, report: Report) -> None:
-    count = options.share(400, 60)
+    count = options.share(400, 40)
     columns = ["method"] + [
         f"{kind}: {what}"
         for kind in DIFFICULTIES
