@@ -2,7 +2,7 @@
 """Topics, services and actions of every node, by name, type and meaning.
 
 The tables of README.md and docs/nodes/ are made of this, and a test holds it against what the running nodes really have.
-Names are relative; `~/` stands for the node's own name. Latched topics are kept for those who come late.
+Names are relative, but for those that begin with a slash; `~/` stands for the node's own name. Latched topics are kept for those who come late.
 """
 
 from __future__ import annotations
@@ -34,10 +34,13 @@ _MARKERS = "visualization_msgs/MarkerArray"
 _GRID = "nav_msgs/OccupancyGrid"
 _POSE = "geometry_msgs/PoseWithCovarianceStamped"
 
+# Absolute, as with all of ROS: one place for the health of everything on the graph, in whatever namespace it runs.
+DIAGNOSTICS = "/diagnostics"
+
 COMMON = (
     _I(
         "out",
-        "diagnostics",
+        DIAGNOSTICS,
         "diagnostic_msgs/DiagnosticArray",
         "rates, latencies, drops by reason, losses, health",
     ),

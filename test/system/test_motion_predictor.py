@@ -46,7 +46,7 @@ class People:
         self.paths: list[PredictedPathArray] = graph.collect(PredictedPathArray, "predicted_paths")
         self.markers: list[MarkerArray] = graph.collect(MarkerArray, f"{NODE}/markers")
         self.occupancy: list[PointCloud2] = graph.collect(PointCloud2, "predicted_occupancy")
-        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "diagnostics")
+        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
 
     def send(self, positions: dict[int, tuple[float, float]], **fields: Any) -> TargetArray:
         """One message at the present clock, and wait until the node is done with it."""
