@@ -19,6 +19,7 @@ from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
 from whereabouts.cli.mcp import mcp
 from whereabouts.cli.odometry import odometry
+from whereabouts.cli.parameters import parameters
 from whereabouts.cli.run import run
 from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
@@ -54,7 +55,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, setup, doctor, run, ask, find, forget, save_map, load_map, mcp, console, view,
+    demo, setup, doctor, parameters, run, ask, find, forget, save_map, load_map, mcp, console, view,
     odometry, slam, track, segment, world, intentions, convert, experiment, security,
 ):  # fmt: skip
     app.command()(command)

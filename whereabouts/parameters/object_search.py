@@ -19,6 +19,11 @@ _WithSearch = create_model("_WithSearch", __base__=NodeParameters, **settings_of
 class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     """Parameters of `object_search`: its own, and all settings of `SearchConfig`."""
 
+    public = (
+        "map_frame", "base_frame", "method", "relations_file", "places_file", "view", "arrival_distance",
+        "threshold", "learn", "rate",
+    )  # fmt: skip
+
     map_frame: str = setting("map", "frame of the world state, the map and the goals", fixed=True)
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
     relations_file: str = setting(
