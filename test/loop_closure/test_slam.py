@@ -14,6 +14,7 @@ from estimation.metrics import absolute_trajectory_error, align_points
 from estimation.poses import between, compound
 from loop_closure import closing
 from loop_closure.closing import Fit
+from loop_closure.graph import Edge
 from loop_closure.localization import Localizer
 from loop_closure.map_file import read_map, write_map
 from loop_closure.slam import Slam
@@ -252,3 +253,51 @@ def test_a_leap_of_the_odometry_is_not_believed_and_the_saved_map_knows(tmp_path
     with file.open("wb") as out:
         write_map(slam, out)
     assert read_map(file).keyframes.breaks == slam.keyframes.breaks
+
+
+def test_a_false_closure_is_taken_out_and_the_true_ones_stay() -> None:
+    scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    slam = mapped(scans, odometry)
+    true = len(slam.closures)
+    before = absolute_trajectory_error(slam.trajectory()[:, 1:3], truth[:, :2]).rmse
+    # Two keyframes of the first side and of the second round's far end are said to be one place.
+    paths = slam.keyframes.paths
+    a, b = int(np.searchsorted(paths, 3.0)), int(np.searchsorted(paths, 22.0))
+    lie = Edge(a, b, np.array([0.2, 0.1, 0.0]), np.diag([0.01, 0.01, 0.001]) ** 2, True)
+    slam.graph.close([lie])
+    spoilt = absolute_trajectory_error(np.array(slam.visited())[:, :2], truth[:, :2]).rmse
+    assert spoilt > 10.0 * before
+    number = len(slam.graph.edges) - 1
+    assert slam.remove_closure(number) == 1
+    after = absolute_trajectory_error(slam.trajectory()[:, 1:3], truth[:, :2]).rmse
+    assert after == pytest.approx(before, abs=0.01)
+    assert len(slam.closures) == true
+
+
+def test_a_revisit_that_was_taken_out_is_not_found_again() -> None:
+    scans, odometry, _ = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    half = len(scans) * 3 // 4
+    slam = mapped(scans[:half], odometry[:half])
+    assert slam.closures
+    first = next(n for n, item in enumerate(slam.graph.edges) if item.closure)
+    one = slam.graph.edges[first]
+    refused = slam.keyframes.paths[[one.a, one.b]]
+    count = slam.remove_closure(first)
+    assert count >= 1
+    for scan, pose in zip(scans[half:], odometry[half:], strict=True):
+        slam.process(scan, pose)
+    slam.trajectory()  # looks at everything once more
+    assert slam.closures, "what lies farther on is closed as ever"
+    paths = slam.keyframes.paths
+    ends = np.array([[paths[c.earlier], paths[c.later]] for c in slam.closures])
+    assert (np.abs(ends - refused).max(axis=1) >= 10.0).all()
+
+
+def test_what_is_no_closure_cannot_be_taken_out() -> None:
+    scans, odometry, _ = recorded(drive_of(CORNERS[:2]), 1, 0.0)
+    slam = mapped(scans[:20], odometry[:20])
+    for number in (0, -1, 10_000):
+        with pytest.raises(InputError, match="number: that of a closure"):
+            slam.remove_closure(number)
+    with pytest.raises(InputError):
+        Slam().remove_closure(0)
