@@ -87,6 +87,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in, latched", "tf_static", _TF, "the same"),
         _I("in, optional", "odometry", "nav_msgs/Odometry", "where the robot was at a scan, and how sure that is, also where the base publishes the transform; see `odometry_source`"),
         _I("in, optional", "initialpose", _POSE, "where the robot is in a saved map"),
+        _I("in, optional", "clicked_point", "geometry_msgs/PointStamped", "RViz's Publish Point: which closure `~/remove_closure` takes out"),
         _I("out", "loop_closures", "whereabouts_msgs/LoopClosure", "each accepted closure with relative pose and covariance"),
         _I("out, latched", "trajectory", "nav_msgs/Path", "corrected poses of the kept scans"),
         _I("out", "tf", _TF, "`map` → `odom`, with each scan and every `tf_period`"),
@@ -96,6 +97,9 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("out, latched", "~/markers", _MARKERS, "path and closures"),
         _I("service", "~/save_map", "whereabouts_msgs/SaveMap", "write map_saver's `.pgm` and `.yaml`, and the graph (`.npz`); a file is never half written"),
         _I("service", "~/load_map", "whereabouts_msgs/LoadMap", "read a map and find the robot in it; then extend it, or localise only"),
+        _I("service", "~/pause", "std_srvs/SetBool", "true: leave scans out of the map, transforms go on; false: go on with it"),
+        _I("service", "~/remove_closure", "std_srvs/Trigger", "take out the closure next to the clicked point, or the newest one, with all of the same revisit"),
+        _I("service", "~/dynamic_map", "nav_msgs/GetMap", "the map now; empty where there is none yet"),
     ),
     "target_tracker": (
         _I("in", "scan", "sensor_msgs/LaserScan", "a level scanner; `odom_frame` → scanner must be in tf at the stamp", "scan_topic"),

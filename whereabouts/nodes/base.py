@@ -36,6 +36,7 @@ from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.footprint import keep_packed, release, settle
 from whereabouts.nodes.inputs import HEARD_LATCHED, Frames, Handler, Input
+from whereabouts.nodes.outcomes import decline
 from whereabouts.nodes.outputs import QUIET, Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
 from whereabouts.nodes.timekeeping import Timekeeper
@@ -262,13 +263,14 @@ class SuiteNode(LifecycleNode):
                 inside.check(request)
                 return callback(request, response)
             except WhereaboutsError as error:
-                response.code, response.message = response.REFUSED, str(error)
+                if not decline(response, str(error), "REFUSED"):
+                    self.complain(f"service {name}: {error}", key=(name, "refused"))
             except OSError as error:
                 self.complain(f"service {name}: {error}", key=(name, "failed"))
-                response.code, response.message = response.FAILED, str(error)[:1000]
+                decline(response, str(error)[:1000])
             except Exception as error:
                 self.report_defect(f"service {name}", error)
-                response.code, response.message = response.FAILED, f"{type(error).__name__}: {error}"
+                decline(response, f"{type(error).__name__}: {error}")
             return response
 
         service = self.create_service(service_type, name, answer)
