@@ -176,6 +176,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("out, latched", "search_goal", "geometry_msgs/PoseStamped", "where to go next"),
         _I("out, latched", "base_available", "std_msgs/Bool", "false while it searches, so that maintenance does not move the base"),
         _I("out", "search_markers", _MARKERS, "the goal with its reason"),
+        _I("calls", "navigate_to_pose", "nav2_msgs/NavigateToPose", "nav2's, to drive to the goals", "navigate"),
         _I("action", "find_object", "whereabouts_msgs/FindObject", "find an object by class, predicates or id; each goal comes with its reason in words"),
     ),
 }  # fmt: skip

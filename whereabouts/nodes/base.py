@@ -165,6 +165,10 @@ class SuiteNode(LifecycleNode):
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
 
+    def goes_with(self, end: Callable[[], None]) -> None:
+        """Call `end` when what the node has set up is taken down."""
+        self._created.append((lambda _: end(), None))
+
     def add_latched_input(
         self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
     ) -> Input:

@@ -20,7 +20,7 @@ class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     """Parameters of `object_search`: its own, and all settings of `SearchConfig`."""
 
     public = (
-        "map_frame", "base_frame", "method", "relations_file", "places_file", "view", "arrival_distance",
+        "map_frame", "base_frame", "navigate", "method", "relations_file", "places_file", "view", "arrival_distance",
         "threshold", "learn", "rate",
     )  # fmt: skip
 
@@ -40,6 +40,7 @@ class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     together_distance: float = setting(
         3.0, "objects closer than this count as seen together", unit="m", ge=0.1, le=50.0
     )
+    navigate: bool = setting(False, "send goals to nav2's navigate_to_pose as well", fixed=True)
     rate: float = setting(5.0, "decisions per second while searching", unit="Hz", ge=0.5, le=50.0)
 
     @property
