@@ -31,6 +31,7 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.interrupts import interrupts_kept, listen_to_interrupts
+from whereabouts.nodes.bonding import Bonding
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
@@ -99,6 +100,7 @@ class SuiteNode(LifecycleNode):
         self._reported_subscribers: list[int] = []
         self.reported_counts: list[int] = []  # of the outputs, as listeners to ~/processed know them
         self._diagnostics = DiagnosticsPublisher(self)
+        self._bonding = Bonding(self)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish, clock=self._steady)
         self._supervisor = int(os.environ.get(SUPERVISOR_VARIABLE, 0))
@@ -378,6 +380,8 @@ class SuiteNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         result = super().on_activate(state)
         self.active = result == TransitionCallbackReturn.SUCCESS
+        if self.active:
+            self._bonding.form()
         mark = os.environ.get(ACTIVE_VARIABLE)
         if self.active and mark:
             Path(mark).touch()
@@ -385,6 +389,7 @@ class SuiteNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.active = False
+        self._bonding.end()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -395,6 +400,7 @@ class SuiteNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.active = False
+        self._bonding.end()
         self._destroy_created()
         return super().on_shutdown(state)
 
