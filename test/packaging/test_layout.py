@@ -160,3 +160,24 @@ def test_requirements_say_why() -> None:
         for line in path.read_text(encoding="utf-8").splitlines():
             if line and not line.startswith(("#", "-r")):
                 assert re.fullmatch(r"[\w.\[\]-]+==\S+(; [^#]+)? +# \S.*", line), f"{path.name}: {line}"
+
+
+def test_what_pip_would_install_rosdep_or_the_recipe_for_ros_machines_does() -> None:
+    from xml.etree import ElementTree
+
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    keys = {item.text or "" for item in manifest if item.tag.endswith("depend")}
+    recipe = (ROOT / "docs/installation.md").read_text(encoding="utf-8").partition("## On a ROS 2 Jazzy")[2]
+    named = set(re.search(r"pip install ((?:[\w-]+ )+)", recipe)[1].split())  # type: ignore[index]
+    skipped = set(re.search(r'--skip-keys "(.*?)"', recipe)[1].split())  # type: ignore[index]
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    listed = re.search(r"install_requires=\[(.*?)\]", setup, re.DOTALL)[1]  # type: ignore[index]
+    other = {"pyyaml": "yaml", "pillow": "pil"}
+    for name in re.findall(r'"([A-Za-z0-9_-]+)', listed):
+        if name == "setuptools":
+            continue
+        key = f"python3-{other.get(name, name)}"
+        assert key in keys or name in named, f"{name}: neither in package.xml nor in the recipe"
+    assert skipped == {key for key in keys if key.endswith("-pip")}
+    assert {key.removeprefix("python3-").removesuffix("-pip") for key in skipped} <= named
+    assert {"nav2_msgs", "rviz2", "rosbag2", "std_srvs"} <= keys
