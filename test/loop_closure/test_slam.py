@@ -17,6 +17,7 @@ from loop_closure.closing import Fit
 from loop_closure.graph import Edge
 from loop_closure.localization import Localizer
 from loop_closure.map_file import read_map, write_map
+from loop_closure.merging import merge
 from loop_closure.slam import Slam
 from loop_closure.slam_config import SlamConfig
 from registration import Scan
@@ -301,3 +302,40 @@ def test_what_is_no_closure_cannot_be_taken_out() -> None:
             slam.remove_closure(number)
     with pytest.raises(InputError):
         Slam().remove_closure(0)
+
+
+def test_two_sessions_become_one_map_without_a_guess() -> None:
+    there = drive_of(CORNERS[:3])
+    further = drive_of([(6.8, 2.0), *CORNERS[2:], CORNERS[0], (0.0, -4.7)])
+    monday, drifted, truth = recorded(there, 1, 0.0004)
+    tuesday, other, later = recorded(further, 2, 0.0004)
+    # The second session's odometry has a frame of its own.
+    other = np.array([compound(np.array([40.0, -7.0, 2.0]), pose) for pose in other])
+    first, second = mapped(monday, drifted), mapped(tuesday, other)
+    count, added = len(first.keyframes), len(second.keyframes)
+    found = merge(first, second)
+    assert 0 <= found < added
+    assert len(first.keyframes) >= count + added
+    known = {round(scan.stamp, 6): pose for scan, pose in zip(tuesday, later, strict=True)}
+    places = np.array([known[round(first.keyframes[k].stamp, 6)] for k in range(count, len(first.keyframes))])
+    # In the frame of the first session, which is that of its first scan.
+    expected = np.array([between(truth[0], place) for place in places])
+    misses = np.hypot(*(first.graph.poses[count:, :2] - expected[:, :2]).T)
+    assert misses.max() < 0.2
+
+
+def test_what_has_nothing_in_common_is_not_merged() -> None:
+    scans, odometry, _ = recorded(drive_of(CORNERS[:2]), 1, 0.0)
+    first, empty = mapped(scans, odometry), Slam()
+    with pytest.raises(InputError, match="without keyframes"):
+        merge(first, empty)
+    rng, lidar = np.random.default_rng(0), Lidar(181)
+    hall = joined([box(30.0, 4.0), box(0.3, 0.3, (9.0, 1.0, 0.4))])
+    drive = Drive([(-12.0, 0.0), (-6.0, 0.0)], speed=0.7)
+    elsewhere = Slam()
+    for k in range(30):
+        elsewhere.process(lidar.scan(hall, drive(0.25 * k), rng, 0.25 * k).scan, drive(0.25 * k))
+    count = len(first.keyframes)
+    with pytest.raises(InputError, match="not found in the first"):
+        merge(first, elsewhere)
+    assert len(first.keyframes) == count

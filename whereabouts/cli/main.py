@@ -18,6 +18,7 @@ from whereabouts.cli.experiment import experiment
 from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
 from whereabouts.cli.mcp import mcp
+from whereabouts.cli.merge import merge
 from whereabouts.cli.odometry import odometry
 from whereabouts.cli.parameters import parameters
 from whereabouts.cli.run import run
@@ -56,7 +57,7 @@ app = typer.Typer(
 )
 for command in (
     demo, setup, doctor, parameters, run, ask, find, forget, save_map, load_map, mcp, console, view,
-    odometry, slam, track, segment, world, intentions, convert, experiment, security,
+    odometry, slam, merge, track, segment, world, intentions, convert, experiment, security,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")
