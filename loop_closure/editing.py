@@ -44,22 +44,22 @@ def same_revisit(edges: Sequence[Edge], number: int, paths: FloatArray) -> set[i
 
 def nearest_closure(
     edges: Sequence[Edge], poses: FloatArray, point: npt.ArrayLike
-) -> tuple[int, float] | None:
+) -> tuple[Edge, float] | None:
     """The closure drawn nearest to a point of the map, and how far away, m; None where there is no closure.
 
     poses : (N, 3) or (N, 4, 4) of the keyframes. point : (2,) m. A closure is drawn as the line between its ends.
     """
-    numbers = [number for number, edge in enumerate(edges) if edge.closure]
-    if not numbers:
+    closures = [edge for edge in edges if edge.closure]
+    if not closures:
         return None
     where = positions(poses)[:, :2]
-    first = where[[edges[number].a for number in numbers]]
-    along = where[[edges[number].b for number in numbers]] - first
+    first = where[[edge.a for edge in closures]]
+    along = where[[edge.b for edge in closures]] - first
     away = np.asarray(point, dtype=np.float64)[:2] - first
     share = np.clip((away * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
     distances = np.linalg.norm(away - share[:, None] * along, axis=1)
     best = int(np.argmin(distances))
-    return numbers[best], float(distances[best])
+    return closures[best], float(distances[best])
 
 
 def _near(first: float, second: float) -> bool:

@@ -240,18 +240,19 @@ class Slam:
         self.keyframes.gap(NEW_RUN)
         self._new_run = True
 
-    def remove_closure(self, number: int) -> int:
+    def remove_closure(self, closure: Edge) -> int:
         """Take out a false closure with all others of the same revisit, and make none of it again.
 
-        number : of the edge in `graph.edges`. Returns how many closures were taken out. The poses are estimated anew.
+        closure : one of `graph.edges`. Returns how many closures were taken out. The poses are estimated anew.
 
         Raises
         ------
-        InputError : that edge is no closure. One that thinning has made part of the path is none any more.
+        InputError : that is no closure in the graph. One that thinning has made part of the path is none any more.
         """
         edges = self.graph.edges
-        if not (0 <= number < len(edges) and edges[number].closure):
-            raise InputError(f"number: that of a closure expected, got {number}")
+        number = next((k for k, edge in enumerate(edges) if edge is closure and edge.closure), None)
+        if number is None:
+            raise InputError("closure: that is none of the graph's closures")
         paths = self.keyframes.paths
         wrong = same_revisit(edges, number, paths)
         for index in wrong:

@@ -212,7 +212,7 @@ class LoopClosureNode(SuiteNode):
             update = self._slam.process(scan, odometry, known, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(scan, odometry, stamp)
-            self._correct()
+            self._take_correction()
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -232,7 +232,7 @@ class LoopClosureNode(SuiteNode):
             update = self._slam.process(cloud, base, covariance, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(cloud, base, stamp)
-            self._correct()
+            self._take_correction()
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -252,6 +252,13 @@ class LoopClosureNode(SuiteNode):
             self._closures_output.publish(
                 closure_message(closure, numbers, self._mounting, self.settings.base_frame)
             )
+
+    def _take_correction(self) -> None:
+        correction = self._slam.correction
+        flat = planar(correction)
+        self._correction = self._for_tf(spatial(correction) if flat else pose_from_matrix(correction))
+        if flat:
+            self._place = self._slam.pose[:2]
 
     def _locate(self, scan: Scan | Array, odometry: Array) -> None:
         assert self._localizer is not None
@@ -411,14 +418,6 @@ class LoopClosureNode(SuiteNode):
         if planar(after):
             self._place = after[:2]
         self._publish_transform()
-
-    def _correct(self) -> None:
-        """The odometry frame in the map by the newest estimate, and where the sensor is."""
-        correction = self._slam.correction
-        flat = planar(correction)
-        self._correction = self._for_tf(spatial(correction) if flat else pose_from_matrix(correction))
-        if flat:
-            self._place = self._slam.pose[:2]
 
     # Services.
 

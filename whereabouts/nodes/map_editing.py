@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from estimation.errors import InputError
 from loop_closure.editing import nearest_closure
+from loop_closure.graph import Edge
 from loop_closure.motions import positions
 from loop_closure.slam import Slam
 from whereabouts.nodes.base import SuiteNode
@@ -78,12 +79,11 @@ class MapEditing:
             raise InputError("a map in which the robot is only localised is not changed")
         slam = self._mapping.slam
         point, self._clicked = self._clicked, None
-        number = self._meant(slam, point)
-        edge = slam.graph.edges[number]
+        edge = self._meant(slam, point)
         at = positions(slam.graph.poses)[edge.b]
         first, second = slam.keyframes[edge.a].stamp, slam.keyframes[edge.b].stamp
         before = slam.pose
-        count = slam.remove_closure(number)
+        count = slam.remove_closure(edge)
         self._mapping.map_edited(before)
         left = sum(item.closure for item in slam.graph.edges)
         response.success = True
@@ -94,23 +94,21 @@ class MapEditing:
         self._node.get_logger().info(response.message)
         return response
 
-    def _meant(self, slam: Slam, point: NDArray[np.float64] | None) -> int:
-        """Number of the edge that a person means by a point; without one the newest closure."""
-        edges = slam.graph.edges
-        if point is None:
-            newest = [number for number, edge in enumerate(edges) if edge.closure]
-            if not newest:
-                raise InputError("there is no closure in the map")
-            return max(newest, key=lambda number: edges[number].b)
-        found = nearest_closure(edges, slam.graph.poses, point) if len(slam.keyframes) else None
-        if found is None:
+    def _meant(self, slam: Slam, point: NDArray[np.float64] | None) -> Edge:
+        """The closure that a person means by a point; without one the newest."""
+        closures = [edge for edge in slam.graph.edges if edge.closure]
+        if not closures:
             raise InputError("there is no closure in the map")
-        number, away = found
+        if point is None:
+            return max(closures, key=lambda edge: edge.b)
+        found = nearest_closure(closures, slam.graph.poses, point)
+        assert found is not None
+        edge, away = found
         if away > REACH:
             raise InputError(
                 f"the closure nearest to ({point[0]:.1f}, {point[1]:.1f}) is {away:.1f} m away, more than {REACH:g} m"
             )
-        return number
+        return edge
 
     def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
         response.map = self._mapping.map_now()
