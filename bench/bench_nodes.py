@@ -116,7 +116,7 @@ class Prober:
         self.answers: dict[int, float] = {}
         self.tally = 0
         self.labelled = self.skipped = 0
-        self.node.create_subscription(DiagnosticArray, "diagnostics", self._note, 10)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._note, 10)
         self.node.create_subscription(Odometry, "odometry", self._answer, 100)
         self.node.create_subscription(UInt32, "count", self._count, 100)
 

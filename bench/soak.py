@@ -112,7 +112,7 @@ def latencies(recording: Path) -> dict[str, list[tuple[float, float]]]:
 
     found: dict[str, list[tuple[float, float]]] = defaultdict(list)
     start = 0
-    with open_raw(recording, ["diagnostics"]) as log:
+    with open_raw(recording, ["/diagnostics"]) as log:
         for message in log:
             start = start or message.log_time
             for status in deserialize_message(bytes(message.data), DiagnosticArray).status:
@@ -163,7 +163,7 @@ def main() -> None:
             long,
             [replay_spec(name) for name in NODES],
             Path(folder) / "logs",
-            record=[("diagnostics", "diagnostic_msgs/msg/DiagnosticArray")],
+            record=[("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")],
             output=out,
             on_event=print,
         )

@@ -2,7 +2,7 @@
 
     python3 compat/bootstrap.py [runtime|test|evaluation|viewer ...]
 
-Needs python3 3.11 or 3.12 with the venv module, a C and a C++ compiler. Each step leaves a stamp with a
+Needs python3 3.11, 3.12 or 3.13 with the venv module, a C and a C++ compiler. Each step leaves a stamp with a
 digest of what it was made from, so a second call does only what has changed.
 """
 
@@ -19,7 +19,8 @@ ROOT = Path(__file__).resolve().parents[1]
 VENV = ROOT / ".venv"
 STATE = VENV / "set-up"
 PYTHON = VENV / "bin" / "python"
-SUPPORTED = ((3, 11), (3, 12))
+# The first that is there is taken: from 3.13 on one wheel, kiss_matcher, is missing.
+SUPPORTED = ((3, 12), (3, 11), (3, 13))
 # The longest build first; none of them uses another.
 INTERFACE_PACKAGES = ("whereabouts_msgs", "compat/vision_msgs", "compat/tf2_msgs", "compat/map_msgs")
 # Their functions are compiled to machine code, which is kept beside the sources.
@@ -36,10 +37,10 @@ def say(text):
 
 
 def find_interpreter():
-    """The running Python if it is supported, else python3.12 or python3.11 from the PATH."""
+    """The running Python if it is supported, else the first supported one from the PATH."""
     if sys.version_info[:2] in SUPPORTED and sys.prefix == sys.base_prefix:
         return sys.executable
-    for major, minor in reversed(SUPPORTED):
+    for major, minor in SUPPORTED:
         candidate = shutil.which(f"python{major}.{minor}")
         if candidate is None:
             continue
@@ -48,7 +49,8 @@ def find_interpreter():
         if answer.stdout.strip() == f"{major}.{minor}":
             return candidate
     raise SetUpError(
-        f"Python 3.11 or 3.12 is needed, python3 is {sys.version.split()[0]}: install python3.12 and python3.12-venv "
+        f"Python 3.11, 3.12 or 3.13 is needed, python3 is {sys.version.split()[0]}: install python3.12 and "
+        "python3.12-venv "
         "(ROS 2 Jazzy's wheels exist for these only), or call `make PYTHON=/path/to/python3.12`."
     )
 

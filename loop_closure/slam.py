@@ -16,6 +16,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.closing import Fit, Gate, Search, agree, look, lost, off
+from loop_closure.editing import Refused, same_revisit
 from loop_closure.graph import Edge, PoseGraph, SmoothedGraph, residuals
 from loop_closure.hypotheses import Guess, Hypotheses
 from loop_closure.keyframes import Keyframes
@@ -118,6 +119,7 @@ class Slam:
         self._visits = Visits(self._every_scan)
         self._thinning = Thinning(self.config.key_distance, self.config.key_turn)
         self._doubt = StepDoubt(self.config)
+        self._refused = Refused()
         self._queue: list[int] = []  # of those, what is to be looked at next
         self._undecided: list[int] = []  # keyframes to look at in hindsight
         self._again: set[int] = set()  # keyframes worth another look, their place being better known now
@@ -237,6 +239,26 @@ class Slam:
         self._doubt.begin()
         self.keyframes.gap(NEW_RUN)
         self._new_run = True
+
+    def remove_closure(self, closure: Edge) -> int:
+        """Take out a false closure with all others of the same revisit, and make none of it again.
+
+        closure : one of `graph.edges`. Returns how many closures were taken out. The poses are estimated anew.
+
+        Raises
+        ------
+        InputError : that is no closure in the graph. One that thinning has made part of the path is none any more.
+        """
+        edges = self.graph.edges
+        number = next((k for k, edge in enumerate(edges) if edge is closure and edge.closure), None)
+        if number is None:
+            raise InputError("closure: that is none of the graph's closures")
+        paths = self.keyframes.paths
+        wrong = same_revisit(edges, number, paths)
+        for index in wrong:
+            self._refused.add(edges[index], paths)
+        self._forget_closures(wrong)
+        return len(wrong)
 
     # One keyframe.
 
@@ -382,6 +404,9 @@ class Slam:
         return any(abs(paths[k] - paths[other]) < self._search.spread for other in others)
 
     def _accept(self, edges: Sequence[tuple[Edge, Fit | Guess]], reason: str) -> list[Closure]:
+        edges = [item for item in edges if not self._refused.holds(item[0], self.keyframes.paths)]
+        if not edges:
+            return []
         self.graph.close([edge for edge, _ in edges])
         made = []
         for edge, why in edges:
@@ -453,8 +478,11 @@ class Slam:
             for number, edge in enumerate(self.graph.edges)
             if edge.closure and squares[number] > 60.0 and off(edge, self.graph.poses)[0] > WRONG
         }
-        if not wrong:
-            return
+        if wrong:
+            self._forget_closures(wrong)
+
+    def _forget_closures(self, wrong: set[int]) -> None:
+        """Estimate anew without some closures, by the numbers of their edges."""
         gone = {(self.graph.edges[number].a, self.graph.edges[number].b) for number in wrong}
         self.graph.settle(wrong)
         self._uncertainty.reset()

@@ -11,7 +11,8 @@ from pathlib import Path
 from whereabouts.interfaces import NODE_INTERFACES, interfaces_of, markdown_table
 from whereabouts.node_names import NODES
 from whereabouts.parameters.description import markdown_table as parameter_table
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.registry import expert_names, model_of
+from whereabouts.parameters.yaml_text import shipped_file
 
 SUMMARIES = {
     "scan_registration": "Computes odometry with covariance from planar scans or clouds. It also publishes tf, the points of the static world, and which beams of a scan move.",
@@ -66,7 +67,8 @@ Fields, units and frames: {fields}. Every input takes ROS's QoS overrides, such 
 ## Parameters
 
 `config/{node}.yaml` states the defaults; † can only be set while the node is unconfigured. A value that is not allowed is refused with the
-parameter's name and its range.
+parameter's name and its range. {len(expert_names(node))} more are for experts: `whereabouts parameters {node} --expert` prints them with
+meaning, unit and range, and so does `ros2 param describe`.
 
 {parameter_table(model_of(node))}
 """
@@ -96,4 +98,5 @@ def interfaces_page(sources: Path) -> str:
 def pages(root: Path) -> dict[Path, str]:
     """Written files of a checkout and what they should hold."""
     written = {root / "docs/nodes" / f"{node}.md": node_page(node) for node in NODES}
+    written |= {root / "config" / f"{node}.yaml": shipped_file(node) for node in NODES}
     return {**written, root / "docs/interfaces.md": interfaces_page(root / "whereabouts_msgs")}

@@ -2,7 +2,7 @@
 """Topics, services and actions of every node, by name, type and meaning.
 
 The tables of README.md and docs/nodes/ are made of this, and a test holds it against what the running nodes really have.
-Names are relative; `~/` stands for the node's own name. Latched topics are kept for those who come late.
+Names are relative, but for those that begin with a slash; `~/` stands for the node's own name. Latched topics are kept for those who come late.
 """
 
 from __future__ import annotations
@@ -34,10 +34,13 @@ _MARKERS = "visualization_msgs/MarkerArray"
 _GRID = "nav_msgs/OccupancyGrid"
 _POSE = "geometry_msgs/PoseWithCovarianceStamped"
 
+# Absolute, as with all of ROS: one place for the health of everything on the graph, in whatever namespace it runs.
+DIAGNOSTICS = "/diagnostics"
+
 COMMON = (
     _I(
         "out",
-        "diagnostics",
+        DIAGNOSTICS,
         "diagnostic_msgs/DiagnosticArray",
         "rates, latencies, drops by reason, losses, health",
     ),
@@ -84,6 +87,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in, latched", "tf_static", _TF, "the same"),
         _I("in, optional", "odometry", "nav_msgs/Odometry", "where the robot was at a scan, and how sure that is, also where the base publishes the transform; see `odometry_source`"),
         _I("in, optional", "initialpose", _POSE, "where the robot is in a saved map"),
+        _I("in, optional", "clicked_point", "geometry_msgs/PointStamped", "RViz's Publish Point: which closure `~/remove_closure` takes out"),
         _I("out", "loop_closures", "whereabouts_msgs/LoopClosure", "each accepted closure with relative pose and covariance"),
         _I("out, latched", "trajectory", "nav_msgs/Path", "corrected poses of the kept scans"),
         _I("out", "tf", _TF, "`map` → `odom`, with each scan and every `tf_period`"),
@@ -93,6 +97,9 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("out, latched", "~/markers", _MARKERS, "path and closures"),
         _I("service", "~/save_map", "whereabouts_msgs/SaveMap", "write map_saver's `.pgm` and `.yaml`, and the graph (`.npz`); a file is never half written"),
         _I("service", "~/load_map", "whereabouts_msgs/LoadMap", "read a map and find the robot in it; then extend it, or localise only"),
+        _I("service", "~/pause", "std_srvs/SetBool", "true: leave scans out of the map, transforms go on; false: go on with it"),
+        _I("service", "~/remove_closure", "std_srvs/Trigger", "take out the closure next to the clicked point, or the newest one, with all of the same revisit"),
+        _I("service", "~/dynamic_map", "nav_msgs/GetMap", "the map now; empty where there is none yet"),
     ),
     "target_tracker": (
         _I("in", "scan", "sensor_msgs/LaserScan", "a level scanner; `odom_frame` → scanner must be in tf at the stamp", "scan_topic"),
@@ -111,7 +118,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in, latched", "tf_static", _TF, "the same"),
         _I("in, latched", "map", _GRID, "optional: walls that paths respect"),
         _I("out", "predicted_paths", "whereabouts_msgs/PredictedPathArray", "per person goals, probabilities, path and alternatives"),
-        _I("out", "predicted_occupancy", "sensor_msgs/PointCloud2", "where people will be, for an obstacle layer of a nav2 costmap"),
+        _I("out", "predicted_occupancy", "sensor_msgs/PointCloud2", "where people will be, in `base_frame`, for an obstacle layer of a nav2 costmap"),
         _I("out", "~/markers", _MARKERS, "paths, goals and their probabilities"),
         _I("service", "~/save", "whereabouts_msgs/SaveState", "write what was learned to one file"),
         _I("service", "~/load", "whereabouts_msgs/LoadState", "read it; another version, map or method is refused"),
@@ -169,6 +176,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("out, latched", "search_goal", "geometry_msgs/PoseStamped", "where to go next"),
         _I("out, latched", "base_available", "std_msgs/Bool", "false while it searches, so that maintenance does not move the base"),
         _I("out", "search_markers", _MARKERS, "the goal with its reason"),
+        _I("calls", "navigate_to_pose", "nav2_msgs/NavigateToPose", "nav2's, to drive to the goals", "navigate"),
         _I("action", "find_object", "whereabouts_msgs/FindObject", "find an object by class, predicates or id; each goal comes with its reason in words"),
     ),
 }  # fmt: skip

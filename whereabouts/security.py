@@ -25,7 +25,12 @@ LIFECYCLE_SERVICES = (
 )  # fmt: skip
 # What a service can cost. The role `operator` may call these; nobody else.
 WRITES_OR_FORGETS = {
-    "loop_closure": {"~/save_map": "writes files", "~/load_map": "reads files, and replaces the map"},
+    "loop_closure": {
+        "~/save_map": "writes files",
+        "~/load_map": "reads files, and replaces the map",
+        "~/pause": "stops mapping",
+        "~/remove_closure": "changes the map",
+    },
     "motion_predictor": {"~/save": "writes a file", "~/load": "reads a file, and replaces what was learned"},
     "world_model": {
         "~/forget": "takes objects out of the world",
@@ -35,7 +40,7 @@ WRITES_OR_FORGETS = {
 }
 RESETS = "~/reset"  # of every node: forgets live state
 # What answers, or has the robot look and drive; the role `user` may call these.
-ASKS = {"world_model": {"~/query"}, "world_maintenance": {"~/trigger"}}
+ASKS = {"loop_closure": {"~/dynamic_map"}, "world_model": {"~/query"}, "world_maintenance": {"~/trigger"}}
 
 Rules = dict[tuple[str, str, str], set[str]]
 

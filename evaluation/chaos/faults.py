@@ -98,7 +98,7 @@ class Laboratory:
         self._fuzzer = Fuzzer(seed)
         self._evidence = self.node.create_publisher(WorldEvidence, "evidence", 100)
         self.node.create_subscription(WorldState, "world_state", self._hear, STATE_QOS)
-        self.node.create_subscription(DiagnosticArray, "diagnostics", self._note, 10)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._note, 10)
         self._said, self._runs = "no diagnostics", 0
         self._publishers: dict[tuple[str, str], Any] = {}
         store = {

@@ -136,8 +136,13 @@ def test_only_the_last_tasks_are_kept_and_health_is_by_node() -> None:
         task = Message(header=header("map", float(number)), object_id=f"cup-{number}", reason="not seen")
         heard.take("verification_tasks", task)
     for level in (b"\0", b"\2"):
-        status = Message(name="loop_closure", level=level, message="told")
-        heard.take("diagnostics", Message(header=header("", 1.0), status=[status]))
+        status = Message(name="loop_closure", level=level, message="told", hardware_id="whereabouts")
+        # What other nodes of the graph say, and another robot's suite, comes on the same topic.
+        others = [
+            Message(name="motors", level=b"\2", message="hot", hardware_id="base"),
+            Message(name="robot2/verifier", level=b"\2", message="told", hardware_id="whereabouts"),
+        ]
+        heard.take("/diagnostics", Message(header=header("", 1.0), status=[status, *others]))
     world = heard.world()
     assert [len(world["tasks"]), world["tasks"][-1]["object"]] == [TASKS, f"cup-{TASKS + 4}"]
     assert world["health"] == [{"node": "loop_closure", "level": "error", "message": "told"}]

@@ -14,8 +14,10 @@ from estimation.metrics import absolute_trajectory_error, align_points
 from estimation.poses import between, compound
 from loop_closure import closing
 from loop_closure.closing import Fit
+from loop_closure.graph import Edge
 from loop_closure.localization import Localizer
 from loop_closure.map_file import read_map, write_map
+from loop_closure.merging import merge
 from loop_closure.slam import Slam
 from loop_closure.slam_config import SlamConfig
 from registration import Scan
@@ -252,3 +254,85 @@ def test_a_leap_of_the_odometry_is_not_believed_and_the_saved_map_knows(tmp_path
     with file.open("wb") as out:
         write_map(slam, out)
     assert read_map(file).keyframes.breaks == slam.keyframes.breaks
+
+
+def test_a_false_closure_is_taken_out_and_the_true_ones_stay() -> None:
+    scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    slam = mapped(scans, odometry)
+    true = len(slam.closures)
+    before = absolute_trajectory_error(slam.trajectory()[:, 1:3], truth[:, :2]).rmse
+    # Two keyframes of the first side and of the second round's far end are said to be one place.
+    paths = slam.keyframes.paths
+    a, b = int(np.searchsorted(paths, 3.0)), int(np.searchsorted(paths, 22.0))
+    lie = Edge(a, b, np.array([0.2, 0.1, 0.0]), np.diag([0.01, 0.01, 0.001]) ** 2, True)
+    slam.graph.close([lie])
+    spoilt = absolute_trajectory_error(np.array(slam.visited())[:, :2], truth[:, :2]).rmse
+    assert spoilt > 10.0 * before
+    assert slam.remove_closure(lie) == 1
+    after = absolute_trajectory_error(slam.trajectory()[:, 1:3], truth[:, :2]).rmse
+    assert after == pytest.approx(before, abs=0.01)
+    assert len(slam.closures) == true
+
+
+def test_a_revisit_that_was_taken_out_is_not_found_again() -> None:
+    scans, odometry, _ = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    half = len(scans) * 3 // 4
+    slam = mapped(scans[:half], odometry[:half])
+    assert slam.closures
+    one = next(item for item in slam.graph.edges if item.closure)
+    refused = slam.keyframes.paths[[one.a, one.b]]
+    count = slam.remove_closure(one)
+    assert count >= 1
+    for scan, pose in zip(scans[half:], odometry[half:], strict=True):
+        slam.process(scan, pose)
+    slam.trajectory()  # looks at everything once more
+    assert slam.closures, "what lies farther on is closed as ever"
+    paths = slam.keyframes.paths
+    ends = np.array([[paths[c.earlier], paths[c.later]] for c in slam.closures])
+    assert (np.abs(ends - refused).max(axis=1) >= 10.0).all()
+
+
+def test_what_is_no_closure_cannot_be_taken_out() -> None:
+    scans, odometry, _ = recorded(drive_of(CORNERS[:2]), 1, 0.0)
+    slam = mapped(scans[:20], odometry[:20])
+    other = Edge(0, 1, np.zeros(3), np.eye(3), True)
+    for edge in (slam.graph.edges[0], other):
+        with pytest.raises(InputError, match="none of the graph's closures"):
+            slam.remove_closure(edge)
+
+
+def test_two_sessions_become_one_map_without_a_guess() -> None:
+    there = drive_of(CORNERS[:3])
+    further = drive_of([(6.8, 2.0), *CORNERS[2:], CORNERS[0], (0.0, -4.7)])
+    monday, drifted, truth = recorded(there, 1, 0.0004)
+    tuesday, other, later = recorded(further, 2, 0.0004)
+    # The second session's odometry has a frame of its own.
+    other = np.array([compound(np.array([40.0, -7.0, 2.0]), pose) for pose in other])
+    first, second = mapped(monday, drifted), mapped(tuesday, other)
+    count, added = len(first.keyframes), len(second.keyframes)
+    found = merge(first, second)
+    assert 0 <= found < added
+    assert len(first.keyframes) >= count + added
+    known = {round(scan.stamp, 6): pose for scan, pose in zip(tuesday, later, strict=True)}
+    places = np.array([known[round(first.keyframes[k].stamp, 6)] for k in range(count, len(first.keyframes))])
+    # In the frame of the first session, which is that of its first scan.
+    expected = np.array([between(truth[0], place) for place in places])
+    misses = np.hypot(*(first.graph.poses[count:, :2] - expected[:, :2]).T)
+    assert misses.max() < 0.2
+
+
+def test_what_has_nothing_in_common_is_not_merged() -> None:
+    scans, odometry, _ = recorded(drive_of(CORNERS[:2]), 1, 0.0)
+    first, empty = mapped(scans, odometry), Slam()
+    with pytest.raises(InputError, match="without keyframes"):
+        merge(first, empty)
+    rng, lidar = np.random.default_rng(0), Lidar(181)
+    hall = joined([box(30.0, 4.0), box(0.3, 0.3, (9.0, 1.0, 0.4))])
+    drive = Drive([(-12.0, 0.0), (-6.0, 0.0)], speed=0.7)
+    elsewhere = Slam()
+    for k in range(30):
+        elsewhere.process(lidar.scan(hall, drive(0.25 * k), rng, 0.25 * k).scan, drive(0.25 * k))
+    count = len(first.keyframes)
+    with pytest.raises(InputError, match="not found in the first"):
+        merge(first, elsewhere)
+    assert len(first.keyframes) == count

@@ -73,7 +73,7 @@ def test_only_unsupported_pythons(checkout: Path, tmp_path: Path) -> None:
     if sys.prefix == sys.base_prefix:
         pytest.skip("runs outside a virtual environment, where the running Python itself is taken")
     assert answer.returncode == 1
-    assert "3.11 or 3.12 is needed" in answer.stdout
+    assert "3.11, 3.12 or 3.13 is needed" in answer.stdout
 
 
 def test_missing_python(checkout: Path, tmp_path: Path) -> None:

@@ -91,7 +91,9 @@ def test_commands_of_the_wheels_run_outside_the_checkout(
     assert "max_range: float from 0.5 to 1000 m expected, got -1.0" in answer.stderr
 
 
-def test_colcon_finds_and_builds_the_packages(source: Path, tmp_path: Path) -> None:
+def test_colcon_finds_and_builds_the_packages_in_a_folder_of_any_name(source: Path, tmp_path: Path) -> None:
+    whole, source = source, tmp_path / "Büro neu" / "src"
+    shutil.copytree(whole, source)
     colcon = [str(Path(sys.executable).with_name("colcon")), "--log-base", str(tmp_path / "log")]
     env = {**os.environ, "COLCON_DEFAULTS_FILE": str(source / "colcon_defaults.yaml")}
     env["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{env['PATH']}"
@@ -100,11 +102,14 @@ def test_colcon_finds_and_builds_the_packages(source: Path, tmp_path: Path) -> N
     assert "whereabouts_msgs\twhereabouts_msgs\t(ros.ament_cmake)" in found
     # The interface package takes a compiler a minute and is in the environment already: `make colcon` builds both.
     (source / "whereabouts_msgs" / "COLCON_IGNORE").touch()
-    places = ["--build-base", str(tmp_path / "build"), "--install-base", str(tmp_path / "install")]
+    places = ["--build-base", str(source / "build"), "--install-base", str(source / "install")]
     checked([*colcon, "build", *places, "--packages-select", "whereabouts"], cwd=source, env=env)
-    prefix = tmp_path / "install" / "whereabouts"
+    prefix = source / "install" / "whereabouts"
     assert (prefix / "share/whereabouts/launch/suite.launch.py").exists()
     assert (prefix / "share/ament_index/resource_index/packages/whereabouts").exists()
+    # Whatever Python colcon has: the environment's comes first when the nodes are started.
+    for path in (prefix / "lib/whereabouts").iterdir():
+        assert path.read_text(encoding="utf-8").splitlines()[0] == "#!/usr/bin/env python3", path.name
     executable = prefix / "lib/whereabouts/scan_registration"
     site = next((prefix / "lib").glob("python*/site-packages"))
     answer = subprocess.run(
@@ -112,7 +117,7 @@ def test_colcon_finds_and_builds_the_packages(source: Path, tmp_path: Path) -> N
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(site)},
+        env={**env, "PYTHONPATH": str(site)},
     )
     assert answer.returncode == 2, answer.stderr
     assert "max_wheel_age" in answer.stderr

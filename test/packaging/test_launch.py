@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
+from whereabouts.interfaces import NODE_INTERFACES
 from whereabouts.node_names import NODES
+from whereabouts.parameters.registry import model_of
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDER = ast.parse((ROOT / "whereabouts/nodes/launching.py").read_text(encoding="utf-8"))
@@ -27,14 +29,15 @@ def calls(tree: ast.AST, name: str) -> list[ast.Call]:
     return [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == name]
 
 
-@pytest.mark.parametrize("name", [*NODES, "suite"])
+@pytest.mark.parametrize("name", [*NODES, "suite", "nav2"])
 def test_a_launch_file_describes_its_nodes(name: str) -> None:
     tree = ast.parse((ROOT / "launch" / f"{name}.launch.py").read_text(encoding="utf-8"))
     (function,) = [item for item in tree.body if isinstance(item, ast.FunctionDef)]
     assert function.name == "generate_launch_description"
     assert not function.args.args
     (call,) = calls(function, "description")
-    assert ast.unparse(call) == ("description(*NODES)" if name == "suite" else f"description('{name}')")
+    whole = {"suite": "description(*NODES)", "nav2": "description(*NODES, nav2=True)"}
+    assert ast.unparse(call) == whole.get(name, f"description('{name}')")
 
 
 def test_launch_files_load_nothing_a_launch_machine_may_lack() -> None:
@@ -51,7 +54,7 @@ def test_launch_files_load_nothing_a_launch_machine_may_lack() -> None:
 
 
 def test_all_arguments_are_declared_and_used() -> None:
-    arguments = constant("ARGUMENTS")
+    arguments = {**constant("ARGUMENTS"), **constant("NAV2_ARGUMENTS")}
     assert {"namespace", "params_file", "use_sim_time", "bag", "rviz"} <= set(arguments)
     for default, meaning in arguments.values():
         assert isinstance(default, str)
@@ -76,7 +79,7 @@ def test_what_is_launched_is_installed() -> None:
     ]
     assert ("executable", "bring_up") in launched
     for kind, name in launched:
-        if kind == "executable" and name != "rviz2":
+        if kind == "executable" and name not in ("rviz2", "lifecycle_manager"):
             assert f'"{name} = whereabouts.nodes.{name}:main"' in setup
 
 
@@ -96,3 +99,36 @@ def test_rviz_shows_what_the_suite_publishes() -> None:
         if topic in ("map", "trajectory", "search_goal", "maintenance_goal"):
             assert display["Topic"]["Durability Policy"] == "Transient Local"
     assert {"map", "scan", "static_points", "trajectory", "world_model/markers"} <= set(topics)
+
+
+def test_nav2_hears_what_the_suite_says_and_drives_nearer_than_arrival() -> None:
+    content = yaml.safe_load((ROOT / "config/nav2_params.yaml").read_text(encoding="utf-8"))
+    servers = {name: item["ros__parameters"] for name, item in content.items() if "ros__parameters" in item}
+    assert set(servers) == set(constant("NAV2").values())
+    assert set(constant("DRIVERS")) == {
+        node for node in NODES if any(item.name == "navigate_to_pose" for item in NODE_INTERFACES[node])
+    }
+    published = {
+        item.name: item.type for node in NODES for item in NODE_INTERFACES[node] if item.kind == "out"
+    }
+    assert published[servers["bt_navigator"]["odom_topic"]] == "nav_msgs/Odometry"
+    kinds = {"LaserScan": "sensor_msgs/LaserScan", "PointCloud2": "sensor_msgs/PointCloud2"}
+    for name in ("local_costmap", "global_costmap"):
+        costmap = content[name][name]["ros__parameters"]
+        layer = costmap["obstacle_layer"]
+        sources = layer["observation_sources"].split()
+        assert all(source in layer for source in sources)
+        people = layer["people"]
+        assert published[people["topic"]] == kinds[people["data_type"]]
+        height = model_of("motion_predictor")().occupancy_height
+        assert people["min_obstacle_height"] <= height <= people["max_obstacle_height"]
+        # What is marked has to be cleared by somebody.
+        assert any(layer[source]["clearing"] for source in sources)
+        assert set(costmap["plugins"]) <= set(costmap)
+    assert "map_updates" in published
+    assert (
+        content["global_costmap"]["global_costmap"]["ros__parameters"]["static_layer"]["map_topic"]
+        in published
+    )
+    near = servers["controller_server"]["goal_checker"]["xy_goal_tolerance"]
+    assert all(near < model_of(node)().arrival_distance for node in constant("DRIVERS"))

@@ -107,9 +107,13 @@ def test_every_node_has_executable_parameter_file_and_launch_file() -> None:
 def test_parameter_files_state_the_defaults() -> None:
     from whereabouts.parameters.registry import model_of
 
-    for path in sorted((ROOT / "config").glob("*.yaml")):
+    for node in NODES:
+        path = ROOT / "config" / f"{node}.yaml"
         given = yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"]
-        assert given == model_of(path.stem)().model_dump(), f"{path.name} does not state the defaults"
+        defaults = model_of(node)().model_dump()
+        assert given.items() <= defaults.items(), f"{path.name} does not state the defaults"
+        assert tuple(given) == model_of(node).public
+        assert 0 < len(given) <= 12
 
 
 def test_package_names_agree_with_setup_and_package_xml() -> None:
@@ -156,3 +160,24 @@ def test_requirements_say_why() -> None:
         for line in path.read_text(encoding="utf-8").splitlines():
             if line and not line.startswith(("#", "-r")):
                 assert re.fullmatch(r"[\w.\[\]-]+==\S+(; [^#]+)? +# \S.*", line), f"{path.name}: {line}"
+
+
+def test_what_pip_would_install_rosdep_or_the_recipe_for_ros_machines_does() -> None:
+    from xml.etree import ElementTree
+
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    keys = {item.text or "" for item in manifest if item.tag.endswith("depend")}
+    recipe = (ROOT / "docs/installation.md").read_text(encoding="utf-8").partition("## On a ROS 2 Jazzy")[2]
+    named = set(re.search(r"pip install ((?:[\w-]+ )+)", recipe)[1].split())  # type: ignore[index]
+    skipped = set(re.search(r'--skip-keys "(.*?)"', recipe)[1].split())  # type: ignore[index]
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    listed = re.search(r"install_requires=\[(.*?)\]", setup, re.DOTALL)[1]  # type: ignore[index]
+    other = {"pyyaml": "yaml", "pillow": "pil"}
+    for name in re.findall(r'"([A-Za-z0-9_-]+)', listed):
+        if name == "setuptools":
+            continue
+        key = f"python3-{other.get(name, name)}"
+        assert key in keys or name in named, f"{name}: neither in package.xml nor in the recipe"
+    assert skipped == {key for key in keys if key.endswith("-pip")}
+    assert {key.removeprefix("python3-").removesuffix("-pip") for key in skipped} <= named
+    assert {"nav2_msgs", "rviz2", "rosbag2", "std_srvs"} <= keys

@@ -15,7 +15,7 @@ from evaluation.digest import ROOT
 from evaluation.pages import BEFORE, Book, pages, results_page
 from evaluation.results import read_all
 from whereabouts.cli.main import app
-from whereabouts.interfaces import NODE_INTERFACES
+from whereabouts.interfaces import NODE_INTERFACES, interfaces_of
 from whereabouts.node_names import NODES
 from whereabouts.parameters.registry import model_of
 
@@ -180,3 +180,17 @@ def test_the_adapter_in_the_camera_page_is_the_example_and_short() -> None:
     compile(text, "yolo_adapter.py", "exec")
     assert text.rstrip() in (ROOT / "docs/camera.md").read_text(encoding="utf-8")
     assert len([line for line in text.splitlines() if line.strip()]) <= 30
+
+
+def test_what_the_page_for_users_of_slam_toolbox_names_exists() -> None:
+    text = (ROOT / "docs/from_slam_toolbox.md").read_text(encoding="utf-8")
+    offered = {item.name.removeprefix("~/") for item in interfaces_of("loop_closure")}
+    named = set(re.findall(r"`loop_closure/(\w+)`", text))
+    assert {"pause", "remove_closure", "dynamic_map", "save_map", "load_map", "reset"} <= named <= offered
+    fields = {name for node in ("loop_closure", "scan_registration") for name in model_of(node).model_fields}
+    table = text.partition("## Parameters")[2].partition("\n## ")[0]
+    rows = [line.split("|") for line in table.splitlines() if line.startswith("| `")]
+    assert len(rows) > 15
+    for row in rows:
+        ours = row[1] if "same names" in row[2] else row[2]
+        assert set(re.findall(r"`(\w+)[`:]", ours)) <= fields | {"load_map", "range_min"}, row

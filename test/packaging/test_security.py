@@ -87,7 +87,7 @@ def test_only_the_operator_may_write_and_forget(written: Path) -> None:
     }
     assert costly <= rights(written / "operator.policy.xml")["services request"]
     user = rights(written / "user.policy.xml")["services request"]
-    assert user == {"world_model/query", "world_maintenance/trigger"}
+    assert user == {"loop_closure/dynamic_map", "world_model/query", "world_maintenance/trigger"}
 
 
 def test_it_is_known_of_every_service_what_it_can_cost() -> None:

@@ -280,7 +280,7 @@ class Robot:
         self.rng = np.random.default_rng(7)
         self.odometry: list[Odometry] = graph.collect(Odometry, f"{prefix}odometry")
         self.processed: list[Processed] = graph.collect(Processed, f"{prefix}scan_registration/processed")
-        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, f"{prefix}diagnostics")
+        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
 
     def truth(self, time: float) -> np.ndarray:
         """Pose of the robot in the frame of its start."""
@@ -317,10 +317,12 @@ class Robot:
         }
 
     def figures(self) -> dict[str, str]:
-        """The node's latest diagnostics."""
-        if not self.diagnostics:
-            return {}
-        return {item.key: item.value for item in self.diagnostics[-1].status[0].values}
+        """The latest diagnostics of a node of this robot's: those of all robots come on one topic."""
+        own = self.prefix.lstrip("/")
+        for message in reversed(self.diagnostics):
+            if message.status[0].name.startswith(own):
+                return {item.key: item.value for item in message.status[0].values}
+        return {}
 
 
 def room() -> Shapes:

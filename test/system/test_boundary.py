@@ -113,7 +113,7 @@ def test_bytes_that_are_no_message_are_refused_and_nothing_else_is_raised() -> N
 
 @pytest.mark.parametrize("name", ["world_maintenance", "object_search"])
 def test_samples_too_short_for_a_stamp_end_no_node(graph: Graph, name: str) -> None:
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     spec = graph.start(name)
     broken = [bytes([0, 1, 0, 0]) + bytes(length) for length in range(8)]
     for data in broken:
@@ -124,7 +124,7 @@ def test_samples_too_short_for_a_stamp_end_no_node(graph: Graph, name: str) -> N
 
 
 def test_a_transform_of_1e19_metres_ends_no_node(graph: Graph) -> None:
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     spec = graph.start("loop_closure")
     graph.publish("tf_static", TFMessage(transforms=[mounting("laser", HERE)]), TF_STATIC_QOS)
     ranges = np.full(181, 2.0)

@@ -74,8 +74,8 @@ def test_a_node_has_what_is_declared(graph: Graph, name: str) -> None:
         assert node.inputs, "it is configured"
         declared = interfaces_of(name)
         # What a parameter brings in or names need not be there by default.
-        always = {(item.kind, item.name, item.type) for item in declared if not item.when}
-        possible = {(item.kind, item.name, item.type) for item in declared}
+        always = {(item.kind, item.name.lstrip("/"), item.type) for item in declared if not item.when}
+        possible = {(item.kind, item.name.lstrip("/"), item.type) for item in declared}
         graph.until(lambda: always <= set(present(node)), f"{name} has all that is declared")
         assert set(present(node)) <= possible
         for item in declared:
@@ -95,3 +95,25 @@ def test_a_node_has_what_is_declared(graph: Graph, name: str) -> None:
                 assert kept == [latched] * len(kept), item.name
     finally:
         node.destroy_node()
+
+
+def test_health_is_on_one_topic_for_all_namespaces_unless_it_is_renamed(graph: Graph) -> None:
+    kind = node_class("verifier")
+    renamed = ["--ros-args", "-r", "/diagnostics:=health"]
+    nodes = [
+        kind(context=graph.context, namespace="/robot1"),
+        kind(context=graph.context, namespace="/robot2", cli_args=renamed),
+    ]
+    try:
+        for node, topic in zip(nodes, ("/diagnostics", "/robot2/health"), strict=True):
+            names = {
+                name
+                for name, types in node.get_publisher_names_and_types_by_node(
+                    node.get_name(), node.get_namespace()
+                )
+                if types == ["diagnostic_msgs/msg/DiagnosticArray"]
+            }
+            assert names == {topic}
+    finally:
+        for node in nodes:
+            node.destroy_node()

@@ -35,12 +35,14 @@ class Nav2:
         self.sent: list[Later] = []
         self.results: list[Later] = []
         self.cancelled: list[int] = []
+        self.feedback: list[Any] = []
 
     def server_is_ready(self) -> bool:
         return self.ready
 
-    def send_goal_async(self, goal: Any) -> Later:
+    def send_goal_async(self, goal: Any, feedback_callback: Any) -> Later:
         self.goals.append(goal)
+        self.feedback.append(feedback_callback)
         self.sent.append(Later())
         return self.sent[-1]
 
@@ -55,8 +57,8 @@ class Nav2:
             )
         )
 
-    def end(self, index: int, status: int) -> None:
-        self.results[index].answer(SimpleNamespace(status=status))
+    def end(self, index: int, status: int, code: int = 0) -> None:
+        self.results[index].answer(SimpleNamespace(status=status, result=SimpleNamespace(error_code=code)))
 
 
 def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not() -> None:
@@ -91,6 +93,35 @@ def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers() 
     assert nav2.cancelled == [0, 1]
     nav2.end(1, GoalStatus.STATUS_ABORTED)
     assert failures == []
+
+
+def test_a_goal_that_nav2_gives_up_is_tried_once_more_and_another_ones_goal_is_left_alone() -> None:
+    nav2 = Nav2()
+    failures: list[str] = []
+    navigator = Navigator(nav2, lambda pose: pose)
+    navigator.go("door", lambda: failures.append(navigator.reason))
+    nav2.take(0)
+    nav2.feedback[0](
+        SimpleNamespace(feedback=SimpleNamespace(distance_remaining=2.5, number_of_recoveries=1))
+    )
+    assert (navigator.remaining, navigator.recoveries) == (2.5, 1)
+    nav2.end(0, GoalStatus.STATUS_ABORTED, code=207)
+    assert (nav2.goals, failures) == (["door", "door"], [])
+    nav2.take(1)
+    nav2.end(1, GoalStatus.STATUS_ABORTED, code=207)
+    assert (nav2.goals, failures) == (["door", "door"], ["nav2 gives up, error 207"])
+    # No error: another client has sent the robot elsewhere. Sending it back would be a quarrel.
+    navigator.go("desk", lambda: failures.append(navigator.reason))
+    assert navigator.remaining is None
+    nav2.take(2)
+    nav2.end(2, GoalStatus.STATUS_ABORTED)
+    assert nav2.goals[2:] == ["desk"]
+    assert failures[1:] == ["nav2 gives up, or another goal took its place"]
+    # What it says about a goal that nobody wants any more says nothing about the next one.
+    nav2.feedback[1](
+        SimpleNamespace(feedback=SimpleNamespace(distance_remaining=9.0, number_of_recoveries=9))
+    )
+    assert (navigator.remaining, navigator.recoveries) == (None, 0)
 
 
 def test_a_goal_is_out_of_reach_once_the_robot_has_not_come_nearer_for_long() -> None:

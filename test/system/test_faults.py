@@ -39,7 +39,7 @@ def figures(node: str, diagnostics: list[Any]) -> dict[str, str]:
 
 @pytest.mark.parametrize("node", NODES)
 def test_nonsense_on_every_input_is_survived(graph: Graph, node: str) -> None:
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     answers = graph.collect(Processed, f"{node}/processed", 1000)
     spec = graph.start(node)
     # Whom the node itself moves, it is not told.
@@ -79,7 +79,7 @@ def test_nonsense_on_every_input_is_survived(graph: Graph, node: str) -> None:
 
 def test_a_flood_of_scans_is_survived_and_accounted_for(graph: Graph) -> None:
     everything = graph.collect(Processed, "scan_registration/processed", 5000)
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     graph.start("scan_registration", input_reliability="best_effort", segment_scans=False)
     graph.mount()
     lidar, rng, here = Lidar(), np.random.default_rng(3), np.array([-3.0, -1.5, 0.0])
@@ -123,7 +123,7 @@ def test_a_flood_of_scans_is_survived_and_accounted_for(graph: Graph) -> None:
 
 def test_ten_thousand_detections_in_one_message_are_survived(graph: Graph) -> None:
     answers = graph.collect(Processed, "world_model/processed")
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     spec = graph.start(
         "world_model", classes=["cup", "bowl"], region=[-500.0, 500.0, -500.0, 500.0, -0.5, 2.5]
     )

@@ -15,9 +15,10 @@ from sensor_msgs.msg import PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from whereabouts.nodes.base import LATCHED, TF_STATIC_QOS
+from whereabouts.nodes.base import LATCHED, TF_QOS, TF_STATIC_QOS
 from whereabouts.nodes.conversions import points_from_message
-from whereabouts.nodes.stamps import NANOSECONDS, seconds, time_message
+from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, seconds, time_message
+from whereabouts.nodes.transforms import transform_message
 from whereabouts_msgs.msg import PredictedPathArray, Processed, Target, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
@@ -46,7 +47,7 @@ class People:
         self.paths: list[PredictedPathArray] = graph.collect(PredictedPathArray, "predicted_paths")
         self.markers: list[MarkerArray] = graph.collect(MarkerArray, f"{NODE}/markers")
         self.occupancy: list[PointCloud2] = graph.collect(PointCloud2, "predicted_occupancy")
-        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "diagnostics")
+        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
 
     def send(self, positions: dict[int, tuple[float, float]], **fields: Any) -> TargetArray:
         """One message at the present clock, and wait until the node is done with it."""
@@ -80,6 +81,13 @@ class People:
         self.clock += 3.0
         self.send({})
         self.clock += 60.0
+
+    def robot(self, x: float, y: float, yaw: float) -> None:
+        """Where tf has the robot at the present clock."""
+        stamp = START + round(self.clock * NANOSECONDS)
+        turned = (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+        transform = transform_message("map", "base_link", stamp, (x, y, 0.0, *turned))
+        self.graph.publish("tf", TFMessage(transforms=[transform]), TF_QOS)
 
     def figures(self) -> dict[str, str]:
         return (
@@ -228,3 +236,55 @@ def test_targets_in_another_frame_walls_and_bad_messages(graph: Graph) -> None:
     people.walk("up", until=1.0)
     people.learned(1)
     graph.until(lambda: people.figures().get("present") == "1", "only the new person is there")
+
+
+def marked(cloud: PointCloud2, robots: dict[int, tuple[float, float, float]], most: float) -> np.ndarray:
+    """Points (N, 2) of the map that nav2's obstacle layer marks: those within `most` m of the origin of the cloud.
+
+    robots : pose (3,) of base_link in the map by stamp, ns.
+    """
+    points, _ = points_from_message(cloud)
+    if cloud.header.frame_id == "map":
+        origin, turn = np.zeros(2), 0.0
+    else:
+        assert cloud.header.frame_id == "base_link"
+        x, y, turn = robots[nanoseconds(cloud.header.stamp)]
+        origin = np.array([x, y])
+    c, s = np.cos(turn), np.sin(turn)
+    there = points[:, :2] @ np.array([[c, -s], [s, c]]).T + origin
+    return there[np.hypot(*(there - origin).T) <= most]
+
+
+def test_a_costmap_marks_people_near_the_robot_wherever_it_is_in_the_map(graph: Graph) -> None:
+    people = People(graph)
+    graph.start(NODE)
+    robots: dict[int, tuple[float, float, float]] = {}
+    person = np.array([20.0, 10.0])
+    for k in range(12):
+        people.clock += 0.2
+        here = (18.5 + 0.01 * k, 9.0, 0.5 + 0.1 * k)
+        robots[START + round(people.clock * NANOSECONDS)] = here
+        people.robot(*here)
+        people.send({1: (float(person[0]), float(person[1]))})
+
+    def seen() -> bool:
+        """The newest cloud is one with the robot in it; tf may come after the people of its moment."""
+        return bool(people.occupancy) and people.occupancy[-1].header.frame_id == "base_link"
+
+    graph.until(seen, "a cloud around the robot")
+    near = marked(people.occupancy[-1], robots, 2.5)
+    assert len(near)
+    assert np.hypot(*(near - person).T).min() < 0.3
+    # The person is 1.6 m from the robot and 22 m from the map's origin.
+    assert len(near) == len(points_from_message(people.occupancy[-1])[0])
+
+
+def test_a_costmap_is_served_in_the_maps_frame_where_the_robot_is_unknown(graph: Graph) -> None:
+    people = People(graph)
+    graph.start(NODE)
+    for _ in range(6):
+        people.clock += 0.2
+        people.send({1: (1.0, 1.0)})
+    graph.until(lambda: people.occupancy, "a cloud")
+    assert people.occupancy[-1].header.frame_id == "map"
+    assert len(marked(people.occupancy[-1], {}, 2.5))

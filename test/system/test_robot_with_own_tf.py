@@ -159,7 +159,7 @@ def test_messages_and_scans_may_come_in_any_order(graph: Graph, message_first: b
 
 
 def test_a_second_parent_is_an_error_in_diagnostics(graph: Graph) -> None:
-    said: list[DiagnosticArray] = graph.collect(DiagnosticArray, "diagnostics")
+    said: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
     graph.start("loop_closure")
     graph.mount()
     still = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

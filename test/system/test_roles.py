@@ -26,7 +26,7 @@ def figures(diagnostics: list[DiagnosticArray], node: str) -> dict[str, str]:
 
 
 def test_a_world_that_was_told_before_reaches_those_who_come_late(graph: Graph) -> None:
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     publisher = graph.node.create_publisher(WorldState, "world_state", HEARD_LATCHED)
     world = WorldState()
     world.header.frame_id, world.header.stamp = "map", time_message(1000 * NANOSECONDS)
@@ -41,7 +41,7 @@ def test_a_world_that_was_told_before_reaches_those_who_come_late(graph: Graph) 
 
 
 def test_verdicts_are_read_reliably_and_who_offers_less_is_named(graph: Graph) -> None:
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     graph.start("world_model", input_reliability="best_effort")
     reliable = {
         info.topic_type: info.qos_profile.reliability

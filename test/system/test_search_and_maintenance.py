@@ -271,7 +271,7 @@ def test_what_was_looked_for_in_vain_is_handed_to_the_search(
     start_maintenance(house, use_sim_time=False, search_for_lost=True)
     house.start("object_search", rate=10.0, view=1.2)
     cup = run_until(graph, house, lambda: the(states, "cup"), "the cup is known")
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
     house.goal = np.array([-1.5, 0.5])
     run_until(graph, house, lambda: "cup" not in house.visible(), "the robot has turned away")
     house.things["cup"] = ("cup", *TABLE)
@@ -288,7 +288,7 @@ def test_maintenance_goes_on_when_the_verifier_does_not_answer(
 ) -> None:
     graph, house, states, _ = started
     start_maintenance(house, use_sim_time=False, verify_timeout=0.1)
-    diagnostics = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
 
     def outcomes() -> tuple[str, str]:
         said = figures(diagnostics, "world_maintenance")

@@ -112,7 +112,7 @@ def test_people_are_tracked_through_both_nodes(graph: Graph) -> None:
 
 def test_reset_forgets_and_bad_input_is_survived(graph: Graph) -> None:
     scene = Scene(graph)
-    diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "diagnostics")
+    diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
     graph.start("target_tracker")
     graph.mount()
     graph.mount("elsewhere", (0.0, 0.0, 0.2, 0.0, 0.7, 0.0, 0.7141428))

@@ -88,7 +88,7 @@ class World:
     def __init__(self, graph: Graph, **parameters: Any) -> None:
         self.graph = graph
         self.states: list[WorldState] = graph.collect(WorldState, "world_state", STATE_QOS)
-        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "diagnostics")
+        self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
         self.processed: list[Processed] = graph.collect(Processed, "world_model/processed")
         settings = {
             "classes": ["cup", "bowl", "shoe", "person"],
@@ -424,7 +424,7 @@ def test_bad_evidence_is_refused_by_name_and_the_world_goes_on(graph: Graph) -> 
     world = World(graph, transform_timeout=0.1)
     cup = seen(ON_TABLE, "cup", "red")
     now = world.look(0.0, 8, cup)
-    said = graph.collect(DiagnosticArray, "diagnostics")
+    said = graph.collect(DiagnosticArray, "/diagnostics")
     for expected, spoil in BAD.values():
         message = evidence(now, seen(ON_TABLE, "cup", "red"))
         spoil(message)

@@ -18,7 +18,9 @@ from whereabouts.cli.experiment import experiment
 from whereabouts.cli.intentions import intentions
 from whereabouts.cli.loops import app as loops
 from whereabouts.cli.mcp import mcp
+from whereabouts.cli.merge import merge
 from whereabouts.cli.odometry import odometry
+from whereabouts.cli.parameters import parameters
 from whereabouts.cli.run import run
 from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
@@ -54,8 +56,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    demo, setup, doctor, run, ask, find, forget, save_map, load_map, mcp, console, view,
-    odometry, slam, track, segment, world, intentions, convert, experiment, security,
+    demo, setup, doctor, parameters, run, ask, find, forget, save_map, load_map, mcp, console, view,
+    odometry, slam, merge, track, segment, world, intentions, convert, experiment, security,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(loops, name="loops")

@@ -32,17 +32,21 @@ TOPICS = {
     "verification_tasks": "whereabouts_msgs/msg/VerificationTask",
     "search_goal": "geometry_msgs/msg/PoseStamped",
     "maintenance_goal": "geometry_msgs/msg/PoseStamped",
-    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 """What is listened to, relative to the suite's namespace."""
-EVERY_ONE = frozenset({"tf", "tf_static", "map_updates", "verification_tasks", "diagnostics"})
+EVERY_ONE = frozenset({"tf", "tf_static", "map_updates", "verification_tasks", "/diagnostics"})
 """Of these each message counts, of the others the newest."""
 
 
 class Heard:
-    """Takes messages and tells the world they make. Not for several threads at once."""
+    """Takes messages and tells the world they make. Not for several threads at once.
 
-    def __init__(self) -> None:
+    namespace : of the suite, "" or "/robot1"; the health of other nodes on the graph is left out.
+    """
+
+    def __init__(self, namespace: str = "") -> None:
+        self._namespace = namespace.strip("/")
         self.picture: bytes | None = None
         self._parents: dict[str, tuple[str, FloatArray]] = {}
         self._moving: set[str] = set()
@@ -70,14 +74,14 @@ class Heard:
             "verification_tasks": self._take_task,
             "search_goal": lambda message: self._take_goal("search", message),
             "maintenance_goal": lambda message: self._take_goal("maintenance", message),
-            "diagnostics": self._take_diagnostics,
+            "/diagnostics": self._take_diagnostics,
         }
 
     def take(self, topic: str, message: Any) -> None:
         """One message of one of `TOPICS`. Raises ValueError or AttributeError where it cannot be used."""
         self._takers[topic](message)
         header = getattr(message, "header", None)
-        if header is not None and topic != "diagnostics":
+        if header is not None and topic != "/diagnostics":
             self._stamp = max(self._stamp, nanoseconds(header.stamp) / 1e9)
 
     def world(self) -> Shown:
@@ -166,6 +170,9 @@ class Heard:
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
+            own = str(status.name).rpartition("/")[0] == self._namespace
+            if not own or status.hardware_id != "whereabouts":
+                continue
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
             self._health[str(status.name)] = {
                 "node": str(status.name),

@@ -353,7 +353,7 @@ def _costs(page: Page, judged: Judged) -> None:
     rows = []
     for full, usage in judged.run.usage.items():
         name = full.strip("/")
-        values = next((v for k, v in diagnostics.items() if k.rsplit("/", 1)[-1] == name), {})
+        values = diagnostics.get(name, {})
         topic = WORK.get(name, "")
         received = int(values.get(f"{topic} received", 0))
         rows.append(

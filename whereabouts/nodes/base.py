@@ -31,11 +31,13 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.interrupts import interrupts_kept, listen_to_interrupts
+from whereabouts.nodes.bonding import Bonding
 from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.footprint import keep_packed, release, settle
 from whereabouts.nodes.inputs import HEARD_LATCHED, Frames, Handler, Input
+from whereabouts.nodes.outcomes import decline
 from whereabouts.nodes.outputs import QUIET, Output
 from whereabouts.nodes.parameters import ParameterError, ParameterSet
 from whereabouts.nodes.timekeeping import Timekeeper
@@ -98,6 +100,7 @@ class SuiteNode(LifecycleNode):
         self._reported_subscribers: list[int] = []
         self.reported_counts: list[int] = []  # of the outputs, as listeners to ~/processed know them
         self._diagnostics = DiagnosticsPublisher(self)
+        self._bonding = Bonding(self)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish, clock=self._steady)
         self._supervisor = int(os.environ.get(SUPERVISOR_VARIABLE, 0))
@@ -163,6 +166,10 @@ class SuiteNode(LifecycleNode):
         """An input that was made elsewhere goes with the others."""
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
+
+    def goes_with(self, end: Callable[[], None]) -> None:
+        """Call `end` when what the node has set up is taken down."""
+        self._created.append((lambda _: end(), None))
 
     def add_latched_input(
         self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
@@ -262,13 +269,14 @@ class SuiteNode(LifecycleNode):
                 inside.check(request)
                 return callback(request, response)
             except WhereaboutsError as error:
-                response.code, response.message = response.REFUSED, str(error)
+                if not decline(response, str(error), "REFUSED"):
+                    self.complain(f"service {name}: {error}", key=(name, "refused"))
             except OSError as error:
                 self.complain(f"service {name}: {error}", key=(name, "failed"))
-                response.code, response.message = response.FAILED, str(error)[:1000]
+                decline(response, str(error)[:1000])
             except Exception as error:
                 self.report_defect(f"service {name}", error)
-                response.code, response.message = response.FAILED, f"{type(error).__name__}: {error}"
+                decline(response, f"{type(error).__name__}: {error}")
             return response
 
         service = self.create_service(service_type, name, answer)
@@ -372,6 +380,8 @@ class SuiteNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         result = super().on_activate(state)
         self.active = result == TransitionCallbackReturn.SUCCESS
+        if self.active:
+            self._bonding.form()
         mark = os.environ.get(ACTIVE_VARIABLE)
         if self.active and mark:
             Path(mark).touch()
@@ -379,6 +389,7 @@ class SuiteNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.active = False
+        self._bonding.end()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -389,6 +400,7 @@ class SuiteNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.active = False
+        self._bonding.end()
         self._destroy_created()
         return super().on_shutdown(state)
 

@@ -47,7 +47,7 @@ class LiveSource:
         self._node = Node("whereabouts_console", context=self._context, namespace=namespace or None)
         self._executor = NodeExecutor(self._context)
         self._executor.add_node(self._node)
-        self._heard = Heard()
+        self._heard = Heard(namespace)
         self._waiting: deque[tuple[str, bytes]] = deque(maxlen=10_000)
         self._newest: dict[str, bytes] = {}
         self._kinds = {topic: message_class(name) for topic, name in TOPICS.items()}

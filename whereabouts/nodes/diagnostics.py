@@ -10,6 +10,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from estimation.gaussians import repairs
+from whereabouts.interfaces import DIAGNOSTICS
 from whereabouts.nodes.inputs import Input
 from whereabouts.nodes.outputs import QUIET
 
@@ -27,11 +28,11 @@ class Health:
 
 
 class DiagnosticsPublisher:
-    """Publishes one status per node on `diagnostics`, at a fixed rate by the steady clock."""
+    """Publishes one status per node on `/diagnostics`, at a fixed rate by the steady clock."""
 
     def __init__(self, node: SuiteNode) -> None:
         self._node = node
-        self._publisher = node.create_publisher(DiagnosticArray, "diagnostics", 10, event_callbacks=QUIET)
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10, event_callbacks=QUIET)
         self._then = time.perf_counter()
         self._received: dict[str, int] = {}
         self._troubles = 0

@@ -33,27 +33,43 @@ ARGUMENTS = {
     "rviz": ("false", "true: show everything in RViz"),
     "autostart": ("true", "false: leave the nodes unconfigured for a lifecycle manager"),
 }
+# With nav2 only.
+NAV2_ARGUMENTS = {
+    "nav2_params_file": ("", "nav2's parameter file, in place of the shipped nav2_params.yaml"),
+}
+# Servers of nav2 by package, in the order in which they are activated. The map and the robot's pose are the suite's.
+NAV2 = {
+    "nav2_controller": "controller_server",
+    "nav2_planner": "planner_server",
+    "nav2_behaviors": "behavior_server",
+    "nav2_bt_navigator": "bt_navigator",
+}
+DRIVERS = ("world_maintenance", "object_search")  # nodes that send the robot somewhere
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 RESPAWN_DELAY = 1.0
 
 
-def description(*nodes: str) -> LaunchDescription:
-    """What launches the given nodes in that order."""
+def description(*nodes: str, nav2: bool = False) -> LaunchDescription:
+    """What launches the given nodes in that order. nav2 : also what drives the robot where they send it."""
+    arguments = {**ARGUMENTS, **NAV2_ARGUMENTS} if nav2 else ARGUMENTS
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
-        for name, (default, meaning) in ARGUMENTS.items()
+        for name, (default, meaning) in arguments.items()
     ]
-    return LaunchDescription([*declared, OpaqueFunction(function=_entities, kwargs={"names": nodes})])
+    made = OpaqueFunction(function=_entities, kwargs={"names": nodes, "arguments": (*arguments,)})
+    return LaunchDescription([*declared, made])
 
 
-def _entities(context: Any, names: tuple[str, ...]) -> list[Any]:
+def _entities(context: Any, names: tuple[str, ...], arguments: tuple[str, ...]) -> list[Any]:
     """What the arguments ask for."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
     share = Path(get_package_share_directory("whereabouts"))
     entities: list[Any] = []
     if PROFILES not in os.environ:
         entities.append(SetEnvironmentVariable(PROFILES, str(share / "config" / "fastdds.xml")))
     entities += [_node(name, given, share) for name in names]
+    if "nav2_params_file" in given:
+        entities += _nav2(given, share)
     if _is_true(given["rviz"]):
         entities.append(_rviz(given, share))
     if _is_true(given["autostart"]):
@@ -72,7 +88,10 @@ def _sim_time(given: dict[str, str]) -> bool:
 
 
 def _node(name: str, given: dict[str, str], share: Path) -> LifecycleNode:
-    files = [str(share / "config" / f"{name}.yaml"), *filter(None, [given["params_file"]])]
+    files: list[Any] = [str(share / "config" / f"{name}.yaml")]
+    if "nav2_params_file" in given and name in DRIVERS:
+        files.append({"navigate": True})
+    files += filter(None, [given["params_file"]])
     return LifecycleNode(
         package="whereabouts",
         executable=name,
@@ -83,6 +102,31 @@ def _node(name: str, given: dict[str, str], share: Path) -> LifecycleNode:
         respawn_delay=RESPAWN_DELAY,
         output="screen",
     )
+
+
+def _nav2(given: dict[str, str], share: Path) -> list[Any]:
+    """nav2's servers, and its lifecycle manager for them."""
+    file = given["nav2_params_file"] or str(share / "config" / "nav2_params.yaml")
+    clock = {"use_sim_time": _sim_time(given)}
+    common = {
+        "namespace": given["namespace"],
+        "output": "screen",
+        "remappings": [("/tf", "tf"), ("/tf_static", "tf_static")],
+    }
+    servers = [
+        Node(
+            package=package, executable=server, name=server, parameters=[file, clock], respawn=True, **common
+        )
+        for package, server in NAV2.items()
+    ]
+    manager = Node(
+        package="nav2_lifecycle_manager",
+        executable="lifecycle_manager",
+        name="lifecycle_manager_navigation",
+        parameters=[clock, {"autostart": True, "node_names": [*NAV2.values()]}],
+        **common,
+    )
+    return [*servers, manager]
 
 
 def _bring_up(names: tuple[str, ...], given: dict[str, str]) -> list[Any]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Odometry as OdometryMessage
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ from whereabouts.nodes.conversions import (
 )
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.map_editing import MapEditing
 from whereabouts.nodes.map_messages import closure_message, marker_messages, path_message
 from whereabouts.nodes.map_output import MapOutput
 from whereabouts.nodes.odometry_source import OdometrySource
@@ -101,6 +103,7 @@ class LoopClosureNode(SuiteNode):
         self._tf_output = self.broadcaster()
         self.add_service(SaveMap, "~/save_map", self._save)
         self.add_service(LoadMap, "~/load_map", self._load)
+        self._editing = MapEditing(self, self, settings.map_frame)
         self.add_timer(settings.tf_period, self._repeat_transform)
         self.add_timer(settings.map_period, self._publish_map)
         self.add_timer(settings.map_update_period, self._publish_changes)
@@ -165,7 +168,8 @@ class LoopClosureNode(SuiteNode):
         if self._earlier is not None:
             figures["keyframes of the previous run"] = len(self._earlier.slam.keyframes)
             return Health("mapping; looking for the robot in the map of the previous run", figures=figures)
-        return Health("localising" if self._localizer is not None else "mapping", figures=figures)
+        mapping = "paused: scans are left out of the map" if self._editing.paused else "mapping"
+        return Health("localising" if self._localizer is not None else mapping, figures=figures)
 
     # Inputs.
 
@@ -204,12 +208,11 @@ class LoopClosureNode(SuiteNode):
         self._stamp = stamp
         if self._localizer is not None:
             self._locate(scan, odometry)
-        else:
+        elif not self._editing.paused or not len(self._slam.keyframes):
             update = self._slam.process(scan, odometry, known, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(scan, odometry, stamp)
-            self._correction = self._for_tf(spatial(self._slam.correction))
-            self._place = self._slam.pose[:2]
+            self._take_correction()
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -225,11 +228,11 @@ class LoopClosureNode(SuiteNode):
         self._stamp = stamp
         if self._localizer is not None:
             self._locate(cloud, base)
-        else:
+        elif not self._editing.paused or not len(self._slam.keyframes):
             update = self._slam.process(cloud, base, covariance, stamp / NANOSECONDS)
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(cloud, base, stamp)
-            self._correction = self._for_tf(pose_from_matrix(self._slam.correction))
+            self._take_correction()
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -249,6 +252,13 @@ class LoopClosureNode(SuiteNode):
             self._closures_output.publish(
                 closure_message(closure, numbers, self._mounting, self.settings.base_frame)
             )
+
+    def _take_correction(self) -> None:
+        correction = self._slam.correction
+        flat = planar(correction)
+        self._correction = self._for_tf(spatial(correction) if flat else pose_from_matrix(correction))
+        if flat:
+            self._place = self._slam.pose[:2]
 
     def _locate(self, scan: Scan | Array, odometry: Array) -> None:
         assert self._localizer is not None
@@ -377,6 +387,37 @@ class LoopClosureNode(SuiteNode):
         if poses.ndim == 3:
             return np.array([pose_from_matrix(pose) for pose in poses])
         return np.array([spatial(compound(pose, inverse(self._mounting))) for pose in poses])
+
+    # What a person does to the map; see `MapEditing`.
+
+    @property
+    def slam(self) -> Slam:
+        """The map in use."""
+        return self._slam
+
+    @property
+    def extends(self) -> bool:
+        """Whether scans are added to the map."""
+        return self._localizer is None
+
+    def map_now(self) -> GridMessage:
+        """The map with all that is known. Raises InputError where there is none yet."""
+        if self._stamp is None or not len(self._slam.keyframes) or self._slam.keyframes[0].scan is None:
+            raise InputError("there is no map of scans yet")
+        self._grid.update(self._slam)
+        return self._maps.message(self._map_header(self._stamp), self._grid, self._place)
+
+    def map_edited(self, before: Array) -> None:
+        """Publish everything anew. The robot goes with the last keyframe, `before` being its pose until now."""
+        self._changed = self._moved = True
+        if self._correction is None:
+            return
+        after = self._slam.pose
+        here, there = (pose_to_matrix(spatial(pose)) if planar(pose) else pose for pose in (after, before))
+        self._correction = pose_from_matrix(here @ np.linalg.inv(there) @ pose_to_matrix(self._correction))
+        if planar(after):
+            self._place = after[:2]
+        self._publish_transform()
 
     # Services.
 

@@ -60,6 +60,10 @@ class MapOutput:
         if left_out:
             self._node.complain(f"map: {left_out}", key="map left out")
 
+    def message(self, header: Header, grid: MapGrid, around: Array | None) -> GridMessage:
+        """The map as a message for one who asks; `around` as for `send`."""
+        return grid_message(header, grid.tiles, grid.tiles.view(around, self._most))
+
     def send_changes(self, header: Header, grid: MapGrid, around: Array | None) -> None:
         """Send the box of what has changed; the whole map if another part of it is to be shown."""
         view = grid.tiles.view(around, self._most)

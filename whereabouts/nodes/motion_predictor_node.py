@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
+from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
@@ -34,11 +35,13 @@ from whereabouts.nodes.intention_messages import (
     people_from_message,
 )
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import frame_name
+from whereabouts.nodes.transforms import TransformError, frame_name
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
 from whereabouts.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
+
+Array = NDArray[np.float64]
 
 
 class MotionPredictorNode(SuiteNode):
@@ -156,7 +159,24 @@ class MotionPredictorNode(SuiteNode):
                 settings.radius,
                 settings.occupancy_height,
             )
-            self._occupancy_output.publish(cloud_message(header, points))
+            self._occupancy_output.publish(self._from_robot(points, stamp))
+
+    def _from_robot(self, points: Array, stamp: int) -> PointCloud2:
+        """Points (M, 3) of the map as a cloud that is centred on the robot, where tf knows it.
+
+        Costmaps measure how far an obstacle is from the origin of its cloud, and leave out what is farther than a
+        sensor sees: of a cloud in the map's frame all but what is near its origin.
+        """
+        place = frame_name(self.settings.map_frame)
+        base = frame_name(self.settings.base_frame)
+        newest = self.transforms.newest(base, place)
+        at = stamp if not newest else min(stamp, newest)
+        try:
+            robot = self.transforms.lookup(base, place, at)
+        except TransformError:
+            return cloud_message(Header(stamp=time_message(stamp), frame_id=place), points)
+        seen = points @ robot[:3, :3].T + robot[:3, 3]
+        return cloud_message(Header(stamp=time_message(at), frame_id=base), seen)
 
     def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self._restart()

@@ -1,7 +1,8 @@
 """Node `object_search`: finds an object by driving to where it can be seen.
 
 In: `world_state` (WorldState), `map` (OccupancyGrid, optional), tf map -> base_link. Out: `search_goal` (PoseStamped),
-`base_available` (Bool: false while it searches), `search_markers`. Action: `find_object`.
+`base_available` (Bool: false while it searches), `search_markers`. Action: `find_object`. Calls, if told to: nav2's
+`navigate_to_pose`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import time
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
 from std_msgs.msg import Bool, Header
@@ -20,6 +22,7 @@ from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.driving import PATIENCE, Approach
 from whereabouts.nodes.inputs import HEARD_LATCHED
+from whereabouts.nodes.nav2 import figures_of, navigator_of
 from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.transforms import frame_name
@@ -55,9 +58,10 @@ class ObjectSearchNode(SuiteNode):
         )
         self._latest = LatestState(states.refuse)
         self.add_latched_input(GridMessage, "map", self._take_map)
-        self._goal_output = self.add_output(FindObject.Feedback().goal.__class__, "search_goal", LATCHED)
+        self._goal_output = self.add_output(PoseStamped, "search_goal", LATCHED)
         self._available_output = self.add_output(Bool, "base_available", LATCHED)
         self._markers_output = self.add_output(MarkerArray, "search_markers")
+        self._navigator = navigator_of(self, settings.navigate)
         self.add_action(FindObject, "find_object", self._find)
 
     def start_run(self) -> None:
@@ -68,12 +72,14 @@ class ObjectSearchNode(SuiteNode):
         self._reason = ""
         self._approach = Approach()
         self._arrived: tuple[float, float] | None = None
+        self._out_of_reach: Array | None = None  # (2,) of a goal that nav2 cannot reach
         self._found = self._failed = 0
         self._steps = 0
 
     def health(self) -> Health:
         figures: dict[str, object] = {"found": self._found, "not found": self._failed, "goals": self._steps}
         figures["known names"] = len(self._relations.names)
+        figures |= figures_of(self._navigator)
         if self._searching:
             return Health(f"looking for {self._searching}: {self._reason}", figures=figures)
         return Health("idle", figures=figures)
@@ -125,7 +131,7 @@ class ObjectSearchNode(SuiteNode):
         serial = self._serial
         self._search.reset()
         self._approach.forget()
-        self._arrived = None
+        self._arrived = self._out_of_reach = None
         self._searching, self._reason = wanted, "starting"
         self._available_output.publish(Bool(data=False))
         try:
@@ -133,6 +139,8 @@ class ObjectSearchNode(SuiteNode):
         finally:
             if serial == self._serial:
                 self._searching = ""
+                if self._navigator is not None:
+                    self._navigator.stop()
                 self._available_output.publish(Bool(data=True))
         self._found += result.code == result.FOUND
         self._failed += result.code in (result.NOT_FOUND, result.GAVE_UP)
@@ -193,10 +201,30 @@ class ObjectSearchNode(SuiteNode):
                     self._arrived = None
                 return self._search.next_goal(self._observed(pose), wanted, pose)
             self._arrived = None
-            if self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
+            if self._gone_wrong(step.goal):
+                self.complain(f"a goal is out of reach: {self._why()}. It was: {step.reason}", key="goal")
+                self._search.reached(step.goal)
+            elif self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
                 self.complain(f"a goal was not reached. The next one: {step.reason}", key="goal")
                 self._search.reached(step.goal)
         return self._search.next_goal(self._observed(pose), wanted, pose)
+
+    def _gone_wrong(self, goal: Array) -> bool:
+        """Whether nav2 has given up a goal (2,); it is said once."""
+        lost, self._out_of_reach = self._out_of_reach, None
+        return lost is not None and float(np.hypot(*(lost - goal))) < 1e-6
+
+    def _why(self) -> str:
+        return "" if self._navigator is None else self._navigator.reason
+
+    def _send(self, goal: PoseStamped, place: Array) -> None:
+        """Have nav2 drive to a goal at `place` (2,), if it is to."""
+
+        def failed() -> None:
+            self._out_of_reach = place
+
+        if self._navigator is not None and not self._navigator.go(goal, failed):
+            self.complain(self._why(), key="nav2")
 
     def _expected(self, request: Any, wanted: str) -> dict[str, float]:
         """Where what is asked for probably is by now, if it is lost or has probably moved on since it was seen."""
@@ -286,6 +314,7 @@ class ObjectSearchNode(SuiteNode):
             heading = 0.0 if pose is None else math.atan2(*(step.goal - pose[:2])[::-1])
             feedback.goal = pose_stamped(self._header(), np.array([*step.goal, heading]))
             self._goal_output.publish(feedback.goal)
+            self._send(feedback.goal, step.goal)
             self._mark(step)
         handle.publish_feedback(feedback)
         return now

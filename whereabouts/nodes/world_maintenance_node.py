@@ -16,7 +16,6 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
-from rclpy.action.client import ActionClient
 from rclpy.duration import Duration
 from std_msgs.msg import Bool, Header
 
@@ -25,8 +24,8 @@ from estimation.grid import OccupancyGrid
 from whereabouts.evidence import NOT_FOUND
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.driving import Navigator, navigate_type
 from whereabouts.nodes.inputs import HEARD_LATCHED
+from whereabouts.nodes.nav2 import figures_of, navigator_of
 from whereabouts.nodes.packed import Packed
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name
@@ -85,7 +84,7 @@ class WorldMaintenanceNode(SuiteNode):
             if self.settings.search_for_lost
             else None
         )
-        self._navigator = self._nav2()
+        self._navigator = navigator_of(self, settings.navigate)
         self.add_timer(1.0 / settings.rate, self._tick)
 
     def start_run(self) -> None:
@@ -104,6 +103,7 @@ class WorldMaintenanceNode(SuiteNode):
         figures: dict[str, object] = {"tasks": self._tasks, **self._outcomes}
         figures["triggers waiting"] = len(self._maintenance.queue)
         figures["searches asked for"] = self._searches
+        figures |= figures_of(self._navigator)
         if self._task is not None:
             return Health(f"{self._task.object_id}: {self._task.reason}", figures=figures)
         return Health(self._maintenance.idle_reason or "waiting for a world state", figures=figures)
@@ -207,13 +207,15 @@ class WorldMaintenanceNode(SuiteNode):
         self._task_output.publish(message)
         if task.distance > 0.0:
             self._goal_output.publish(goal)
-            if self._navigator is not None:
-                self._navigator.go(goal, lambda: self._unreachable(task))
+            navigator = self._navigator
+            if navigator is not None and not navigator.go(goal, lambda: self._unreachable(task)):
+                self.complain(navigator.reason, key="nav2")
 
     def _unreachable(self, task: VerificationTask) -> None:
         """nav2 cannot get there: another task, this one from another side later."""
         if self._task is task and not self._verifying:
-            self.complain(f"{task.object_id}: nav2 cannot reach the goal", key="goal")
+            reason = self._navigator.reason if self._navigator else ""
+            self.complain(f"{task.object_id}: the goal cannot be reached: {reason}", key="goal")
             self._finish(task, "occluded")
 
     def _attributes(self, task: VerificationTask) -> list[Attribute]:
@@ -334,15 +336,6 @@ class WorldMaintenanceNode(SuiteNode):
         # Evidence has to be placed by tf at its stamp.
         stamp = min(now, newest) if newest else now
         return Header(stamp=time_message(stamp), frame_id=self._map_frame)
-
-    def _nav2(self) -> Navigator | None:
-        """Goals for nav2, where it is wanted and installed."""
-        if not self.settings.navigate:
-            return None
-        kind = navigate_type()
-        client = ActionClient(self, kind, "navigate_to_pose")
-        self._created.append((lambda item: item.destroy(), client))
-        return Navigator(client, lambda pose: kind.Goal(pose=pose))
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -25,9 +25,13 @@ def setting(
 
 
 class NodeParameters(BaseModel):
-    """Parameters every node has."""
+    """Parameters every node has.
+
+    public : names of those that users set, at most twelve, in the order of files and pages; the rest is for experts.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    public: ClassVar[tuple[str, ...]] = ()
 
     autostart: bool = setting(
         True, "the node configures and activates itself; false leaves that to a lifecycle manager", fixed=True

@@ -47,9 +47,10 @@ def explain(model: type[NodeParameters], problem: Any) -> str:
 
 
 def markdown_table(model: type[NodeParameters]) -> str:
-    """All parameters of a node as a Markdown table; those fixed at the start are marked."""
+    """The public parameters of a node as a Markdown table; those fixed at the start are marked."""
     lines = ["| parameter | default | allowed | meaning |", "| --- | --- | --- | --- |"]
-    for name, field in model.model_fields.items():
+    for name in model.public:
+        field = model.model_fields[name]
         mark = " †" if extra(field, "fixed") else ""
         lines.append(f"| `{name}`{mark} | `{field.default}` | {allowed(field)} | {field.description} |")
     return "\n".join(lines)

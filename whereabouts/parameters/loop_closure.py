@@ -18,6 +18,11 @@ _WithSlam = create_model("_WithSlam", __base__=(FrameParameters, FileParameters)
 class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
     """Parameters of `loop_closure`: its own, and all settings of `SlamConfig`."""
 
+    public = (
+        "scan_topic", "cloud_topic", "odometry_source", "map_frame", "odom_frame", "base_frame",
+        "publish_tf", "map_file", "localization_only", "save_period", "resolution", "max_range",
+    )  # fmt: skip
+
     map_frame: str = setting("map", "map frame: does not drift, but may jump", fixed=True)
     scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)
     cloud_topic: str = setting("", "topic of a 3D scanner; used instead of scans if given", fixed=True)

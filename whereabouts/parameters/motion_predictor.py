@@ -16,7 +16,17 @@ _WithIntentions = create_model("_WithIntentions", __base__=FileParameters, **set
 class MotionPredictorParameters(_WithIntentions):  # type: ignore[valid-type, misc]
     """Parameters of `motion_predictor`: its own, and all settings of `IntentionConfig`."""
 
+    public = (
+        "map_frame", "base_frame", "map_id", "model_path", "method", "learn", "horizon", "rate",
+        "publish_occupancy", "occupancy_horizon", "occupancy_probability", "publish_markers",
+    )  # fmt: skip
+
     map_frame: str = setting("map", "frame of the learned walks and of the predictions", fixed=True)
+    base_frame: str = setting(
+        "base_link",
+        "frame of predicted_occupancy, the robot's; map_frame, or a robot that tf does not know: the map's",
+        fixed=True,
+    )
     map_id: str = setting("", "name of the map; a saved model of another map is refused", fixed=True)
     model_path: str = setting(
         "", "file that ~/save and ~/load use without a path; read at the start if it exists", fixed=True

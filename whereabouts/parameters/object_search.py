@@ -19,6 +19,11 @@ _WithSearch = create_model("_WithSearch", __base__=NodeParameters, **settings_of
 class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     """Parameters of `object_search`: its own, and all settings of `SearchConfig`."""
 
+    public = (
+        "map_frame", "base_frame", "navigate", "method", "relations_file", "places_file", "view", "arrival_distance",
+        "threshold", "learn", "rate",
+    )  # fmt: skip
+
     map_frame: str = setting("map", "frame of the world state, the map and the goals", fixed=True)
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
     relations_file: str = setting(
@@ -35,6 +40,7 @@ class ObjectSearchParameters(_WithSearch):  # type: ignore[valid-type, misc]
     together_distance: float = setting(
         3.0, "objects closer than this count as seen together", unit="m", ge=0.1, le=50.0
     )
+    navigate: bool = setting(False, "send goals to nav2's navigate_to_pose as well", fixed=True)
     rate: float = setting(5.0, "decisions per second while searching", unit="Hz", ge=0.5, le=50.0)
 
     @property

@@ -13,6 +13,12 @@ def is_parameter_of_any(name: str) -> bool:
     return any(name in model_of(node).model_fields for node in NODES)
 
 
+def expert_names(node: str) -> tuple[str, ...]:
+    """Parameters of a node that are not public."""
+    model = model_of(node)
+    return tuple(name for name in model.model_fields if name not in model.public)
+
+
 def model_of(node: str) -> type[NodeParameters]:
     """Parameter model of a node by its name."""
     module = importlib.import_module(f"whereabouts.parameters.{node}")

@@ -22,6 +22,11 @@ _WithOdometry = create_model(  # type: ignore[call-overload]
 class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, misc]
     """Parameters of `scan_registration`: its own, and all of `OdometryConfig` and `SegmenterConfig`."""
 
+    public = (
+        "scan_topics", "cloud_topics", "wheel_topic", "use_wheel_odometry", "odom_frame", "base_frame",
+        "publish_tf", "max_range", "map_radius", "key_distance", "segment_scans", "publish_static_points",
+    )  # fmt: skip
+
     scan_topics: list[str] = setting(
         ["scan"],
         "topics of planar scanners; scans of the others are joined to those of the first; [''] for none",

@@ -20,6 +20,11 @@ _WithPeople = create_model("_WithPeople", __base__=NodeParameters, **_SETTINGS) 
 class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
     """Parameters of `target_tracker`: its own, and all settings of `PeopleConfig`."""
 
+    public = (
+        "scan_topic", "odom_frame", "filter", "max_range", "detection_probability", "clutter", "report",
+        "keep", "memory", "use_segments", "trail",
+    )  # fmt: skip
+
     filter: Literal["mixture", "phd", "gmphd"] = setting(
         "mixture",
         "mixture: the people tracker; phd: the reference's filter on single returns; gmphd: its filter for points, on "

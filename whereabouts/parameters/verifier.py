@@ -8,6 +8,11 @@ from whereabouts.parameters.base import NodeParameters, setting
 class VerifierParameters(NodeParameters):
     """Parameters of `verifier`."""
 
+    public = (
+        "map_frame", "scan_topic", "cloud_topic", "use_clouds", "max_range", "points", "timeout",
+        "use_map",
+    )  # fmt: skip
+
     map_frame: str = setting("map", "frame of the map, and of regions that name no frame", fixed=True)
     scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)
     cloud_topic: str = setting("points", "topic of the 3D sensor", fixed=True)

@@ -20,6 +20,11 @@ _WithMaintenance = create_model("_WithMaintenance", __base__=NodeParameters, **_
 class WorldMaintenanceParameters(_WithMaintenance):  # type: ignore[valid-type, misc]
     """Parameters of `world_maintenance`: its own, and the settings of `MaintenanceConfig`."""
 
+    public = (
+        "map_frame", "base_frame", "navigate", "search_for_lost", "information_gain_threshold", "speed",
+        "standoff", "arrival_distance", "task_timeout", "sensors", "sensor_range_max", "opening",
+    )  # fmt: skip
+
     map_frame: str = setting("map", "frame of the world state, the map and the goals", fixed=True)
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
     rate: float = setting(1.0, "decisions per second", unit="Hz", ge=0.05, le=20.0, fixed=True)

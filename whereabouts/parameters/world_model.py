@@ -28,6 +28,11 @@ _WithWorld = create_model("_WithWorld", __base__=FileParameters, **_taken)  # ty
 class WorldModelParameters(_WithWorld):  # type: ignore[valid-type, misc]
     """Parameters of `world_model`: its own, and the settings of `WorldModelConfig`."""
 
+    public = (
+        "map_frame", "base_frame", "classes", "colors", "region", "places_file", "store_path",
+        "depth_from_scan", "rate_hz", "detection_probability", "clutter_per_frame", "class_accuracy",
+    )  # fmt: skip
+
     map_frame: str = setting("map", "frame of everything that is stored and published", fixed=True)
     base_frame: str = setting("base_link", "frame of the robot", fixed=True)
     classes: list[str] = setting([""], "known classes; [''] takes any name", fixed=True)

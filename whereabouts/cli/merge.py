@@ -1,0 +1,41 @@
+"""`whereabouts merge`: two saved maps become one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from whereabouts.cli.common import target_file
+
+
+def merge(
+    first: Annotated[Path, typer.Argument(metavar="FIRST.npz", help="A saved map; its frame stays.")],
+    second: Annotated[
+        Path, typer.Argument(metavar="SECOND.npz", help="A map of another session that overlaps it.")
+    ],
+    map_file: Annotated[
+        Path,
+        typer.Option(
+            "--map",
+            metavar="M.png",
+            help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
+            callback=target_file,
+        ),
+    ],
+) -> None:
+    """Merge two saved maps: the second is found in the first without a guess, and both close loops with each other."""
+    from loop_closure.map_file import read_map
+    from loop_closure.merging import merge as joined
+    from whereabouts.mapping import write_map_files
+
+    slam, other = read_map(first), read_map(second)
+    known, added = len(slam.keyframes), len(other.keyframes)
+    found = joined(slam, other)
+    write_map_files(slam, map_file, lambda text: typer.echo(text, err=True))
+    closures = sum(edge.closure for edge in slam.graph.edges)
+    typer.echo(
+        f"{known} and {added} keyframes, found at keyframe {found} of the second, {closures} closures; "
+        f"written to {map_file.with_suffix('.npz')}"
+    )

@@ -1,0 +1,43 @@
+"""`whereabouts parameters`: ROS parameter files to begin with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from whereabouts.cli.common import target_file
+from whereabouts.node_names import NODES
+
+
+def parameters(
+    nodes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NODE]...", help=f"Of these nodes: {', '.join(NODES)}. Default: all."),
+    ] = None,
+    expert: Annotated[
+        bool, typer.Option("--expert", help="Those that hardly anybody changes, in place of the usual ones.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="Write them here; default: print them.", callback=target_file
+        ),
+    ] = None,
+) -> None:
+    """Write a ROS parameter file with the defaults, and the meaning, unit and range of each parameter."""
+    from estimation.errors import InputError
+    from whereabouts.atomic import atomic_path
+    from whereabouts.parameters.yaml_text import parameter_file
+
+    unknown = [name for name in nodes or () if name not in NODES]
+    if unknown:
+        raise InputError(f"no node is called {', '.join(unknown)}; there are: {', '.join(NODES)}")
+    text = parameter_file(nodes or NODES, expert)
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    with atomic_path(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    typer.echo(f"{out}: {'expert parameters' if expert else 'parameters'} of {len(nodes or NODES)} nodes")

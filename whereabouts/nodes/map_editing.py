@@ -1,0 +1,115 @@
+"""What a person does to a map while it is made: pause it, take a false closure out, ask for it.
+
+In: `clicked_point` (PointStamped, RViz's tool "Publish Point"). Services: `~/pause`, `~/remove_closure`,
+`~/dynamic_map`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from geometry_msgs.msg import PointStamped
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.srv import GetMap
+from numpy.typing import NDArray
+from std_srvs.srv import SetBool, Trigger
+
+from estimation.errors import InputError
+from loop_closure.editing import nearest_closure
+from loop_closure.graph import Edge
+from loop_closure.motions import positions
+from loop_closure.slam import Slam
+from whereabouts.nodes.base import SuiteNode
+from whereabouts.nodes.inputs import Input
+from whereabouts.nodes.transforms import frame_name
+
+REACH = 3.0  # metres from a clicked point within which a closure is meant
+
+
+class Mapping(Protocol):
+    """What the node lets be done to its map."""
+
+    @property
+    def slam(self) -> Slam:
+        """The map in use."""
+
+    @property
+    def extends(self) -> bool:
+        """Whether scans are added to it."""
+
+    def map_now(self) -> OccupancyGrid:
+        """The map with all that is known. Raises InputError where there is none yet."""
+
+    def map_edited(self, before: NDArray[np.float64]) -> None:
+        """Everything is to be published anew; `before` : `slam.pose` as it was."""
+
+
+class MapEditing:
+    """Services of a node that makes a map.
+
+    paused : whether scans are to be left out of the map.
+    """
+
+    def __init__(self, node: SuiteNode, mapping: Mapping, map_frame: str) -> None:
+        self._node, self._mapping, self._frame = node, mapping, frame_name(map_frame)
+        self.paused = False
+        self._clicked: NDArray[np.float64] | None = None
+        # A person, not a sensor: its stamp says nothing about the run.
+        node.take_on(Input(node, PointStamped, "clicked_point", self._take_point, sensor=False))
+        node.add_service(SetBool, "~/pause", self._pause)
+        node.add_service(Trigger, "~/remove_closure", self._remove)
+        node.add_service(GetMap, "~/dynamic_map", self._get)
+
+    def _take_point(self, message: PointStamped, stamp: int) -> None:
+        frame = frame_name(message.header.frame_id)
+        if frame != self._frame:
+            raise InputError(f"clicked_point in frame {frame!r}: {self._frame!r} expected")
+        self._clicked = np.array([message.point.x, message.point.y])
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.paused = bool(request.data)
+        response.success = True
+        response.message = "scans are left out of the map" if self.paused else "scans are added to the map"
+        return response
+
+    def _remove(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Take out the closure at the clicked point, or the last one; each click counts once."""
+        if not self._mapping.extends:
+            raise InputError("a map in which the robot is only localised is not changed")
+        slam = self._mapping.slam
+        point, self._clicked = self._clicked, None
+        edge = self._meant(slam, point)
+        at = positions(slam.graph.poses)[edge.b]
+        first, second = slam.keyframes[edge.a].stamp, slam.keyframes[edge.b].stamp
+        before = slam.pose
+        count = slam.remove_closure(edge)
+        self._mapping.map_edited(before)
+        left = sum(item.closure for item in slam.graph.edges)
+        response.success = True
+        response.message = (
+            f"the revisit at ({at[0]:.1f}, {at[1]:.1f}) of scans at {first:.1f} s and {second:.1f} s: "
+            f"{count} closures taken out, {left} are left"
+        )
+        self._node.get_logger().info(response.message)
+        return response
+
+    def _meant(self, slam: Slam, point: NDArray[np.float64] | None) -> Edge:
+        """The closure that a person means by a point; without one the newest."""
+        closures = [edge for edge in slam.graph.edges if edge.closure]
+        if not closures:
+            raise InputError("there is no closure in the map")
+        if point is None:
+            return max(closures, key=lambda edge: edge.b)
+        found = nearest_closure(closures, slam.graph.poses, point)
+        assert found is not None
+        edge, away = found
+        if away > REACH:
+            raise InputError(
+                f"the closure nearest to ({point[0]:.1f}, {point[1]:.1f}) is {away:.1f} m away, more than {REACH:g} m"
+            )
+        return edge
+
+    def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
+        response.map = self._mapping.map_now()
+        return response

@@ -1,0 +1,19 @@
+"""How services say that nothing came of a request."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def decline(response: Any, sentence: str, code: str = "FAILED") -> bool:
+    """Write into a response why nothing was done; whether it has a place for that.
+
+    The suite's own services have a code and a message, those of std_srvs success and a message, others neither.
+    """
+    if hasattr(response, "code"):
+        response.code, response.message = getattr(response, code), sentence
+        return True
+    if hasattr(response, "success"):
+        response.success, response.message = False, sentence
+        return True
+    return False

@@ -1,0 +1,58 @@
+"""ROS parameter files with the meaning of each parameter beside it."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+import yaml
+
+from whereabouts.node_names import NODES
+from whereabouts.parameters.base import NodeParameters
+from whereabouts.parameters.description import allowed, extra
+from whereabouts.parameters.registry import expert_names, model_of
+
+WIDTH = 112  # characters of a line
+TOP = """\
+# Parameters of the node {node} that a user sets, with their defaults.
+# The rest: `whereabouts parameters {node} --expert`.
+"""
+PUBLIC = "# Parameters that a user sets, with their defaults; the rest: `whereabouts parameters --expert`.\n"
+EXPERT = """\
+# Parameters that hardly anybody changes, with their defaults. Keep what you change, and give the file to
+# `ros2 launch whereabouts suite.launch.py params_file:=FILE` or `whereabouts run --params FILE`.
+"""
+
+
+def shipped_file(node: str) -> str:
+    """Content of `config/NODE.yaml`: public parameters for whatever name the node runs under."""
+    return TOP.format(node=node) + section("/**", model_of(node), model_of(node).public)
+
+
+def parameter_file(nodes: Sequence[str] = NODES, expert: bool = False) -> str:
+    """A file with the parameters of some nodes, in any namespace; the public ones, or all others."""
+    parts = []
+    for node in nodes:
+        names = expert_names(node) if expert else model_of(node).public
+        parts.append(section(f"/**/{node}", model_of(node), names))
+    return (EXPERT if expert else PUBLIC) + "\n".join(parts)
+
+
+def section(nodes: str, model: type[NodeParameters], names: Sequence[str]) -> str:
+    """What a file says for the nodes of a name: parameters at their defaults, each below its meaning."""
+    lines = [f"{nodes}:", "  ros__parameters:"]
+    for name in names:
+        field = model.model_fields[name]
+        fixed = "; while unconfigured" if extra(field, "fixed") else ""
+        about = f"{field.description} ({allowed(field)}{fixed})"
+        lines += [f"    # {line}" for line in textwrap.wrap(about, WIDTH - 6)]
+        lines.append(f"    {name}: {_value(field.default)}")
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: object) -> str:
+    """As YAML, in one line; texts in quotes, so that none is taken for something else."""
+    text = yaml.safe_dump(
+        value, default_flow_style=True, default_style='"' if isinstance(value, str) else None
+    )
+    return text.removesuffix("\n").removesuffix("\n...").replace("\n", " ")
