@@ -25,7 +25,8 @@ class _Track:
 class Growth:
     """Estimates process noise for consumers that only see messages.
 
-    default : m²/s, for objects that have not been watched while nobody looked at them.
+    default : m²/s, for objects that have not been watched while nobody looked at them, and the least there is: what
+    rests in the world model may have been carried away since it was seen, though the model sees no reason why.
     """
 
     def __init__(self, default: float) -> None:
@@ -51,8 +52,10 @@ class Growth:
         for item in state.objects:
             track = self._tracks.get(item.id)
             unit = np.eye(len(item.covariance))
-            noise = (self._default if track is None else track.rate) * unit
-            grown = item.covariance + seconds * noise
+            rate = self._default if track is None else track.rate
+            noise = max(rate, self._default) * unit
+            carried = max(self._default - rate, 0.0) * max(stamp - item.last_seen, 0.0)
+            grown = item.covariance + (seconds * rate + min(carried, ELSEWHERE**2)) * unit
             if MOVED_ON in item.predicates:
                 grown = grown + ELSEWHERE**2 * unit
             objects.append(replace(item, covariance=grown, process_noise=noise))

@@ -54,7 +54,8 @@ class LiveLog:
 
     def __iter__(self) -> Iterator[RawMessage]:
         names = {topic.name for topic in TOPICS}
-        with _Kept(self._bag) as writer:
+        writer = _Kept(self._bag)
+        with writer:
             recorder = MomentWriter(writer)
             while self._day.time < self._longest and self._go_on():
                 recorder.write(self._day.step())

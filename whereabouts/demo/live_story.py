@@ -28,7 +28,7 @@ class Script:
     whether the robot sees the rooms first.
     """
 
-    maintained: float = 150.0
+    maintained: float = 200.0
     asked: str = ASKED
     timeout: float = 240.0
     toured: bool = True
@@ -108,7 +108,9 @@ class Teller:
         while going():
             yield True
 
-    def _drive(self, kind: str, goal: Array, reason: str = "", going: Callable[[], bool] = lambda: True) -> Iterator[bool]:
+    def _drive(
+        self, kind: str, goal: Array, reason: str = "", going: Callable[[], bool] = lambda: True
+    ) -> Iterator[bool]:
         if self._robot.send(kind, goal, reason):
             yield from self._while(lambda: self._robot.driving and going())
         if self._robot.driving:
@@ -118,7 +120,8 @@ class Teller:
         for stop in tour():
             yield from self._drive("tour", stop, "see every room once")
             until = self._day.time + GLANCE
-            yield from self._while(lambda until=until: self._day.time < until)  # type: ignore[misc]
+            while self._day.time < until:
+                yield True
 
     def _fetch(self) -> Iterator[bool]:
         """Find, drive there, look, take; once more where it is not there."""
@@ -130,7 +133,8 @@ class Teller:
                 story.failures.append("nobody offers the action find_object")
                 return
             story.searches.append(search)
-            yield from self._while(lambda search=search: search.result is None and self._day.time < until + 5.0)  # type: ignore[misc]
+            while search.result is None and self._day.time < until + 5.0:
+                yield True
             self._robot.stop()
             self._robot.take_base(True)
             if search.result is None or search.result.code != search.result.FOUND:
@@ -154,7 +158,10 @@ class Teller:
         yield from self._drive("fetch", goal, f"fetch {name}", lambda: self._object(name) is not None)
         until, arrived = self._day.time + STARE, self._day.time
         yield from self._while(
-            lambda: self._day.time < until and (self._seen(name) < arrived - 1.0 and self._object(name) is not None)
+            lambda: (
+                self._day.time < until
+                and (self._seen(name) < arrived - 1.0 and self._object(name) is not None)
+            )
         )
         known = self._object(name)
         if known is None or self._seen(name) < began:
@@ -200,7 +207,8 @@ class Teller:
         story, day = self.story, self._day
         ticks = round(day.time * 8)
         if ticks % 4 == 0:
-            story.way.append((day.time, *map(float, day.robot.pose[:2])))
+            x, y = day.robot.pose[:2].tolist()
+            story.way.append((day.time, x, y))
         state = self._robot.world
         if ticks % 8 or state is None:
             return

@@ -46,7 +46,10 @@ PAUSE = 0.002
 
 @dataclass
 class Goal:
-    """Where the robot was sent. stamp : s of the day. kind : who sent it. place : (2,) m. outcome : "" while it drives."""
+    """Where the robot was sent.
+
+    stamp : s of the day. kind : who sent it. place : (2,) m. outcome : "" while it drives.
+    """
 
     stamp: float
     kind: str

@@ -184,7 +184,9 @@ class Senses:
         everybody: tuple[Array, Array, list[Shapes]],
         things: dict[str, Array | None],
     ) -> Moment:
-        """The next moment: the robot's true pose (3,), people's positions and velocities (P, 2) and outlines, things."""
+        """The next moment: the robot's true pose (3,), positions and velocities (P, 2) of people and
+        their outlines, things.
+        """
         time = tick / TICKS
         people, velocities, outlines = everybody
         if tick:

@@ -44,7 +44,7 @@ def floor_plan(home: Apartment) -> OccupancyGrid:
     low, high = rooms.min(0) - CELL, rooms.max(0) + CELL
     columns, rows = (math.ceil(size / CELL) for size in high - low)
     grid = OccupancyGrid(CELL, low, np.full((rows, columns), FREE, dtype=np.float32))
-    x, y = grid.centres(np.stack(np.indices((rows, columns)), axis=-1)).transpose(2, 0, 1)
+    x, y = grid.centres(np.moveaxis(np.indices((rows, columns)), 0, -1)).transpose(2, 0, 1)
     for x0, y0, _, x1, y1, _ in home.blocks:
         half = 0.5 * CELL
         inside = (x > x0 - half) & (x < x1 + half) & (y > y0 - half) & (y < y1 + half)
@@ -56,15 +56,16 @@ class Driver:
     """Drives to one goal after the other.
 
     pose (3,) is where it truly is. status : "idle", "driving", "reached" or "failed", of the last goal.
-    metres : driven. waits : how often it stood because of somebody. waited : s. closest : m, between the middles of the
-    robot and of a person while it drove on.
+    metres : driven. stands : where it stood because of somebody, (2,) each. waited : s. closest : m, between the
+    middles of the robot and of a person while it drove on.
     """
 
     def __init__(self, grid: OccupancyGrid, pose: Array, base: Base | None = None) -> None:
         self.base = base or Base()
         self.pose = np.array(pose, dtype=np.float64)
         self.status = "idle"
-        self.metres, self.waited, self.waits, self.closest = 0.0, 0.0, 0, math.inf
+        self.metres, self.waited, self.closest = 0.0, 0.0, math.inf
+        self.stands: list[Array] = []
         self._grid = grid
         self._room = distance_transform_edt(~grid.occupied) * grid.resolution
         self._goal = np.array(pose, dtype=np.float64)
@@ -148,15 +149,15 @@ class Driver:
         base = self.base
         offsets = people - self.pose[:2]
         away = np.hypot(*offsets.T)
-        bearing = np.abs(_turn(np.arctan2(offsets[:, 1], offsets[:, 0]) - self.pose[2]))
-        ahead = away[bearing < AHEAD]
+        ahead_of = np.array([math.cos(self.pose[2]), math.sin(self.pose[2])])
+        ahead = away[offsets @ ahead_of > math.cos(AHEAD) * away]
         nearest = float(ahead.min(initial=math.inf))
         if nearest > base.stop:
             self._standing = 0.0
             share = (nearest - base.stop) / (base.slow - base.stop)
             return base.speed * min(1.0, max(share, 0.3))
         if self._standing == 0.0:
-            self.waits += 1
+            self.stands.append(self.pose[:2].copy())
         self.waited += seconds
         self._standing += seconds
         if self._standing > base.around:
@@ -169,8 +170,7 @@ class Driver:
         grid = self._grid
         if len(people):
             grid = OccupancyGrid(grid.resolution, grid.origin, grid.log_odds)
-            rows, columns = np.indices(grid.shape)
-            centres = grid.centres(np.stack([rows, columns], axis=-1))
+            centres = grid.centres(np.moveaxis(np.indices(grid.shape), 0, -1))
             for person in people[np.hypot(*(people - self.pose[:2]).T) < 2.5]:
                 grid.log_odds[np.hypot(*(centres - person).transpose(2, 0, 1)) < 0.35] = OCCUPIED
         paths = GridPaths(grid, self.pose[:2], self.base.clearance)
@@ -208,6 +208,6 @@ class Driver:
         return bool((self._room[cells[:, 0], cells[:, 1]] >= self.base.clearance).all())
 
 
-def _turn(angle: float | Array) -> float | Array:
+def _turn(angle: float) -> float:
     """To between -π and π."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -172,7 +172,8 @@ class LiveDay:
         """What is measured now; then an eighth of a second passes."""
         moment = self._senses.moment(self._tick, self.robot.pose.copy(), self._everybody(), self.things)
         self._tick += 1
-        self.robot.step(1.0 / TICKS, self.people)
+        if self.robot.status == "driving":
+            self.robot.step(1.0 / TICKS, self.people)
         return moment
 
     def take(self, spot: Array) -> str | None:
@@ -198,6 +199,8 @@ class LiveDay:
     def _everybody(self) -> tuple[Array, Array, list[Shapes]]:
         walkers = [person.walker for person in self.household.people]
         time = self.time
+        if not self.scans:
+            return self.people, np.zeros((len(walkers), 2)), []
         velocities = np.array([walker.velocity(time) for walker in walkers])
         outlines = [
             walker.shapes(time, owner).moved([*self._aside(walker), 0.0])
