@@ -12,6 +12,8 @@ from whereabouts.parameters.world_model import WorldModelParameters
 
 DESCRIBED = ("rate_hz", "classes", "colors", "region", "places_file", "store_path")
 """What the world model is told: how often the camera looks, what there is, where, and the file of its memory."""
+REACH = 4.0
+"""m up to which the camera finds things; it sees a metre farther."""
 NOBODY = {"class_names": ["person", "other"], "class_values": [1e6, 1e6], "class_weights": [1.0, 1.0]}
 """People come and go, and are not looked after."""
 
@@ -23,7 +25,12 @@ def live_parameters(folder: Path) -> dict[str, dict[str, Any]]:
     world = {name: recorded["world_model"][name] for name in DESCRIBED}
     return nothing | {
         "world_model": world,
-        "world_maintenance": {**NOBODY, "navigate": True, "search_for_lost": True},
+        "world_maintenance": {
+            **NOBODY,
+            "sensor_range_max": [REACH],
+            "navigate": True,
+            "search_for_lost": True,
+        },
         "object_search": {"places_file": world["places_file"]},
     }
 

@@ -6,7 +6,7 @@ are the same however long it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +16,7 @@ from estimation.poses import compound
 from registration import Scan
 from whereabouts.simulation.apartment import Apartment, apartment
 from whereabouts.simulation.apartment_camera import Camera, Item, person_block
-from whereabouts.simulation.apartment_people import Person, Stay, live
+from whereabouts.simulation.apartment_people import Moving, Person, Stay, live
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.people import positions
 from whereabouts.simulation.robot import Drive, Wheels
@@ -128,8 +128,8 @@ class Day:
         self.people: list[Person] = []
         rng = np.random.default_rng([self.seed, 0])
         for day, speed in zip(DAYS, SPEEDS, strict=True):
-            others: list[Callable[[float], Array]] = [self.drive]
-            others += [person.walker.position for person in self.people]
+            others: list[Moving] = [self.drive]
+            others += [person.walker for person in self.people]
             self.people.append(live(rng, day, others, self.duration, speed))
 
     @property

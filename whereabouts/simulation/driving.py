@@ -16,8 +16,10 @@ from whereabouts.simulation.shapes import Array
 CELL = 0.1
 """m, of the floor plan."""
 FREE, OCCUPIED = -2.0, 2.0
-AHEAD = math.radians(70.0)
-"""Half the angle in which somebody is in the way."""
+ASIDE = 0.5
+"""m to the side of the robot's middle from which on somebody is not in its way."""
+CLOSE = 0.75
+"""Share of these distances that is kept on a way around somebody."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Driver:
         self._room = distance_transform_edt(~grid.occupied) * grid.resolution
         self._goal = np.array(pose, dtype=np.float64)
         self._path: list[Array] = []
-        self._standing = self._stuck = 0.0
+        self._standing, self._stuck, self._around = 0.0, 0.0, False
 
     @property
     def goal(self) -> Array:
@@ -87,7 +89,7 @@ class Driver:
 
         A yaw that is nan leaves the heading as it is on arrival. False where there is no way.
         """
-        self._standing = self._stuck = 0.0
+        self._standing, self._stuck, self._around = 0.0, 0.0, False
         found = self._plan(np.asarray(goal, dtype=np.float64), near, np.zeros((0, 2)))
         self.status = "driving" if found else "failed"
         return found
@@ -148,13 +150,15 @@ class Driver:
         """m/s, with regard to who is ahead; stands for them, and looks for a way around those who stay."""
         base = self.base
         offsets = people - self.pose[:2]
-        away = np.hypot(*offsets.T)
-        ahead_of = np.array([math.cos(self.pose[2]), math.sin(self.pose[2])])
-        ahead = away[offsets @ ahead_of > math.cos(AHEAD) * away]
+        c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
+        forward, aside = offsets @ [c, s], np.abs(offsets @ [-s, c])
+        # Who goes around somebody comes nearer.
+        stop, width = (CLOSE * base.stop, CLOSE * ASIDE) if self._around else (base.stop, ASIDE)
+        ahead = forward[(forward > 0.0) & (aside < width)]
         nearest = float(ahead.min(initial=math.inf))
-        if nearest > base.stop:
+        if nearest > stop:
             self._standing = 0.0
-            share = (nearest - base.stop) / (base.slow - base.stop)
+            share = (nearest - stop) / (base.slow - stop)
             return base.speed * min(1.0, max(share, 0.3))
         if self._standing == 0.0:
             self.stands.append(self.pose[:2].copy())
@@ -162,7 +166,7 @@ class Driver:
         self._standing += seconds
         if self._standing > base.around:
             self._standing = seconds
-            self._plan(self._goal, 0.8, people)
+            self._around = self._plan(self._goal, 0.8, people)
         return 0.0
 
     def _plan(self, goal: Array, near: float, people: Array) -> bool:

@@ -7,7 +7,6 @@ furniture to another, the red bag and the red cup among them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +16,6 @@ from whereabouts.simulation.apartment_camera import Camera
 from whereabouts.simulation.apartment_day import MOVED, ROUND, THINGS, TICKS, Moment, Senses
 from whereabouts.simulation.apartment_people import Person, Stay, live
 from whereabouts.simulation.driving import Driver, floor_plan
-from whereabouts.simulation.people import Walker
 from whereabouts.simulation.shapes import Array, Shapes
 
 ASKED = "red cup"
@@ -88,8 +86,7 @@ def household(seed: int, duration: float, moved: int = 2, begin: float = TOURED)
     puts: dict[str, list[tuple[float, float, float]]] = {}
     for names, speed in zip(carried, SPEEDS, strict=True):
         day = _day(rng, names[:moved], shelves, puts, begin, duration)
-        before: list[Callable[[float], Array]] = [person.walker.position for person in people]
-        people.append(live(rng, day, before, duration, speed))
+        people.append(live(rng, day, [person.walker for person in people], duration, speed))
     return Household(tuple(people), puts)
 
 
@@ -166,7 +163,8 @@ class LiveDay:
     def people(self) -> Array:
         """(P, 2) m, where everybody is now."""
         walkers = [person.walker for person in self.household.people]
-        return np.array([walker.position(self.time) + self._aside(walker) for walker in walkers])
+        spots = np.array([walker.position(self.time) for walker in walkers])
+        return spots + [self._aside(spot) for spot in spots]
 
     def step(self) -> Moment:
         """What is measured now; then an eighth of a second passes."""
@@ -203,14 +201,14 @@ class LiveDay:
             return self.people, np.zeros((len(walkers), 2)), []
         velocities = np.array([walker.velocity(time) for walker in walkers])
         outlines = [
-            walker.shapes(time, owner).moved([*self._aside(walker), 0.0])
+            walker.shapes(time, owner).moved([*self._aside(walker.position(time)), 0.0])
             for owner, walker in enumerate(walkers, start=1)
         ]
         return self.people, velocities, outlines
 
-    def _aside(self, walker: Walker) -> Array:
-        """How far (2,) somebody steps aside for the robot."""
-        offset = walker.position(self.time) - self.robot.pose[:2]
+    def _aside(self, spot: Array) -> Array:
+        """How far (2,) somebody at a spot (2,) steps aside for the robot."""
+        offset = spot - self.robot.pose[:2]
         away = float(np.hypot(*offset))
         if away >= ELBOW:
             return np.zeros(2)
