@@ -20,7 +20,7 @@ NODES = ("scan_registration", "loop_closure", "world_model", "object_search")
 def test_a_search_drives_the_robot_to_the_right_one_of_two_books(tmp_path: Path) -> None:
     """Nothing is known at first: rooms and furniture lead there."""
     day = LiveDay(2, clouds=False)
-    story, robot = run_live(tmp_path, day, Script(0.0, "blue book", 200.0, toured=False), NODES)
+    story, robot = run_live(tmp_path, day, Script(0.0, "blue book", 200.0, toured=False, sought=""), NODES)
 
     assert story.fetched == "blue book", (story.failures, story.goals)
     assert within_reach(story)

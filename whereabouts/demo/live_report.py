@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 PHASES = {
     "tour": ("#9aa7b1", "tour"),
     "maintenance": ("#1f77b4", "looking again where it pays"),
+    "sought": ("#8c564b", f"looking for the {MOVED}"),
     "search": ("#ff7f0e", "looking for the cup, and fetching it"),
     "home": ("#2ca02c", "bringing it"),
 }
@@ -59,6 +60,8 @@ def figures(told: Told) -> dict[str, Any]:
         "failures": story.failures,
         "metres": robot.metres,
         **{f"{name}_m": metres for name, metres in story.metres.items()},
+        "sought": story.script.sought,
+        "sought_found_m": story.sought,
         "looks": len(story.tasks),
         "goals": len(story.goals),
         "goals_failed": sum(goal.outcome in ("failed", "no way") for goal in story.goals),
@@ -92,6 +95,13 @@ def sentences(told: Told) -> list[str]:
     if moved:
         names = ", ".join(f"the {name} ({when:.0f} s)" for when, name in moved)
         said.append(f"People had carried {len(moved)} things elsewhere: {names}.")
+    if story.script.sought:
+        how = (
+            f"was found {story.sought:.2f} m from where it truly lay"
+            if story.sought < 1.0
+            else "was not found"
+        )
+        said.append(f"The {story.script.sought} {how}, after {found.get('sought_m', 0.0):.0f} m.")
     after = found["moved_known_after_s"]
     if np.isfinite(after):
         said.append(f"Where the {MOVED} had gone was known {after:.0f} s after it was put down.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,14 +24,17 @@ TRIES = 5
 
 @dataclass(frozen=True)
 class Script:
-    """maintained : s of looking again. asked : name of a thing that is then fetched. timeout : s for that. toured :
-    whether the robot sees the rooms first.
+    """What the robot is told.
+
+    toured : whether it sees the rooms first. maintained : s of looking again. sought : name of a thing that is then
+    looked for, "" for none. asked : one that is fetched after that. timeout : s for each of both.
     """
 
     maintained: float = 200.0
     asked: str = ASKED
     timeout: float = 240.0
     toured: bool = True
+    sought: str = MOVED
 
 
 @dataclass
@@ -39,9 +42,10 @@ class Story:
     """What came of it; times are s of the day.
 
     phases : (begin, name). way : (s, x, y) twice a second. people : (s, positions (P, 2)). beliefs : once a second.
-    searches : for the asked thing. known_before : whether and where the asked thing was believed to be when it was
-    asked for. fetched : the name of what the robot took, None where it came back without anything. reached : m on the
-    floor to the asked thing when the robot thought that it was there, nan where it never did.
+    searches : for the sought and the asked thing. objects : the world when the latter was asked for. sought : m from
+    where the sought thing truly is to where it was found, nan where it was not. fetched : the name of what the robot
+    took, None where it came back without anything. reached : m on the floor to the asked thing when the robot thought
+    that it was there, nan where it never did.
     """
 
     script: Script
@@ -56,6 +60,7 @@ class Story:
     objects: tuple[WorldObject, ...] = ()
     fetched: str | None = None
     reached: float = float("nan")
+    sought: float = float("nan")
     moved_seen: float = float("nan")
     metres: dict[str, float] = field(default_factory=dict)
     ended: float = 0.0
@@ -97,6 +102,9 @@ class Teller:
             yield from self._while(lambda: self._day.time < until)
             self._robot.take_base(True)
             self._robot.stop()
+        if script.sought:
+            self._phase("sought")
+            yield from self._seek(script.sought)
         self._phase("search")
         self._remember(self._day)
         yield from self._fetch()
@@ -123,22 +131,37 @@ class Teller:
             while self._day.time < until:
                 yield True
 
+    def _seek(self, name: str) -> Iterator[bool]:
+        """Have a thing found, without taking it."""
+        search = yield from self._find(name, self._day.time + self.story.script.timeout)
+        spot = self._day.things[name]
+        if search is not None and spot is not None:
+            there = search.result.pose.pose.position
+            self.story.sought = float(np.hypot(there.x - spot[0], there.y - spot[1]))
+
+    def _find(self, name: str, until: float) -> Generator[bool, None, Search | None]:
+        """A search that has found something; None for one that has not, and says why among the failures."""
+        story, item = self.story, THINGS[name][0]
+        search = self._robot.find(item.kind, (item.color,), max(until - self._day.time, 1.0))
+        if search is None:
+            story.failures.append("nobody offers the action find_object")
+            return None
+        story.searches.append(search)
+        while search.result is None and self._day.time < until + 5.0:
+            yield True
+        self._robot.stop()
+        if search.result is None or search.result.code != search.result.FOUND:
+            story.failures.append(search.result.message if search.result else "the search never ended")
+            return None
+        return search
+
     def _fetch(self) -> Iterator[bool]:
         """Find, drive there, look, take; once more where it is not there."""
-        story, item = self.story, THINGS[self.story.script.asked][0]
+        story = self.story
         until = self._day.time + story.script.timeout
         for _ in range(TRIES):
-            search = self._robot.find(item.kind, (item.color,), max(until - self._day.time, 1.0))
+            search = yield from self._find(story.script.asked, until)
             if search is None:
-                story.failures.append("nobody offers the action find_object")
-                return
-            story.searches.append(search)
-            while search.result is None and self._day.time < until + 5.0:
-                yield True
-            self._robot.stop()
-            self._robot.take_base(True)
-            if search.result is None or search.result.code != search.result.FOUND:
-                story.failures.append(search.result.message if search.result else "the search never ended")
                 return
             found = search.result.object[0].id
             yield from self._go_to(found)

@@ -29,7 +29,6 @@ def live_parameters(folder: Path) -> dict[str, dict[str, Any]]:
             **NOBODY,
             "sensor_range_max": [REACH],
             "navigate": True,
-            "search_for_lost": True,
         },
         "object_search": {"places_file": world["places_file"]},
     }
