@@ -14,22 +14,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.grid import OccupancyGrid
 from estimation.poses import pose_to_matrix
 from whereabouts.demo.beliefs import Beliefs, judged
 from whereabouts.demo.live_suite import library_settings
 from whereabouts.evidence import Frame
 from whereabouts.simulation.apartment import CAMERA_HEIGHT
 from whereabouts.simulation.apartment_day import ROUND, THINGS, TICKS
-from whereabouts.simulation.live_apartment import ASKED, LiveDay, tour
+from whereabouts.simulation.live_apartment import ASKED, GLANCE, STARE, LiveDay, tour
 from world_model import Maintenance, ObjectSearch, WorldEvidence, WorldModel, WorldObject, WorldState
 from world_model.growth import Growth
 from world_model.search import SearchStep
 from world_model.state import MOVED_ON
 
 Array = NDArray[np.float64]
-GLANCE, STARE = 4.0, 8.0
-"""s at each stop of the tour, and that the robot looks for what should be in front of it."""
 PATIENCE = 25.0
 """s after which a goal that the robot does not reach is another dead end."""
 SECOND = TICKS
@@ -54,7 +51,6 @@ class Outcome:
     looks: int = 0
     waits: int = 0
     closest: float = math.inf
-    way: list[tuple[float, float, float]] = field(default_factory=list)
 
     @property
     def wrong(self) -> float:
@@ -79,7 +75,8 @@ class LibraryRobot:
         self.state: WorldState | None = None
         self._growth = Growth(self._upkeep.process_noise)
         self._keeping = False
-        self.grid = _known_floor(day)
+        # The map that the planners have is the floor plan.
+        self.grid = day.grid
 
     # Time.
 
@@ -92,8 +89,6 @@ class LibraryRobot:
             self._growth.observe(self.state)
         if self._keeping and self.state is not None and round(self.day.time * TICKS) % SECOND == 0:
             self.outcome.beliefs.append(judged(self.state.objects, self.day.things, self.day.time))
-            x, y = self.day.robot.pose[:2].tolist()
-            self.outcome.way.append((self.day.time, x, y))
 
     def until(self, done: Callable[[], bool], seconds: float = math.inf) -> None:
         """Let time pass until it is done, or for so many seconds."""
@@ -300,11 +295,6 @@ def _is(item: WorldObject, kind: str, color: str) -> bool:
 def _rounds() -> Iterator[Array]:
     while True:
         yield from (np.array([*stop[:2], math.nan]) for stop in ROUND)
-
-
-def _known_floor(day: LiveDay) -> OccupancyGrid:
-    """The map that the planners have: the floor plan."""
-    return day.grid
 
 
 def _placed(evidence: WorldEvidence, pose: Array, pan: float, covariance: Array) -> WorldEvidence:

@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 
 from whereabouts.demo.beliefs import Beliefs, judged
 from whereabouts.nodes.live_robot import Goal, LiveRobot, Search
+from whereabouts.simulation.apartment_bag import START
 from whereabouts.simulation.apartment_day import MOVED, THINGS
-from whereabouts.simulation.live_apartment import ASKED, REACH, LiveDay, tour
+from whereabouts.simulation.live_apartment import ASKED, GLANCE, REACH, STARE, LiveDay, tour
 from world_model import WorldObject
 
 Array = NDArray[np.float64]
-GLANCE = 4.0
-"""s at each stop of the tour."""
-STARE = 8.0
-"""s that the robot looks for what should be in front of it: one turn of its head."""
 TRIES = 5
 
 
@@ -205,8 +202,6 @@ class Teller:
 
     def _seen(self, name: str) -> float:
         """s of the day at which an object was seen last."""
-        from whereabouts.simulation.apartment_bag import START
-
         item = self._object(name)
         return -np.inf if item is None else item.last_seen - START
 
