@@ -18,7 +18,7 @@ from whereabouts.demo.live_library import LibraryRobot, Outcome
 from whereabouts.parallel import each
 from whereabouts.simulation.live_apartment import HOME_OF, REACH, LiveDay
 
-MAINTAINED, TIMEOUT = 300.0, 240.0
+MAINTAINED, TIMEOUT = 200.0, 240.0
 """s of keeping beliefs, and of the search."""
 DAYS, QUICK_DAYS = 40, 1
 

@@ -59,6 +59,17 @@ def test_a_goal_on_a_table_is_reached_from_its_side_and_one_outside_is_refused()
     assert robot.status == "failed"
 
 
+def test_the_robot_keeps_off_what_it_is_about_to_take_and_faces_it() -> None:
+    bag = np.array(THINGS[MOVED][1])
+    for begin in ((0.0, 0.0), (7.0, 0.3)):
+        robot = Driver(floor_plan(apartment()), np.array([*begin, 0.0]))
+        assert robot.go(np.array([*bag[:2], math.nan]), apart=0.45)
+        drive(robot)
+        offset = bag[:2] - robot.pose[:2]
+        assert 0.4 < np.hypot(*offset) < 0.7
+        assert robot.pose[2] == pytest.approx(math.atan2(offset[1], offset[0]), abs=0.3)
+
+
 def test_the_robot_stands_for_who_is_ahead_and_goes_on_when_he_has_left() -> None:
     robot = driver()
     robot.go(np.array([7.0, 0.0, 0.0]))

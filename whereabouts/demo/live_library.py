@@ -20,7 +20,7 @@ from whereabouts.demo.live_suite import library_settings
 from whereabouts.evidence import Frame
 from whereabouts.simulation.apartment import CAMERA_HEIGHT
 from whereabouts.simulation.apartment_day import ROUND, THINGS, TICKS
-from whereabouts.simulation.live_apartment import ASKED, GLANCE, STARE, LiveDay, tour
+from whereabouts.simulation.live_apartment import ARM, ASKED, GLANCE, STARE, LiveDay, tour
 from world_model import Maintenance, ObjectSearch, WorldEvidence, WorldModel, WorldObject, WorldState
 from world_model.growth import Growth
 from world_model.search import SearchStep
@@ -100,9 +100,15 @@ class LibraryRobot:
         """Stand and look."""
         self.until(lambda: False, seconds)
 
-    def drive(self, goal: Array, going: Callable[[], bool] = lambda: True, limit: float = math.inf) -> bool:
-        """Drive to (3,) as long as that makes sense; whether the robot got there."""
-        if not self.day.robot.go(goal):
+    def drive(
+        self,
+        goal: Array,
+        going: Callable[[], bool] = lambda: True,
+        limit: float = math.inf,
+        apart: float = 0.0,
+    ) -> bool:
+        """Drive to (3,) as long as that makes sense; whether the robot got there. apart : as of `Driver.go`."""
+        if not self.day.robot.go(goal, apart=apart):
             return False
         self.until(lambda: self.day.robot.status != "driving" or not going(), limit)
         there = self.day.robot.status == "reached"
@@ -180,7 +186,7 @@ class LibraryRobot:
                 self._go_to(found, asked, end)
                 if out.fetched is None:
                     out.failures.append(f"{found.id} was not where it was believed to be")
-                    self.wait(1.0)
+                    self._missed(found.id)
             elif not next(finder, False):
                 out.failures.append("nothing is left to try")
                 break
@@ -191,7 +197,7 @@ class LibraryRobot:
         name, begun = found.id, self.day.time
         going = partial(self._is_believed, name)
         goal = np.array([*found.position[:2], self._towards(found.position)])
-        self.drive(goal, going, end - begun)
+        self.drive(goal, going, end - begun, ARM)
         arrived = self.day.time
         self.until(lambda: self._seen_since(name, arrived) or not going(), STARE)
         if not self._seen_since(name, begun) or not going():
@@ -202,6 +208,12 @@ class LibraryRobot:
         if spot is not None:
             self.outcome.reached = self.day.away(spot)
         self.outcome.fetched = self.day.take(known.position)
+
+    def _missed(self, name: str) -> None:
+        """The arm finds nothing: tell the world model, unless it knows."""
+        if self._is_believed(name):
+            self.state = self.model.report(name, "not_found", self.day.time)
+        self.wait(1.0)
 
     def _by_search(self, kind: str, color: str) -> Iterator[bool]:
         """Where ObjectSearch wants to look, as the node asks it: one goal until it is reached or another is better."""

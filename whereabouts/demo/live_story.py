@@ -121,12 +121,15 @@ class Teller:
         if self._robot.driving:
             self._robot.stop()
 
+    def _wait(self, seconds: float) -> Iterator[bool]:
+        until = self._day.time + seconds
+        while self._day.time < until:
+            yield True
+
     def _tour(self) -> Iterator[bool]:
         for stop in tour():
             yield from self._drive("tour", stop, "see every room once")
-            until = self._day.time + GLANCE
-            while self._day.time < until:
-                yield True
+            yield from self._wait(GLANCE)
 
     def _seek(self, name: str) -> Iterator[bool]:
         """Have a thing found, without taking it."""
@@ -165,6 +168,9 @@ class Teller:
             if story.fetched is not None:
                 return
             story.failures.append(f"{found} was not where it was believed to be")
+            if self._object(found) is not None:
+                self._robot.miss(found)
+            yield from self._wait(1.0)
             if self._day.time > until:
                 return
 

@@ -27,15 +27,18 @@ from std_msgs.msg import Bool, Header
 
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
+from whereabouts.evidence import NOT_FOUND
 from whereabouts.nodes.base import LATCHED
 from whereabouts.nodes.driving import Navigator, navigate_type
 from whereabouts.nodes.executor import NodeExecutor
-from whereabouts.nodes.inputs import HEARD_LATCHED
+from whereabouts.nodes.inputs import EVENTS, HEARD_LATCHED
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.turns import goal_id, goals_name
 from whereabouts.nodes.world_reading import grid_from_message, pose_stamped, state_from_message
-from whereabouts.simulation.live_apartment import LiveDay
+from whereabouts.simulation.apartment_bag import START
+from whereabouts.simulation.live_apartment import ARM, LiveDay
 from whereabouts_msgs.action import FindObject
-from whereabouts_msgs.msg import VerificationTask, WorldState
+from whereabouts_msgs.msg import ObjectEvidence, VerificationTask, WorldEvidence, WorldState
 from world_model import WorldState as State
 
 Array = NDArray[np.float64]
@@ -98,6 +101,7 @@ class LiveRobot:
         self._client = ActionClient(self.node, kind, "navigate_to_pose")
         self._navigator = Navigator(self._client, lambda pose: kind.Goal(pose=pose))
         self._base = self.node.create_publisher(Bool, "base_available", LATCHED)
+        self._evidence = self.node.create_publisher(WorldEvidence, "evidence", EVENTS)
         self._find = ActionClient(self.node, FindObject, "find_object")
         for message, topic, take, qos in (
             (PoseStamped, "search_goal", self._search_goal, LATCHED),
@@ -176,7 +180,8 @@ class LiveRobot:
             goal.reason = f"{self.tasks[-1][1]}: {self.tasks[-1][2]}"
         self.goals.append(goal)
         heading = 2.0 * math.atan2(turn.z, turn.w)
-        if not self.day.robot.go(np.array([at.x, at.y, heading])):
+        apart = ARM if kind == "fetch" else 0.0
+        if not self.day.robot.go(np.array([at.x, at.y, heading]), apart=apart):
             goal.outcome = "no way"
             handle.abort()
             return result()
@@ -229,6 +234,15 @@ class LiveRobot:
 
     def _take_map(self, message: GridMessage) -> None:
         self.map = grid_from_message(message)
+
+    def miss(self, object_id: str) -> None:
+        """The arm has found nothing where an object should be: tell the world model."""
+        stamp = time_message(round((START + self.day.time) * NANOSECONDS))
+        missing = ObjectEvidence(detection_id=NOT_FOUND, object_id=object_id)
+        missing.pose.pose.orientation.w = 1.0
+        header = Header(stamp=stamp, frame_id="map")
+        self.note(self._evidence.topic_name)
+        self._evidence.publish(WorldEvidence(header=header, sensor="arm", objects=[missing]))
 
     # Asking.
 

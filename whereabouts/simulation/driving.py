@@ -72,7 +72,7 @@ class Driver:
         self._room = distance_transform_edt(~grid.occupied) * grid.resolution
         self._goal = np.array(pose, dtype=np.float64)
         self._path: list[Array] = []
-        self._standing, self._stuck, self._around = 0.0, 0.0, False
+        self._standing, self._stuck, self._around, self._apart = 0.0, 0.0, False, 0.0
 
     @property
     def goal(self) -> Array:
@@ -84,12 +84,13 @@ class Driver:
         """(K, 2) of what it means to drive."""
         return np.array([self.pose[:2], *self._path])
 
-    def go(self, goal: Array, near: float = 1.5) -> bool:
+    def go(self, goal: Array, near: float = 1.5, apart: float = 0.0) -> bool:
         """Drive to a goal (3,) x, y, yaw, or to the nearest place within `near` metres of it that can be reached.
 
-        A yaw that is nan leaves the heading as it is on arrival. False where there is no way.
+        A yaw that is nan leaves the heading as it is on arrival. False where there is no way. apart : m that the robot
+        keeps from the place, which it then faces: something stands there.
         """
-        self._standing, self._stuck, self._around = 0.0, 0.0, False
+        self._standing, self._stuck, self._around, self._apart = 0.0, 0.0, False, apart
         found = self._plan(np.asarray(goal, dtype=np.float64), near, np.zeros((0, 2)))
         self.status = "driving" if found else "failed"
         return found
@@ -166,6 +167,7 @@ class Driver:
         self._standing += seconds
         if self._standing > base.around:
             self._standing = seconds
+            self._apart = 0.0
             self._around = self._plan(self._goal, 0.8, people)
         return 0.0
 
@@ -185,13 +187,20 @@ class Driver:
         # What is far off its way is no better for being a little nearer.
         away = np.hypot(*(spots - goal[:2]).T)
         best = int(np.argmin(away))
+        if self._apart > 0.0:
+            ring = (away >= self._apart) & (away <= max(self._apart, away.min()) + grid.resolution)
+            lengths = np.where(ring, paths.lengths(spots), np.inf)
+            best = int(np.argmin(lengths))
         if away[best] > near:
             return False
         spot = goal[:2] if away[best] <= 0.71 * grid.resolution else spots[best]
+        if self._apart > 0.0:
+            goal = np.array([*goal[:2], math.atan2(*(goal[:2] - spot)[::-1])])
         points = paths.path(spots[best])
         if points is None:
             return False
-        self._goal = np.array([*spot, goal[2]])
+        if not len(people):
+            self._goal = np.array([*spot, goal[2]])
         self._path = self._straightened([*points[:-1], spot]) if not len(people) else [*points[1:-1], spot]
         return True
 

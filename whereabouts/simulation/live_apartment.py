@@ -26,6 +26,8 @@ ELBOW = 0.5
 """m that a person keeps from the middle of the robot, by going around it."""
 GLANCE, STARE = 4.0, 8.0
 """s at each stop of the tour, and that the robot looks for what should be in front of it: one turn of its head."""
+ARM = 0.45
+"""m at least from the middle of the robot to what it is about to take."""
 REACH = 1.1
 """m from the middle of the robot to a thing that it can take."""
 # Where people stand to put things down, and where these lie then.
