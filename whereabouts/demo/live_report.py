@@ -96,12 +96,14 @@ def sentences(told: Told) -> list[str]:
         names = ", ".join(f"the {name} ({when:.0f} s)" for when, name in moved)
         said.append(f"People had carried {len(moved)} things elsewhere: {names}.")
     if story.script.sought:
+        driven = found.get("sought_m", 0.0)
+        way = f"found it after {driven:.0f} m" if driven > 0.5 else "knew"
         how = (
-            f"was found {story.sought:.2f} m from where it truly lay"
+            f"{way}, {story.sought:.2f} m from where it truly lay"
             if story.sought < 1.0
-            else "was not found"
+            else "did not find it"
         )
-        said.append(f"The {story.script.sought} {how}, after {found.get('sought_m', 0.0):.0f} m.")
+        said.append(f"Asked where the {story.script.sought} is, it {how}.")
     after = found["moved_known_after_s"]
     if np.isfinite(after):
         said.append(f"Where the {MOVED} had gone was known {after:.0f} s after it was put down.")
@@ -227,7 +229,7 @@ def _mean(values: Sequence[float]) -> float:
 def draw(path: Path, told: Told) -> None:
     """Map, way, goals, things and people on one picture."""
     story = told.story
-    figure, ((axes,),) = pictures.canvas(1, 1, (11.0, 9.2))
+    figure, ((axes,),) = pictures.canvas(1, 1, (10.0, 10.2))
     if told.map is not None:
         low = told.map.origin
         high = low + np.array(told.map.shape[::-1]) * told.map.resolution
@@ -241,7 +243,7 @@ def draw(path: Path, told: Told) -> None:
     if told.day.robot.stands:
         spots = np.array(told.day.robot.stands)
         axes.plot(*spots.T, "s", color=PEOPLE, markersize=6, label="stood for somebody")
-    axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.04), ncol=3, fontsize=9, frameon=False)
     pictures.plain(axes, f"{story.ended:.0f} s of a simulated day")
     pictures.save(figure, path)
 
