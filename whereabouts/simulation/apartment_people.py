@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
@@ -65,11 +64,8 @@ CLEAR = 0.6
 STEP, LONGEST = 0.25, 120.0
 
 
-class Moving(Protocol):
-    """Somebody, or the robot."""
-
-    def track(self, times: Array) -> Array:
-        """Positions (T, 2) or poses (T, 3) at times (T,), s."""
+Moving = Walker | Callable[[float], Array]
+"""Somebody, or the robot: pose (3,) by time, s."""
 
 
 @dataclass(frozen=True)
@@ -149,9 +145,19 @@ def _free(way: Array, leaving: float, remain: float, speed: float, others: Seque
     """Whether nobody comes near while one walks a way from `leaving` and remains at its end."""
     walker = Walker(way, speed, start=leaving)
     times = np.arange(leaving, walker.duration + remain + 2.0, STEP)
-    mine = walker.track(times)
+    mine = _spots(walker, times)
     for other in others:
-        theirs = other.track(times)[:, :2]
+        if isinstance(other, Walker):
+            theirs = _spots(other, times)
+        else:
+            theirs = np.array([other(float(time))[:2] for time in times])
         if np.linalg.norm(mine - theirs, axis=1).min() < CLEAR:
             return False
     return True
+
+
+def _spots(walker: Walker, times: Array) -> Array:
+    """Positions (T, 2) at times (T,), s."""
+    along = np.array([walker.walked(float(time)) for time in times])
+    marks = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(walker.waypoints, axis=0), axis=1))))
+    return np.stack([np.interp(along, marks, walker.waypoints[:, k]) for k in range(2)], axis=1)

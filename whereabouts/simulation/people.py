@@ -95,12 +95,6 @@ class Walker:
         along, marks = self.walked(time), self._marks  # type: ignore[attr-defined]
         return np.array([np.interp(along, marks, self.waypoints[:, k]) for k in range(2)])
 
-    def track(self, times: Array) -> Array:
-        """(T, 2) metres at `times` (T,) seconds."""
-        along = np.interp(times, self._times, self._walked)  # type: ignore[attr-defined]
-        marks = self._marks  # type: ignore[attr-defined]
-        return np.stack([np.interp(along, marks, self.waypoints[:, k]) for k in range(2)], axis=1)
-
     def velocity(self, time: float) -> Array:
         """(2,) m/s at `time` seconds."""
         step = 1e-3

@@ -60,10 +60,6 @@ class Drive:
     def __call__(self, time: float) -> Array:
         return np.array([np.interp(time, self._times, self._poses[:, k]) for k in range(3)])
 
-    def track(self, times: Array) -> Array:
-        """Poses (T, 3) at `times` (T,) seconds."""
-        return np.stack([np.interp(times, self._times, self._poses[:, k]) for k in range(3)], axis=1)
-
 
 def relative(a: ArrayLike, b: ArrayLike) -> Array:
     """Pose b (3,) seen from pose a (3,): the motion from a to b."""
