@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from whereabouts.demo.beliefs import Beliefs, judged
 from whereabouts.nodes.live_robot import Goal, LiveRobot, Search
 from whereabouts.simulation.apartment_bag import START
-from whereabouts.simulation.apartment_day import MOVED, THINGS
+from whereabouts.simulation.apartment_day import MOVED, THINGS, TICKS
 from whereabouts.simulation.live_apartment import ASKED, GLANCE, REACH, STARE, LiveDay, tour
 from world_model import WorldObject
 
@@ -229,12 +229,12 @@ class Teller:
 
     def _watch(self) -> None:
         story, day = self.story, self._day
-        ticks = round(day.time * 8)
-        if ticks % 4 == 0:
+        ticks = round(day.time * TICKS)
+        if ticks % (TICKS // 2) == 0:
             x, y = day.robot.pose[:2].tolist()
             story.way.append((day.time, x, y))
         state = self._robot.world
-        if ticks % 8 or state is None:
+        if ticks % TICKS or state is None:
             return
         story.people.append((day.time, day.people))
         beliefs = judged(state.objects, day.things, day.time)

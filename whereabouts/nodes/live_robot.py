@@ -36,6 +36,7 @@ from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.turns import goal_id, goals_name
 from whereabouts.nodes.world_reading import grid_from_message, pose_stamped, state_from_message
 from whereabouts.simulation.apartment_bag import START
+from whereabouts.simulation.apartment_day import TICKS
 from whereabouts.simulation.live_apartment import ARM, LiveDay
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import ObjectEvidence, VerificationTask, WorldEvidence, WorldState
@@ -237,7 +238,8 @@ class LiveRobot:
 
     def miss(self, object_id: str) -> None:
         """The arm has found nothing where an object should be: tell the world model."""
-        stamp = time_message(round((START + self.day.time) * NANOSECONDS))
+        # The moment that was measured last: nothing is known of a later one.
+        stamp = time_message(round((START + self.day.time - 1.0 / TICKS) * NANOSECONDS))
         missing = ObjectEvidence(detection_id=NOT_FOUND, object_id=object_id)
         missing.pose.pose.orientation.w = 1.0
         header = Header(stamp=stamp, frame_id="map")
