@@ -3,7 +3,7 @@
     whereabouts                 libraries and commands; nodes with the extra [ros]
     whereabouts_evaluation      experiments
     whereabouts_msgs            the suite's messages with their type supports, for this Python and machine
-    whereabouts_compat_msgs     tf2_msgs, vision_msgs and map_msgs, for machines without a ROS installation
+    whereabouts_compat_msgs     tf2_msgs, vision_msgs, map_msgs and nav2_msgs, for machines without a ROS installation
 
 The last two are packed from the environment that compat/bootstrap.py has built them into.
 """
@@ -22,7 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 INTERFACES = {
     "whereabouts_msgs": ("whereabouts_msgs",),
-    "whereabouts_compat_msgs": ("tf2_msgs", "vision_msgs", "map_msgs"),
+    "whereabouts_compat_msgs": ("tf2_msgs", "vision_msgs", "map_msgs", "nav2_msgs"),
 }
 # What the generated modules need at run time; all of it comes with these two.
 REQUIRES = ("ros-rclpy[fastrtps]>=7.1,<8", "ros-common-interfaces>=5.3,<6")

@@ -25,7 +25,8 @@ class _Track:
 class Growth:
     """Estimates process noise for consumers that only see messages.
 
-    default : m²/s, for objects that have not been watched while nobody looked at them.
+    default : m²/s, for objects that have not been watched while nobody looked at them, and the least there is for
+    drives: what rests in the world model may have been carried away since it was seen, though it sees no reason why.
     """
 
     def __init__(self, default: float) -> None:
@@ -44,15 +45,21 @@ class Growth:
             tracks[item.id] = _Track(item.last_seen, state.stamp, variance, rate)
         self._tracks = tracks
 
-    def ahead(self, state: WorldState, stamp: float) -> WorldState:
-        """The state as it is at a later stamp, s, with `process_noise` filled in; what has moved on is uncertain."""
+    def ahead(self, state: WorldState, stamp: float, carried: bool = True) -> WorldState:
+        """The state as it is at a later stamp, s, with `process_noise` filled in; what has moved on is uncertain.
+
+        carried : whether what rests may have been carried away, up to a metre.
+        """
+        least = self._default if carried else 0.0
         seconds = max(stamp - state.stamp, 0.0)
         objects = []
         for item in state.objects:
             track = self._tracks.get(item.id)
             unit = np.eye(len(item.covariance))
-            noise = (self._default if track is None else track.rate) * unit
-            grown = item.covariance + seconds * noise
+            rate = self._default if track is None else track.rate
+            noise = max(rate, least) * unit
+            away = max(least - rate, 0.0) * max(stamp - item.last_seen, 0.0)
+            grown = item.covariance + (seconds * rate + min(away, ELSEWHERE**2)) * unit
             if MOVED_ON in item.predicates:
                 grown = grown + ELSEWHERE**2 * unit
             objects.append(replace(item, covariance=grown, process_noise=noise))

@@ -134,7 +134,13 @@ def test_package_names_agree_with_setup_and_package_xml() -> None:
 
 
 def test_interface_packages_list_all_their_files() -> None:
-    for folder in ("whereabouts_msgs", "compat/tf2_msgs", "compat/vision_msgs", "compat/map_msgs"):
+    for folder in (
+        "whereabouts_msgs",
+        "compat/tf2_msgs",
+        "compat/vision_msgs",
+        "compat/map_msgs",
+        "compat/nav2_msgs",
+    ):
         listed = set(
             re.findall(r"(?:msg|srv|action)/\w+\.\w+", (ROOT / folder / "CMakeLists.txt").read_text())
         )

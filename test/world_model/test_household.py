@@ -211,6 +211,25 @@ def test_maintenance_looks_where_something_has_probably_moved_on() -> None:
         assert (None if task is None else task.object_id) == first
 
 
+def test_what_rests_may_have_been_carried_away_the_longer_nobody_looked() -> None:
+    model = lived(None, days=0)
+    for second in range(5):
+        seen(model, float(second), cup_1=TABLE)
+    growth, spread = Growth(1e-4), []
+    for stamp in (4.0, 104.0, 204.0, 1e6):
+        state = model.propagate(stamp)
+        growth.observe(state)
+        [item] = growth.ahead(state, stamp + 10.0).objects
+        [told] = state.objects
+        spread.append(item.covariance[0, 0] - told.covariance[0, 0])
+        assert item.process_noise[0, 0] >= 1e-4
+    # 10 s, 110 s and 210 s after it was seen, and so long that a metre is all that can be said.
+    assert spread[0] == pytest.approx(1e-3, rel=0.3)
+    assert spread[1] == pytest.approx(1.1e-2, rel=0.1)
+    assert spread[2] == pytest.approx(2.1e-2, rel=0.1)
+    assert spread[3] == pytest.approx(1.0, rel=0.01)
+
+
 def test_what_was_renamed_is_still_known_by_its_old_symbol(tmp_path: Path) -> None:
     model = lived(tmp_path / "world.sqlite", days=1)
     model.relabel("cup-1", new_object_id="grandmas")

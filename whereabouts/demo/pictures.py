@@ -43,7 +43,7 @@ def save(figure: Any, path: Path) -> None:
 def draw_map(path: Path, home: Apartment, said: Said, tracks: Trajectories) -> None:
     """The occupancy grid with the robot's way through it."""
     figure, ((axes,),) = canvas(1, 1, (9.5, 7.6))
-    _floor(axes, said.grid)
+    draw_floor(axes, said.grid)
     for name in ("loops closed", "scan registration"):
         if name in tracks.named:
             axes.plot(*tracks.named[name][:, :2].T, color="#d62728", linewidth=1.0, label="the robot's way")
@@ -53,14 +53,14 @@ def draw_map(path: Path, home: Apartment, said: Said, tracks: Trajectories) -> N
             low = place.polygon.min(0)
             axes.text(low[0] + 0.12, low[1] + 0.12, name.replace("_", " "), color="#5b6b78", fontsize=9)
     axes.legend(loc="upper left", frameon=False)
-    _plain(axes, "map after the run")
+    plain(axes, "map after the run")
     save(figure, path)
 
 
 def draw_trajectories(path: Path, home: Apartment, tracks: Trajectories) -> None:
     """Ways from above, and how far each is off the truth over time."""
     figure, ((above, over),) = canvas(1, 2, (13.0, 5.4))
-    _building(above, home)
+    draw_building(above, home)
     above.plot(*tracks.truth[:, :2].T, color=TRUE, linewidth=3.0, alpha=0.45, label="truth")
     begin = tracks.stamps[0] if len(tracks.stamps) else 0.0
     for name, poses in tracks.named.items():
@@ -74,7 +74,7 @@ def draw_trajectories(path: Path, home: Apartment, tracks: Trajectories) -> None
             label=name,
         )
     above.legend(loc="lower right", fontsize=8, framealpha=0.9)
-    _plain(above, "trajectory")
+    plain(above, "trajectory")
     over.set_yscale("log")
     over.axhline(0.15, color=INK, linestyle=":", linewidth=1.0)
     over.text(0.0, 0.16, " wanted: 0.15 m", fontsize=8, color=INK, va="bottom")
@@ -87,7 +87,7 @@ def draw_trajectories(path: Path, home: Apartment, tracks: Trajectories) -> None
 def draw_people(path: Path, home: Apartment, said: Said, truth: Truth, ospa: tuple[Array, Array]) -> None:
     """Where people were tracked, by label, over where they truly went; OSPA over time."""
     figure, ((above, over),) = canvas(1, 2, (13.0, 5.4))
-    _building(above, home)
+    draw_building(above, home)
     spots = np.array([spots for _, (spots, _) in sorted(truth.people.items())])
     for person in range(spots.shape[1] if spots.ndim == 3 else 0):
         label = "truth" if person == 0 else None
@@ -102,7 +102,7 @@ def draw_people(path: Path, home: Apartment, said: Said, truth: Truth, ospa: tup
         above.plot(*line.T, ".", color=f"C{number % 10}", markersize=2.0)
     above.plot([], [], ".", color=QUIET, label=f"tracked, {len(trails)} labels")
     above.legend(loc="lower right", fontsize=8, framealpha=0.9)
-    _plain(above, "people")
+    plain(above, "people")
     stamps, values = ospa
     if len(stamps):
         over.plot(stamps - stamps[0], values, color=QUIET, linewidth=0.6, label="each scan")
@@ -136,7 +136,7 @@ def draw_predictions(
     begin = min(truth.poses) if truth.poses else 0.0
     stamps = sorted(truth.people)
     for axes, moment in zip(panels[0], moments, strict=False):
-        _building(axes, home)
+        draw_building(axes, home)
         ahead = [truth.people[s][0] for s in stamps if moment <= s <= moment + horizon]
         for person in range(len(ahead[0]) if ahead else 0):
             way = np.array([spots[person] for spots in ahead])
@@ -145,7 +145,7 @@ def draw_predictions(
         for prediction in _at(said.paths, moment):
             _prediction(axes, prediction, people.get(prediction.label))
         _robot(axes, _at(truth.poses, moment, np.zeros(3)))
-        _plain(axes, f"after {moment - begin:.0f} s")
+        plain(axes, f"after {moment - begin:.0f} s")
     _legend(
         panels[0][0],
         [
@@ -185,7 +185,7 @@ def draw_worlds(path: Path, home: Apartment, said: Said, truth: Truth, moments: 
     figure, panels = canvas(max(rows, 1), columns, (13.5, 5.6 * max(rows, 1)))
     begin = min(truth.poses) if truth.poses else 0.0
     for axes, moment in zip(panels.ravel(), moments, strict=False):
-        _building(axes, home)
+        draw_building(axes, home)
         things = [thing for thing in _at(said.worlds, moment) if thing.kind not in ("person", "other")]
         for spot in _at(truth.things, moment, {}).values():
             axes.plot(*spot[:2], "+", color=TRUE, markersize=12, markeredgewidth=1.6)
@@ -203,7 +203,7 @@ def draw_worlds(path: Path, home: Apartment, said: Said, truth: Truth, moments: 
         lost = [thing.id for thing in things if thing.lost]
         _robot(axes, _at(truth.poses, moment, np.zeros(3)))
         note = f"; lost: {', '.join(lost)}" if lost else ""
-        _plain(
+        plain(
             axes, f"after {moment - begin:.0f} s: {sum(thing.known for thing in things)} things known{note}"
         )
     for axes in panels.ravel()[len(moments) :]:
@@ -240,7 +240,7 @@ def draw_search(
     search : "steps" [(number, goal (2,))], "start" and "end" in seconds, "old", "new" and "found" places (2,) or None.
     """
     figure, ((axes,),) = canvas(1, 1, (9.5, 7.4))
-    _building(axes, home, names=True)
+    draw_building(axes, home, names=True)
     way = np.array(
         [pose for stamp, pose in sorted(truth.poses.items()) if search["start"] <= stamp <= search["end"]]
     )
@@ -274,7 +274,7 @@ def draw_search(
     if groups:
         axes.plot([], [], "*", color="#ff7f0e", markersize=12, label="goals, in the order of their numbers")
     axes.legend(loc="upper left", fontsize=9, framealpha=0.9)
-    _plain(axes, "search")
+    plain(axes, "search")
     save(figure, path)
 
 
@@ -282,7 +282,8 @@ def _ranges(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers[:6])) + (", ..." if len(numbers) > 6 else "")
 
 
-def _floor(axes: Any, grid: Grid | None) -> None:
+def draw_floor(axes: Any, grid: Grid | None) -> None:
+    """The map, if there is one."""
     if grid is None:
         return
     values = grid.values.astype(np.float64)
@@ -292,7 +293,8 @@ def _floor(axes: Any, grid: Grid | None) -> None:
     )
 
 
-def _building(axes: Any, home: Apartment, names: bool = False) -> None:
+def draw_building(axes: Any, home: Apartment, names: bool = False) -> None:
+    """Walls and furniture."""
     from matplotlib.patches import Polygon
 
     for name, place in home.places.by_name.items():
@@ -319,7 +321,8 @@ def _legend(axes: Any, entries: Sequence[tuple[str, str, str]]) -> None:
     axes.legend(loc="lower right", fontsize=7.5, framealpha=0.9)
 
 
-def _plain(axes: Any, title: str) -> None:
+def plain(axes: Any, title: str) -> None:
+    """The apartment's frame, without a box around it."""
     axes.set_aspect("equal")
     axes.set_title(title, fontsize=11)
     axes.set_xlim(-2.0, 9.0)

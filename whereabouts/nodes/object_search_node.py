@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.driving import PATIENCE, Approach
+from whereabouts.nodes.driving import PATIENCE, SAME, Approach
 from whereabouts.nodes.inputs import HEARD_LATCHED
 from whereabouts.nodes.nav2 import figures_of, navigator_of
 from whereabouts.nodes.packed import Packed
@@ -299,7 +299,9 @@ class ObjectSearchNode(SuiteNode):
     def _tell(self, handle: Any, step: SearchStep, said: tuple[Any, ...]) -> tuple[Any, ...]:
         """Publish goal and feedback where they are new."""
         self._reason = step.reason
-        now = (step.kind, step.object, step.reason)
+        # The same words may be about another place.
+        spot = () if step.goal is None else tuple(np.round(step.goal / SAME).tolist())
+        now = (step.kind, step.object, step.reason, spot)
         if now == said:
             return said
         self._steps += 1

@@ -7,14 +7,14 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from whereabouts.logs import RawLog, RawMessage, Topic, open_raw
+from whereabouts.logs import RawMessage, Topic, open_raw
 from whereabouts.nodes.dead_ends import DeadEnds
 from whereabouts.nodes.flow import Flow
 from whereabouts.nodes.interfaces import UnknownTypeError, message_class
@@ -29,6 +29,23 @@ PATIENCE = 30.0
 AGAIN = 0.5
 # s between two looks whether those that are waited for still run.
 CARE_PERIOD = 0.1
+
+
+class MessageLog(Protocol):
+    """Messages by log time; `RawLog` is one."""
+
+    @property
+    def topics(self) -> list[Topic]:
+        """All that there will be."""
+
+    @property
+    def progress(self) -> float:
+        """Share of the messages that have been read."""
+
+    def __iter__(self) -> Iterator[RawMessage]: ...
+
+    def close(self) -> None:
+        """Release files."""
 
 
 @dataclass
@@ -57,6 +74,7 @@ class Replayer:
 
     Parameters
     ----------
+    bag : a file, or messages that are made as they are sent: what they tell may then depend on what the nodes said.
     node, executor : a node of the caller's to publish with, and what spins it.
     rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every
         watched node that subscribes to its topic has reported the one before as processed, and whatever the nodes
@@ -71,7 +89,7 @@ class Replayer:
         self,
         node: Node,
         executor: Executor,
-        bag: Path,
+        bag: Path | MessageLog,
         rate: float | None = None,
         watched: Sequence[str] = (),
         namespace: str = "",
@@ -85,7 +103,7 @@ class Replayer:
         self.watched = list(watched)
         self._namespace = namespace.rstrip("/")
         self._is_running = is_running
-        self._log: RawLog = open_raw(bag, topics)
+        self._log: MessageLog = open_raw(bag, topics) if isinstance(bag, Path) else bag
         self._publishers: dict[str, Any] = {}
         self._latched: set[str] = set()
         self._sent: Counter[str] = Counter()

@@ -21,7 +21,7 @@ from whereabouts.logs import McapWriter, RawMessage
 from whereabouts.nodes.domain import free_domain
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.recorder import Recorder
-from whereabouts.nodes.replayer import PATIENCE, ReplayAccount, Replayer
+from whereabouts.nodes.replayer import PATIENCE, MessageLog, ReplayAccount, Replayer
 from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts.resources import config_file
 
@@ -40,14 +40,14 @@ REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, 
 class SuiteRun:
     """What to run.
 
-    rate : multiple of the recorded speed, None for lock-step.
+    bag : as of `Replayer`. rate : multiple of the recorded speed, None for lock-step.
     record : (topic, type) to record to `output`.
     clock_period : as of `Replayer`, s.
     on_event : called with a sentence about a node that died, came back or was killed.
     on_progress : called with the share of the bag that has been sent.
     """
 
-    bag: Path
+    bag: Path | MessageLog
     nodes: Sequence[NodeSpec]
     log_directory: Path
     rate: float | None = None

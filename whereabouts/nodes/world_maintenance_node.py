@@ -173,7 +173,8 @@ class WorldMaintenanceNode(SuiteNode):
         if self._task is not None:
             self._look_after(self._task, pose, now)
             return
-        world = self._growth.ahead(state, now)
+        # A look in passing is for what the world model itself is unsure of.
+        world = self._growth.ahead(state, now, carried=self._available)
         view = None if self.settings.opening > 6.28 else self.settings.opening
         task = self._maintenance.next_task(
             world, pose, self._sensors, view, base_available=self._available, grid=self._grid

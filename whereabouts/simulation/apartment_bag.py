@@ -11,7 +11,15 @@ import numpy as np
 from estimation.poses import pose_to_matrix
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, ScanRecord, TransformRecord
 from whereabouts.simulation.apartment import CAMERA_HEIGHT, LASER_HEIGHT
-from whereabouts.simulation.apartment_day import LASER_MOUNT, THINGS, TICKS, WHEEL_RATE, Day, Moment
+from whereabouts.simulation.apartment_day import (
+    CLOUD_RATE,
+    LASER_MOUNT,
+    THINGS,
+    TICKS,
+    WHEEL_RATE,
+    Day,
+    Moment,
+)
 from whereabouts.simulation.shapes import Array
 from whereabouts.world_bag import SuiteMessages
 from whereabouts.world_log import EVIDENCE
@@ -26,12 +34,14 @@ GRAIN = 64.0
 def record(path: Path, duration: float | None = None, day: Day | None = None) -> None:
     """Write the run, or its first `duration` seconds, to an MCAP file."""
     with McapWriter(path) as writer:
-        recorder = _Recorder(writer)
+        recorder = MomentWriter(writer)
         for moment in (day or Day()).moments(duration):
             recorder.write(moment)
 
 
-class _Recorder:
+class MomentWriter:
+    """Writes moments as the robot's drivers publish them, and the truth."""
+
     def __init__(self, writer: McapWriter) -> None:
         self._writer = writer
         self._messages = SuiteMessages(EVIDENCE, TARGETS, STATE)
@@ -64,6 +74,7 @@ class _Recorder:
         if moment.cloud is not None:
             points = np.round(moment.cloud * GRAIN) / GRAIN
             self._writer.write_cloud(CloudRecord(points, stamp, "points", "camera"), at)
+        if round(moment.time * TICKS) % (TICKS // CLOUD_RATE) == 0:
             self._raw("/ground_truth/objects", STATE, self._objects(moment, stamp), at)
 
     @staticmethod

@@ -6,7 +6,7 @@ are the same however long it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +16,11 @@ from estimation.poses import compound
 from registration import Scan
 from whereabouts.simulation.apartment import Apartment, apartment
 from whereabouts.simulation.apartment_camera import Camera, Item, person_block
-from whereabouts.simulation.apartment_people import Person, Stay, live
+from whereabouts.simulation.apartment_people import Moving, Person, Stay, live
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.people import positions, seen
+from whereabouts.simulation.people import positions
 from whereabouts.simulation.robot import Drive, Wheels
-from whereabouts.simulation.shapes import Array, box, joined
+from whereabouts.simulation.shapes import Array, Shapes, box, joined
 from world_model import WorldEvidence
 
 SEED = 20
@@ -128,8 +128,8 @@ class Day:
         self.people: list[Person] = []
         rng = np.random.default_rng([self.seed, 0])
         for day, speed in zip(DAYS, SPEEDS, strict=True):
-            others: list[Callable[[float], Array]] = [self.drive]
-            others += [person.walker.position for person in self.people]
+            others: list[Moving] = [self.drive]
+            others += [person.walker for person in self.people]
             self.people.append(live(rng, day, others, self.duration, speed))
 
     @property
@@ -149,45 +149,79 @@ class Day:
 
     def moments(self, duration: float | None = None) -> Iterator[Moment]:
         """The run, `TICKS` moments per second, for all of it or its first `duration` seconds."""
-        streams = [np.random.default_rng([self.seed, k]) for k in (1, 2, 3, 4)]
-        wheels, before = np.zeros(3), self.drive(0.0)
+        senses = Senses(self.seed, self.home, self.camera)
+        walkers = [person.walker for person in self.people]
         end = self.duration if duration is None else min(duration, self.duration)
         for tick in range(int(end * TICKS) + 1):
             time = tick / TICKS
-            pose = self.drive(time)
-            wheels = compound(wheels, WHEELS.motion(before, pose, streams[0])) if tick else wheels
-            before = pose
-            yield self._moment(tick, time, pose, wheels, streams)
+            outlines = [walker.shapes(time, owner) for owner, walker in enumerate(walkers, start=1)]
+            velocities = np.array([walker.velocity(time) for walker in walkers])
+            people = (positions(walkers, time), velocities, outlines)
+            yield senses.moment(tick, self.drive(time), people, self.things(time))
 
-    def _moment(
-        self, tick: int, time: float, pose: Array, wheels: Array, streams: list[np.random.Generator]
+
+@dataclass
+class Senses:
+    """What the robot measures, moment by moment; each sensor has a stream of random numbers of its own.
+
+    clouds, scans : whether there are any.
+    """
+
+    seed: int
+    home: Apartment
+    camera: Camera
+    scans: bool = True
+    clouds: bool = True
+
+    def __post_init__(self) -> None:
+        self._streams = [np.random.default_rng([self.seed, k]) for k in (1, 2, 3, 4)]
+        self._wheels, self._before = np.zeros(3), np.zeros(3)
+
+    def moment(
+        self,
+        tick: int,
+        pose: Array,
+        everybody: tuple[Array, Array, list[Shapes]],
+        things: dict[str, Array | None],
     ) -> Moment:
-        walkers = [person.walker for person in self.people]
-        people, things = positions(walkers, time), self.things(time)
+        """The next moment: the robot's true pose (3,), positions and velocities (P, 2) of people and
+        their outlines, things.
+        """
+        time = tick / TICKS
+        people, velocities, outlines = everybody
+        if tick:
+            motion = WHEELS.motion(self._before, pose, self._streams[0])
+            self._wheels = compound(self._wheels, motion)
+        self._before = pose
         lying = {name: (THINGS[name][0], spot) for name, spot in things.items() if spot is not None}
         scan, evidence, cloud = None, None, None
         returns = np.zeros(len(people), dtype=np.int64)
-        if tick % (TICKS // SCAN_RATE) == 0:
-            outlines = [
-                box(2.0 * item.half[0], 2.0 * item.half[1], (*spot[:2], 0.0))
-                for item, spot in lying.values()
-                if abs(spot[2] - 0.25) < item.half[2]
-            ]
-            world = joined([self.home.outlines, *outlines, seen(walkers, time)])
-            simulated = SCANNER.scan(world, compound(pose, LASER_MOUNT), streams[1], time)
+        if self.scans and tick % (TICKS // SCAN_RATE) == 0:
+            world = joined([self.home.outlines, *_low(lying), joined(outlines)])
+            simulated = SCANNER.scan(world, compound(pose, LASER_MOUNT), self._streams[1], time)
             scan = simulated.scan
             returns = np.array([np.sum(simulated.owners == k + 1) for k in range(len(people))])
         pan = self.camera.pan(time)
         eye = pose + np.array([0.0, 0.0, pan])
+        hiding = [self.home.blocks, np.array([person_block(spot) for spot in people]).reshape(-1, 6)]
         if tick % (TICKS // LOOK_RATE) == 0:
-            blocks = np.vstack([self.home.blocks, [person_block(spot) for spot in people]])
-            evidence = self.camera.look(streams[2], eye, blocks, lying)
-        if tick % (TICKS // CLOUD_RATE) == 0:
+            evidence = self.camera.look(self._streams[2], eye, np.vstack(hiding), lying)
+        if self.clouds and tick % (TICKS // CLOUD_RATE) == 0:
             solid = [np.concatenate([spot - item.half, spot + item.half]) for item, spot in lying.values()]
-            blocks = np.vstack([self.home.blocks, [person_block(spot) for spot in people], solid])
-            cloud = self.camera.depth(streams[3], eye, blocks, (24, 14))
-        velocities = np.array([walker.velocity(time) for walker in walkers])
-        return Moment(time, pose, wheels, pan, scan, evidence, cloud, people, velocities, returns, things)
+            hiding.append(np.array(solid).reshape(-1, 6))
+            cloud = self.camera.depth(self._streams[3], eye, np.vstack(hiding), (24, 14))
+        return Moment(
+            time, pose, self._wheels, pan, scan, evidence, cloud, people, velocities, returns, things
+        )
+
+
+def _low(lying: Mapping[str, tuple[Item, Array]]) -> list[Shapes]:
+    """Outlines of what stands so low that the scanner meets it."""
+    return [
+        box(2.0 * item.half[0], 2.0 * item.half[1], (*spot[:2], 0.0))
+        for item, spot in lying.values()
+        if abs(spot[2] - 0.25) < item.half[2]
+    ]
 
 
 def _drive(rounds: int = ROUNDS) -> Drive:

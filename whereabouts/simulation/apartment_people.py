@@ -64,6 +64,10 @@ CLEAR = 0.6
 STEP, LONGEST = 0.25, 120.0
 
 
+Moving = Walker | Callable[[float], Array]
+"""Somebody, or the robot: pose (3,) by time, s."""
+
+
 @dataclass(frozen=True)
 class Stay:
     """One stop of a person's day.
@@ -108,13 +112,13 @@ def route(start: str, end: str) -> list[str]:
 def live(
     rng: np.random.Generator,
     day: Sequence[Stay],
-    others: Sequence[Callable[[float], Array]],
+    others: Sequence[Moving],
     duration: float,
     speed: float = 1.0,
 ) -> Person:
     """A person who makes every stop of `day`, and waits there until the way to the next one is free.
 
-    others : position (2,) or pose (3,) by time of everybody who is in the way.
+    others : everybody who is in the way.
     """
     build, phase = random_build(rng), float(rng.uniform(0.0, 6.0))
     points, rests = [np.array(SPOTS[day[0].spot])], [0.0]
@@ -137,15 +141,23 @@ def live(
     return Person(Walker(np.array(points), speed, build, 0.0, np.array(rests), phase), tuple(handled))
 
 
-def _free(
-    way: Array, leaving: float, remain: float, speed: float, others: Sequence[Callable[[float], Array]]
-) -> bool:
+def _free(way: Array, leaving: float, remain: float, speed: float, others: Sequence[Moving]) -> bool:
     """Whether nobody comes near while one walks a way from `leaving` and remains at its end."""
     walker = Walker(way, speed, start=leaving)
     times = np.arange(leaving, walker.duration + remain + 2.0, STEP)
-    mine = np.array([walker.position(time) for time in times])
+    mine = _spots(walker, times)
     for other in others:
-        theirs = np.array([other(float(time))[:2] for time in times])
+        if isinstance(other, Walker):
+            theirs = _spots(other, times)
+        else:
+            theirs = np.array([other(float(time))[:2] for time in times])
         if np.linalg.norm(mine - theirs, axis=1).min() < CLEAR:
             return False
     return True
+
+
+def _spots(walker: Walker, times: Array) -> Array:
+    """Positions (T, 2) at times (T,), s."""
+    along = np.array([walker.walked(float(time)) for time in times])
+    marks = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(walker.waypoints, axis=0), axis=1))))
+    return np.stack([np.interp(along, marks, walker.waypoints[:, k]) for k in range(2)], axis=1)
