@@ -21,7 +21,13 @@ STATE = VENV / "set-up"
 PYTHON = VENV / "bin" / "python"
 SUPPORTED = ((3, 11), (3, 12))
 # The longest build first; none of them uses another.
-INTERFACE_PACKAGES = ("whereabouts_msgs", "compat/vision_msgs", "compat/tf2_msgs", "compat/map_msgs", "compat/nav2_msgs")
+INTERFACE_PACKAGES = (
+    "whereabouts_msgs",
+    "compat/vision_msgs",
+    "compat/tf2_msgs",
+    "compat/map_msgs",
+    "compat/nav2_msgs",
+)
 # Their functions are compiled to machine code, which is kept beside the sources.
 COMPILED = ("estimation", "registration", "loop_closure", "tracking", "world_model")
 VERSION_QUERY = "import sys; print('%d.%d' % sys.version_info[:2])"
