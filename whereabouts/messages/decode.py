@@ -128,8 +128,10 @@ def clouds(message: Any, topic: str) -> Iterator[CloudRecord]:
     times = values[named[0]].astype(np.float64) if named else None
     # Mostly all are, and two passes without a mask say so; NaN is neither above nor below anything.
     if len(points) and not (points.min() >= -FARTHEST and points.max() <= FARTHEST):
+        finite = np.ones(len(points), dtype=bool)
         with np.errstate(invalid="ignore"):
-            finite = np.flatnonzero((np.abs(points) <= FARTHEST).all(axis=1))
+            for along in points.T:
+                finite &= np.abs(along) <= FARTHEST
         points = points[finite]
         times = None if times is None else times[finite]
     stamp = seconds(message.header.stamp)
