@@ -3,9 +3,9 @@
     python bench/bench_loop_closure_pace.py LOG.. >> bench/bench_loop_closure_pace.txt
 
 Logs are CARMEN logs, or `killian`. As the node does it: keyframes are taken out on the way, and the grid is drawn after
-each keyframe; at once it is brought up to date every 80 scans, two seconds at 40 Hz. Odometry is worked out before. Each
-log is driven both ways in the same process. Behind: keyframes that are still to be worked on. Times are processor time:
-the machine may be shared.
+each keyframe; at once it is brought up to date every 80 scans, two seconds at 40 Hz. Odometry is worked out before.
+Each log is driven both ways in the same process. Behind: keyframes that are still to be worked on. Times are processor
+time: the machine may be shared.
 """
 
 from __future__ import annotations

@@ -43,6 +43,7 @@ from registration.scan import Scan
 
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
+WAITING = 10  # keyframes that may wait for their turn; what is more is worked on at once, whatever it takes
 WRONG = 0.3  # metres by which a closure misses the whole that cannot be true
 # Costs of steps, ms: of LEARNT edges, the uncertainty of each node, a decision for each that waits, thinning.
 LEARNT, LEARNING, AROUND, DECIDING, EXAMINING = 500, 2.0, 0.001, 0.02, 2.0
@@ -105,8 +106,8 @@ class Slam:
 
         pace : what `process` may do with one scan, ms of one core of a desktop computer, about: loops are searched and
         closed in steps, keyframe by keyframe, and what is left over is done with the scans that follow, and in
-        `finish`. How much that is follows from the scans, not from a clock: the same scans give the same map. None:
-        everything at once.
+        `finish`; no more than WAITING keyframes wait. How much that is follows from the scans, not from a clock: the
+        same scans give the same map. None: everything at once.
         """
         self.config = config or SlamConfig()
         if thin and not isinstance(graph, SmoothedGraph | None):
@@ -314,12 +315,14 @@ class Slam:
     def _worked(self, keyframe: int | None) -> SlamUpdate:
         """Work as long as one scan may, and say what came of it."""
         self._work(Allowance(self.pace))
+        # Closures that come too late help nobody.
+        self._work(Allowance(None), WAITING)
         accepted, self._accepted = self._accepted, []
         return SlamUpdate(self.pose, accepted, keyframe, len(self._hypotheses.waiting), self.behind)
 
-    def _work(self, allowance: Allowance) -> None:
-        """Go on with the keyframe that is worked on, and with those that came after it."""
-        while self._job is not None or (self._coming and not self._thinning.due):
+    def _work(self, allowance: Allowance, left: int = 0) -> None:
+        """Go on with the keyframe that is worked on, and with those that came after it, until `left` are left."""
+        while len(self._coming) > left and (self._job is not None or not self._thinning.due):
             if self._job is None:
                 self._job = Job(self._keyframe(self._coming[0]))
             self._job.go_on(allowance)
