@@ -15,9 +15,11 @@ from loop_closure.graph import Edge
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import compose, length, motion, planar, positions, turn
 from loop_closure.spatial import lay
+from loop_closure.work import Steps
 from registration.align_submaps import APART, align_submaps, ambiguous
 
 CERTAIN_IN_SPACE = 2.0  # metres: a cloud of a street has far more to tell than a scan
+LAYING, LAYING_CLOUD = (3.0, 6.0), 60.0  # ms of laying a local map on another, known well and not; of a cloud
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Search:
     anywhere: bool = False  # only what looks alike is laid on the map, wherever it is
 
 
-def look(
+def looking(
     k: int,
     keyframes: Keyframes,
     poses: FloatArray,
@@ -77,8 +79,8 @@ def look(
     search: Search,
     likely: dict[int, float] | None = None,
     both: bool = False,
-) -> list[Fit]:
-    """Placements of keyframe `k` that can be believed, best first.
+) -> Steps[list[Fit]]:
+    """Placements of keyframe `k` that can be believed, best first; a step for each that is tried.
 
     likely : likelihood of earlier keyframes by the classifier. both : use the path after `k` too, in hindsight.
     """
@@ -86,12 +88,14 @@ def look(
     if not chosen:
         return []
     if not planar(poses):
+        yield LAYING_CLOUD
         return _look_around(k, chosen, keyframes, poses, gate, search)
     source = keyframes.local_map(
         k, search.back if not both else search.around, search.around if both else 0.0
     )
     fits: list[Fit] = []
     for j in chosen:
+        yield LAYING[bool(gate.sigma[j] > search.certain or search.anywhere)]
         target = keyframes.local_map(j, search.around, search.around)
         guess = motion(poses[j], poses[k])
         # What looks alike far from the estimate makes that as doubtful as it is far off.

@@ -98,6 +98,19 @@ class PlaceDatabase:
         self._size += 1
         return self._size - 1
 
+    def keep(self, rows: npt.NDArray[np.int64]) -> None:
+        """Forget all places but those of these indices (K,), ascending; they are counted anew."""
+        self._require_rows(rows)
+        for name in ("_values", "_profiles", "_signatures"):
+            array = getattr(self, name)
+            if len(array):
+                kept = np.empty((max(2 * len(rows), 8), array.shape[1]), dtype=array.dtype)
+                kept[: len(rows)] = array[rows]
+                setattr(self, name, kept)
+        if self.wide:
+            self._outlines = [self._outlines[row] for row in rows]
+        self._size = len(rows)
+
     def compare(self, query: PlaceFeatures) -> FloatArray:
         """Pair features of `query` with every place, (M, n). InputError where they cannot be compared."""
         return self.compare_some(query, np.arange(self._size))

@@ -5,6 +5,7 @@ Nodes are keyframes in the order they were taken; every node but the first hangs
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,8 +14,12 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.motions import compose, motion, planar, rotation
+from loop_closure.work import Steps, at_once
 
 ROBUST = 3.0  # deviations at which a closure counts half
+SMOOTHING = 0.006  # ms per node of one round of smoothing
+ROUNDS = 3  # of them after each closure
+FACTOR, HANDED = 0.04, 100  # ms that handing over an edge takes; edges that are one step
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +72,12 @@ class SmoothedGraph:
     def __init__(self) -> None:
         self.edges: list[Edge] = []
         self._poses: list[FloatArray] = []
-        self._isam: Any = None
-        self._waiting: list[tuple[Any, Any]] = []  # new factors and initial values of a node
         self._stacked: FloatArray | None = None
+        self._isam: Any = None
+        self._keys: list[int] = []  # of the nodes the smoother knows, ascending
+        self._slots: dict[Edge, int] = {}  # of the edges it knows, by number of their factor
+        self._dropped: list[int] = []  # factors it has to forget
+        self._keys_made = self._factors_made = 0
 
     @property
     def poses(self) -> FloatArray:
@@ -99,7 +107,8 @@ class SmoothedGraph:
         graph.add(kind(0, as_gtsam(pose), prior))
         values.insert(0, as_gtsam(pose))
         self._isam.update(graph, values)
-        self._handed = 1  # nodes the smoother knows
+        self._keys, self._keys_made, self._factors_made = [0], 1, 1
+        self._slots, self._dropped = {}, []
 
     def extend(self, step: FloatArray, covariance: FloatArray) -> int:
         node = len(self._poses)
@@ -110,26 +119,60 @@ class SmoothedGraph:
 
     def close(self, edges: list[Edge]) -> None:
         """Closures without a kernel; they were decided on."""
-        import gtsam
+        at_once(self.closing(edges))
 
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        # Nodes wait until a closure needs them: alone they change nothing.
-        for edge in self.edges:
-            if not edge.closure and edge.b >= self._handed:
-                graph.add(factor(edge, False))
-                values.insert(edge.b, as_gtsam(self._poses[edge.b]))
-        self._handed = len(self._poses)
-        for edge in edges:
-            graph.add(factor(edge, False))
+    def closing(self, edges: list[Edge]) -> Steps[None]:
+        """`close`, in steps. Nodes may be added meanwhile, nothing else."""
         self.edges += edges
         try:
-            self._isam.update(graph, values)
-            for _ in range(2):
-                self._isam.update()
-            self._take(self._isam.calculateEstimate())
+            for number in range(ROUNDS):
+                if number == 0:
+                    # Nodes wait until a closure needs them: alone they change nothing.
+                    yield from self._handing_over()
+                else:
+                    yield SMOOTHING * len(self._keys)
+                    self._isam.update()
+            self._take(self._isam.calculateEstimate(), self._keys)
         except RuntimeError:
             # Rounding made the increment singular; everything at once is slower and sound.
             self.settle()
+
+    def take_out(self, number: FloatArray, edges: list[Edge], renumbered: list[Edge]) -> None:
+        """Keep the nodes with a new number, in order; `number` (N,) is -1 of the others.
+
+        edges : of what is left, those that were there before being the same objects. renumbered : the same by the new
+        numbers. The smoother learns of it with the next closure: it forgets factors, and nodes without any.
+        """
+        known = {
+            new: self._slots.pop(old)
+            for old, new in zip(edges, renumbered, strict=True)
+            if old in self._slots
+        }
+        self._dropped += self._slots.values()
+        self._slots = known
+        self._keys = [key for node, key in enumerate(self._keys) if number[node] >= 0]
+        self._poses = [pose for node, pose in enumerate(self._poses) if number[node] >= 0]
+        self.edges, self._stacked = renumbered, None
+
+    def _handing_over(self) -> Steps[None]:
+        """Tell the smoother of nodes and edges it does not know, and of those that are gone."""
+        import gtsam
+
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for pose in self._poses[len(self._keys) :]:
+            values.insert(self._keys_made, as_gtsam(pose))
+            self._keys.append(self._keys_made)
+            self._keys_made += 1
+        new = [edge for edge in self.edges if edge not in self._slots]
+        for number, edge in enumerate(new):
+            if number % HANDED == 0:
+                yield FACTOR * HANDED
+            graph.add(factor(edge, False, self._keys))
+            self._slots[edge] = self._factors_made
+            self._factors_made += 1
+        yield SMOOTHING * len(self._keys)
+        dropped, self._dropped = self._dropped, []
+        self._isam.update(graph, values, dropped)
 
     def settle(self, without: set[int] | None = None) -> None:
         import gtsam
@@ -148,32 +191,27 @@ class SmoothedGraph:
                 values.insert(node, as_gtsam(pose))
             parameters = gtsam.LevenbergMarquardtParams()
             parameters.setMaxIterations(30)
-            self._take(gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize())
+            optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
+            self._take(optimizer.optimize(), range(len(self._poses)))
         self._restart()
 
     def _restart(self) -> None:
         """Hand the smoother everything afresh, from where the poses are now."""
-        import gtsam
-
         self._start(self._poses[0])
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        for edge in self.edges:
-            graph.add(factor(edge, False))
-        for node, pose in enumerate(self._poses[1:], start=1):
-            values.insert(node, as_gtsam(pose))
-        self._isam.update(graph, values)
-        self._handed = len(self._poses)
+        at_once(self._handing_over())
 
-    def _take(self, values: Any) -> None:
+    def _take(self, values: Any, keys: Sequence[int]) -> None:
+        """The poses of the first nodes, by their keys; those that came since hang on the last of them."""
         import gtsam
 
-        count = values.size()
+        count = len(keys)
         if planar(self._poses[0]):
-            found = np.asarray(gtsam.utilities.extractPose2(values))
-            self._poses = list(found[:count])
+            found = list(np.asarray(gtsam.utilities.extractPose2(values)))
         else:
-            self._poses = [values.atPose3(node).matrix() for node in range(count)]
-        self._stacked = None
+            found = [values.atPose3(key).matrix() for key in keys]
+        for node in range(count, len(self._poses)):
+            found.append(compose(found[-1], motion(self._poses[node - 1], self._poses[node])))
+        self._poses, self._stacked = found, None
 
 
 def residuals(edges: list[Edge], poses: FloatArray) -> FloatArray:
@@ -195,8 +233,11 @@ def as_gtsam(pose: FloatArray) -> Any:
     return gtsam.Pose3(gtsam.Rot3(pose[:3, :3]), pose[:3, 3])
 
 
-def factor(edge: Edge, robust: bool) -> Any:
-    """gtsam's factor of an edge. Its errors are in the frame the motion ends in, rotation first in space."""
+def factor(edge: Edge, robust: bool, keys: Sequence[int] | None = None) -> Any:
+    """gtsam's factor of an edge; `keys` : of its nodes, their numbers if None.
+
+    Its errors are in the frame the motion ends in, rotation first in space.
+    """
     import gtsam
 
     B = rotation(edge.motion)
@@ -208,7 +249,8 @@ def factor(edge: Edge, robust: bool) -> Any:
     if robust:
         noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(ROBUST), noise)
     kind = gtsam.BetweenFactorPose2 if planar(edge.motion) else gtsam.BetweenFactorPose3
-    return kind(edge.a, edge.b, as_gtsam(edge.motion), noise)
+    a, b = (edge.a, edge.b) if keys is None else (keys[edge.a], keys[edge.b])
+    return kind(a, b, as_gtsam(edge.motion), noise)
 
 
 def _isam_parameters() -> Any:

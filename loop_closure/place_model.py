@@ -33,6 +33,7 @@ from loop_closure.matching import match_features
 from loop_closure.outline_kernels import MATCH_FEATURES
 from loop_closure.pairs import Pairs
 from loop_closure.retrieval import Embedding
+from loop_closure.work import Steps, at_once
 
 FORMAT = "whereabouts.place_model"
 # Version 1 had second stages trained without grades; models without second stage are the same in both.
@@ -40,6 +41,8 @@ VERSION = 2
 # Pairs that did not pass the gate stay in the order of the first stage, below those that were looked at closely.
 REJECTED = 0.01
 PLAIN_WIDTH = {2: 44, 3: 41}
+COMPARING, MATCHING = 0.0015, 0.4  # ms for each pair, in the first stage and in the second
+TOGETHER = 10  # pairs of the second stage that are one step
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +113,17 @@ class PlaceModel:
         ------
         InputError : places that cannot be compared, or do not match the model.
         """
+        return at_once(self.judging(query, database, rows, most))
+
+    def judging(
+        self,
+        query: PlaceFeatures,
+        database: PlaceDatabase,
+        rows: npt.NDArray[np.integer] | None = None,
+        most: int | None = None,
+    ) -> Steps[FloatArray]:
+        """`likelihoods`, in steps."""
+        yield COMPARING * (len(database) if rows is None else len(rows))
         F = self.first_features(query, database, rows)
         likelihood = self.first.score(F)
         if self.second is None or query.outline is None:
@@ -121,7 +135,11 @@ class PlaceModel:
         if len(passed):
             places = passed if rows is None else rows[passed]
             outlines = [outline for place in places if (outline := database.outline(int(place))) is not None]
-            laid, _ = match_features(query.outline, outlines)
+            laid = np.empty((len(outlines), MATCH_FEATURES))
+            for start in range(0, len(outlines), TOGETHER):
+                yield MATCHING * TOGETHER
+                part = slice(start, start + TOGETHER)
+                laid[part], _ = match_features(query.outline, outlines[part])
             found[passed] = self.second.score(
                 second_features(F[passed], likelihood[passed], laid, self.dimension)
             )

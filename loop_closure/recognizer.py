@@ -26,6 +26,7 @@ from loop_closure.features import SCALARS_2D, PlaceFeatures
 from loop_closure.place_model import PlaceModel
 from loop_closure.retrieval import Embedding, NearestPlaces
 from loop_closure.shipped import shipped_model
+from loop_closure.work import Steps, at_once
 
 # Places that must be known before how a place resembles them says how it resembles others.
 SETTLED = 100
@@ -103,6 +104,20 @@ class PlaceRecognizer:
         self._stamps.append(float(stamp))
         return identity
 
+    def keep(self, stay: npt.NDArray[np.bool_]) -> None:
+        """Forget the places that do not `stay`, (M,); the others are counted anew."""
+        if len(stay) != len(self):
+            raise InputError(f"stay: {len(self)} expected, one of each place, got {len(stay)}")
+        kept = np.flatnonzero(stay)
+        self._places.keep(kept)
+        if self._index is not None:
+            self._index = self._index.of(kept)
+        self._stamps = [self._stamps[i] for i in kept]
+        self._asked = None
+        if self._in_context:
+            self._usual = [self._usual[i] for i in kept]
+            self._before = deque((row[stay[: len(row)]] for row in self._before), maxlen=PREDECESSORS)
+
     def stamp(self, identity: int) -> float:
         """When a place was seen, seconds. InputError for an unknown id."""
         if not 0 <= identity < len(self):
@@ -116,7 +131,7 @@ class PlaceRecognizer:
         """
         if len(self) == 0:
             return np.zeros(0)
-        return self._score(features, None, looks)
+        return at_once(self._scoring(features, None, looks))
 
     def query(self, features: PlaceFeatures, k: int) -> list[tuple[int, float]]:
         """The `k` most likely places as (id, likelihood), best first; fewer when fewer are known.
@@ -128,11 +143,15 @@ class PlaceRecognizer:
         ------
         InputError : k below 1, or features that do not match the history or the model.
         """
+        return at_once(self.querying(features, k))
+
+    def querying(self, features: PlaceFeatures, k: int) -> Steps[list[tuple[int, float]]]:
+        """`query`, in steps; nothing may be added meanwhile."""
         k = require_count("k", k)
         if len(self) == 0:
             return []
         rows = self._candidates(features, k)
-        scores = self._score(features, rows, max(self.looks, k))
+        scores = yield from self._scoring(features, rows, max(self.looks, k))
         if k < len(scores):
             # All that reach the k-th best score, so that ties are decided by id and not by the partition.
             least = np.partition(scores, len(scores) - k)[len(scores) - k]
@@ -180,9 +199,9 @@ class PlaceRecognizer:
         odds[rows] = self._model.odds(features, self._places, rows)
         return odds
 
-    def _score(
+    def _scoring(
         self, features: PlaceFeatures, rows: npt.NDArray[np.integer] | None, looks: int | None
-    ) -> FloatArray:
+    ) -> Steps[FloatArray]:
         if isinstance(self._model, PlaceModel) and self._model.context is not None:
             odds = self._odds(features)
             self._asked = (features, odds)
@@ -191,7 +210,7 @@ class PlaceRecognizer:
             F = context_features(chain, np.arange(count) < count - GAP, self._usual_odds(odds))
             return self._model.context.score(F if rows is None else F[rows])
         if isinstance(self._model, PlaceModel):
-            return self._model.likelihoods(features, self._places, rows, looks)
+            return (yield from self._model.judging(features, self._places, rows, looks))
         assert self._model is not None  # chosen with the first place
         pairs = pair_features_many(features, self._places)
         return self._model.score(pairs if rows is None else pairs[rows])

@@ -124,6 +124,19 @@ class NearestPlaces:
             self._cells[int(_squares(self._centres, vector).argmin())].append(self._size - 1)
         return self._size - 1
 
+    def of(self, rows: npt.NDArray[np.int64]) -> NearestPlaces:
+        """An index of the vectors of these ids (K,) alone, counted anew."""
+        made = NearestPlaces(self.dimension, self.probed, self.smallest)
+        made._vectors = np.empty((max(2 * len(rows), 16), self.dimension), dtype=np.float32)
+        made._vectors[: len(rows)] = self._vectors[rows]
+        made._size = len(rows)
+        if self._built:
+            made._centres, made._built = self._centres, self._built
+            number = np.full(self._size, -1)
+            number[rows] = np.arange(len(rows))
+            made._cells = [[int(k) for k in number[cell] if k >= 0] for cell in self._cells]
+        return made
+
     def query(self, vector: npt.ArrayLike, count: int) -> npt.NDArray[np.int64]:
         """Ids of about the `count` nearest vectors, nearest first; all of them where there are fewer."""
         vector = np.asarray(vector, dtype=np.float32)

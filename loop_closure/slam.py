@@ -6,6 +6,7 @@ Slam().trajectory() -> (N, 4) stamp, x, y, yaw
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
@@ -15,7 +16,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.closing import Fit, Gate, Search, agree, look, lost, off
+from loop_closure.closing import Fit, Gate, Search, agree, looking, lost, off
 from loop_closure.editing import Refused, same_revisit
 from loop_closure.graph import Edge, PoseGraph, SmoothedGraph, residuals
 from loop_closure.hypotheses import Guess, Hypotheses
@@ -38,11 +39,15 @@ from loop_closure.steps import StepDoubt
 from loop_closure.thinning import Thinning
 from loop_closure.uncertainty import SLACK, Uncertainty, apart
 from loop_closure.visits import Visits
+from loop_closure.work import Allowance, Job, Steps, at_once
 from registration.scan import Scan
 
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
+WAITING = 10  # keyframes that may wait for their turn; what is more is worked on at once, whatever it takes
 WRONG = 0.3  # metres by which a closure misses the whole that cannot be true
+# Costs of steps, ms: of LEARNT edges, the uncertainty of each node, a decision for each that waits, thinning.
+LEARNT, LEARNING, AROUND, DECIDING, EXAMINING = 500, 2.0, 0.001, 0.02, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +74,16 @@ class Closure:
 class SlamUpdate:
     """What one scan led to.
 
-    pose : (3,) or (4, 4) of the sensor in the map. closures : accepted with this scan. keyframe : number of the
-    keyframe the scan became, None if it was not kept. waiting : closures that are not decided yet.
+    pose : (3,) or (4, 4) of the sensor in the map. closures : accepted with this scan, of this keyframe or of those
+    before. keyframe : number of the keyframe the scan became, None if it was not kept. waiting : closures that are not
+    decided yet. behind : keyframes that are still to be worked on.
     """
 
     pose: FloatArray
     closures: list[Closure]
     keyframe: int | None = None
     waiting: int = 0
+    behind: int = 0
 
 
 class Slam:
@@ -89,6 +96,7 @@ class Slam:
         proposals: Proposals = "both",
         thin: bool = False,
         every_scan: bool | None = None,
+        pace: float | None = None,
     ) -> None:
         """`proposals` : what says where a loop may close. "path": the estimate, within its uncertainty. "places": the
         classifier alone, asked about every keyframe against all before it (Paper A, section 4.3). "both": the estimate,
@@ -96,13 +104,20 @@ class Slam:
 
         thin : for runs without an end; takes out keyframes of places that others show as well. Memory then grows
         with the place and not with the time. every_scan : remember where each scan was taken; not by default if `thin`.
+
+        pace : what `process` may do with one scan, ms of one core of a desktop computer, about: loops are searched and
+        closed in steps, keyframe by keyframe, and what is left over is done with the scans that follow, and in
+        `finish`; no more than WAITING keyframes wait. How much that is follows from the scans, not from a clock: the
+        same scans give the same map. None: everything at once.
         """
         self.config = config or SlamConfig()
         if thin and not isinstance(graph, SmoothedGraph | None):
             raise InputError("thin: nodes can be taken out of a SmoothedGraph only")
         if proposals not in get_args(Proposals):
             raise InputError(f"proposals: {' | '.join(get_args(Proposals))} expected, got {proposals!r}")
-        self.proposals, self._thins = proposals, thin
+        if pace is not None and not pace > 0.0:
+            raise InputError(f"pace: ms above 0 expected, got {pace}")
+        self.proposals, self._thins, self.pace = proposals, thin, pace
         self._every_scan = not thin if every_scan is None else every_scan
         self._new_graph = graph
         self.reset()
@@ -122,6 +137,9 @@ class Slam:
         self._refused = Refused()
         self._queue: list[int] = []  # of those, what is to be looked at next
         self._undecided: list[int] = []  # keyframes to look at in hindsight
+        self._coming: deque[int] = deque()  # keyframes that loops are still to be searched for
+        self._job: Job | None = None  # the one that is worked on
+        self._accepted: list[Closure] = []  # since the last scan
         self._again: set[int] = set()  # keyframes worth another look, their place being better known now
         self._frame: FloatArray | None = None  # of the odometry of a resumed run, in the map
         self._new_run = False
@@ -165,6 +183,7 @@ class Slam:
         known = None if covariance is None else np.asarray(covariance, dtype=np.float64)
         if self._frame is not None:
             here = compose(self._frame, here)
+        self._take_out_if_due()
         if self._visits and not self._new_run:
             self._doubt.watch(self._visits.last.odometry, here)
         if not self._new_run and not self.keyframes.wanted(
@@ -172,8 +191,23 @@ class Slam:
         ):
             step = motion(self.keyframes[-1].odometry, here)
             self._visits.add(when, len(self.keyframes) - 1, step, here, False)
-            return SlamUpdate(self.pose, [], None, len(self._hypotheses.waiting))
-        return self._keep(scan, here, known, when)
+            return self._worked(None)
+        return self._worked(self._keep(scan, here, known, when))
+
+    @property
+    def behind(self) -> int:
+        """How many keyframes are still to be worked on."""
+        return len(self._coming)
+
+    def work(self) -> SlamUpdate:
+        """Go on with what is left over, as much as with a scan, while none comes.
+
+        Raises
+        ------
+        InputError : no scan was processed yet.
+        """
+        self._take_out_if_due()
+        return self._worked(None)
 
     @property
     def pose(self) -> FloatArray:
@@ -213,14 +247,18 @@ class Slam:
 
     def finish(self) -> None:
         """Look again at what was passed before its place was known, and settle the estimate."""
+        while self._coming or self._job is not None:
+            self._take_out_if_due()
+            self._work(Allowance(None))
         if not self._dirty:
             return
         self._dirty = False
         self._again |= {*self._undecided, *self._hypotheses.keys, *self._hindsight.keys}
         for _ in range(3):
             again, self._again = sorted(self._again), set()
-            if not self._second_look(again) and not self._look_back(again, Hypotheses()):
+            if not at_once(self._second_look(again)) and not at_once(self._look_back(again, Hypotheses())):
                 break
+        self._accepted.clear()
         self.graph.settle()
         self._drop_outliers()
 
@@ -249,6 +287,8 @@ class Slam:
         ------
         InputError : that is no closure in the graph. One that thinning has made part of the path is none any more.
         """
+        while self._job is not None:  # what is begun goes by the edges as they are
+            self._work(Allowance(None), len(self._coming) - 1)
         edges = self.graph.edges
         number = next((k for k, edge in enumerate(edges) if edge is closure and edge.closure), None)
         if number is None:
@@ -264,9 +304,7 @@ class Slam:
 
     def _keep(
         self, scan: Scan | npt.ArrayLike, here: FloatArray, covariance: FloatArray | None, when: float
-    ) -> SlamUpdate:
-        if self._thins:
-            self._thin()
+    ) -> int:
         before = self.keyframes[-1].odometry if len(self.keyframes) else None
         if isinstance(scan, Scan):
             self.keyframes.add_scan(scan, here, self.config.max_range)
@@ -295,8 +333,33 @@ class Slam:
             self.graph.extend(step, doubt)
         self._visits.add(when, k, identity(here), here, True)
         self._doubt.arrived(covariance)
-        accepted = self._close(k)
-        return SlamUpdate(self.pose, accepted, k, len(self._hypotheses.waiting))
+        self._coming.append(k)
+        return k
+
+    def _worked(self, keyframe: int | None) -> SlamUpdate:
+        """Work as long as one scan may, and say what came of it."""
+        self._work(Allowance(self.pace))
+        # Closures that come too late help nobody.
+        self._work(Allowance(None), WAITING)
+        accepted, self._accepted = self._accepted, []
+        return SlamUpdate(self.pose, accepted, keyframe, len(self._hypotheses.waiting), self.behind)
+
+    def _work(self, allowance: Allowance, left: int = 0) -> None:
+        """Go on with the keyframe that is worked on, and with those that came after it, until `left` are left."""
+        while len(self._coming) > left and (self._job is not None or not self._thinning.due):
+            if self._job is None:
+                self._job = Job(self._keyframe(self._coming[0]))
+            self._job.go_on(allowance)
+            if not self._job.done:
+                return
+            self._job = None
+            self._coming.popleft()
+
+    def _keyframe(self, k: int) -> Steps[None]:
+        """All that one keyframe leads to. Numbers of keyframes stay as they are meanwhile."""
+        yield from self._closing(k)
+        if self._thins:
+            yield from self._thin()
 
     def _polished(self, points: FloatArray, before: FloatArray, here: FloatArray) -> FloatArray:
         """Odometry of a cloud, laid on the clouds before it; what it was off by stays taken off."""
@@ -308,54 +371,62 @@ class Slam:
         self._frame = orthonormal(compose(better, invert(raw)))
         return better
 
-    def _close(self, k: int) -> list[Closure]:
+    def _closing(self, k: int) -> Steps[None]:
         paths = self.keyframes.paths
         if paths[k] - paths[0] < self._search.apart:
-            return []
-        fits = self._look(k)
+            return
+        fits = yield from self._look(k)
         self._undecided += sorted(self._hypotheses.forget(paths, k))
-        accepted = self._take(fits, self._hypotheses)
-        accepted += self._decide(self._hypotheses)
+        accepted = yield from self._take(fits, self._hypotheses)
+        accepted += yield from self._decide(self._hypotheses)
         late = [self._undecided.pop(0) for _ in range(min(PER_KEYFRAME, len(self._undecided)))]
-        accepted += self._look_back(late, self._hindsight)
+        accepted += yield from self._look_back(late, self._hindsight)
         if accepted:
             self._queue = sorted(self._again - {k})
-        # A few at a time, so that no scan waits long; the latest first.
+        # A few at a time, so that no keyframe waits long; the latest first.
         turns = [self._queue.pop() for _ in range(min(PER_KEYFRAME, len(self._queue)))]
-        accepted += self._second_look(turns)
+        accepted += yield from self._second_look(turns)
         if accepted or fits:
             self._dirty = True
-        return accepted
 
-    def _look(self, k: int, both: bool = False, only_certain: bool = True) -> list[Fit]:
-        self._uncertainty.learn(self.graph.edges)
+    def _look(self, k: int, both: bool = False, only_certain: bool = True) -> Steps[list[Fit]]:
+        yield from self._learning()
         poses = self.graph.poses
         gate = Gate(*self._uncertainty.around(poses, k))
         search = replace(self._search, only_certain=True) if both and only_certain else self._search
         likely: dict[int, float] = {}
         asks = not both and self.proposals == "both" and lost(k, self.keyframes, poses, gate, search)
         if planar(poses) and (asks or self.proposals == "places"):
-            likely = self._likeness.of(k, self.keyframes, self._search.apart)
-        fits = look(k, self.keyframes, poses, gate, search, likely, both)
+            likely = yield from self._likeness.asking(k, self.keyframes, self._search.apart)
+        fits = yield from looking(k, self.keyframes, poses, gate, search, likely, both)
         if not fits:
             self._again.add(k)
         return fits
 
-    def _take(self, fits: list[Fit], waiting: Hypotheses) -> list[Closure]:
+    def _learning(self) -> Steps[None]:
+        """Take in new edges, and be ready for a question about the uncertainty of all nodes."""
+        while self._uncertainty.behind(self.graph.edges):
+            yield LEARNING
+            self._uncertainty.learn(self.graph.edges, LEARNT)
+        yield AROUND * len(self.keyframes)
+
+    def _take(self, fits: list[Fit], waiting: Hypotheses) -> Steps[list[Closure]]:
         """Accept what is certain, let the rest wait."""
         poses = self.graph.poses
         certain = [fit for fit in fits if fit.certain and fit.alone]
         if certain and agree(certain, poses):
-            return self._accept([(fit.edge, fit) for fit in certain], "at the expected place")
+            return (yield from self._accept([(fit.edge, fit) for fit in certain], "at the expected place"))
         for fit in fits:
             guess = Guess(
                 fit.edge, fit.merit, fit.fitness, fit.likelihood, fit.sigma, fit.expected, fit.missed
             )
-            waiting.add(guess, poses, self._spread)
+            yield 2.0 * AROUND * len(self.keyframes)
+            waiting.add(guess, self.graph.poses, self._spread)
         return []
 
-    def _decide(self, waiting: Hypotheses) -> list[Closure]:
+    def _decide(self, waiting: Hypotheses) -> Steps[list[Closure]]:
         waited = waiting.keys
+        yield DECIDING * len(waiting.waiting)
         paths = self.keyframes.paths
         won = waiting.decide(paths, self.config.farthest, self.keyframes.parts(SLACK), self.graph.poses)
         if not won:
@@ -363,39 +434,39 @@ class Slam:
         recent = {guess.edge.b for guess in won}
         self._again |= waited - recent
         edges = [(guess.edge, guess) for guess in won]
-        accepted = self._accept(edges, f"{len(won)} closures along the path agree")
-        accepted += self._second_look(
+        accepted = yield from self._accept(edges, f"{len(won)} closures along the path agree")
+        accepted += yield from self._second_look(
             [k for k in sorted(self._again) if paths[k] >= paths[min(recent)] - 30.0]
         )
         # The group lies on one earlier pass; others through the same place are found now as well.
         self._again |= recent
         return accepted
 
-    def _second_look(self, keys: list[int]) -> list[Closure]:
+    def _second_look(self, keys: list[int]) -> Steps[list[Closure]]:
         """Keyframes passed before their place was known well enough."""
         accepted: list[Closure] = []
         for k in keys:
             self._again.discard(k)
             known = [closure.earlier for closure in self.closures if closure.later == k]
+            found = yield from self._look(k, True)
             fits = [
-                fit
-                for fit in self._look(k, True)
-                if fit.certain and fit.alone and not self._near_path(fit.edge.a, known)
+                fit for fit in found if fit.certain and fit.alone and not self._near_path(fit.edge.a, known)
             ]
             if fits and agree(fits, self.graph.poses):
-                accepted += self._accept(
+                accepted += yield from self._accept(
                     [(fit.edge, fit) for fit in fits], "at the expected place, found on a second look"
                 )
         return accepted
 
-    def _look_back(self, keys: list[int], waiting: Hypotheses) -> list[Closure]:
+    def _look_back(self, keys: list[int], waiting: Hypotheses) -> Steps[list[Closure]]:
         """What stayed undecided, with the path on both sides of each keyframe; placements have to agree as before."""
         accepted: list[Closure] = []
         for k in keys:
             self._again.discard(k)
             self._again |= waiting.forget(self.keyframes.paths, k)
-            accepted += self._take(self._look(k, True, False), waiting)
-            accepted += self._decide(waiting)
+            fits = yield from self._look(k, True, False)
+            accepted += yield from self._take(fits, waiting)
+            accepted += yield from self._decide(waiting)
         return accepted
 
     def _near_path(self, k: int, others: Sequence[int]) -> bool:
@@ -403,11 +474,15 @@ class Slam:
         paths = self.keyframes.paths
         return any(abs(paths[k] - paths[other]) < self._search.spread for other in others)
 
-    def _accept(self, edges: Sequence[tuple[Edge, Fit | Guess]], reason: str) -> list[Closure]:
+    def _accept(self, edges: Sequence[tuple[Edge, Fit | Guess]], reason: str) -> Steps[list[Closure]]:
         edges = [item for item in edges if not self._refused.holds(item[0], self.keyframes.paths)]
         if not edges:
             return []
-        self.graph.close([edge for edge, _ in edges])
+        closures = [edge for edge, _ in edges]
+        if isinstance(self.graph, SmoothedGraph):
+            yield from self.graph.closing(closures)
+        else:
+            self.graph.close(closures)
         made = []
         for edge, why in edges:
             made.append(
@@ -424,6 +499,7 @@ class Slam:
                 )
             )
         self.closures += made
+        self._accepted += made
         return made
 
     def _spread(self, i: int, j: npt.NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
@@ -431,14 +507,19 @@ class Slam:
 
     # What is known twice.
 
-    def _thin(self) -> None:
-        """Look at keyframes that the path has left behind; take out what is not needed once there is enough."""
-        needed = self._hypotheses.needed | self._hindsight.needed | {*self._queue, *self._undecided}
-        self._uncertainty.learn(self.graph.edges)
+    def _thin(self) -> Steps[None]:
+        """Look at keyframes that the path has left behind, whether they are needed."""
+        yield from self._learning()
+        needed = self._hypotheses.needed | self._hindsight.needed
+        needed |= {*self._queue, *self._undecided, *self._coming}
         for k in self._thinning.next(self.keyframes.paths):
+            yield EXAMINING + AROUND * len(self.keyframes)
             gate = Gate(*self._uncertainty.around(self.graph.poses, k))
             self._thinning.examine(k, self.keyframes, self.graph.poses, gate, needed)
-        if self._thinning.due:
+
+    def _take_out_if_due(self) -> None:
+        """Between keyframes, as what is under way knows them by their numbers."""
+        if self._thinning.due and self._job is None:
             self._take_out()
 
     def _take_out(self) -> None:
@@ -455,7 +536,9 @@ class Slam:
         ]
         self._visits.take_out(poses, self.keyframes, number, self._thinning.stands_for)
         self.keyframes.take_out(number)
-        self.graph.restore(poses[stay], renumbered(without(edges, gone, len(poses)), number))
+        left = without(edges, gone, len(poses))
+        assert isinstance(self.graph, SmoothedGraph)  # of others nothing is taken out
+        self.graph.take_out(number, left, renumbered(left, number))
         self.closures = [
             replace(c, earlier=int(number[c.earlier]), later=int(number[c.later]))
             for c in self.closures
@@ -467,7 +550,8 @@ class Slam:
         self._again = {int(number[k]) for k in self._again if stay[k]}
         self._queue = [int(number[k]) for k in self._queue if stay[k]]
         self._uncertainty.reset()
-        self._likeness = Likeness()
+        self._coming = deque(int(number[k]) for k in self._coming)
+        self._likeness.take_out(number)
         self._thinning.taken_out(number)
 
     def _drop_outliers(self) -> None:

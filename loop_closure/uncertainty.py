@@ -28,27 +28,35 @@ class Uncertainty:
 
     def __init__(self) -> None:
         self._best: dict[tuple[int, int], int] = {}
-        self._ends: list[tuple[int, int]] = []
-        self._spread: list[tuple[float, float]] = []
+        self._ends = np.empty((16, 2), dtype=np.int64)
+        self._spread = np.empty((16, 2))
         self._read = 0
+        self._sorted: tuple[npt.NDArray[np.int64], FloatArray] | None = None
 
     def reset(self) -> None:
         """Forget all edges: some were taken out."""
         self.__init__()  # type: ignore[misc]
 
-    def learn(self, edges: list[Edge]) -> None:
-        """Take in the edges that are new since the last call."""
-        new = edges[self._read :]
+    def behind(self, edges: list[Edge]) -> bool:
+        """Whether some of the edges were not taken in yet."""
+        return self._read < len(edges)
+
+    def learn(self, edges: list[Edge], most: int | None = None) -> None:
+        """Take in the edges that are new since the last call, `most` of them."""
+        new = edges[self._read :] if most is None else edges[self._read : self._read + most]
         for edge, spread in zip(new, _variances(new), strict=True):
             pair = edge.a, edge.b
             known = self._best.get(pair)
             if known is None:
-                self._best[pair] = len(self._ends)
-                self._ends.append(pair)
-                self._spread.append(spread)
-            elif sum(spread) < sum(self._spread[known]):
+                known = self._best[pair] = len(self._best)
+                if known == len(self._ends):
+                    self._ends = np.concatenate((self._ends, np.empty_like(self._ends)))
+                    self._spread = np.concatenate((self._spread, np.empty_like(self._spread)))
+                self._ends[known], self._spread[known] = pair, spread
+            elif sum(spread) < self._spread[known].sum():
                 self._spread[known] = spread
-        self._read = len(edges)
+        self._read += len(new)
+        self._sorted = None if new else self._sorted
 
     def around(self, poses: FloatArray, node: int) -> tuple[FloatArray, FloatArray]:
         """Standard deviations of position (N,) m and heading (N,) rad of all nodes relative to `node`.
@@ -57,18 +65,22 @@ class Uncertainty:
         along the path are all that is needed.
         """
         count = len(poses)
-        ends, spread = np.array(self._ends).reshape(-1, 2), np.array(self._spread).reshape(-1, 2)
+        ends, spread = self._in_order()
         matrix = csr_matrix((spread @ [1.0, ARM**2], (ends[:, 0], ends[:, 1])), shape=(count, count))
         distance, previous = dijkstra(matrix, directed=False, indices=node, return_predecessors=True)
         places = np.zeros((count, 3))
         where = positions(poses)
         places[:, : where.shape[1]] = where
-        # Edges in the order of their far ends, so that the walk below finds each by its pair.
-        order = np.lexsort((ends[:, 0], ends[:, 1]))
-        starts = np.searchsorted(ends[order, 1], np.arange(count + 1))
-        return _walk(
-            np.argsort(distance), previous, places, ends[order, 0].copy(), starts, spread[order].copy()
-        )
+        starts = np.searchsorted(ends[:, 1], np.arange(count + 1))
+        return _walk(np.argsort(distance), previous, places, ends[:, 0].copy(), starts, spread)
+
+    def _in_order(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        """Ends and variances in the order of the edges' far ends, so that a walk finds each by its pair."""
+        if self._sorted is None:
+            ends, spread = self._ends[: len(self._best)], self._spread[: len(self._best)]
+            order = np.lexsort((ends[:, 0], ends[:, 1]))
+            self._sorted = ends[order], spread[order]
+        return self._sorted
 
 
 @njit(cache=True)

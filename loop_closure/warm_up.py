@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.tiles import TiledGrid
-from loop_closure.graph import Edge
+from loop_closure.graph import Edge, SmoothedGraph
+from loop_closure.hypotheses import LEAST, Guess, Hypotheses
 from loop_closure.keyframes import Keyframes
 from loop_closure.likeness import Likeness
 from loop_closure.uncertainty import Uncertainty
@@ -26,9 +27,19 @@ def warm_up() -> None:
     align_submaps(place, place, np.zeros(3), 0.5, 0.2)
     align_submaps(place, place, np.zeros(3), 3.0, 0.2)
     TiledGrid(0.1).integrate(np.zeros(3), place.points)
-    uncertainty = Uncertainty()
-    uncertainty.learn([Edge(0, 1, np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3))])
-    uncertainty.around(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 1)
+    graph, uncertainty = SmoothedGraph(), Uncertainty()
+    graph.begin(np.zeros(3))
+    graph.extend(np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3))
+    uncertainty.learn(graph.edges)
+    uncertainty.around(graph.poses, 1)
+    edge = Edge(0, 1, np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3), True)
+    waiting = Hypotheses()
+    for _ in range(LEAST):
+        waiting.add(
+            Guess(edge, 1.0, 1.0, 0.0), graph.poses, lambda i, j: (np.zeros(len(j)), np.zeros(len(j)))
+        )
+    waiting.decide(np.array([0.0, 1.0]))
+    graph.close([edge])
 
 
 def warm_up_recognition() -> None:

@@ -150,6 +150,9 @@ class Drawn:
     beyond: bool = False
 
 
+REDRAWN = 4  # keyframes around each that moved, about, which have to be drawn again with it
+
+
 class MapGrid:
     """Occupancy of a map's keyframes that is kept up to date: drawn anew only where it has changed.
 
@@ -165,6 +168,8 @@ class MapGrid:
         self._drawn: dict[int, Drawn] = {}
         self._gone: Tiles = frozenset()  # with keyframes that were taken out of the map
         self._changed: Tiles = frozenset()
+        self._anew: MapGrid | None = None  # the same, drawn from the beginning, until it is done
+        self._left: list[tuple[Keyframe, Array]] = []  # what is still to be drawn there, last first
 
     @property
     def grid(self) -> OccupancyGrid:
@@ -181,28 +186,74 @@ class MapGrid:
             warn(f"map: {left_out}")
         return self.tiles.dense(view)
 
-    def update(self, slam: Slam) -> None:
-        """Draw what is new or has moved. What was taken out of the map stays until its tiles are drawn anew."""
+    def update(self, slam: Slam, most: int | None = None) -> None:
+        """Draw what is new or has moved. What was taken out of the map stays until its tiles are drawn anew.
+
+        most : keyframes that are drawn with this call, None for all. Where more would have to be, the whole is drawn
+        anew beside what there is, call by call, and takes its place once it is done.
+        """
         poses = slam.graph.poses
         frames = [(slam.keyframes[k], pose) for k, pose in enumerate(poses)]
         drawn = self._drawn
         self._drawn = {f.number: drawn.pop(f.number) for f, _ in frames if f.number in drawn}
         self._gone = self._gone.union(*(item.tiles for item in drawn.values()))
-        known = [(frame, pose) for frame, pose in frames if frame.number in self._drawn]
-        # Where each was drawn, not where it is now: small steps add up.
-        away = [float(np.abs(pose - self._drawn[f.number].pose).max()) for f, pose in known]
-        allowed = 0.5 * self.tiles.resolution
-        if max(away, default=0.0) > allowed:
-            # With what will soon be too far off: the tiles are the same.
-            moved = [item for item, off in zip(known, away, strict=True) if off > 0.5 * allowed]
-            if 2 * len(moved) > len(known):
-                self._forget()
-            else:
-                self._redraw(known, moved)
-        for frame, pose in frames:
-            if frame.number not in self._drawn:
-                self._drawn[frame.number] = Drawn(pose.copy())
-                self._changed |= self._integrate(frame, None)
+        if self._anew is not None:
+            self._go_on(most)
+        else:
+            self._take_up_moves([item for item in frames if item[0].number in self._drawn], most)
+        new = [item for item in frames if item[0].number not in self._drawn]
+        for frame, pose in new[:most]:
+            self._drawn[frame.number] = Drawn(pose.copy())
+            self._changed |= self._integrate(frame, None)
+        if most is None and self._outdated(frames):
+            self.update(slam)
+
+    @property
+    def behind(self) -> bool:
+        """Whether it is being drawn anew."""
+        return self._anew is not None
+
+    def _outdated(self, frames: Sequence[tuple[Keyframe, Array]]) -> bool:
+        """Whether what was drawn anew was drawn where it is not any more."""
+        return self._away(frames).max(initial=0.0) > 0.5 * self.tiles.resolution
+
+    def _away(self, known: Sequence[tuple[Keyframe, Array]]) -> Array:
+        """How far each has moved since it was drawn (small steps add up), (N,) m or rad."""
+        if not known:
+            return np.zeros(0)
+        now = np.array([pose for _, pose in known])
+        then = np.array([self._drawn[frame.number].pose for frame, _ in known])
+        return np.asarray(np.abs(now - then).reshape(len(known), -1).max(axis=1))
+
+    def _take_up_moves(self, known: Sequence[tuple[Keyframe, Array]], most: int | None) -> None:
+        away, allowed = self._away(known), 0.5 * self.tiles.resolution
+        if away.max(initial=0.0) <= allowed:
+            return
+        # With what will soon be too far off: the tiles are the same.
+        moved = [known[k] for k in np.flatnonzero(away > 0.5 * allowed).tolist()]
+        if most is not None and len(moved) > most // REDRAWN:
+            self._anew, self._left = MapGrid(self.tiles.resolution), list(known[::-1])
+            self._go_on(most)
+        elif 2 * len(moved) > len(known):
+            self._forget()
+        else:
+            self._redraw(known, moved)
+
+    def _go_on(self, most: int | None) -> None:
+        """Draw more of what is drawn anew; once nothing is left, it replaces what was there."""
+        anew = self._anew
+        assert anew is not None
+        count = len(self._left) if most is None else min(most, len(self._left))
+        for _ in range(count):
+            frame, pose = self._left.pop()
+            anew._drawn[frame.number] = Drawn(pose.copy())
+            anew._integrate(frame, None)
+        if self._left:
+            return
+        both = (*self.tiles.tiles.tolist(), *anew.tiles.tiles.tolist())
+        self._changed |= frozenset((j, i) for j, i in both)
+        self.tiles, self._drawn = anew.tiles, anew._drawn
+        self._gone, self._anew = frozenset(), None
 
     @property
     def beyond(self) -> int:

@@ -144,3 +144,21 @@ def test_a_place_no_map_reaches_is_said_and_the_rest_is_drawn(corridor: Any) -> 
     grid.update(corridor)
     assert same(grid, at_once(corridor))
     assert not grid.left_out(grid.tiles.view())
+
+
+def test_a_few_at_a_time_leads_to_the_same_grid_and_shows_a_whole_one_meanwhile(corridor: Any) -> None:
+    grid = at_once(corridor)
+    before = at_once(corridor)
+    grid.changed()
+    corridor.graph.poses = corridor.graph.poses + MOVE
+    corridor.add(42.0, 1.0, 0.0)
+    calls = 0
+    grid.update(corridor, 10)
+    while grid.behind:
+        calls += 1
+        assert len(grid.tiles) >= len(before.tiles)
+        grid.update(corridor, 10)
+    grid.update(corridor, 10)
+    assert calls >= 4
+    assert grid.changed()
+    assert same(grid, at_once(corridor))

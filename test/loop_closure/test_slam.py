@@ -20,6 +20,7 @@ from loop_closure.map_file import read_map, write_map
 from loop_closure.merging import merge
 from loop_closure.slam import Slam
 from loop_closure.slam_config import SlamConfig
+from loop_closure.work import Steps
 from registration import Scan
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
 
@@ -121,14 +122,12 @@ def test_proposals_are_one_of_three_words() -> None:
 def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
     """Placements found on the way can only speak against others here: the path on both sides has to do it."""
 
-    def undecided(*given: Any) -> list[Fit]:
+    def undecided(*given: Any) -> Steps[list[Fit]]:
         in_hindsight = given[-1]
-        return [
-            replace(fit, certain=False, expected=in_hindsight and fit.expected)
-            for fit in closing.look(*given)
-        ]
+        fits = yield from closing.looking(*given)
+        return [replace(fit, certain=False, expected=in_hindsight and fit.expected) for fit in fits]
 
-    monkeypatch.setattr("loop_closure.slam.look", undecided)
+    monkeypatch.setattr("loop_closure.slam.looking", undecided)
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:2]]), 1, 0.004)
     slam = mapped(scans, odometry)
     assert slam.closures == []
@@ -140,14 +139,14 @@ def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.Monke
 def test_a_group_that_has_won_is_closed_with_other_passes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """On the way placements on the first round alone are found, and have to wait; in hindsight others follow."""
 
-    def first_round_only(*given: Any) -> list[Fit]:
+    def first_round_only(*given: Any) -> Steps[list[Fit]]:
         frames, in_hindsight = given[1], given[-1]
-        fits = closing.look(*given)
+        fits = yield from closing.looking(*given)
         if in_hindsight:
             return fits
         return [replace(fit, certain=False) for fit in fits if frames[fit.edge.a].path < 40.0]
 
-    monkeypatch.setattr("loop_closure.slam.look", first_round_only)
+    monkeypatch.setattr("loop_closure.slam.looking", first_round_only)
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS, *CORNERS[:3]]), 1, 0.004)
     slam = mapped(scans, odometry)
     slam.trajectory()

@@ -61,6 +61,8 @@ Array = NDArray[np.float64]
 REMEMBERED = 200  # odometry messages kept for their covariance
 NOTHING = 1e-6  # metres and radians by which a correction may change without being a new one
 SURE_SIGMA = 1.0  # metres, of an initial pose that comes without a covariance
+DRAWN = 12  # keyframes drawn into the map's grid with one scan
+PACE = 8.0  # ms of closing loops with one scan, about; the rest of the work goes on with the next ones
 
 
 class LoopClosureNode(SuiteNode):
@@ -105,6 +107,7 @@ class LoopClosureNode(SuiteNode):
         self.add_service(LoadMap, "~/load_map", self._load)
         self._editing = MapEditing(self, self, settings.map_frame)
         self.add_timer(settings.tf_period, self._repeat_transform)
+        self.add_timer(settings.tf_period, self._catch_up)
         self.add_timer(settings.map_period, self._publish_map)
         self.add_timer(settings.map_update_period, self._publish_changes)
         if settings.save_period > 0.0 and settings.map_file:
@@ -132,7 +135,8 @@ class LoopClosureNode(SuiteNode):
         self._earlier = EarlierMap(slam) if len(slam.keyframes) else None
 
     def _begin_map(self) -> None:
-        self._slam = Slam(self.settings.slam, proposals=self.settings.proposals, thin=self.settings.thin)
+        settings = self.settings
+        self._slam = Slam(settings.slam, proposals=settings.proposals, thin=settings.thin, pace=PACE)
         self._localizer: Localizer | None = None
         self._extend = True
         self._grid = MapGrid(self.settings.resolution)
@@ -149,6 +153,7 @@ class LoopClosureNode(SuiteNode):
         self._source.clear()
         self._mounting: Array = np.zeros(3)
         self._stamp: int | None = None
+        self._caught_up: int | None = None  # the stamp when it was last looked whether scans come
         self._waiting = 0
         self._changed = self._moved = False
         self._slowest = 0.0
@@ -160,6 +165,7 @@ class LoopClosureNode(SuiteNode):
             "keyframes": len(self._slam.keyframes),
             "closures": len(self._slam.closures),
             "waiting closures": self._waiting,
+            "keyframes to work on": self._slam.behind,
             "slowest step ms": round(1e3 * self._slowest, 1),
             "odometry by": self._source.kind,
         }
@@ -213,6 +219,8 @@ class LoopClosureNode(SuiteNode):
             self._take_update(update.closures, update.keyframe is not None, update.waiting)
             self._look_for_earlier(scan, odometry, stamp)
             self._take_correction()
+            if update.keyframe is not None or self._grid.behind:
+                self._draw()
         self._slowest = max(self._slowest, time.perf_counter() - begun)
         self._tell_correction()
 
@@ -356,6 +364,15 @@ class LoopClosureNode(SuiteNode):
         if self.get_clock().now().nanoseconds - self._told >= self.settings.tf_period * NANOSECONDS:
             self._publish_transform()
 
+    def _catch_up(self) -> None:
+        """While no scans come, go on with what they left over."""
+        came, self._caught_up = self._stamp != self._caught_up, self._stamp
+        if came or self._localizer is not None or not self._slam.behind:
+            return
+        update = self._slam.work()
+        self._take_update(update.closures, bool(update.closures), update.waiting)
+        self._take_correction()
+
     def _publish_map(self) -> None:
         flat = len(self._slam.keyframes) > 0 and self._slam.keyframes[0].scan is not None
         if not self._changed and not (flat and self._maps.outdated(self._grid, self._place)):
@@ -367,15 +384,19 @@ class LoopClosureNode(SuiteNode):
         stamps = [self._slam.keyframes[k].stamp for k in range(len(self._slam.keyframes))]
         self._path_output.publish(path_message(header, stamps, poses))
         if flat:
-            self._grid.update(self._slam)
+            self._draw()
             self._maps.send(header, self._grid, self._place)
         self._points_output.publish(cloud_message(header, map_points(self._slam, self._grid.tiles)))
         self._marker_output.publish(marker_messages(header, self._slam))
         self._changed = self._moved = False
 
+    def _draw(self) -> None:
+        """Draw some of what has changed; a map that was read is drawn at once."""
+        self._grid.update(self._slam, DRAWN if len(self._grid.tiles) else None)
+
     def _publish_changes(self) -> None:
         if self._changed and self._stamp is not None and self._maps.updates_wanted:
-            self._grid.update(self._slam)
+            self._draw()
             self._maps.send_changes(self._map_header(self._stamp), self._grid, self._place)
 
     def _map_header(self, stamp: int) -> Header:
@@ -444,6 +465,9 @@ class LoopClosureNode(SuiteNode):
         if not target.exists():
             for suffix in (".pgm", ".yaml"):
                 keep_foreign(stem.with_name(stem.name + suffix), is_grid_file, "a map of the suite")
+        while self._slam.behind:
+            update = self._slam.work()
+            self._take_update(update.closures, bool(update.closures), update.waiting)
         if self._slam.keyframes[0].scan is not None:
             self._grid.update(self._slam)
             self._grid.bounded(self.settings.map_cells, self.complain).save(stem, _replace)
@@ -473,6 +497,7 @@ class LoopClosureNode(SuiteNode):
     def _begin_with(self, path: Path, localization_only: bool, initial: Array | None) -> int:
         """Take a saved map; the robot is looked for in it, around `initial` (3,) of the robot where given."""
         slam = read_map(path, self.settings.slam, self.settings.thin)
+        slam.pace = PACE
         kind, other = ("clouds", "scans") if self.settings.cloud_topic else ("scans", "clouds")
         if not len(slam.keyframes) or (slam.keyframes[0].scan is None) != (kind == "clouds"):
             raise InputError(f"{path}: a map of {kind} expected; it is empty or was made of {other}")
