@@ -42,7 +42,7 @@ lint: setup-test
 	$(BIN)/mypy
 
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
 
 # Compiled functions check every index here; what they compile to is kept apart from the ordinary cache.
 test-bounds: setup-test
