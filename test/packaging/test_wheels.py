@@ -22,6 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = ("estimation", "registration", "loop_closure", "tracking", "world_model", "whereabouts")
 # Names of imports whose packages are called otherwise.
 PACKAGES = {
+    "PIL": "pillow",
+    "mcp_types": "mcp",
     "yaml": "pyyaml", "rerun": "rerun-sdk", "evaluation": "whereabouts-evaluation", "distributed": "dask",
     "llvmlite": "numba",
 }  # fmt: skip
@@ -32,6 +34,7 @@ ALONG = {
     "launch_ros",
     "rosidl_runtime_py",
     "rclpy",
+    "std_srvs",
     "click",
     "annotated_types",
 }
@@ -70,7 +73,7 @@ def test_all_that_is_imported_is_named(dist: Path) -> None:
     }
     missing = {name for name in others if PACKAGES.get(name, name).lower().replace("_", "-") not in named}
     assert not missing
-    assert set(about.get_all("Provides-Extra", [])) == {"ros", "view", "clouds", "evaluation"}
+    assert set(about.get_all("Provides-Extra", [])) == {"ros", "view", "clouds", "evaluation", "mcp"}
     assert set(about["Requires-Python"].split(",")) == {">=3.11", "<3.14"}
 
 
