@@ -42,8 +42,12 @@ def test_the_live_world_is_asked_and_told(
         [cup] = [item.id for item in known.present.values() if item.most_probable("color") == "red"]
         assert goal_for(cup, known).object_id == cup
     assert forget(client, cup).ok
-    with live_world(client) as known:
-        assert ask(known, "where is the red cup?").value is None
+
+    def forgotten() -> bool:
+        with live_world(client) as known:
+            return ask(known, "where is the red cup?").value is None
+
+    graph.until(forgotten, "a world without the cup")
     assert not forget(client, "cup-99").ok
 
 
