@@ -98,7 +98,19 @@ class SourceClock(Generic[Item]):
     @property
     def advance(self) -> int:
         """How far it got in the time that is held, while all others were silent, ns."""
-        return self.held[-1].stamp - self.mark
+        return max(message.stamp for message in self.held) - self.mark
+
+    def goes_on(self, elapsed: int) -> bool:
+        """Whether what is held confirms itself: two messages that follow each other, or three one after the other.
+
+        Two that are far apart say nothing: one of them may be wrong.
+        """
+        if len(self.held) != 2:
+            return len(self.held) > 2
+        return not self._leaps(self.held[0].stamp, self.held[1].stamp, elapsed)
+
+    def _leaps(self, before: int, stamp: int, elapsed: int = 0) -> bool:
+        return stamp - before > TOLERANCE + max(3 * (self.gap or 0), elapsed)
 
     def follows(self, stamp: int, elapsed: int) -> bool:
         """Whether a stamp goes on from the newest, or from the one before if a single message has leapt since.
@@ -126,12 +138,13 @@ class SourceClock(Generic[Item]):
         self.confirmed = max(self.confirmed, stamp)
         return True
 
-    def hold(self, message: Message[Item]) -> list[Message[Item]]:
+    def hold(self, message: Message[Item], elapsed: int = 0) -> list[Message[Item]]:
         """Keep a message that does not fit; returns those before it that it does not confirm."""
         out: list[Message[Item]] = []
         if self.held and (
             message.stamp < self.held[-1].stamp - TOLERANCE
             or self._ahead(message) != self._ahead(self.held[0])
+            or self._leaves(message.stamp, elapsed)
         ):
             out = self.release()
         if not self.held:
@@ -140,6 +153,11 @@ class SourceClock(Generic[Item]):
         if len(self.held) > MOST_HELD:
             out.append(self.held.pop(0))
         return out
+
+    def _leaves(self, stamp: int, elapsed: int) -> bool:
+        """Whether a stamp leaps away from messages that follow each other, as those of a clock that is apart do."""
+        stamps = [message.stamp for message in self.held[-2:]]
+        return len(stamps) == 2 and not self._leaps(*stamps) and self._leaps(stamps[1], stamp, elapsed)
 
     def _ahead(self, message: Message[Item]) -> bool:
         return self.newest is None or message.stamp > self.newest
@@ -203,8 +221,8 @@ class Clocks(Generic[Item]):
             self._mark()
             self._admit(ruling)
         else:
-            ruling.refused += clock.hold(message)
-            self._decide(source, clock, ruling)
+            ruling.refused += clock.hold(message, elapsed)
+            self._decide(source, clock, ruling, elapsed)
         for refused in ruling.refused:
             self.sources[refused.source].refused += 1
         return ruling
@@ -254,7 +272,9 @@ class Clocks(Generic[Item]):
                     self._accept(message, ruling)
                 ruling.taken += later
 
-    def _decide(self, source: Hashable, clock: SourceClock[Item], ruling: Ruling[Item]) -> None:
+    def _decide(
+        self, source: Hashable, clock: SourceClock[Item], ruling: Ruling[Item], elapsed: int
+    ) -> None:
         """Whether time has moved to where this source's messages are held."""
         here = clock.held[-1].stamp
         group = {
@@ -262,7 +282,7 @@ class Clocks(Generic[Item]):
             for name, other in self.sources.items()
             if other.held and abs(other.held[-1].stamp - here) <= 2 * TOLERANCE
         }
-        if sum(len(other.held) for other in group.values()) < 2:
+        if len(group) < 2 and not clock.goes_on(elapsed):
             return
         now = self.now
         if now is None:

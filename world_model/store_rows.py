@@ -112,9 +112,13 @@ def behaviors_text(item: WorldObject) -> str:
 
 
 def is_drift(before: WorldObject, item: WorldObject) -> bool:
-    """Whether only time has passed between two versions of an object: it need not be written again."""
+    """Whether only time has passed between two versions of an object: it need not be written again.
+
+    Late evidence, or another hypothesis, may put a thing elsewhere without its having been seen since.
+    """
     return (
         before.last_seen == item.last_seen
+        and float(np.linalg.norm(item.position - before.position)) <= MOVED
         and before.lost == item.lost
         and abs(before.existence - item.existence) < DRIFT
         and before.attributes == item.attributes

@@ -201,8 +201,6 @@ class Laboratory:
             node.process.send_signal(signal.SIGKILL)
             node.process.wait()
             self.found.kills += 1
-        if spec is self.world:
-            self.count_runs()
 
     def count_runs(self) -> None:
         """Add the new runs of the world model's life that ends."""

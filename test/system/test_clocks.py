@@ -82,6 +82,33 @@ def test_no_single_message_moves_time_or_costs_another_one(
         assert abs(followed.clocks.now - newest) <= TOLERANCE + SECOND
 
 
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.integers(2, 5), STAMPS), min_size=2, max_size=8), st.booleans())
+def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
+    hours: list[tuple[int, int]], lock_step: bool
+) -> None:
+    # Every hour a few looks, the last one of them with any stamp: it neither confirms the leap nor is confirmed by it.
+    sent: list[tuple[str, int]] = []
+    wrong: list[int] = []
+    for hour, (looks, stamp) in enumerate(hours):
+        begun = round((START + 3600.0 * hour) * SECOND)
+        sent += [("detector", begun + k * SECOND // 10) for k in range(looks)]
+        wrong.append(len(sent))
+        sent.append(("detector", stamp))
+    followed = Followed(sent, elapsed=0 if lock_step else SECOND)
+    assert followed.runs == []
+    told = [number for number in followed.taken if number in wrong]
+    newest = max(stamp for number, (_, stamp) in enumerate(sent) if number not in wrong)
+    assert all(sent[number][1] < newest + TOLERANCE for number in told)
+
+
+def test_a_detector_that_hardly_ever_speaks_is_heard() -> None:
+    sent = [("detector", round((START + 600.0 * k) * SECOND)) for k in range(20)]
+    followed = Followed(sent)
+    assert followed.runs == []
+    assert followed.taken == list(range(20))
+
+
 @settings(max_examples=200, deadline=None)
 @given(SOURCES)
 def test_clocks_apart_and_sources_late_are_all_taken_in_order(sources: list[tuple[float, float]]) -> None:

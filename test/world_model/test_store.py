@@ -137,6 +137,17 @@ def test_history_has_every_event_and_no_row_for_waiting(tmp_path: Path) -> None:
         assert store.objects_at(-1.0) == []
 
 
+def test_a_thing_that_late_evidence_puts_elsewhere_is_there_after_a_restart(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        store.record(state(0, thing(1)))
+        store.record(state(1, thing(1, x=0.7)))
+    with Store(path) as store:
+        memory = store.restore()
+        assert memory is not None
+        assert memory.objects[0].position[0] == 0.7
+
+
 def test_uncertainty_of_the_past_grows_between_rows(tmp_path: Path) -> None:
     with Store(tmp_path / "world.sqlite") as store:
         store.record(state(0, thing(1, process_noise=0.01 * np.eye(3))))
