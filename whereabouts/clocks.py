@@ -272,9 +272,7 @@ class Clocks(Generic[Item]):
                     self._accept(message, ruling)
                 ruling.taken += later
 
-    def _decide(
-        self, source: Hashable, clock: SourceClock[Item], ruling: Ruling[Item], elapsed: int
-    ) -> None:
+    def _decide(self, source: Hashable, clock: SourceClock[Item], ruling: Ruling[Item], elapsed: int) -> None:
         """Whether time has moved to where this source's messages are held."""
         here = clock.held[-1].stamp
         group = {
