@@ -44,7 +44,9 @@ from registration.scan import Scan
 
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
-WAITING = 10  # keyframes that may wait for their turn; what is more is worked on at once, whatever it takes
+# Keyframes that wait for their turn when a scan may cost twice its pace, three times with twice as many; and how many
+# may wait at most: what is more is worked on at once, whatever it takes.
+WAITING, MOST_WAITING = 40, 100
 WRONG = 0.3  # metres by which a closure misses the whole that cannot be true
 # Costs of steps, ms: of LEARNT edges, the uncertainty of each node, a decision for each that waits, thinning.
 LEARNT, LEARNING, AROUND, DECIDING, EXAMINING = 500, 2.0, 0.001, 0.02, 2.0
@@ -107,8 +109,8 @@ class Slam:
 
         pace : what `process` may do with one scan, ms of one core of a desktop computer, about: loops are searched and
         closed in steps, keyframe by keyframe, and what is left over is done with the scans that follow, and in
-        `finish`; no more than WAITING keyframes wait. How much that is follows from the scans, not from a clock: the
-        same scans give the same map. None: everything at once.
+        `finish`; the more keyframes wait, the more a scan may cost. How much follows from the scans, not from a clock:
+        the same scans give the same map. None: everything at once.
         """
         self.config = config or SlamConfig()
         if thin and not isinstance(graph, SmoothedGraph | None):
@@ -338,9 +340,10 @@ class Slam:
 
     def _worked(self, keyframe: int | None) -> SlamUpdate:
         """Work as long as one scan may, and say what came of it."""
-        self._work(Allowance(self.pace))
+        pace = None if self.pace is None else self.pace * (1.0 + self.behind / WAITING)
+        self._work(Allowance(pace))
         # Closures that come too late help nobody.
-        self._work(Allowance(None), WAITING)
+        self._work(Allowance(None), MOST_WAITING)
         accepted, self._accepted = self._accepted, []
         return SlamUpdate(self.pose, accepted, keyframe, len(self._hypotheses.waiting), self.behind)
 
