@@ -7,9 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Path
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
+from estimation.poses import pose_to_quaternion
 from whereabouts.mapping import MapGrid
+from whereabouts.nodes.map_messages import packed_path
 from whereabouts.nodes.map_output import MapOutput
 
 
@@ -111,3 +116,21 @@ def test_a_grid_of_nothing_is_sent() -> None:
     listener = Listener()
     MapOutput(listener, 1_000_000).send(Header(), MapGrid(), None)  # type: ignore[arg-type]
     assert listener.values.size == 0
+
+
+@pytest.mark.parametrize("frame", ["", "m", "ma", "map", "odom", "maps1", "robot1/map", "küche"])
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_a_path_made_as_bytes_is_the_path(frame: str, count: int) -> None:
+    rng = np.random.default_rng(count)
+    poses, stamps = rng.uniform(-3.0, 3.0, (count, 6)), [1.7e9 + 0.1 * k for k in range(count)]
+    header = Header(frame_id=frame, stamp=Time(sec=5, nanosec=7))
+    message = deserialize_message(packed_path(header, stamps, poses), Path)
+    assert message.header == header
+    assert len(message.poses) == count
+    for item, pose, stamp in zip(message.poses, poses, stamps, strict=True):
+        assert item.header.frame_id == frame
+        assert item.header.stamp.sec * 10**9 + item.header.stamp.nanosec == round(stamp * 1e9)
+        position, quaternion = pose_to_quaternion(pose)
+        at, turn = item.pose.position, item.pose.orientation
+        assert np.array_equal([at.x, at.y, at.z], position)
+        assert np.allclose([turn.x, turn.y, turn.z, turn.w], quaternion, rtol=0.0, atol=1e-15)

@@ -47,7 +47,7 @@ from whereabouts.nodes.conversions import (
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.inputs import Input
 from whereabouts.nodes.map_editing import MapEditing
-from whereabouts.nodes.map_messages import closure_message, marker_messages, path_message
+from whereabouts.nodes.map_messages import closure_message, marker_messages, packed_path
 from whereabouts.nodes.map_output import MapOutput
 from whereabouts.nodes.odometry_source import OdometrySource
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
@@ -109,6 +109,7 @@ class LoopClosureNode(SuiteNode):
         self.add_timer(settings.tf_period, self._repeat_transform)
         self.add_timer(settings.tf_period, self._catch_up)
         self.add_timer(settings.map_period, self._publish_map)
+        self.add_timer(settings.map_period, self._publish_markers)
         self.add_timer(settings.map_update_period, self._publish_changes)
         if settings.save_period > 0.0 and settings.map_file:
             self.add_timer(settings.save_period, self._save_regularly)
@@ -156,6 +157,7 @@ class LoopClosureNode(SuiteNode):
         self._caught_up: int | None = None  # the stamp when it was last looked whether scans come
         self._waiting = 0
         self._changed = self._moved = False
+        self._markers_due = False
         self._slowest = 0.0
 
     def health(self) -> Health:
@@ -382,13 +384,19 @@ class LoopClosureNode(SuiteNode):
         header = self._map_header(self._stamp)
         poses = self._base_poses()
         stamps = [self._slam.keyframes[k].stamp for k in range(len(self._slam.keyframes))]
-        self._path_output.publish(path_message(header, stamps, poses))
+        self._path_output.publish(packed_path(header, stamps, poses))
         if flat:
             self._draw()
             self._maps.send(header, self._grid, self._place)
         self._points_output.publish(cloud_message(header, map_points(self._slam, self._grid.tiles)))
-        self._marker_output.publish(marker_messages(header, self._slam))
         self._changed = self._moved = False
+        self._markers_due = True
+
+    def _publish_markers(self) -> None:
+        """For those who look on, whenever they begin to."""
+        if self._markers_due and self._marker_output.wanted and self._stamp is not None:
+            self._markers_due = False
+            self._marker_output.publish(marker_messages(self._map_header(self._stamp), self._slam))
 
     def _draw(self) -> None:
         """Draw some of what has changed; a map that was read is drawn at once."""
@@ -406,8 +414,10 @@ class LoopClosureNode(SuiteNode):
         """(N, 6) poses of the robot at the keyframes."""
         poses = self._slam.graph.poses
         if poses.ndim == 3:
-            return np.array([pose_from_matrix(pose) for pose in poses])
-        return np.array([spatial(compound(pose, inverse(self._mounting))) for pose in poses])
+            return pose_from_matrix(poses)
+        spatial_poses = np.zeros((len(poses), 6))
+        spatial_poses[:, PLANAR] = compound(poses, inverse(self._mounting))
+        return spatial_poses
 
     # What a person does to the map; see `MapEditing`.
 

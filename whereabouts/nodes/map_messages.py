@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Sequence
+
 import numpy as np
-from geometry_msgs.msg import Point, PoseStamped
+from geometry_msgs.msg import Point
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
+from rclpy.serialization import serialize_message
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from estimation.poses import compound, compound_covariance, inverse, pose_from_matrix
+from estimation.poses import compound, compound_covariance, inverse, pose_from_matrix, pose_to_quaternion
 from estimation.tiles import TiledGrid, View
 from loop_closure.motions import positions
 from loop_closure.slam import Closure, Slam
@@ -21,6 +25,7 @@ from whereabouts.nodes.transforms import frame_name
 from whereabouts_msgs.msg import LoopClosure
 
 Array = NDArray[np.float64]
+CDR_LENGTH = 4  # bytes of a number of items, of an encapsulation, and of either part of a stamp
 
 
 def closure_message(
@@ -52,17 +57,31 @@ def closure_message(
     return message
 
 
-def path_message(header: Header, stamps: list[float], poses: Array) -> PathMessage:
-    """Poses (N, 6) with their stamps, seconds."""
-    message = PathMessage(header=header)
-    made = []
-    for stamp, pose in zip(stamps, poses, strict=True):
-        item = PoseStamped()
-        item.header = Header(stamp=time_message(round(stamp * NANOSECONDS)), frame_id=header.frame_id)
-        fill_pose(item.pose, pose)
-        made.append(item)
-    message.poses = made
-    return message
+def packed_path(header: Header, stamps: Sequence[float], poses: Array) -> bytes:
+    """A nav_msgs/Path of poses (N, 6) with their stamps, seconds, as it is sent.
+
+    Made as bytes: Python objects for every pose of a long way would take longer than all else that a map costs.
+    """
+    start = serialize_message(PathMessage(header=header))[:-CDR_LENGTH]
+    frame = header.frame_id.encode() + b"\0"
+    position, quaternion = pose_to_quaternion(np.asarray(poses, dtype=np.float64).reshape(-1, 6))
+    nanoseconds = np.rint(np.asarray(stamps, dtype=np.float64) * NANOSECONDS).astype(np.int64)
+    # Doubles are aligned to 8 bytes from the end of the encapsulation, so the first pose may have other padding.
+    named = 3 * CDR_LENGTH + len(frame)
+    first, further = -(len(start) + named) % 8, -named % 8
+    item = np.dtype(
+        [("sec", "<i4"), ("nanosec", "<u4"), ("length", "<u4"), ("frame", f"S{len(frame)}")]
+        + [("padding", f"V{further}")] * (further > 0)
+        + [("pose", "<f8", 7)]
+    )
+    items = np.zeros(len(poses), dtype=item)
+    items["sec"], items["nanosec"] = np.divmod(nanoseconds, NANOSECONDS)
+    items["length"], items["frame"] = len(frame), frame
+    items["pose"][:, :3], items["pose"][:, 3:] = position, quaternion
+    data = items.tobytes()
+    if len(items):
+        data = data[:named] + bytes(first) + data[named + further :]
+    return bytes(start) + struct.pack("<I", len(items)) + data
 
 
 def grid_message(header: Header, tiles: TiledGrid, view: View) -> GridMessage:
