@@ -8,6 +8,7 @@ about the past, and is thinned out when it exceeds a limit: what is old, and no 
 from __future__ import annotations
 
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -33,6 +34,7 @@ EVENTS = ("appeared", "gone", "lost", "found", "returned", "renamed")
 INSTANTS = 3
 """Failures in a row after which a write is tried again once a second only."""
 RETRY = 1.0
+"""s of the time that passes: stamps may stand still, or be of a replay."""
 _Run = tuple[int, float | None, float | None]
 
 PERIOD = 600.0
@@ -86,6 +88,7 @@ class Store(Records):
         self.keeper: Keeper | None = None
         self._retry_at = -float("inf")
         self._failed_in_a_row = 0
+        self._waiting: WorldState | None = None  # the last state, where it could not be written
         self._places = self._kept_places = ""
         self.recalled: object = None  # what questions have read of it
         self._run: _Run
@@ -108,7 +111,8 @@ class Store(Records):
 
     def record(self, state: WorldState) -> None:
         """Write what has changed since the last state, in one transaction. Does not raise: see `problem`."""
-        if self._failed_in_a_row >= INSTANTS and abs(state.stamp - self._retry_at) < RETRY:
+        self._waiting = state
+        if self._failed_in_a_row >= INSTANTS and time.monotonic() < self._retry_at:
             return
         try:
             if self._file.replaced:
@@ -118,17 +122,24 @@ class Store(Records):
                 self._reopen()
             self._record(state)
         except (sqlite3.Error, OSError, StoreError) as error:
-            self._fail(error, state.stamp)
+            self._fail(error)
             return
+        self._waiting = None
         if self._failed_in_a_row:
             self._failed_in_a_row, self.problem = 0, ""
 
+    def retry(self) -> None:
+        """Write the last state if that failed, where no further one comes. Does not raise: see `problem`."""
+        if self._waiting is not None:
+            self.record(self._waiting)
+
     def begin(self, epoch: int) -> None:
         """A new run: its world is empty. Does not raise: see `problem`."""
+        self._waiting = None
         try:
             self._begin(epoch)
         except (sqlite3.Error, OSError) as error:
-            self._fail(error, float("inf"))
+            self._fail(error)
 
     def rename(self, object_id: str, new_object_id: str) -> None:
         """An object has a new symbol; its history goes with it. Does not raise: see `problem`."""
@@ -142,7 +153,7 @@ class Store(Records):
                     change.marks += self._put(table, known.key, self._epoch, new_object_id)
             self._written[new_object_id] = self._written.pop(object_id)
         except (sqlite3.Error, OSError) as error:
-            self._fail(error, float("inf"))
+            self._fail(error)
 
     def _record(self, state: WorldState) -> None:
         if state.epoch != self._epoch:
@@ -382,11 +393,11 @@ class Store(Records):
                 noted = decode(name, tuple(old))
             self._written[name] = Written(key, item, item, noted, noted_at, count, values[5], mark)
 
-    def _fail(self, error: BaseException, stamp: float) -> None:
+    def _fail(self, error: BaseException) -> None:
         self.failures += 1
         self._failed_in_a_row += 1
         # A full disk answers at once, and what waits for room is nowhere but in this process: it does not wait longer.
-        self._retry_at = -float("inf") if is_full(error) else stamp
+        self._retry_at = -float("inf") if is_full(error) else time.monotonic() + RETRY
         self.problem = f"{self.path}: not written: {error}"
         if is_damage(error):
             try:

@@ -534,6 +534,36 @@ def test_a_full_disk_stops_neither_the_model_nor_what_was_stored(tmp_path: Path)
         assert (memory.stamp, len(memory.objects)) == (30.0, 399)
 
 
+def test_what_a_disk_did_not_take_is_written_when_it_does_though_stamps_stand_still(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, now = tmp_path / "world.sqlite", [100.0]
+    monkeypatch.setattr("world_model.store.time.monotonic", lambda: now[0])
+    with Store(path) as store:
+        store.record(state(0, thing(1)))
+        written = store._record
+        tried = []
+
+        def broken(world: WorldState) -> None:
+            tried.append(world.stamp)
+            raise sqlite3.OperationalError("disk I/O error")
+
+        monkeypatch.setattr(store, "_record", broken)
+        for step in range(1, 10):
+            store.record(state(step, thing(1, step, x=0.7)))
+        assert len(tried) == 3, "after some failures it is not tried with every message"
+        monkeypatch.setattr(store, "_record", written)
+        store.retry()
+        assert "disk I/O error" in store.problem
+        now[0] += 1.1
+        store.retry()
+        assert store.problem == ""
+    with Store(path) as store:
+        memory = store.restore()
+        assert memory is not None
+        assert (memory.objects[0].position[0], memory.stamp) == (0.7, 9.0)
+
+
 def test_only_one_process_writes_and_any_may_read(tmp_path: Path) -> None:
     path = tmp_path / "world.sqlite"
     with Store(path) as store:

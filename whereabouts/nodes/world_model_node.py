@@ -52,7 +52,7 @@ from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveSt
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
 from world_model.predictions import Path
 from world_model.queries import Words
-from world_model.store import Store
+from world_model.store import RETRY, Store
 from world_model.world import routines_path
 
 Array = NDArray[np.float64]
@@ -87,6 +87,7 @@ class WorldModelNode(SuiteNode):
         self._model = WorldModel(config, places, store, looks_back=False)
         if store is not None:
             store.watch()
+            self.add_timer(RETRY, self._write_again)
         self._model.words = Words(places, symbols)
         self._shown: list[WorldObject] = []
         self._damages_told = 0
@@ -353,6 +354,11 @@ class WorldModelNode(SuiteNode):
         self._report_store()
         self._publish(state, stamp)
         return state
+
+    def _write_again(self) -> None:
+        """What the disk did not take is written while nothing new comes, too."""
+        if self.model.store is not None and self.model.store.problem:
+            self.model.store.retry()
 
     def _report_store(self) -> None:
         store = self.model.store
