@@ -100,6 +100,9 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("service", "~/pause", "std_srvs/SetBool", "true: leave scans out of the map, transforms go on; false: go on with it"),
         _I("service", "~/remove_closure", "std_srvs/Trigger", "take out the closure next to the clicked point, or the newest one, with all of the same revisit"),
         _I("service", "~/dynamic_map", "nav_msgs/GetMap", "the map now; empty where there is none yet"),
+        _I("service", "map_server/map", "nav_msgs/GetMap", "the same, by nav2's name", "nav2_services"),
+        _I("service", "map_server/load_map", "nav2_msgs/LoadMap", "as `~/load_map`, `localization_only` as the parameter says; by nav2's name", "nav2_services"),
+        _I("service", "map_saver/save_map", "nav2_msgs/SaveMap", "as `~/save_map`, by nav2's name; `.pgm`, trinary", "nav2_services"),
     ),
     "target_tracker": (
         _I("in", "scan", "sensor_msgs/LaserScan", "a level scanner; `odom_frame` → scanner must be in tf at the stamp", "scan_topic"),
