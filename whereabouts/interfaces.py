@@ -122,6 +122,8 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in, latched", "map", _GRID, "optional: walls that paths respect"),
         _I("out", "predicted_paths", "whereabouts_msgs/PredictedPathArray", "per person goals, probabilities, path and alternatives"),
         _I("out", "predicted_occupancy", "sensor_msgs/PointCloud2", "where people will be, in `base_frame`, for an obstacle layer of a nav2 costmap"),
+        _I("out, latched", "people_mask", _GRID, "how probable it is, percent, that somebody will be at a cell of `map`; unknown where nobody will: the mask of a costmap filter", "publish_mask"),
+        _I("out, latched", "people_filter_info", "nav2_msgs/CostmapFilterInfo", "makes a KeepoutFilter take `people_mask`", "publish_mask"),
         _I("out", "~/markers", _MARKERS, "paths, goals and their probabilities"),
         _I("service", "~/save", "whereabouts_msgs/SaveState", "write what was learned to one file"),
         _I("service", "~/load", "whereabouts_msgs/LoadState", "read it; another version, map or method is refused"),
