@@ -102,6 +102,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("service", "~/dynamic_map", "nav_msgs/GetMap", "the map now; empty where there is none yet"),
         _I("service", "map_server/map", "nav_msgs/GetMap", "the same, by nav2's name", "nav2_services"),
         _I("service", "map_server/load_map", "nav2_msgs/LoadMap", "as `~/load_map`, `localization_only` as the parameter says; by nav2's name", "nav2_services"),
+        _I("service", "reinitialize_global_localization", "std_srvs/Empty", "look for the robot in the whole map anew; by amcl's name", "nav2_services"),
         _I("service", "map_saver/save_map", "nav2_msgs/SaveMap", "as `~/save_map`, by nav2's name; `.pgm`, trinary", "nav2_services"),
     ),
     "target_tracker": (

@@ -32,6 +32,7 @@ WRITES_OR_FORGETS = {
         "~/remove_closure": "changes the map",
         "map_saver/save_map": "writes files",
         "map_server/load_map": "reads files, and replaces the map",
+        "reinitialize_global_localization": "forgets where the robot is",
     },
     "motion_predictor": {"~/save": "writes a file", "~/load": "reads a file, and replaces what was learned"},
     "world_model": {

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from harness import Graph
 from nav_msgs.srv import GetMap
+from std_srvs.srv import Empty
 from test_loop_closure import Mapper
 
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
+from estimation.poses import between
 from whereabouts.nodes.nav2_maps import file_of
 
 services = pytest.importorskip("nav2_msgs.srv")
@@ -100,5 +102,16 @@ def test_a_map_is_saved_and_loaded_by_nav2s_names_and_nothing_foreign_is_touched
     assert loaded(str(folder / "mine.yaml")).result == LoadMap.Response.RESULT_INVALID_MAP_DATA
     (folder / "broken.npz").write_bytes(b"no map")
     assert loaded(str(folder / "broken")).result == LoadMap.Response.RESULT_INVALID_MAP_DATA
+    # Looked for anew, as amcl is asked to, the robot is found again.
+    robot.transforms.clear()
+    robot.go(3.0, 6.0, 0.25)
+    graph.until(robot.in_map, "the robot is found")
+    graph.call(Empty, "reinitialize_global_localization", Empty.Request())
+    robot.transforms.clear()
+    robot.go(6.0, 11.0, 0.25)
+    graph.until(robot.in_map, "the robot is found again")
+    miss = between(robot.truth(10.75), robot.in_map()[0])
+    assert np.hypot(*miss[:2]) < 0.25
+    assert graph.log(spec).count("the robot was found in the map") == 2
     assert loaded("/etc/ring.yaml").result == LoadMap.Response.RESULT_UNDEFINED_FAILURE
     assert "defect" not in graph.log(spec)

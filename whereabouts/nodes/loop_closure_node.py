@@ -470,15 +470,27 @@ class LoopClosureNode(SuiteNode):
         path = stem.with_name(f"{stem.name}.npz")
         return self._begin_with(path, self.settings.localization_only, None)
 
+    def look_anew(self) -> None:
+        """Look for the robot in the whole map. Raises InputError where there is none yet."""
+        if not len(self._slam.keyframes):
+            raise InputError("there is no map yet")
+        self._finish()
+        self._earlier = None
+        self._look_in(self._slam, self._extend)
+
+    def _finish(self) -> None:
+        """Do all that scans have left over."""
+        while self._slam.behind:
+            update = self._slam.work()
+            self._take_update(update.closures, bool(update.closures), update.waiting)
+
     def _write(self, stem: Path) -> Path:
         """Each file appears whole; what is there already stays until then."""
         target = stem.with_name(stem.name + ".npz")
         keep_foreign(target, is_map, "a map of the suite")
         for suffix in (".pgm", ".yaml"):
             keep_foreign(stem.with_name(stem.name + suffix), is_grid_file, "a map of the suite")
-        while self._slam.behind:
-            update = self._slam.work()
-            self._take_update(update.closures, bool(update.closures), update.waiting)
+        self._finish()
         if self._slam.keyframes[0].scan is not None:
             self._grid.update(self._slam)
             self._grid.bounded(self.settings.map_cells, self.complain).save(stem, _replace)

@@ -1,6 +1,6 @@
-"""The map by the names of nav2's map_saver and map_server, for what calls these; two of them need nav2_msgs.
+"""The map by the names of nav2's map_saver, map_server and amcl, for what calls these; two of them need nav2_msgs.
 
-Services: `map_saver/save_map`, `map_server/load_map`, `map_server/map`.
+Services: `map_saver/save_map`, `map_server/load_map`, `map_server/map`, `reinitialize_global_localization`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from urllib.parse import unquote
 
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
+from std_srvs.srv import Empty
 
 from estimation.errors import InputError
 from whereabouts.nodes.base import SuiteNode
@@ -33,6 +34,9 @@ class KeptMap(Protocol):
     def load_map(self, stem: Path) -> int:
         """Take a saved map, as at the start; returns how many keyframes it has. Raises InputError."""
 
+    def look_anew(self) -> None:
+        """Look for the robot in the whole map. Raises InputError where there is none yet."""
+
 
 class Nav2Maps:
     """nav2's services of a map; files are named as in the node's own services, and as safe."""
@@ -40,6 +44,7 @@ class Nav2Maps:
     def __init__(self, node: SuiteNode, kept: KeptMap) -> None:
         self._node, self._kept = node, kept
         node.add_service(GetMap, "map_server/map", self._get)
+        node.add_service(Empty, "reinitialize_global_localization", self._look)
         try:
             types = import_module("nav2_msgs.srv")
             offered = (
@@ -56,6 +61,10 @@ class Nav2Maps:
 
     def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
         response.map = self._kept.map_now()
+        return response
+
+    def _look(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
+        self._kept.look_anew()
         return response
 
     def _save(self, request: Any, response: Any) -> Any:
