@@ -320,10 +320,14 @@ def test_mistakes_in_a_parameter_file_are_named(tmp_path: Path) -> None:
     content = {
         "/**": {"ros__parameters": {"base_farme": "x"}},
         "/**/loop_closure": {"ros__parameters": {"resolution": 99.0, "scan_topics": ["a"]}},
+        "/**/target_traker": {"ros__parameters": {"prior": -3.5}},
+        "controller_server": {"ros__parameters": {"controller_frequency": 20.0}},
     }
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(SuiteConfigError) as error:
         read_config(path, {})
     assert "base_farme: no node has such a parameter; did you mean 'base_frame'?" in str(error.value)
+    assert "/target_traker: there is no such node; did you mean 'target_tracker'?" in str(error.value)
+    assert "controller_server" not in str(error.value)
     assert "resolution: float from 0.01 to 1 m expected, got 99.0" in str(error.value)
     assert "scan_topics: there is no such parameter; did you mean 'scan_topic'?" in str(error.value)
