@@ -144,6 +144,11 @@ def problems_of_file(path: Path) -> list[str]:
     for name, values in read_sections(path):
         nodes = [node for node in NODES if _is_for(name, node)]
         if not nodes:
+            # Another node's, such as nav2's, unless it is nearly one of ours.
+            last = name.rpartition("/")[2]
+            close = difflib.get_close_matches(last, NODES, n=1, cutoff=0.85)
+            if close:
+                problems.append(f"{name}: there is no such node; did you mean '{close[0]}'?")
             continue
         for key in values:
             if len(nodes) > 1 and key not in every and not key.startswith("qos_overrides."):

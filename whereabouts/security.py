@@ -30,6 +30,9 @@ WRITES_OR_FORGETS = {
         "~/load_map": "reads files, and replaces the map",
         "~/pause": "stops mapping",
         "~/remove_closure": "changes the map",
+        "map_saver/save_map": "writes files",
+        "map_server/load_map": "reads files, and replaces the map",
+        "reinitialize_global_localization": "forgets where the robot is",
     },
     "motion_predictor": {"~/save": "writes a file", "~/load": "reads a file, and replaces what was learned"},
     "world_model": {
@@ -40,7 +43,11 @@ WRITES_OR_FORGETS = {
 }
 RESETS = "~/reset"  # of every node: forgets live state
 # What answers, or has the robot look and drive; the role `user` may call these.
-ASKS = {"loop_closure": {"~/dynamic_map"}, "world_model": {"~/query"}, "world_maintenance": {"~/trigger"}}
+ASKS = {
+    "loop_closure": {"~/dynamic_map", "map_server/map"},
+    "world_model": {"~/query"},
+    "world_maintenance": {"~/trigger"},
+}
 
 Rules = dict[tuple[str, str, str], set[str]]
 
@@ -108,9 +115,9 @@ def _role(config: SuiteConfig, role: str) -> Rules:
         if role == "operator":
             asks |= {RESETS, *WRITES_OR_FORGETS.get(node, ())}
             asks |= {f"~/{name}" for name in PARAMETER_SERVICES + LIFECYCLE_SERVICES}
-        _allow(
-            rules, ("services", "request", "service"), (f"{node}/{name.removeprefix('~/')}" for name in asks)
-        )
+        present = {item.name for item, _ in _present(node, settings.parameters)}
+        asks -= {item.name for item in interfaces_of(node)} - present
+        _allow(rules, ("services", "request", "service"), (name.replace("~/", f"{node}/") for name in asks))
         for item, names in _present(node, settings.parameters):
             known = [settings.remappings.get(name, name).replace("~/", f"{node}/") for name in names]
             if item.kind == "out":

@@ -16,6 +16,7 @@ from registration import Scan
 from whereabouts.cli.main import app
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, Qos, ScanRecord, Topic, TransformRecord
 from whereabouts.logs.encode import transform_message
+from whereabouts.logs.writer import LATCHED
 from whereabouts.parameter_file import problems_of_file, settings_for
 from whereabouts.robot.choice import choose
 from whereabouts.robot.findings import findings
@@ -116,6 +117,48 @@ def test_frames_with_a_prefix(tmp_path: Path) -> None:
     assert given["scan_registration"]["publish_tf"] is False
     assert given["loop_closure"]["publish_tf"] is False, "somebody places odom in the map already"
     assert "is published already, by a mapper or localiser" in result.output
+
+
+def test_tf_in_a_namespace_says_where_the_nodes_have_to_run(tmp_path: Path) -> None:
+    bag = tmp_path / "robot.mcap"
+    with McapWriter(bag) as writer:
+        for parent, child, name in (("odom", "base_link", "tf"), ("base_link", "laser", "tf_static")):
+            sent = TransformRecord(np.eye(4), 101.0, parent, child, name)
+            writer.write_message(f"/robot1/{name}", TF, transform_message([sent]), 101_000_000_000, LATCHED)
+        for k in range(5):
+            stamp = 101.0 + 0.1 * k
+            scan = Scan(SCAN.ranges, SCAN.angle_min, SCAN.angle_increment, 0.1, 8.0, stamp)
+            writer.write_scan(ScanRecord(scan, stamp, "robot1/scan", "laser"))
+    result, given = set_up(bag, tmp_path)
+    assert "--namespace /robot1 --bag" in result.stdout
+    assert (given["/**"]["base_frame"], given["/**"]["odom_frame"]) == ("base_link", "odom")
+    head = (tmp_path / "robot.yaml").read_text().splitlines()[1:3]
+    assert ["--namespace /robot1" in head[0], head[1].endswith("namespace:=robot1")] == [True, True]
+
+
+@pytest.mark.parametrize("other", ["scan_filtered", "a_scan"])
+def test_a_scanner_is_followed_once_and_without_what_a_filter_took_out(other: str, tmp_path: Path) -> None:
+    bag = tmp_path / "robot.mcap"
+    with Recording(bag) as recording:
+        recording.fixed("base_link", "laser")
+        recording.fixed("base_link", "rear")
+        recording.scans("scan")
+        recording.scans(other)
+        recording.scans("rear_scan", "rear")
+    result, given = set_up(bag, tmp_path)
+    first = "/scan_filtered" if "filtered" in other else "/a_scan"
+    assert set(given["scan_registration"]["scan_topics"]) == {first, "/rear_scan"}
+    assert "not used: /scan: of the same scanner" in result.stdout
+
+
+def test_a_recording_without_tf_static_is_told_so(tmp_path: Path) -> None:
+    bag = tmp_path / "robot.mcap"
+    with Recording(bag) as recording:
+        recording.moving("odom", "base_footprint", [0.0, 0.1, 0.2])
+        recording.scans("scan")
+    result, given = set_up(bag, tmp_path)
+    assert "No tf_static was seen" in result.stdout
+    assert given["/**"]["base_frame"] == "laser"
 
 
 def test_a_scanner_or_a_cloud_alone(tmp_path: Path) -> None:
@@ -277,10 +320,14 @@ def test_mistakes_in_a_parameter_file_are_named(tmp_path: Path) -> None:
     content = {
         "/**": {"ros__parameters": {"base_farme": "x"}},
         "/**/loop_closure": {"ros__parameters": {"resolution": 99.0, "scan_topics": ["a"]}},
+        "/**/target_traker": {"ros__parameters": {"prior": -3.5}},
+        "controller_server": {"ros__parameters": {"controller_frequency": 20.0}},
     }
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(SuiteConfigError) as error:
         read_config(path, {})
     assert "base_farme: no node has such a parameter; did you mean 'base_frame'?" in str(error.value)
+    assert "/target_traker: there is no such node; did you mean 'target_tracker'?" in str(error.value)
+    assert "controller_server" not in str(error.value)
     assert "resolution: float from 0.01 to 1 m expected, got 99.0" in str(error.value)
     assert "scan_topics: there is no such parameter; did you mean 'scan_topic'?" in str(error.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -91,33 +92,57 @@ def test_commands_of_the_wheels_run_outside_the_checkout(
     assert "max_range: float from 0.5 to 1000 m expected, got -1.0" in answer.stderr
 
 
-def test_colcon_finds_and_builds_the_packages_in_a_folder_of_any_name(source: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def other_python(tmp_path: Path) -> Path:
+    """The machine's Python with colcon and without the suite's libraries, as ROS 2 installs it."""
+    base = "/usr/bin/python3" if Path("/usr/bin/python3").exists() else sys.executable
+    checked([base, "-m", "venv", "--without-pip", str(tmp_path / "system")])
+    site = next((tmp_path / "system/lib").glob("python*/site-packages"))
+    for item in Path(sysconfig.get_path("purelib")).iterdir():
+        if item.suffix != ".pth" and not item.name.startswith(("numpy", "numba", "rclpy", "__editable__")):
+            (site / item.name).symlink_to(item)
+    return tmp_path / "system/bin/python3"
+
+
+def test_colcon_finds_and_builds_the_packages_in_a_folder_of_any_name(
+    source: Path, other_python: Path, tmp_path: Path
+) -> None:
     whole, source = source, tmp_path / "Büro neu" / "src"
     shutil.copytree(whole, source)
-    colcon = [str(Path(sys.executable).with_name("colcon")), "--log-base", str(tmp_path / "log")]
+    start = "import sys; from colcon_core.command import main; sys.argv[0] = 'colcon'; sys.exit(main())"
+    colcon = [str(other_python), "-c", start, "--log-base", str(tmp_path / "log")]
+    assert subprocess.run([str(other_python), "-c", "import rclpy"], capture_output=True).returncode
+    # The user has activated the environment.
     env = {**os.environ, "COLCON_DEFAULTS_FILE": str(source / "colcon_defaults.yaml")}
     env["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{env['PATH']}"
+    env.pop("PYTHONPATH", None)
     found = checked([*colcon, "list"], cwd=source, env=env).split("\n")
     assert "whereabouts\t.\t(ros.ament_python)" in found
     assert "whereabouts_msgs\twhereabouts_msgs\t(ros.ament_cmake)" in found
     # The interface package takes a compiler a minute and is in the environment already: `make colcon` builds both.
     (source / "whereabouts_msgs" / "COLCON_IGNORE").touch()
-    places = ["--build-base", str(source / "build"), "--install-base", str(source / "install")]
-    checked([*colcon, "build", *places, "--packages-select", "whereabouts"], cwd=source, env=env)
+    checked([*colcon, "build", "--packages-select", "whereabouts"], cwd=source, env=env)
     prefix = source / "install" / "whereabouts"
-    assert (prefix / "share/whereabouts/launch/suite.launch.py").exists()
+    share = prefix / "share/whereabouts"
+    assert (share / "launch/suite.launch.py").exists()
+    assert (share / "config/behavior_trees/find_object.xml").exists()
     assert (prefix / "share/ament_index/resource_index/packages/whereabouts").exists()
     # Whatever Python colcon has: the environment's comes first when the nodes are started.
     for path in (prefix / "lib/whereabouts").iterdir():
         assert path.read_text(encoding="utf-8").splitlines()[0] == "#!/usr/bin/env python3", path.name
-    executable = prefix / "lib/whereabouts/scan_registration"
-    site = next((prefix / "lib").glob("python*/site-packages"))
+    recipe = (ROOT / "docs/installation.md").read_text(encoding="utf-8").partition("## On a ROS 2 Jazzy")[2]
+    (sourced,) = re.findall(r"^(\. install/\S+) &&", recipe, re.MULTILINE)
+    code = "import whereabouts; print(whereabouts.__file__)"
+    script = (
+        f"{sourced} && (cd / && python3 -c '{code}') && install/whereabouts/lib/whereabouts/scan_registration"
+    )
     answer = subprocess.run(
-        [str(executable), "--ros-args", "-p", "max_wheel_age:=77.0"],
+        ["bash", "-c", f"{script} --ros-args -p max_wheel_age:=77.0"],
         capture_output=True,
         text=True,
-        cwd=tmp_path,
-        env={**env, "PYTHONPATH": str(site)},
+        cwd=source,
+        env=env,
     )
     assert answer.returncode == 2, answer.stderr
     assert "max_wheel_age" in answer.stderr
+    assert Path(answer.stdout.strip()).is_relative_to(prefix), "the workspace's own package is used"

@@ -124,7 +124,13 @@ def test_nav2_hears_what_the_suite_says_and_drives_nearer_than_arrival() -> None
         assert people["min_obstacle_height"] <= height <= people["max_obstacle_height"]
         # What is marked has to be cleared by somebody.
         assert any(layer[source]["clearing"] for source in sources)
-        assert set(costmap["plugins"]) <= set(costmap)
+        assert {*costmap["plugins"], *costmap.get("filters", ())} <= set(costmap)
+        for item in costmap.get("filters", ()):
+            assert (
+                published[costmap[item]["filter_info_topic"].removeprefix("/")]
+                == "nav2_msgs/CostmapFilterInfo"
+            )
+            assert costmap[item]["enabled"] == model_of("motion_predictor")().publish_mask
     assert "map_updates" in published
     assert (
         content["global_costmap"]["global_costmap"]["ros__parameters"]["static_layer"]["map_topic"]

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 from whereabouts.cli.main import app
 from whereabouts.interfaces import interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.security import WRITES_OR_FORGETS, unclassified
+from whereabouts.security import WRITES_OR_FORGETS, policies, unclassified
+from whereabouts.suite_config import NodeConfig, SuiteConfig
 
 SCHEMA = Path(__file__).parent / "sros2" / "policy.xsd"
 
@@ -82,12 +83,19 @@ def test_parameters_and_remappings_count(written: Path) -> None:
 
 
 def test_only_the_operator_may_write_and_forget(written: Path) -> None:
-    costly = {
-        f"{node}/{name.removeprefix('~/')}" for node, names in WRITES_OR_FORGETS.items() for name in names
-    }
+    costly = {name.replace("~/", f"{node}/") for node, names in WRITES_OR_FORGETS.items() for name in names}
     assert costly <= rights(written / "operator.policy.xml")["services request"]
     user = rights(written / "user.policy.xml")["services request"]
-    assert user == {"loop_closure/dynamic_map", "world_model/query", "world_maintenance/trigger"}
+    assert user == {
+        "loop_closure/dynamic_map", "map_server/map", "world_model/query", "world_maintenance/trigger",
+    }  # fmt: skip
+
+
+def test_nobody_may_call_what_a_parameter_has_switched_off() -> None:
+    config = SuiteConfig(nodes={"loop_closure": NodeConfig(parameters={"nav2_services": False})})
+    names = [item.text or "" for item in policies(config)["operator"].iter("service")]
+    assert "loop_closure/save_map" in names
+    assert not [name for name in names if name.startswith("map_s")]
 
 
 def test_it_is_known_of_every_service_what_it_can_cost() -> None:

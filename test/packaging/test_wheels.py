@@ -145,3 +145,12 @@ def test_the_product_maps_in_an_empty_environment(dist: Path, tmp_path: Path) ->
     assert np.abs(read_tum(out).se2()[:, :2] - expected).max() < 0.05
     run(command, "track", bag, "--out", tmp_path / "tracks.csv")
     assert "not installed" in run(command, "doctor", bag), "there is no ROS there"
+
+
+def test_nobody_is_told_to_install_the_other_project_of_this_name() -> None:
+    """PyPI's `whereabouts` is somebody else's: no message or front page may send people there."""
+    for path in [ROOT / "README.md", *(ROOT / "whereabouts").rglob("*.py")]:
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"pip install (-\S+ )*['\"]?whereabouts\b(?!-)", text), path
+    for page in ("platforms.md", "installation.md"):
+        assert "PyPI has another project" in (ROOT / "docs" / page).read_text(encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 from pathlib import Path
@@ -62,6 +63,38 @@ def test_map_updates_have_the_hash_of_the_ros_package_s_fields() -> None:
     types = standard_types()
     types.register(get_types_from_msg(fields, name))
     assert built_hash(name) == types.hash_rihs01(name)
+
+
+# Jazzy's, as ROS packages of nav2_msgs 1.3 have them: nodes hear each other only where all fields are the same.
+NAV2_FIELDS = {
+    "action.NavigateToPose.Goal": {"pose": "geometry_msgs/PoseStamped", "behavior_tree": "string"},
+    "action.NavigateToPose.Result": {"error_code": "uint16", "error_msg": "string"},
+    "action.NavigateToPose.Feedback": {
+        "current_pose": "geometry_msgs/PoseStamped", "navigation_time": "builtin_interfaces/Duration",
+        "estimated_time_remaining": "builtin_interfaces/Duration", "number_of_recoveries": "int16",
+        "distance_remaining": "float",
+    },
+    "srv.SaveMap.Request": {
+        "map_topic": "string", "map_url": "string", "image_format": "string", "map_mode": "string",
+        "free_thresh": "float", "occupied_thresh": "float",
+    },
+    "srv.SaveMap.Response": {"result": "boolean"},
+    "srv.LoadMap.Request": {"map_url": "string"},
+    "srv.LoadMap.Response": {"map": "nav_msgs/OccupancyGrid", "result": "uint8"},
+    "msg.CostmapFilterInfo": {
+        "header": "std_msgs/Header", "type": "uint8", "filter_mask_topic": "string", "base": "float",
+        "multiplier": "float",
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAV2_FIELDS)
+def test_nav2_types_have_the_fields_of_jazzy(name: str) -> None:
+    kind, *parts = name.split(".")
+    found = importlib.import_module(f"nav2_msgs.{kind}")
+    for part in parts:
+        found = getattr(found, part)
+    assert list(found.get_fields_and_field_types().items()) == list(NAV2_FIELDS[name].items())
 
 
 def test_every_service_answers_with_a_code_and_a_sentence() -> None:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -237,6 +238,56 @@ def test_namespaced_replay(bag: Path, tmp_path: Path) -> None:
     assert account.unanswered.total() == 0
     with open_raw(tmp_path / "out.mcap") as log:
         assert {message.name for message in log} == {"/robot1/odometry"}
+
+
+def test_a_bag_of_a_robot_with_a_namespace_is_replayed_in_it_and_silence_is_told(
+    tmp_path: Path,
+) -> None:
+    from typer.testing import CliRunner
+
+    from whereabouts.cli.main import app
+    from whereabouts.simulation.small_robot import Naming, record
+
+    plain, bag, out = tmp_path / "plain.mcap", tmp_path / "robot1.mcap", tmp_path / "out.mcap"
+    record(plain, Naming(), duration=2.0)
+    with open_raw(plain) as log, McapWriter(bag) as writer:
+        for message in log:
+            writer.write_raw(
+                replace(message.topic, name=f"/robot1{message.name}"), message.data, message.log_time
+            )
+    settings = tmp_path / "robot.yaml"
+    runner = CliRunner()
+    assert runner.invoke(app, ["setup", str(bag), "--out", str(settings)]).exit_code == 0
+    command = [
+        "run",
+        "scan_registration",
+        "loop_closure",
+        "--config",
+        str(settings),
+        "--bag",
+        str(bag),
+        "--lock-step",
+    ]
+    command += [
+        "--logs",
+        str(tmp_path / "logs"),
+        "--out",
+        str(out),
+        "--record",
+        "odometry:nav_msgs/msg/Odometry",
+    ]
+    told = runner.invoke(app, [*command, "--namespace", "/robot1"])
+    assert told.exit_code == 0, told.output
+    assert "nothing came" not in told.output
+    with open_raw(out) as log:
+        assert len([message for message in log if message.name == "/robot1/odometry"]) > 5
+    # Without the namespace there is no tf: said as it happens. Elsewhere nothing comes at all.
+    told = runner.invoke(app, command)
+    assert "no transform from 'base_scan' to 'base_footprint'" in told.stderr
+    elsewhere = tmp_path / "elsewhere.yaml"
+    elsewhere.write_text(settings.read_text().replace("/robot1/", "/robot2/"))
+    told = runner.invoke(app, [*command[:4], str(elsewhere), *command[5:]])
+    assert "scan_registration: nothing came on " in told.stderr
 
 
 def test_interrupted_run_ends_its_nodes_and_leaves_no_half_recording(bag: Path, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ EXTRAS = {
     "gtsam": "gtsam: `pip install gtsam`",
     "small_gicp": "small_gicp: `pip install small_gicp`",
     "kiss_icp": "kiss-icp: `pip install kiss-icp`",
-    "rerun": "rerun-sdk: `pip install 'whereabouts[view]'`",
+    "rerun": "rerun-sdk: `pip install rerun-sdk`",
 }
 
 

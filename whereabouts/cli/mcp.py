@@ -50,7 +50,7 @@ def mcp(
     try:
         import mcp as protocol  # noqa: F401
     except ImportError as error:
-        raise InputError("`whereabouts mcp` needs the package mcp: pip install 'whereabouts[mcp]'") from error
+        raise InputError("`whereabouts mcp` needs the package mcp: pip install mcp") from error
     from whereabouts.agents.knowledge import Knowledge
 
     knowledge = Knowledge(store, tuple(allow or ()), namespace)

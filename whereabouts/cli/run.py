@@ -137,9 +137,11 @@ def _run_live(config: SuiteConfig) -> None:
     from dataclasses import replace
 
     from whereabouts.nodes.bring_up import bring_up, lifecycle_clients
+    from whereabouts.nodes.log_echo import LogEcho
     from whereabouts.nodes.supervisor import Supervisor
 
     several = len(config.nodes) > 1
+    echo = LogEcho(lambda text: typer.echo(text, err=True))
     with Supervisor(config.logs, on_event=typer.echo, patient=True, hosted=several) as supervisor:
         try:
             # Those that shall not configure themselves are somebody else's to bring up.
@@ -158,32 +160,44 @@ def _run_live(config: SuiteConfig) -> None:
             typer.echo("all are active")
             while True:
                 supervisor.check()
+                echo.look(node.log for node in supervisor.nodes.values())
                 time.sleep(0.2)
         except KeyboardInterrupt:
             typer.echo("ending")
 
 
 def _run_bag(config: SuiteConfig, bag: Path) -> None:
+    from whereabouts.nodes.log_echo import LogEcho
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
     from whereabouts.progress import progress_bar
 
+    echo = LogEcho(lambda text: typer.echo(text, err=True))
     domain = os.environ["ROS_DOMAIN_ID"]
     typer.echo(f"replaying on ROS domain {domain}: set ROS_DOMAIN_ID={domain} to look at it")
     with progress_bar() as bar:
         task = bar.add_task(f"replaying {bag.name}", total=100)
-        account = run_suite(
-            SuiteRun(
-                bag,
-                _specs(config, **REPLAY_PARAMETERS),
-                config.logs,
-                rate=None if config.lock_step else (config.rate or 1.0),
-                namespace=config.namespace,
-                record=list(config.record.items()),
-                output=config.out,
-                on_event=lambda text: typer.echo(text, err=True),
-                on_progress=lambda share: bar.update(task, completed=round(100 * share)),
-            )
+        suite = SuiteRun(
+            bag,
+            _specs(config, **REPLAY_PARAMETERS),
+            config.logs,
+            rate=None if config.lock_step else (config.rate or 1.0),
+            namespace=config.namespace,
+            record=list(config.record.items()),
+            output=config.out,
+            on_event=lambda text: typer.echo(text, err=True),
+            on_progress=lambda share: bar.update(task, completed=round(100 * share)),
         )
+
+        def listen(now: bool = False) -> None:
+            if suite.supervisor is not None:
+                echo.look((node.log for node in suite.supervisor.nodes.values()), now)
+
+        suite.on_message = lambda message: listen()
+        account = run_suite(suite)
+        listen(now=True)
+    for name, topics in account.deaf.items():
+        more = " and others" if len(topics) > 3 else ""
+        typer.echo(f"{name}: nothing came on {', '.join(topics[:3])}{more}", err=True)
     for topic, reason in account.skipped.items():
         typer.echo(f"{topic}: not published: {reason}", err=True)
     typer.echo(

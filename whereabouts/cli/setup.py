@@ -77,7 +77,8 @@ def setup(
     with atomic_path(out) as temporary:
         temporary.write_text(as_text(choice, said, survey.source), encoding="utf-8")
     bag_option = f" --bag {bag}" if bag is not None else ""
-    typer.echo(f"written: {out}. Next: whereabouts run --config {out}{bag_option}")
+    space = f" --namespace {choice.namespace}" if choice.namespace else ""
+    typer.echo(f"written: {out}. Next: whereabouts run --config {out}{space}{bag_option}")
 
 
 def survey_of(bag: Path | None, seconds: float) -> Survey:

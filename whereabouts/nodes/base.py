@@ -270,7 +270,7 @@ class SuiteNode(LifecycleNode):
                 return callback(request, response)
             except WhereaboutsError as error:
                 if not decline(response, str(error), "REFUSED"):
-                    self.complain(f"service {name}: {error}", key=(name, "refused"))
+                    self.complain(f"service {name}: {error}", key=(name, str(error)))
             except OSError as error:
                 self.complain(f"service {name}: {error}", key=(name, "failed"))
                 decline(response, str(error)[:1000])

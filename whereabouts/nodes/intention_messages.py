@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from builtin_interfaces.msg import Duration
@@ -131,24 +132,38 @@ def markers_message(header: Header, predictions: Mapping[int, Prediction]) -> Ma
     return message
 
 
+@dataclass(frozen=True)
+class Ways:
+    """Which ways of a person count, and where along them: for `horizon` s every `interval` s.
+
+    least : probability of a goal below which the way to it does not count. The most probable one always does.
+    """
+
+    horizon: float
+    interval: float
+    least: float
+
+    def of(self, told: Prediction, start: float) -> list[tuple[float, Array]]:
+        """Probability and places (N, 2), m, from `start` s on, of each way; the most probable one first."""
+        ways = [(0, told.path), *((way.goal, way.path) for way in told.alternatives)]
+        times = start + np.arange(0.0, self.horizon + 1e-9, self.interval)
+        return [
+            (
+                float(told.probabilities[goal]),
+                np.column_stack([np.interp(times, path[:, 2], path[:, axis]) for axis in (0, 1)]),
+            )
+            for goal, path in ways
+            if goal == 0 or told.probabilities[goal] >= self.least
+        ]
+
+
 def occupancy_points(
-    predictions: Mapping[int, Prediction],
-    start: float,
-    horizon: float,
-    interval: float,
-    least: float,
-    radius: float,
-    height: float,
+    predictions: Mapping[int, Prediction], start: float, ways: Ways, radius: float, height: float
 ) -> Array:
-    """Points (M, 3) m where people will be within `horizon` s, by all paths of at least `least` probability."""
+    """Points (M, 3) m where people will be: places along their ways, and rings of `radius` m around these."""
     parts = [np.zeros((0, 2))]
     for told in predictions.values():
-        ways = [(0, told.path), *((way.goal, way.path) for way in told.alternatives)]
-        for goal, path in ways:
-            if goal > 0 and told.probabilities[goal] < least:
-                continue
-            times = start + np.arange(0.0, horizon + 1e-9, interval)
-            centres = np.column_stack([np.interp(times, path[:, 2], path[:, a]) for a in (0, 1)])
+        for _, centres in ways.of(told, start):
             parts += [centres, (centres[:, None] + radius * RING).reshape(-1, 2)]
     flat = np.concatenate(parts)
     return np.column_stack((flat, np.full(len(flat), height)))

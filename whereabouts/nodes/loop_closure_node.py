@@ -49,6 +49,7 @@ from whereabouts.nodes.inputs import Input
 from whereabouts.nodes.map_editing import MapEditing
 from whereabouts.nodes.map_messages import closure_message, marker_messages, packed_path
 from whereabouts.nodes.map_output import MapOutput
+from whereabouts.nodes.nav2_maps import Nav2Maps
 from whereabouts.nodes.odometry_source import OdometrySource
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import frame_name, transform_message
@@ -106,6 +107,8 @@ class LoopClosureNode(SuiteNode):
         self.add_service(SaveMap, "~/save_map", self._save)
         self.add_service(LoadMap, "~/load_map", self._load)
         self._editing = MapEditing(self, self, settings.map_frame)
+        if settings.nav2_services:
+            Nav2Maps(self, self)
         self.add_timer(settings.tf_period, self._repeat_transform)
         self.add_timer(settings.tf_period, self._catch_up)
         self.add_timer(settings.map_period, self._publish_map)
@@ -433,10 +436,11 @@ class LoopClosureNode(SuiteNode):
 
     def map_now(self) -> GridMessage:
         """The map with all that is known. Raises InputError where there is none yet."""
-        if self._stamp is None or not len(self._slam.keyframes) or self._slam.keyframes[0].scan is None:
+        if not len(self._slam.keyframes) or self._slam.keyframes[0].scan is None:
             raise InputError("there is no map of scans yet")
         self._grid.update(self._slam)
-        return self._maps.message(self._map_header(self._stamp), self._grid, self._place)
+        header = self._map_header(self.now if self._stamp is None else self._stamp)
+        return self._maps.message(header, self._grid, self._place)
 
     def map_edited(self, before: Array) -> None:
         """Publish everything anew. The robot goes with the last keyframe, `before` being its pose until now."""
@@ -458,26 +462,45 @@ class LoopClosureNode(SuiteNode):
             self._write(Path(self.settings.map_file))
 
     def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
-        stem = self._named(request.path, making=True)
-        if not len(self._slam.keyframes):
-            raise InputError("there is no map yet")
-        response.path = str(self._write(stem))
+        response.path = str(self.save_map(self.named(request.path, making=True)))
         response.code, response.message = (
             SaveMap.Response.SUCCESS,
             f"{len(self._slam.keyframes)} keyframes written",
         )
         return response
 
+    def save_map(self, stem: Path) -> Path:
+        """Write the map's files. Raises InputError where there is no map, or a file is foreign."""
+        if not len(self._slam.keyframes):
+            raise InputError("there is no map yet")
+        return self._write(stem)
+
+    def load_map(self, stem: Path) -> int:
+        """Take a saved map, as at the start; returns how many keyframes it has. Raises InputError."""
+        path = stem.with_name(f"{stem.name}.npz")
+        return self._begin_with(path, self.settings.localization_only, None)
+
+    def look_anew(self) -> None:
+        """Look for the robot in the whole map. Raises InputError where there is none yet."""
+        if not len(self._slam.keyframes):
+            raise InputError("there is no map yet")
+        self._finish()
+        self._earlier = None
+        self._look_in(self._slam, self._extend)
+
+    def _finish(self) -> None:
+        """Do all that scans have left over."""
+        while self._slam.behind:
+            update = self._slam.work()
+            self._take_update(update.closures, bool(update.closures), update.waiting)
+
     def _write(self, stem: Path) -> Path:
         """Each file appears whole; what is there already stays until then."""
         target = stem.with_name(stem.name + ".npz")
         keep_foreign(target, is_map, "a map of the suite")
-        if not target.exists():
-            for suffix in (".pgm", ".yaml"):
-                keep_foreign(stem.with_name(stem.name + suffix), is_grid_file, "a map of the suite")
-        while self._slam.behind:
-            update = self._slam.work()
-            self._take_update(update.closures, bool(update.closures), update.waiting)
+        for suffix in (".pgm", ".yaml"):
+            keep_foreign(stem.with_name(stem.name + suffix), is_grid_file, "a map of the suite")
+        self._finish()
         if self._slam.keyframes[0].scan is not None:
             self._grid.update(self._slam)
             self._grid.bounded(self.settings.map_cells, self.complain).save(stem, _replace)
@@ -486,7 +509,7 @@ class LoopClosureNode(SuiteNode):
         return target
 
     def _load(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
-        path = self._named(request.path)
+        path = self.named(request.path)
         initial: Array | None = None
         frame = frame_name(request.initial_pose.header.frame_id)
         if frame:
@@ -497,8 +520,8 @@ class LoopClosureNode(SuiteNode):
         response.code, response.message = LoadMap.Response.SUCCESS, f"{count} keyframes read"
         return response
 
-    def _named(self, name: str, making: bool = False) -> Path:
-        """Stem of the files that a request names."""
+    def named(self, name: str, making: bool = False) -> Path:
+        """Stem of the files that a request names. Raises InputError for what requests may not name."""
         files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
         if name and name != self.settings.map_file:
             name = f"{_stem(name)}.npz"

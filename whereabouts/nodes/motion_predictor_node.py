@@ -1,7 +1,8 @@
 """Node `motion_predictor`: learns where people go and predicts the paths of all who are there.
 
 In: `targets` (TargetArray), `map` (OccupancyGrid, optional: walls), tf where targets come in another frame.
-Out: `predicted_paths` (PredictedPathArray), `~/markers`, `predicted_occupancy` (PointCloud2 for a costmap).
+Out: `predicted_paths` (PredictedPathArray), `~/markers`, `predicted_occupancy` (PointCloud2 for a costmap), and where
+it is asked for `people_mask` (OccupancyGrid for a costmap filter).
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ from whereabouts.nodes.conversions import cloud_message
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.inputs import EVENTS, Input
 from whereabouts.nodes.intention_messages import (
+    Ways,
     markers_message,
     occupancy_points,
     occupied_points,
     paths_message,
     people_from_message,
 )
+from whereabouts.nodes.people_mask import PeopleMask, Reach
 from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.transforms import TransformError, frame_name
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
@@ -52,6 +55,7 @@ class MotionPredictorNode(SuiteNode):
     settings: MotionPredictorParameters
 
     def setup(self) -> None:
+        settings = self.settings
         self._restart()
         self.listen_to_transforms(on_demand=True)
         self.add_input(
@@ -64,6 +68,9 @@ class MotionPredictorNode(SuiteNode):
         self._paths_output = self.add_output(PredictedPathArray, "predicted_paths")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
         self._occupancy_output = self.add_output(PointCloud2, "predicted_occupancy")
+        self._mask = PeopleMask(self, settings.mask_period) if settings.publish_mask else None
+        if self._mask is not None:
+            self.add_timer(settings.mask_period, self._send_mask)
         self.add_service(SaveState, "~/save", self._save)
         self.add_service(LoadState, "~/load", self._load)
 
@@ -73,6 +80,8 @@ class MotionPredictorNode(SuiteNode):
         self._predicted_at: int | None = None
         self._milliseconds = 0.0
         self._predictions: dict[int, Prediction] = {}
+        if self._mask is not None:
+            self._mask.forget()
 
     def health(self) -> Health:
         model = self._model
@@ -116,6 +125,8 @@ class MotionPredictorNode(SuiteNode):
                 f"map in frame {message.header.frame_id!r}: {self.settings.map_frame!r} (map_frame) expected"
             )
         self._obstacles = Obstacles(occupied_points(message, self.settings.occupied_from))
+        if self._mask is not None:
+            self._mask.take_map(message.info)
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         settings = self.settings
@@ -151,15 +162,23 @@ class MotionPredictorNode(SuiteNode):
             self._markers_output.publish(markers_message(header, self._predictions))
         if settings.publish_occupancy:
             points = occupancy_points(
-                self._predictions,
-                now,
-                settings.occupancy_horizon,
-                settings.point_interval / 2.0,
-                settings.occupancy_probability,
-                settings.radius,
-                settings.occupancy_height,
+                self._predictions, now, self._ways, settings.radius, settings.occupancy_height
             )
             self._occupancy_output.publish(self._from_robot(points, stamp))
+        if self._mask is not None:
+            self._mask.hear(self._predictions, now)
+
+    @property
+    def _ways(self) -> Ways:
+        """What of the predictions costmaps are told."""
+        settings = self.settings
+        return Ways(settings.occupancy_horizon, settings.point_interval / 2.0, settings.occupancy_probability)
+
+    def _send_mask(self) -> None:
+        settings = self.settings
+        assert self._mask is not None
+        header = Header(stamp=time_message(self.now), frame_id=frame_name(settings.map_frame))
+        self._mask.send(header, Reach(self._ways, settings.mask_radius, settings.track_timeout))
 
     def _from_robot(self, points: Array, stamp: int) -> PointCloud2:
         """Points (M, 3) of the map as a cloud that is centred on the robot, where tf knows it.

@@ -48,6 +48,10 @@ class MessageLog(Protocol):
         """Release files."""
 
 
+# Inputs of every node, and those that a person writes to.
+NOT_DATA = ("/tf", "/tf_static", "/turn", "/initialpose", "/clicked_point")
+
+
 @dataclass
 class ReplayAccount:
     """What was sent and what became of it.
@@ -55,12 +59,14 @@ class ReplayAccount:
     published : messages per topic. skipped : topics that could not be published, and why.
     unanswered : messages per node that it did not report as processed in time (lock-step only).
     lost : messages per node and topic that were sent and, by the node's count, did not arrive.
+    deaf : nodes that nothing was sent to, and the topics they listen to.
     """
 
     published: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, str] = field(default_factory=dict)
     unanswered: Counter[str] = field(default_factory=Counter)
     lost: dict[str, int] = field(default_factory=dict)
+    deaf: dict[str, list[str]] = field(default_factory=dict)
     bag_seconds: float = 0.0
     wall_seconds: float = 0.0
 
@@ -80,7 +86,7 @@ class Replayer:
         watched node that subscribes to its topic has reported the one before as processed, and whatever the nodes
         sent each other because of it has been taken in as well, each in its turn; see `Turns`.
     watched : full names of the nodes to wait for; not for what they take in on demand.
-    namespace : put before the recorded topic names.
+    namespace : put before the recorded topic names that have it not.
     is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
     clock_period : s of the bag between two messages on /clock, at least; each wakes every node up.
     """
@@ -193,7 +199,18 @@ class Replayer:
         return self._name_of(topic.name)
 
     def _name_of(self, recorded: str) -> str:
-        return f"{self._namespace}/{recorded.lstrip('/')}"
+        name = f"/{recorded.lstrip('/')}"
+        return name if name.startswith(f"{self._namespace}/") else f"{self._namespace}{name}"
+
+    def _deaf(self) -> dict[str, list[str]]:
+        """Nodes of which nothing that was sent has reached an input but tf, and what they listen to."""
+        found = {}
+        for watched in self.watched:
+            inputs = {name for name in self._inputs.get(watched, ()) if not name.endswith(NOT_DATA)}
+            answered = {topic for name, topic in self._answers if name == watched}
+            if inputs and not inputs & (answered | {name for name, count in self._sent.items() if count}):
+                found[watched] = sorted(inputs)
+        return found
 
     def _advertise(self, topic: Topic) -> None:
         latched = any(offer.durability == "transient_local" for offer in topic.qos)
@@ -230,6 +247,7 @@ class Replayer:
         self.account.bag_seconds = (self.now - (first or 0)) / NANOSECONDS
         self.account.wall_seconds = time.monotonic() - started
         self._count_losses()
+        self.account.deaf = self._deaf()
         return self.account
 
     def _messages(self) -> Iterator[RawMessage]:

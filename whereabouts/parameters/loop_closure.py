@@ -73,6 +73,12 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
         le=400_000_000,
         fixed=True,
     )
+    nav2_services: bool = setting(
+        True,
+        "offer map_saver/save_map, map_server/load_map, map_server/map and reinitialize_global_localization, as nav2's "
+        "nodes do; false where these run",
+        fixed=True,
+    )
     resolution: float = setting(0.05, "edge of a map cell", unit="m", ge=0.01, le=1.0, fixed=True)
 
     proposals: Literal["both", "path", "places"] = setting(

@@ -62,6 +62,27 @@ class MotionPredictorParameters(_WithIntentions):  # type: ignore[valid-type, mi
     )
     occupancy_height: float = setting(0.5, "height of the occupied points", unit="m", ge=0.0, le=3.0)
 
+    publish_mask: bool = setting(
+        False,
+        "publish people_mask and people_filter_info, for a KeepoutFilter of nav2's costmaps",
+        fixed=True,
+    )
+    mask_period: float = setting(
+        1.0,
+        "shortest time between masks; nav2 warns of each in its log",
+        unit="s",
+        ge=0.05,
+        le=60.0,
+        fixed=True,
+    )
+    mask_radius: float = setting(
+        0.45,
+        "how far around people's places the mask reaches: their radius and the robot's, as masks are not inflated",
+        unit="m",
+        ge=0.05,
+        le=5.0,
+    )
+
     @property
     def intentions(self) -> IntentionConfig:
         """The library's settings."""

@@ -14,7 +14,7 @@ class Choice:
 
     scans, clouds, wheels : topics; the first scanner or cloud is the one that is followed. base_publishes_tf : whether
     odom_frame -> base_frame is placed by somebody else already; map_publisher : whether map -> odom is.
-    used : why each was taken, in words. preset : parameters of nodes by name.
+    namespace : that of tf, in which the nodes have to run. preset : parameters of nodes by name.
     """
 
     base_frame: str = "base_link"
@@ -26,12 +26,14 @@ class Choice:
     base_publishes_tf: bool = False
     map_published: bool = False
     sim_time: bool = False
+    namespace: str = ""
     preset: dict[str, dict[str, object]] = field(default_factory=dict)
 
 
 def choose(survey: Survey, wanted: Preset | None = None) -> Choice:
     """Decide from what was seen; where that says nothing, `wanted` does."""
     scans, clouds = _heard_first(survey.of(SCAN)), _heard_first(survey.of(CLOUD))
+    scans = _each_once(scans)
     if wanted is not None:
         scans = sorted(scans, key=lambda item: item.name not in wanted.scan_topics)
     choice = Choice(sim_time=survey.live and "/clock" in survey.topics)
@@ -44,6 +46,7 @@ def choose(survey: Survey, wanted: Preset | None = None) -> Choice:
         tree = _tree(survey, followed[0].frame)
         joined = [item.name for item in scans[1:] if item.frame and item.frame in tree]
         choice.scans += joined
+        choice.namespace = _namespace(survey, followed[0].name)
     elif wanted is not None:
         choice.scans = list(wanted.scan_topics)
     choice.wheels = _wheels(survey, wanted)
@@ -54,6 +57,20 @@ def choose(survey: Survey, wanted: Preset | None = None) -> Choice:
 def _heard_first(items: list[Seen]) -> list[Seen]:
     """Those that said something before those that did not; by name then."""
     return sorted(items, key=lambda item: (item.count == 0, item.name))
+
+
+def _each_once(scans: list[Seen]) -> list[Seen]:
+    """One topic of each scanner: one that is heard before others, and what a filter has left before the raw scan."""
+    order = sorted(scans, key=lambda item: (item.count == 0, not item.name.endswith("_filtered")))
+    best = {item.frame: item.name for item in reversed(order) if item.frame}
+    return [item for item in scans if not item.frame or best[item.frame] == item.name]
+
+
+def _namespace(survey: Survey, followed: str) -> str:
+    """The namespace of the tf that belongs to a topic."""
+    known = survey.tf_namespaces()
+    near = [name for name in known if followed.startswith(f"{name}/")]
+    return max(near or known, key=len, default="")
 
 
 def _tree(survey: Survey, frame: str) -> set[str]:

@@ -28,7 +28,7 @@ class Finding:
 
 def findings(survey: Survey, choice: Choice) -> list[Finding]:
     """All there is to say, the gravest first."""
-    parts = (_sensors, _tree, _publishers, _clocks, _qos, _odometry, _others)
+    parts = (_sensors, _namespaces, _tree, _publishers, _clocks, _qos, _odometry, _others)
     said = [finding for part in parts for finding in part(survey, choice)]
     return sorted(said, key=lambda finding: ("error", "warning", "note").index(finding.level))
 
@@ -51,12 +51,33 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
     rate = f" at {item.rate:.1f} Hz" if item.rate else ""
     yield Finding("note", f"following {followed}{rate}{reach}")
     beside = [other for other in scans if other.name not in choice.scans]
-    if beside:
+    taken = {survey.topics[name].frame for name in choice.scans}
+    same = [other for other in beside if other.frame in taken]
+    if same:
+        yield Finding("note", f"not used: {names(same)}: of the same scanner as a scan that is followed")
+    apart = [other for other in beside if other.frame not in taken]
+    if apart:
         yield Finding(
-            "note", f"not used: {names(beside)} (tf does not say how they are mounted, or no message came)"
+            "note", f"not used: {names(apart)} (tf does not say how they are mounted, or no message came)"
         )
     if scans and clouds:
         yield Finding("note", f"not used: {names(clouds)}: scans are followed; see cloud_topics")
+
+
+def _namespaces(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    known = survey.tf_namespaces()
+    if len(known) > 1:
+        listed = ", ".join(f"{name}/tf" for name in known)
+        yield Finding(
+            "warning",
+            f"tf comes on {listed}: frames of several robots mix here; that in {choice.namespace or '/'} is taken",
+        )
+    if choice.namespace:
+        yield Finding(
+            "note",
+            f"tf is on {choice.namespace}/tf, so the nodes run in that namespace: --namespace {choice.namespace}, in "
+            f"launch files namespace:={choice.namespace.strip('/')}",
+        )
 
 
 def _tree(survey: Survey, choice: Choice) -> Iterator[Finding]:
@@ -83,9 +104,13 @@ def _tree(survey: Survey, choice: Choice) -> Iterator[Finding]:
         yield Finding("error", f"tf does not connect '{sensor}' with the robot's frame '{choice.base_frame}'")
     elif choice.base_frame == sensor and survey.frames() - {sensor}:
         trees = ", ".join(sorted(survey.frames())[:8])
+        latched = any(item.name.endswith("tf_static") and item.count for item in survey.of(TF)) or any(
+            edge.static for edge in survey.edges.values()
+        )
+        why = "" if latched else ". No tf_static was seen: a recording has to have it, too"
         yield Finding(
             "warning",
-            f"'{sensor}' hangs on nothing in tf, which has {trees}: its frame stands for the robot's",
+            f"'{sensor}' hangs on nothing in tf, which has {trees}: its frame stands for the robot's{why}",
         )
 
 

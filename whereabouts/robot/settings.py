@@ -46,9 +46,11 @@ def as_text(choice: Choice, said: list[Finding], source: str) -> str:
     lines = [
         f"# Written by `whereabouts setup` from {' '.join(source.split())}. It is an ordinary ROS parameter file:"
     ]
+    space = choice.namespace
     lines += [
-        "#   whereabouts run --config robot.yaml",
-        "#   ros2 launch whereabouts suite.launch.py params_file:=robot.yaml",
+        f"#   whereabouts run --config robot.yaml{f' --namespace {space}' if space else ''}",
+        "#   ros2 launch whereabouts suite.launch.py params_file:=robot.yaml"
+        + (f" namespace:={space.strip('/')}" if space else ""),
     ]
     for finding in said:
         lines += [

@@ -120,6 +120,11 @@ class Survey:
         edge.stamps.append(stamp)
         edge.places.append(np.asarray(matrix)[:3, 3])
 
+    def tf_namespaces(self) -> list[str]:
+        """Namespaces that tf came in, such as "/robot1"; "" where it is global."""
+        topics = {topic for edge in self.edges.values() for topic in edge.topics}
+        return sorted({f"/{topic.strip('/')}".rpartition("/")[0] for topic in topics})
+
     def parents(self, child: str) -> list[str]:
         """All parents a frame was given, sorted."""
         return sorted({edge.parent for edge in self.edges.values() if edge.child == child})
