@@ -29,7 +29,7 @@ JITTER, IN_HAND = 12.0 * MINUTE, 90.0
 """s: standard deviation of a trip's beginning; how long it takes."""
 SOMEBODY = 0.1
 """Probability that a person stands in the way of a look."""
-IMAGES, PERIOD = 4, 0.5
+IMAGES, PERIOD = 3, 0.5
 """Images of a look, and s between them."""
 
 
@@ -70,7 +70,9 @@ class Weeks:
 
     def things(self, stamp: float) -> dict[str, tuple[float, float, float] | None]:
         """Where each thing is; None while it is carried."""
-        where: dict[str, tuple[float, float, float] | None] = {name: spot for name, (_, spot) in THINGS.items()}
+        where: dict[str, tuple[float, float, float] | None] = {
+            name: spot for name, (_, spot) in THINGS.items()
+        }
         for name, plan in self._plan.items():
             before = bisect_right(self._when[name], stamp) - 1
             if before >= 0:
@@ -88,7 +90,9 @@ class Weeks:
         for k in range(IMAGES * len(yaws)):
             now = stamp + PERIOD * k
             pose = np.array([*stop, yaws[k % len(yaws)] + self._eyes.normal(0.0, 0.1)])
-            lying = {name: (THINGS[name][0], np.array(spot)) for name, spot in self.things(now).items() if spot}
+            lying = {
+                name: (THINGS[name][0], np.array(spot)) for name, spot in self.things(now).items() if spot
+            }
             yield now, pose, self.camera.look(self._eyes, pose, self._hiding(pose), lying)
 
     def _hiding(self, pose: Array) -> Array:
@@ -100,7 +104,9 @@ class Weeks:
 
     def _stand(self, place: str) -> tuple[Array, list[float]]:
         """Where to stand, and to look, to see most spots of a place."""
-        spots = {spot for own in self._spots.values() for spot in own.values() if self.place_at(spot) == place}
+        spots = {
+            spot for own in self._spots.values() for spot in own.values() if self.place_at(spot) == place
+        }
         best: tuple[int, float, Array, list[float]] = (-1, 0.0, np.zeros(2), [])
         for stop in tour():
             yaws = [math.atan2(spot[1] - stop[1], spot[0] - stop[0]) for spot in sorted(spots)]
@@ -139,7 +145,9 @@ class Weeks:
             trips.append(Trip(out * HOUR, back * HOUR, shelf, self._spots[name][shelf]))
         return trips
 
-    def _planned(self, name: str, rng: np.random.Generator) -> list[tuple[float, tuple[float, float, float] | None]]:
+    def _planned(
+        self, name: str, rng: np.random.Generator
+    ) -> list[tuple[float, tuple[float, float, float] | None]]:
         """All changes of one thing: (stamp, where it is from then on), in order."""
         home, spots = THINGS[name][1], self._spots[name]
         habits = self._habits(name, rng)
@@ -155,5 +163,3 @@ class Weeks:
                 plan += [(out, None), (out + IN_HAND, spots[shelf] if strays else trip.spot)]
                 plan += [(back, None), (back + IN_HAND, home)]
         return sorted(plan, key=lambda change: change[0])
-
-
