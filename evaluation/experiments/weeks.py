@@ -57,7 +57,7 @@ class Week:
 
 
 REMOVED, NEW = 1e-7, 1e-5
-"""1/s: what leaves this home for ever, and comes to it: next to nothing. Those shipped are of a home where things do."""
+"""1/s: what leaves this home for ever, and what comes to it: next to nothing."""
 
 
 class Robot:
