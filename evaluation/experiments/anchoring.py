@@ -15,7 +15,7 @@ import numpy as np
 from evaluation.experiments.anchoring_hidden import hidden_run, in_space, through_camera
 from evaluation.experiments.anchoring_landmarks import LandmarkWorld
 from evaluation.experiments.anchoring_recorded import anchored, landmark_run, tracking_run
-from evaluation.experiments.anchoring_scenes import AntRun, ants, known, play, scenes
+from evaluation.experiments.anchoring_scenes import AntRun, ants, known, play, scenes, walk
 from evaluation.experiments.anchoring_table import ambiguous_cups, dynamic_table
 from evaluation.report import Options, Part, Printed, Report, Table
 from whereabouts.logs import kitti
@@ -101,6 +101,24 @@ def _draw_world(options: Options, seed: int) -> Path:
     path = options.out / "world-symbols.png"
     figure.savefig(path, dpi=100)
     return path
+
+
+def _walkers(options: Options, report: Report) -> None:
+    """Fifty movers, ten in view: how many are told of."""
+    (seed,) = _seeds(options, 7, 1)
+    looks = 200 if options.quick else LOOKS
+    rows: list[list[Any]] = []
+    for name, turn in (("sensor rests", 0.0), ("sensor turns, 0.4 rad/s", 0.4)):
+        found = walk(seed, looks, turn)
+        rows.append([name, found.surplus, 100.0 * found.exact, found.mean_ms])
+    columns = [
+        "fifty movers",
+        "told of beyond those in view",
+        "looks with the exact count, % ↑",
+        "update, ms ↓",
+    ]
+    note = f"{looks} looks at 20 Hz, ten in view on average; who is at the edge may be told of too late."
+    report.tables.append(Table("Movers", columns, rows, note, "movers", data="simulated", samples=1))
 
 
 def _situations(options: Options, report: Report) -> None:
@@ -274,6 +292,7 @@ def _hidden(options: Options, report: Report) -> None:
 
 PARTS = {
     "scenes": Part(_scenes),
+    "movers": Part(_walkers, quick_seeds=2),
     "situations": Part(_situations),
     "ants": Part(_ants),
     "simulated landmarks": Part(_simulated_landmarks),
