@@ -282,8 +282,10 @@ class Anchoring(Corrections):
         touched = [owners[k] for k in plain]
         lone = np.flatnonzero(per_detection == 0)
         touched += self._begin(look, lone, of)
+        at = np.full(self.pool.size, -1)
+        at[look.chosen] = np.arange(len(look.chosen))
         for members, detections in self._linked(hard, owners, linked):
-            touched += self._branch(look, members, detections, of)
+            touched += self._branch(look, members, detections, of, at)
         return touched, of
 
     def _settle(self, look: Look, plain: list[int], detection: list[int]) -> None:
@@ -373,8 +375,13 @@ class Anchoring(Corrections):
             groups[find(number)][1].append(j)
         return list(groups.values())
 
-    def _branch(self, look: Look, members: list[int], detections: list[int], of: list[int]) -> list[int]:
-        """Expand the hypotheses of these clusters together; returns the clusters they fall apart into."""
+    def _branch(
+        self, look: Look, members: list[int], detections: list[int], of: list[int], at: IntArray
+    ) -> list[int]:
+        """Expand the hypotheses of these clusters together; returns the clusters they fall apart into.
+
+        at : rows of `look` by leaf, -1 for leaves that it does not concern.
+        """
         keep = self.config.hypotheses
         whole = combined([self.clusters.pop(number) for number in members], keep, THRESHOLD)
         if len(members) > 1:
@@ -382,8 +389,6 @@ class Anchoring(Corrections):
         slots = np.unique(whole.rows)
         slots = slots[slots >= 0]
         js = np.array(detections, np.int64)
-        at = np.full(self.pool.size, -1)
-        at[look.chosen] = np.arange(len(look.chosen))
         k = at[slots]
         here = k >= 0
         matrix = np.full((len(slots), len(js)), -np.inf)

@@ -119,7 +119,8 @@ def walk(seed: int, looks: int, turn: float) -> Walked:
         told = len(model.update(seen.evidence, seen.stamp).objects)
         times.append(1e3 * (process_time() - begin))
         if seen.stamp > 2.0:
-            off.append(told - sum(in_view(place, seen.evidence.sensor) for place in seen.truth.values()))
+            view = None if seen.evidence.sensor is None else dict(seen.evidence.sensor)
+            off.append(told - sum(in_view(place, view) for place in seen.truth.values()))
     return Walked(float(np.mean(off)), float(np.mean(np.array(off) == 0)), float(np.mean(times[5:])))
 
 
