@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from estimation.errors import InputError
+from whereabouts.camera_log import TYPES, CameraLog, CameraSettings
 from whereabouts.evidence import Frame, Reader
 from whereabouts.log_errors import NothingRecognisedError
 from whereabouts.logs import open_raw
@@ -35,13 +36,17 @@ class Look:
 class EvidenceLog:
     """All evidence of a bag in the order of recording; a context manager.
 
-    Messages must be in one frame, that of the first or `frame`: transforms of a bag are not followed. What cannot be
-    used is skipped and accounted for in `summary`. Raises LogError where there is no such bag.
+    Evidence, detections in space and targets must be in one frame, that of the first or `frame`. Boxes in an image
+    (Detection2DArray) are placed by CameraInfo, depth image and tf of the bag, as `camera` says. What cannot be used is
+    skipped and accounted for in `summary`. Raises LogError where there is no such bag.
     """
 
-    def __init__(self, path: Path, reader: Reader, frame: str = "") -> None:
+    def __init__(
+        self, path: Path, reader: Reader, frame: str = "", camera: CameraSettings | None = None
+    ) -> None:
         self.path = path
         self.frame = frame
+        self.camera = CameraLog(reader, camera or CameraSettings())
         self._reader = reader
         self._bag = open_raw(path)
         self._decoders: dict[str, Decoder] = {}
@@ -59,20 +64,36 @@ class EvidenceLog:
     def __iter__(self) -> Iterator[Look]:
         count = 0
         for raw in self._bag:
-            if raw.type_name not in (EVIDENCE, DETECTIONS, TARGETS):
+            if raw.type_name not in (EVIDENCE, DETECTIONS, TARGETS, *TYPES):
                 continue
             try:
                 message = self._decoder(raw.topic)(raw.data)
-                look = self._look(raw.type_name, message)
+                if raw.type_name in TYPES:
+                    self.camera.take(raw.type_name, message, raw.name)
+                    looks = list(self._of_boxes())
+                else:
+                    looks = [self._look(raw.type_name, message)]
             except (UnreadableTypeError, InputError) as error:
                 self._bag.summary.skip(f"{raw.name}: {error}", f"time {raw.log_time / NANOSECONDS:.3f}")
                 continue
+            count += len(looks)
+            yield from looks
+        for look in self._of_boxes(ended=True):
             count += 1
             yield look
         if count == 0:
             raise NothingRecognisedError(
                 self.path, f"there is no usable evidence in it{_first(self._bag.summary)}"
             )
+
+    def _of_boxes(self, ended: bool = False) -> Iterator[Look]:
+        """What boxes say whose depth image and transforms have come."""
+        for stamp, found in self.camera.ready(ended):
+            seconds = stamp / NANOSECONDS
+            if isinstance(found, InputError):
+                self._bag.summary.skip(f"boxes: {found}", f"time {seconds:.3f}")
+            else:
+                yield Look(seconds, self.frame, found, ())
 
     def _decoder(self, topic: Topic) -> Decoder:
         if topic.name not in self._decoders:

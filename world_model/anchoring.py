@@ -23,8 +23,9 @@ from world_model.expansion import expand, unify
 from world_model.gating import touch, weigh
 from world_model.grouping import THRESHOLD
 from world_model.hindsight import MOST_LOOKS, Hindsight
-from world_model.leaves import IntArray, Pool
+from world_model.leaves import MOVING, REST, IntArray, Pool
 from world_model.look import Look
+from world_model.misses import detector_table
 from world_model.occlusion import hide, restrict
 from world_model.predictions import Path
 from world_model.quantities import Quantities
@@ -38,6 +39,8 @@ from world_model.vocabulary import Vocabulary
 
 BURST = 1e-3
 """Probability that a look finds new objects in company: a cupboard was opened, a room entered."""
+COVERED = 0.5
+"""Probability of being hidden within the view from which on a mover counts as hidden."""
 COMPANY = 10.0
 """How many they are then, mean."""
 
@@ -52,12 +55,10 @@ class Anchoring(Corrections):
         self.vocabulary = Vocabulary(known, config.class_accuracy)
         self.quantities = Quantities(config.quantities)
         self.motion = motion_table(self.vocabulary.values["class"], config.motion)
-        detection = config.detection_probability
-        run = max(config.missed_run_frames, 1.0 / detection)
-        self.persistence = 1.0 - 1.0 / run - (1.0 - detection) / (detection * run)
-        self._detector = np.array([detection, self.persistence, config.rate_hz, config.removed_per_second])
+        self._detector = detector_table(config)
+        self.persistence = np.maximum(self._detector[:, 2], 0.0)
         self.unseen = Unseen(config)
-        self.touching = Touching(detection)
+        self.touching = Touching(config.detection_probability)
         self.hindsight = Hindsight(most_looks)
         known_bias = np.zeros(CONSTANT)
         known_bias[: len(config.sensor_bias)] = config.sensor_bias
@@ -200,10 +201,12 @@ class Anchoring(Corrections):
             clear,
         )
         view = measured.view
+        in_cone = clear[:count].copy()
         if view is not None and not silent:
             restrict(leaves, chosen[:count], clear, view, self.quantities)
         if known and not silent and not (view is not None and view.knows_hidden):
             hide(leaves, chosen, count, clear, sensor, self.quantities)
+        self._cover(chosen[:count], in_cone - clear[:count] > COVERED)
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
         likelihood = self.vocabulary.likelihoods(measured.attributes)
         weigh(
@@ -239,6 +242,12 @@ class Anchoring(Corrections):
             missing,
         )
 
+    def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:
+        """Movers that something else hides are looked for, and shown for as long as it is known where they are."""
+        leaves, hidden = self.pool.leaves, slots[covered]
+        moving = hidden[leaves.behavior[hidden, MOVING] > leaves.behavior[hidden, REST]]
+        leaves.missed[moving] = np.maximum(leaves.missed[moving], 1.0)
+
     def _associate(self, look: Look) -> tuple[list[int], list[int]]:
         """Decide what is plain, branch over the rest; returns touched clusters and a track per detection."""
         M = len(look.log_new)
@@ -273,8 +282,10 @@ class Anchoring(Corrections):
         touched = [owners[k] for k in plain]
         lone = np.flatnonzero(per_detection == 0)
         touched += self._begin(look, lone, of)
+        at = np.full(self.pool.size, -1)
+        at[look.chosen] = np.arange(len(look.chosen))
         for members, detections in self._linked(hard, owners, linked):
-            touched += self._branch(look, members, detections, of)
+            touched += self._branch(look, members, detections, of, at)
         return touched, of
 
     def _settle(self, look: Look, plain: list[int], detection: list[int]) -> None:
@@ -364,8 +375,13 @@ class Anchoring(Corrections):
             groups[find(number)][1].append(j)
         return list(groups.values())
 
-    def _branch(self, look: Look, members: list[int], detections: list[int], of: list[int]) -> list[int]:
-        """Expand the hypotheses of these clusters together; returns the clusters they fall apart into."""
+    def _branch(
+        self, look: Look, members: list[int], detections: list[int], of: list[int], at: IntArray
+    ) -> list[int]:
+        """Expand the hypotheses of these clusters together; returns the clusters they fall apart into.
+
+        at : rows of `look` by leaf, -1 for leaves that it does not concern.
+        """
         keep = self.config.hypotheses
         whole = combined([self.clusters.pop(number) for number in members], keep, THRESHOLD)
         if len(members) > 1:
@@ -373,8 +389,6 @@ class Anchoring(Corrections):
         slots = np.unique(whole.rows)
         slots = slots[slots >= 0]
         js = np.array(detections, np.int64)
-        at = np.full(self.pool.size, -1)
-        at[look.chosen] = np.arange(len(look.chosen))
         k = at[slots]
         here = k >= 0
         matrix = np.full((len(slots), len(js)), -np.inf)

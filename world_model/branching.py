@@ -169,10 +169,14 @@ def release(leaves, free, top, slot):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def]
-    """Whether two leaves of a track say the same: no later detection could tell them apart."""
+    """Whether two leaves of a track say the same: no later detection could tell them apart.
+
+    persistence (2,) : of runs of misses, of what rests and of what moves by itself.
+    """
     if (leaves.together[a] > 0) != (leaves.together[b] > 0):
         return False
-    if abs(leaves.visible[a] - leaves.visible[b]) * max(persistence, 0.0) > 0.1:
+    runs = persistence[int(leaves.behavior[a, REST] <= 0.0)]
+    if abs(leaves.visible[a] - leaves.visible[b]) * runs > 0.1:
         return False
     apart = 0.0
     for m in range(4):

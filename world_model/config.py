@@ -124,7 +124,11 @@ class WorldModelConfig:
         0.9, "", "share of detections whose most probable class is right", 0.05, 1.0
     )
     missed_run_frames: float = _setting(
-        1.0, "", "mean number of observations in a row that miss a visible object", 1.0, 1e4
+        1.0,
+        "",
+        "mean number of observations in a row that miss a visible object; of movers, 5 to 20 count",
+        1.0,
+        1e4,
     )
     motion: Mapping[str, Mapping[str, Any]] | None = field(
         default=None, metadata={"description": "motion by class; * for all others"}

@@ -199,10 +199,9 @@ def _check_distribution(name: str, distribution: Distribution) -> None:
         raise InputError(f"{name} must be a distribution {{value: probability}}, not {distribution!r}")
     total = 0.0
     for value, probability in distribution.items():
-        if (
-            not isinstance(probability, (int, float, np.number))
-            or not 0.0 <= probability <= 1.0 + SUM_TOLERANCE
-        ):
+        # Asking for the exact type first is what takes the least time of what is nearly always so.
+        number = type(probability) is float or isinstance(probability, (int, float, np.number))
+        if not number or not 0.0 <= probability <= 1.0 + SUM_TOLERANCE:
             raise InputError(f"{name}[{value!r}] must be a probability in [0, 1], not {probability!r}")
         total += float(probability)
     if abs(total - 1.0) > SUM_TOLERANCE:

@@ -14,7 +14,7 @@ from world_model.kernels import (
     clearance,
     log_likelihoods,
     predict,
-    seen_probability,
+    visible_probability,
 )
 
 RECENT = 0.5  # s: a sensor does not move far in this time
@@ -134,7 +134,7 @@ def weigh(  # type: ignore[no-untyped-def]
 ):
     """Predict the touched leaves and weigh being missed and being each detection: (2.7), (2.8), (2.10).
 
-    detector (4,) : p_D, persistence of misses, looks per second, rate of removal. Writes log weights to matrix
+    detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix
     (count, M), -inf where a detection is out of the gate, and missing (count, 2): log weight and probability of
     a detection that did not come. Predicts in place.
     """
@@ -143,9 +143,11 @@ def weigh(  # type: ignore[no-untyped-def]
     for k in range(count):
         i = chosen[k]
         dt = stamp - leaves.stamp[i]
-        seen = seen_probability(leaves, i, dt, detector[0], detector[1], detector[2])
-        predict(leaves, i, stamp, motion, detector[3])
-        leaves.visible[i] = seen
+        runs = detector[int(motion[class_of(leaves, i, motion.shape[0] - 1), 0] > 0.5)]
+        visible = visible_probability(leaves, i, dt, runs[0], runs[2], runs[3])
+        seen = visible * runs[1]
+        predict(leaves, i, stamp, motion, runs[4])
+        leaves.visible[i] = visible
         pi = leaves.behavior[i]
         here = pi[REST] + pi[MOVING]
         detectable = seen * clear[k]

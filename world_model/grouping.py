@@ -27,7 +27,7 @@ DEPENDENCE = 1e-4
 class Grouping(Beliefs):
     """Part of `Anchoring`: files tracks under clusters and drops what is not worth keeping."""
 
-    persistence: float
+    persistence: FloatArray
     habits: Habits | None = None
     """Where things usually are, if that is learned."""
 

@@ -7,16 +7,14 @@ days; until then, and for what is new, habits do.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from estimation.errors import InputError
 from estimation.places import Places
+from world_model.kept_file import read_kept, set_aside, write_kept
 from world_model.routines import DAY, Routines, RoutinesConfig
 from world_model.state import WorldObject
 
@@ -207,7 +205,7 @@ class Household:
             self.problem = f"{self.path}: routines not written: {error}"
 
     def write(self, path: Path) -> None:
-        """One line with a checksum, one with the data; never half written. Raises OSError."""
+        """Write what was learned to a file. Raises OSError."""
         data = {
             "format": FORMAT,
             "version": VERSION,
@@ -216,35 +214,18 @@ class Household:
             "moved": self._moved,
             "routines": self.routines.to_dict(),
         }
-        text = json.dumps(data, separators=(",", ":"))
-        part = path.with_name(path.name + ".part")
-        with part.open("w", encoding="utf-8") as file:
-            file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}\n")
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        write_kept(path, data)
 
     def _read(self, path: Path) -> None:
         """What the file has; one that is damaged or of another version is set aside, and learning begins anew."""
         try:
-            digest, _, text = path.read_text(encoding="utf-8").partition("\n")
-            text = text.rstrip("\n")
-            if hashlib.sha256(text.encode()).hexdigest() != digest:
-                raise InputError("damaged: its checksum is wrong")
-            data = json.loads(text)
-            if data.get("format") != FORMAT or data.get("version") != VERSION:
-                raise InputError(f"not {FORMAT} of version {VERSION}")
+            data = read_kept(path, FORMAT, VERSION)
             self.routines = Routines.from_dict(data["routines"])
             self.aliases = {str(name): str(new) for name, new in data["aliases"].items()}
             self._at = {str(name): str(place) for name, place in data["at"].items()}
             self._moved = {str(name): [int(d) for d in days] for name, days in data["moved"].items()}
         except OSError as error:
             self.problem = f"{path}: routines not read: {error}"
-        except (InputError, ValueError, KeyError, TypeError, AttributeError, UnicodeDecodeError) as error:
+        except (InputError, ValueError, KeyError, TypeError, AttributeError) as error:
             self._begin()
-            aside = path.with_name(path.name + ".damaged")
-            self.problem = f"{path}: {error}; set aside as {aside.name}, routines are learned anew"
-            try:
-                path.replace(aside)
-            except OSError as second:
-                self.problem += f" ({second})"
+            self.problem = f"{path}: {error}; {set_aside(path)}, routines are learned anew"

@@ -147,14 +147,14 @@ def put_down(leaves, i, stayed, settled):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def seen_probability(leaves, i, dt, detection, persistence, rate):  # type: ignore[no-untyped-def]
+def visible_probability(leaves, i, dt, visible, persistence, rate):  # type: ignore[no-untyped-def]
     """Probability that the object is not in a run of misses at a look `dt` after its last, (2.10).
 
-    Misses come in runs: a chain with two states, p_D in the long run; `persistence` is its eigenvalue per look.
+    A chain with two states, `visible` in the long run; `persistence` is its eigenvalue per look.
     """
     frames = max(1.0, dt * rate)
     fade = persistence**frames if persistence > 0.0 else 0.0
-    return max(detection + (leaves.visible[i] - detection) * fade, 0.02 * detection)
+    return max(visible + (leaves.visible[i] - visible) * fade, 0.02 * visible)
 
 
 @numba.njit(cache=True)
@@ -381,7 +381,7 @@ def miss(leaves, i, detectable, clear):  # type: ignore[no-untyped-def]
     total = pi[REST] + pi[MOVING] + pi[AWAY] + pi[NONE]
     for m in range(4):
         pi[m] /= total
-    leaves.visible[i] *= (1.0 - clear) / max(1.0 - detectable, 1e-12)
+    leaves.visible[i] = max(leaves.visible[i] - detectable, 0.0) / max(1.0 - detectable, 1e-12)
     leaves.missed[i] += clear
 
 

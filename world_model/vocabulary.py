@@ -38,6 +38,9 @@ class Vocabulary:
             for name, (start, _) in zip(self.names, self.blocks, strict=True)
             for at, value in enumerate(self.values[name])
         }
+        self._prior = np.zeros(self.width)
+        for start, end in self.blocks:
+            self._prior[start:end] = 1.0 / max(end - start, 1)
 
     @property
     def width(self) -> int:
@@ -51,10 +54,7 @@ class Vocabulary:
 
     def prior(self) -> FloatArray:
         """Uniform distributions (A,), those of an object about which nothing is known."""
-        out = np.zeros(self.width)
-        for start, end in self.blocks:
-            out[start:end] = 1.0 / max(end - start, 1)
-        return out
+        return self._prior
 
     def check(self, attributes: Sequence[Mapping[str, Distribution]]) -> list[tuple[str, str]]:
         """New values of open attributes; InputError for unknown attributes and for values of closed ones."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from evaluation.experiments.identities import IdentityScore
 from whereabouts.simulation.ants import AntScene
-from whereabouts.simulation.objects import ObjectScene, Thing, scattered
+from whereabouts.simulation.objects import ObjectScene, Thing, in_view, scattered
 from world_model import WorldModel, WorldModelConfig
 
 ROOM = ((-2.5, 2.5), (-2.5, 2.5), (0.0, 1.5))
@@ -77,6 +77,51 @@ def turning(count: int, in_view: int, region: Any, reach: float, seed: int, **de
     sensor = {"pose": (0.0, 0.0, 1.0, 0.0), "range": reach, "angle": angle}
     # Two turns in 30 s, so that everything is seen again.
     return ObjectScene(things, region, sensor=sensor, turn=4.0 * np.pi / 30.0, seed=seed, **detector)
+
+
+WALK: dict[str, Any] = {"*": {"model": "constant_velocity", "accel_sigma": 0.3}}
+
+
+def walkers(seed: int, looks: int) -> list[Thing]:
+    """Fifty things within 5 m that walk about at 0.3 m/s."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for thing in turning(50, 10, HALL, 5.0, seed).things:
+        place, heading, path = thing.position, rng.uniform(-np.pi, np.pi), []
+        for k in range(1, looks):
+            heading += rng.normal(0.0, 0.07)
+            to = place + 0.015 * np.array([np.cos(heading), np.sin(heading), 0.0])
+            if np.hypot(*to[:2]) > 4.8:
+                to, heading = place, heading + rng.uniform(0.5 * np.pi, 1.5 * np.pi)
+            path.append((k / 20.0, to))
+            place = to
+        made.append(replace(thing, path=tuple(path)))
+    return made
+
+
+@dataclass(frozen=True)
+class Walked:
+    """surplus : movers told of beyond those in view, mean. exact : share of looks with as many. mean_ms : of an
+    update."""
+
+    surplus: float
+    exact: float
+    mean_ms: float
+
+
+def walk(seed: int, looks: int, turn: float) -> Walked:
+    """Fifty movers around a sensor that has ten in view on average, and turns at `turn` rad/s; from 2 s on."""
+    scene = replace(turning(50, 10, HALL, 5.0, seed), things=walkers(seed, looks), turn=turn)
+    model = WorldModel(known(scene, motion=WALK))
+    off, times = [], []
+    for seen in scene.looks(looks):
+        begin = process_time()
+        told = len(model.update(seen.evidence, seen.stamp).objects)
+        times.append(1e3 * (process_time() - begin))
+        if seen.stamp > 2.0:
+            view = None if seen.evidence.sensor is None else dict(seen.evidence.sensor)
+            off.append(told - sum(in_view(place, view) for place in seen.truth.values()))
+    return Walked(float(np.mean(off)), float(np.mean(np.array(off) == 0)), float(np.mean(times[5:])))
 
 
 def scenes(seed: int) -> dict[str, ObjectScene]:

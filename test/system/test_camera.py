@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point
 from harness import Graph, mounting
+from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 from test_world_model import World, stamp
@@ -204,3 +206,23 @@ def test_what_makes_no_sense_is_said_and_counted_and_the_node_goes_on(graph: Gra
     assert "no transform from 'nose' to 'map'" in said
     assert "no usable message on /depth within 0.05 s" in said
     assert "the depth image has 80 x 60 pixels, camera_info tells of 160 x 120" in said
+
+
+def test_what_was_learned_of_the_detector_survives_a_restart(graph: Graph, tmp_path: Path) -> None:
+    robot = Robot(graph, store_path=str(tmp_path / "home.sqlite"))
+    robot.look([CUP, BOWL], 30, robot.boxes)
+
+    def told() -> dict[str, str]:
+        return {key: value for key, value in robot.world.figures().items() if key.startswith("found at")}
+
+    before = graph.until(told, "the rates of detection")
+    graph.change(robot.world.spec, Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+    graph.kill(robot.world.spec)
+    now, robot = robot.now, Robot(graph, store_path=str(tmp_path / "home.sqlite"))
+    robot.now = now
+    robot.look([CUP, BOWL], 1, robot.boxes)
+    after = graph.until(told, "the rates of before")
+    # Of one look alone nothing would be told.
+    assert after.keys() >= before.keys()
+    count = [int(next(iter(rates.values())).split()[-1]) for rates in (before, after)]
+    assert count[0] <= count[1]

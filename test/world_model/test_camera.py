@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -335,3 +336,24 @@ def test_how_good_the_detector_is_is_learned_while_driving() -> None:
     kitchen.look({"bowl": (BOWL, BESIDE)}, 12)
     kitchen.look({}, 12)
     assert kitchen.rates.missed.sum() - before < 6
+
+
+def test_what_was_learned_of_the_detector_is_kept_and_damage_is_told(tmp_path: Path) -> None:
+    rates = SightRates()
+    rates.found[3], rates.missed[3], rates.looks = 90.0, 10.0, 120
+    rates.named[("cup", "bowl")] = 7
+    rates.named[("cup", "cup")] = 93
+    kept = tmp_path / "home.sqlite.camera"
+    rates.write(kept)
+    again = SightRates()
+    again.read(kept)
+    assert again.figures() == rates.figures() != {}
+    pixels = np.array([8.0, 40.0, 300.0])
+    assert again.recognisable(pixels) == pytest.approx(rates.recognisable(pixels))
+    text = kept.read_text()
+    for spoilt in (text.replace("90.0", "91.0"), text[:40], "", text.replace("camera rates", "else")):
+        kept.write_text(spoilt)
+        fresh = SightRates()
+        with pytest.raises(InputError):
+            fresh.read(kept)
+        assert fresh.figures() == {}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from evaluation.experiments.anchoring_scenes import ALL_ROUND, HALL, HARD, ROOM, known, turning
+from evaluation.experiments.anchoring_scenes import ALL_ROUND, HALL, HARD, ROOM, WALK, known, turning, walkers
 from whereabouts.simulation.objects import ObjectScene, Seen, Thing, in_view, scattered
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 
@@ -226,26 +226,6 @@ def test_same_input_same_output() -> None:
     for one, other in zip(a.objects, b.objects, strict=True):
         np.testing.assert_array_equal(one.position, other.position)
     assert a.probability == b.probability
-
-
-def walkers(seed: int, looks: int) -> list[Thing]:
-    """Fifty things within 5 m that walk about at 0.3 m/s."""
-    rng = np.random.default_rng(seed)
-    made = []
-    for thing in turning(50, 10, HALL, 5.0, seed).things:
-        place, heading, path = thing.position, rng.uniform(-np.pi, np.pi), []
-        for k in range(1, looks):
-            heading += rng.normal(0.0, 0.07)
-            to = place + 0.015 * np.array([np.cos(heading), np.sin(heading), 0.0])
-            if np.hypot(*to[:2]) > 4.8:
-                to, heading = place, heading + rng.uniform(0.5 * np.pi, 1.5 * np.pi)
-            path.append((k / 20.0, to))
-            place = to
-        made.append(replace(thing, path=tuple(path)))
-    return made
-
-
-WALK = {"*": {"model": "constant_velocity", "accel_sigma": 0.3}}
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 def world(
     source: Annotated[
         Path,
-        typer.Argument(metavar="IN", help="Bag with evidence, detections or targets; or a store to ask."),
+        typer.Argument(
+            metavar="IN",
+            help="Bag with evidence, detections (boxes with camera_info, depth and tf) or targets; or a store.",
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -147,6 +150,9 @@ def _asked_store(path: Path, settings: WorldModelParameters) -> Iterator[WorldMo
 
 def _looks(source: Path, settings: WorldModelParameters) -> Iterator[Look]:
     """Evidence with a progress bar; what was skipped is said at the end."""
+    import numpy as np
+
+    from whereabouts.camera_log import CameraSettings
     from whereabouts.evidence import Reader
     from whereabouts.progress import progress_bar
     from whereabouts.world_log import EvidenceLog
@@ -156,7 +162,16 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[Look]:
     names = ("class", "color", *config.attributes)
     reader = Reader(known, names, config.measurement_sigma, settings.symbols, tuple(config.quantities))
     frame = settings.places.frame if settings.places_file else ""
-    with EvidenceLog(source, reader, frame) as log, progress_bar() as bar:
+    camera = CameraSettings(
+        settings.map_frame,
+        settings.base_frame,
+        settings.depth_tolerance,
+        settings.camera_rectified,
+        settings.recognised_pixels,
+        settings.absence_period,
+        np.diag(np.square([settings.position_sigma, settings.position_sigma, settings.heading_sigma])),
+    )
+    with EvidenceLog(source, reader, frame, camera) as log, progress_bar() as bar:
         task = bar.add_task(f"reading {source.name}", total=100)
         for count, look in enumerate(log):
             if count % 50 == 0:
@@ -164,6 +179,8 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[Look]:
             yield look
         for line in log.summary.lines():
             typer.echo(line, err=True)
+        for name, value in log.camera.rates.figures().items():
+            typer.echo(f"{name}: {value}")
 
 
 def _take_in(

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+import numpy.typing as npt
 
 from estimation.errors import InputError
 
 from .text import decompressed
 
-Array = NDArray[np.float64]
+Array = npt.NDArray[np.float64]
 RATE = 10.0
 EARTH_RADIUS = 6378137.0
 
@@ -22,13 +22,23 @@ EARTH_RADIUS = 6378137.0
 @dataclass(frozen=True)
 class Frame:
     """One frame: stamp (s), sensor pose (4,) x, y, z, yaw of the camera looking ahead, and per label identity,
-    class and position (N, 3) of the box's centre, m, in the frame of the sequence's first pose."""
+    class and position (N, 3) of the box's centre, m, in the frame of the sequence's first pose.
+
+    hidden (N,) : 0 not, 1 partly, 2 largely hidden, 3 unknown. sizes (N, 3) : height, width, length, m. pose (4, 4) :
+    of the left colour camera (x to the right, y down, z ahead); camera (3, 3) : its matrix, pixels.
+    boxes (N, 4) : left, top, right, bottom in its image, pixels.
+    """
 
     stamp: float
     sensor: Array
     identities: tuple[int, ...]
     classes: tuple[str, ...]
     positions: Array
+    hidden: npt.NDArray[np.int64]
+    sizes: Array
+    pose: Array
+    camera: Array
+    boxes: Array
 
 
 def _lines(path: Path) -> list[str]:
@@ -87,6 +97,10 @@ def frames(folder: Path, sequence: str) -> Iterator[Frame]:
     cam = _rigid(calibration["R_rect"].reshape(3, 3), np.zeros(3)) @ cam
     inertial = _rigid(*_split(calibration["Tr_imu_velo"]))
     camera_in_vehicle = np.linalg.inv(cam @ inertial)
+    matrix = calibration["P2"].reshape(3, 4)
+    # The second camera stands beside the first, whose frame the labels are in.
+    offset = np.asarray(np.linalg.solve(matrix[:, :3], matrix[:, 3]), dtype=np.float64)
+    beside = _rigid(np.eye(3), -offset)
     labels: dict[int, list[list[str]]] = {}
     for line in _lines(folder / f"label_{sequence}.txt"):
         row = line.split()
@@ -96,14 +110,23 @@ def frames(folder: Path, sequence: str) -> Iterator[Frame]:
         pose = vehicle @ camera_in_vehicle
         rows = labels.get(index, [])
         # A label holds height, width, length and the middle of the bottom, in the camera's frame (y down).
-        bottom = np.array([[float(v) for v in row[13:16]] for row in rows]).reshape(-1, 3)
-        height = np.array([float(row[10]) for row in rows])
-        centre = bottom - np.column_stack([np.zeros(len(rows)), 0.5 * height, np.zeros(len(rows))])
+        numbers = np.array([[float(value) for value in row[3:17]] for row in rows]).reshape(-1, 14)
+        centre = numbers[:, 10:13] - 0.5 * np.outer(numbers[:, 7], [0.0, 1.0, 0.0])
         ahead = pose[:3, 2]
         sensor = np.array([*pose[:3, 3], np.arctan2(ahead[1], ahead[0])])
         positions = centre @ pose[:3, :3].T + pose[:3, 3]
-        identities = tuple(int(row[1]) for row in rows)
-        yield Frame(index / RATE, sensor, identities, tuple(row[2] for row in rows), positions)
+        yield Frame(
+            index / RATE,
+            sensor,
+            tuple(int(row[1]) for row in rows),
+            tuple(row[2] for row in rows),
+            positions,
+            numbers[:, 1].astype(np.int64),
+            numbers[:, 7:10],
+            pose @ beside,
+            matrix[:, :3],
+            numbers[:, 3:7],
+        )
 
 
 def _split(numbers: Array) -> tuple[Array, Array]:

@@ -24,11 +24,15 @@ from whereabouts.nodes.transforms import TransformError, frame_name
 from world_model.camera import Box, CameraModel, CameraView, DepthImage, LevelScan, Located, SightRates
 from world_model.camera import located as placed_by_depth
 from world_model.camera import located_by_scan as placed_by_scan
+from world_model.camera.rates import SUFFIX
+from world_model.kept_file import set_aside
 
 if TYPE_CHECKING:
     from whereabouts.nodes.world_model_node import WorldModelNode
 
 Array = NDArray[np.float64]
+KEEPING = 1800 * NANOSECONDS
+"""Between two writes of what was learned."""
 
 
 class CameraDoor:
@@ -49,6 +53,11 @@ class CameraDoor:
         self.from_scan = settings.depth_from_scan
         self.cameras = Cameras(0)
         self.rates = SightRates(settings.recognised_pixels)
+        store = node.model.store
+        self._kept_in = None if store is None else store.path.with_name(store.path.name + SUFFIX)
+        self._kept_at: int | None = None
+        self.problem = ""
+        self._restore()
         self.reset()
         info = Input(node, CameraInfo, "camera_info", self._take_info, sensor=False)
         if self.from_scan:
@@ -75,6 +84,33 @@ class CameraDoor:
         self.without_depth = self.unplaced = 0
         self._counted: int | None = None
 
+    def _restore(self) -> None:
+        """What was learned before this start. A damaged file is set aside, and learning begins anew."""
+        path = self._kept_in
+        if path is None or not path.exists():
+            return
+        try:
+            self.rates.read(path)
+        except OSError as error:
+            self.problem = f"{path}: rates of detection not read: {error}"
+        except InputError as error:
+            self.problem = f"{path}: {error}; {set_aside(path)}, rates of detection are learned anew"
+
+    def keep(self, stamp: int, now: bool = False) -> None:
+        """Write what was learned, every half an hour (ns) or `now`. Does not raise: see `problem`."""
+        if self._kept_in is None or not self.rates.looks:
+            return
+        if self._kept_at is None or stamp < self._kept_at:
+            self._kept_at = stamp
+        if not now and stamp - self._kept_at < KEEPING:
+            return
+        self._kept_at = stamp
+        try:
+            self.rates.write(self._kept_in)
+            self.problem = ""
+        except OSError as error:
+            self.problem = f"{self._kept_in}: rates of detection not written: {error}"
+
     def _frames(self, message: Any) -> list[tuple[str, str]]:
         """What tf must know: where detections are, and where the camera was."""
         frame = frame_name(message.header.frame_id)
@@ -98,6 +134,7 @@ class CameraDoor:
     def view(self, lens: tuple[str, CameraModel], stamp: int, robot: Frame) -> CameraView:
         """What the camera saw at a stamp, ns; robot : as `Frame` of the camera has it. Raises TransformError."""
         frame, camera = lens
+        self.keep(stamp)
         depth = scan = None
         if self.from_scan:
             scan = self._scan(stamp, robot.matrix[:3, 3])

@@ -50,6 +50,7 @@ from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
+from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
 from world_model.predictions import Path
 from world_model.queries import Words
 from world_model.store import RETRY, Store
@@ -179,6 +180,8 @@ class WorldModelNode(SuiteNode):
 
     def _close(self) -> None:
         if self._model is not None:
+            if self._configured:
+                self._camera.keep(self._stamp, now=True)
             self._model.close()
         self._model, self._configured = None, False
 
@@ -210,7 +213,10 @@ class WorldModelNode(SuiteNode):
         if keeper is not None:
             figures |= {"checks of the store": keeper.checks, "snapshots": keeper.snapshots}
         trouble = (
-            store.problem or self._model.household.problem or (keeper.problem if keeper is not None else "")
+            store.problem
+            or self._model.household.problem
+            or self._camera.problem
+            or (keeper.problem if keeper is not None else "")
         )
         if trouble or store.damages:
             return Health(trouble or store.damages[-1], warning=True, figures=figures)
@@ -468,6 +474,7 @@ class WorldModelNode(SuiteNode):
         files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
         path = store.save(files.named(request.path, self.settings.store_path, making=True))
         self.model.household.write(routines_path(path))
+        self._camera.rates.write(path.with_name(path.name + CAMERA_SUFFIX))
         response.path = str(path)
         response.code, response.message = response.SUCCESS, "written"
         return response

@@ -97,6 +97,10 @@ class Camera:
         seen = ranges < self.reach
         return np.asarray(rays[seen] * ranges[seen, None])
 
+    def sees(self, pose: Array, blocks: Array, position: Array) -> bool:
+        """Whether a thing at a position (3,) of the world could be detected from a pose (3,); blocks : what hides."""
+        return self._visible(pose, self._local(pose, position), blocks, position)
+
     def _local(self, pose: Array, position: Array) -> Array:
         """A position of the world in the frame of the camera."""
         offset = np.array([*(position[:2] - pose[:2]), position[2] - CAMERA_HEIGHT])

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from world_model.camera.depth import DepthImage, LevelScan, depth_sigma
+from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 
 CORE = 0.5
@@ -61,7 +61,7 @@ def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
     front = float(np.quantile(depths, FRONT, method="lower"))
     same = depths[np.abs(depths - front) < SAME + 0.5 * box.width * front / camera.fx]
     return _placed(
-        box, camera, float(np.median(same)), float(np.hypot(same.std(), depth_sigma(np.array(front))))
+        box, camera, float(np.median(same)), float(np.hypot(same.std(), depth.sigma(np.array(front))))
     )
 
 

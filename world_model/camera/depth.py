@@ -21,9 +21,12 @@ FURNITURE = 0.5
 
 @dataclass(frozen=True)
 class DepthImage:
-    """metres (H, W) : how far ahead of the camera each pixel is; NaN where nobody knows."""
+    """metres (H, W) : how far ahead of the camera each pixel is; NaN where nobody knows. noise : standard deviation of
+    a depth, m per m²: 0.003 of the depth cameras of indoor robots, 0.0008 of stereo with half a metre between the
+    lenses, 0 of a lidar."""
 
     metres: npt.NDArray[np.float32]
+    noise: float = NOISE
 
     @classmethod
     def decoded(
@@ -63,6 +66,11 @@ class DepthImage:
         height, width = self.metres.shape
         return width, height
 
+    def sigma(self, metres: FloatArray) -> FloatArray:
+        """Standard deviation (N,) m of depths (N,)."""
+        result: FloatArray = FLOOR_NOISE + self.noise * metres * metres
+        return result
+
     def at(self, pixels: FloatArray) -> FloatArray:
         """Depth (N,) m at pixels (N, 2); NaN outside and where it is unknown."""
         height, width = self.metres.shape
@@ -84,12 +92,6 @@ class DepthImage:
         part = self.metres[c : d : max((d - c) // most, 1), a : b : max((b - a) // most, 1)]
         found: FloatArray = part[np.isfinite(part)].astype(np.float64)
         return found
-
-
-def depth_sigma(metres: FloatArray) -> FloatArray:
-    """Standard deviation (N,) m of depths (N,)."""
-    result: FloatArray = FLOOR_NOISE + NOISE * metres * metres
-    return result
 
 
 class LevelScan:

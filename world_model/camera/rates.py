@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.errors import InputError
+from world_model.kept_file import read_kept, write_kept
 from world_model.state import WorldObject
 
 PIXELS = 16.0
@@ -24,6 +27,9 @@ PRIOR = 4.0
 FEWEST = 10
 """Looks of which a rate is told."""
 SURELY = 0.95
+FORMAT, VERSION = "whereabouts camera rates", 1
+SUFFIX = ".camera"
+"""Of the file beside the store."""
 
 
 class SightRates:
@@ -72,6 +78,29 @@ class SightRates:
         """Objects that are not where they were: they were not missed."""
         for name in gone:
             self._open.pop(name, None)
+
+    def write(self, path: Path) -> None:
+        """Write what was learned to a file. Raises OSError."""
+        named = [[known, said, count] for (known, said), count in self.named.items()]
+        data = {"format": FORMAT, "version": VERSION, "named": named}
+        data |= {"found": self.found.tolist(), "missed": self.missed.tolist()}
+        write_kept(path, data | {"looks": self.looks, "unexplained": self.unexplained})
+
+    def read(self, path: Path) -> None:
+        """Go on from what `write` wrote. Raises OSError, and InputError where the file is no such one; nothing is
+        changed then."""
+        data = read_kept(path, FORMAT, VERSION)
+        try:
+            found, missed = (np.array(data[name], dtype=np.float64) for name in ("found", "missed"))
+            named = Counter({(str(known), str(said)): int(n) for known, said, n in data["named"]})
+            looks, unexplained = int(data["looks"]), int(data["unexplained"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"damaged: {error}") from error
+        counts = np.concatenate([found.ravel(), missed.ravel(), [looks, unexplained]])
+        if found.shape != (OCTAVES,) or missed.shape != (OCTAVES,) or not (counts >= 0.0).all():
+            raise InputError(f"damaged: {OCTAVES} counts of at least 0 expected of each kind")
+        self.found, self.missed, self.named = found, missed, named
+        self.looks, self.unexplained = looks, unexplained
 
     def figures(self) -> dict[str, str]:
         """What has been learned, in words, of what was seen often enough."""

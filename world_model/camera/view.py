@@ -15,7 +15,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.camera.boxes import Box
-from world_model.camera.depth import DepthImage, LevelScan, depth_sigma
+from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 from world_model.camera.rates import SightRates
 from world_model.state import WorldObject
@@ -166,7 +166,7 @@ class CameraView:
             met = self.depth.at(pixels)
             known = ~inside | np.isfinite(met)
             with np.errstate(invalid="ignore"):
-                hidden = met < local[:, 2] - slack - 3.0 * depth_sigma(local[:, 2])
+                hidden = met < local[:, 2] - slack - 3.0 * self.depth.sigma(local[:, 2])
         if self.scan is not None:
             hidden |= self.scan.hides(points)
         for box in self.taken:

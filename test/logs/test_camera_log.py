@@ -1,0 +1,170 @@
+"""Boxes of a recorded bag, placed by its camera_info, depth images and tf, without ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from whereabouts.camera_log import BOXES, IMAGE, INFO, TF
+from whereabouts.evidence import Reader
+from whereabouts.log_errors import NothingRecognisedError
+from whereabouts.logs import McapWriter, Topic
+from whereabouts.simulation.apartment import apartment
+from whereabouts.simulation.apartment_camera import Item
+from whereabouts.simulation.depth_camera import DepthCamera, Framed, looking
+from whereabouts.world_bag import SuiteMessages
+from whereabouts.world_log import EvidenceLog
+from world_model import WorldModel, WorldModelConfig
+
+CUP = (Item("cup", "red", (0.05, 0.05, 0.06)), np.array([0.0, 3.5, 0.76]))
+BOWL = (Item("bowl", "green", (0.09, 0.09, 0.05)), np.array([0.4, 3.8, 0.75]))
+# A robot at (0.5, 1.0), turned to the left, whose camera sees the kitchen table.
+MOUNT = looking(np.array([0.6, 0.4, 1.25]), np.array([2.4, 0.35, 0.7]))
+BASE = np.array([[0.0, -1.0, 0.0, 0.5], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+class Recorder:
+    """Writes the messages of a camera, a detector and tf, with a look four times a second."""
+
+    def __init__(self, path: Path) -> None:
+        self.messages = SuiteMessages(BOXES)
+        self.make = self.messages.make
+        self.writer = McapWriter(path)
+        self.camera = DepthCamera()
+        self.rng = np.random.default_rng(2)
+        self.now = 10.0
+
+    def write(self, topic: str, kind: str, message: Any, at: float) -> None:
+        where = self.messages.topic(topic, kind) if kind == BOXES else Topic(topic, kind)
+        self.writer.write_raw(where, self.messages.serialized(message, kind), round(at * 1e9))
+
+    def transform(self, topic: str, parent: str, child: str, matrix: np.ndarray, stamp: float) -> None:
+        x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat().tolist()
+        turn = self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        place = self.messages.vector("Vector3", matrix[:3, 3])
+        both = self.make("geometry_msgs/msg/Transform", translation=place, rotation=turn)
+        header = self.messages.header(stamp, parent)
+        one = self.make(
+            "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=both
+        )
+        self.write(topic, TF, self.make(TF, transforms=[one]), stamp)
+
+    def info(self) -> None:
+        lens = self.camera.camera
+        k = np.array([lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0])
+        roi = self.make(
+            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        message = self.make(
+            INFO,
+            header=self.messages.header(self.now, "eye"),
+            height=lens.height,
+            width=lens.width,
+            distortion_model="plumb_bob",
+            d=np.zeros(5),
+            k=k,
+            r=np.eye(3).ravel(),
+            p=np.zeros(12),
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+        )
+        self.write("/camera_info", INFO, message, self.now)
+
+    def look(self, things: dict[str, Any], count: int, depth: bool = True) -> None:
+        scene = self.camera.scene(BASE @ MOUNT, apartment().blocks, things)
+        for _ in range(count):
+            self.now += 0.25
+            boxes = [self._framed(found) for found in scene.detections(self.rng)]
+            message = self.make(BOXES, header=self.messages.header(self.now, "eye"), detections=boxes)
+            # What belongs to the boxes comes after them.
+            self.write("/found", BOXES, message, self.now + 0.01)
+            self.transform("/tf", "map", "base_link", BASE, self.now + 0.02)
+            if depth:
+                self.write("/depth", IMAGE, self._image(scene.depth(self.rng)), self.now + 0.05)
+
+    def _image(self, metres: np.ndarray) -> Any:
+        data = np.round(1000.0 * metres).astype("<u2").tobytes()
+        height, width = metres.shape
+        return self.make(
+            IMAGE,
+            header=self.messages.header(self.now, "eye"),
+            height=height,
+            width=width,
+            encoding="16UC1",
+            is_bigendian=0,
+            step=2 * width,
+            data=np.frombuffer(data, np.uint8),
+        )
+
+    def _framed(self, found: Framed) -> Any:
+        make, box = self.make, found.box
+        point = make("vision_msgs/msg/Point2D", x=box.x, y=box.y)
+        bbox = make(
+            "vision_msgs/msg/BoundingBox2D",
+            center=make("vision_msgs/msg/Pose2D", position=point, theta=0.0),
+            size_x=box.width,
+            size_y=box.height,
+        )
+        nowhere = make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=self.messages.pose(np.zeros(3)),
+            covariance=np.zeros(36),
+        )
+        results = [
+            make(
+                "vision_msgs/msg/ObjectHypothesisWithPose",
+                hypothesis=make("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
+                pose=nowhere,
+            )
+            for name, score in found.scores.items()
+        ]
+        header = self.messages.header(self.now, "eye")
+        return make("vision_msgs/msg/Detection2D", header=header, results=results, bbox=bbox, id="")
+
+
+def recorded(path: Path, depth: bool = True) -> Path:
+    """A cup and a bowl on the table; then the cup has gone."""
+    recorder = Recorder(path)
+    with recorder.writer:
+        recorder.info()
+        recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)
+        recorder.transform("/tf", "map", "base_link", BASE, 10.0)
+        recorder.look({"cup": CUP, "bowl": BOWL}, 30, depth)
+        recorder.look({"bowl": BOWL}, 12, depth)
+        recorder.transform("/tf", "map", "base_link", BASE, recorder.now + 1.0)
+    return path
+
+
+def test_boxes_are_placed_and_what_is_missing_has_gone(tmp_path: Path) -> None:
+    log = EvidenceLog(
+        recorded(tmp_path / "camera.mcap"), Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)
+    )
+    model = WorldModel(
+        WorldModelConfig(classes=["cup", "bowl"], region=((-2.0, 9.0), (-6.0, 6.0), (-0.5, 2.5)))
+    )
+    told = []
+    with log:
+        for look in log:
+            state = model.update(look.evidence, look.stamp)
+            told.append({item.most_probable("class"): item.position for item in state.objects})
+    assert len(told) == 42
+    assert not log.summary.lines()
+    assert set(told[29]) == {"cup", "bowl"}
+    for name, (_, place) in (("cup", CUP), ("bowl", BOWL)):
+        assert np.linalg.norm(told[29][name] - place) < 0.1
+    assert set(told[-1]) == {"bowl"}
+    assert any(name.startswith("found at") for name in log.camera.rates.figures())
+
+
+def test_boxes_without_depth_are_skipped_and_said(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "camera.mcap", depth=False)
+    with (
+        EvidenceLog(path, Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)) as log,
+        pytest.raises(NothingRecognisedError, match=r"no depth image of 'eye' within 0\.05 s"),
+    ):
+        list(log)
