@@ -9,32 +9,29 @@ from pathlib import Path
 def files_of(folder: Path, *bags: Path) -> list[tuple[Path, str]]:
     """Files for the page, each with a sentence; a Rerun recording is made where the package is installed.
 
-    folder : of the page. bags : what was played and what was recorded. Those outside the folder are named in the words.
+    folder : of the page. bags : what was played, and what was recorded. Only what is in the folder is linked.
     """
-    inside = [bag for bag in bags if bag.parent == folder]
-    shown = " ".join(str(bag) for bag in bags)
+    shown = " ".join(bag.name if bag.parent == folder else str(bag) for bag in bags)
+    words = ("what the robot measured, with the truth where it is known", "what the nodes said")
     found = [
-        (bag, "what went over DDS, with its truth where it is known (opens in Foxglove)") for bag in inside
+        (bag, f"{said} (opens in Foxglove)")
+        for bag, said in zip(bags, words, strict=False)
+        if bag.parent == folder
     ]
-    store = folder / "world.sqlite"
-    found.append((store, f"the memory: `whereabouts ask {store} where is the red cup`"))
-    found.append((rerun_of(folder, bags), f"for Rerun; live: `whereabouts view {shown}`"))
-    if find_spec("rerun") is None:
-        found.append(
-            (
-                folder / "logs",
-                f"of the nodes. For a Rerun recording: `whereabouts view {shown} --save run.rrd`",
-            )
-        )
-    else:
-        found.append((folder / "logs", "of the nodes"))
+    found.append((folder / "world.sqlite", "the memory: `whereabouts ask world.sqlite where is the red cup`"))
+    found.append((rerun_of(folder, bags), f"for Rerun: `rerun run.rrd`, or `whereabouts view {shown}`"))
+    here = find_spec("rerun") is not None or not bags
+    said = "of the nodes" + (
+        "" if here else f". For a Rerun recording: `whereabouts view {shown} --save run.rrd`"
+    )
+    found.append((folder / "logs", said))
     return found
 
 
 def rerun_of(folder: Path, bags: tuple[Path, ...]) -> Path:
     """A Rerun recording of the bags in `folder`, made where rerun-sdk is installed."""
     target = folder / "run.rrd"
-    if find_spec("rerun") is None:
+    if find_spec("rerun") is None or not bags:
         return target
     from whereabouts.viewer.playback import play
     from whereabouts.viewer.rerun_sink import RerunSink

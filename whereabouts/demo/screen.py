@@ -181,6 +181,12 @@ def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(value), 2) for value in values]
 
 
+def place_around(places: Places, position: Array) -> str:
+    """Name of the smallest place around a position (3,), furniture before rooms; "" for none."""
+    around = [place for place in places if place.contains(position)]
+    return min(around, key=lambda place: (place.kind == "room", place.area)).name if around else ""
+
+
 def at_place(places: Places, name: str) -> str:
     """ "on the counter"; the name where no place is called so, "" for none."""
     if not name:
