@@ -358,10 +358,10 @@ class Recall:
         return known
 
     def _until(self, name: str, end: float, most: int = NEWEST) -> Timeline:
-        """The newest stays that began before a moment, s; where one of them is all there is, everything."""
+        """The newest stays that began before a moment, s."""
         line = self._read(name, self.epoch, end=end, most=most)
-        if line.cut:
-            return line if len(line.stays) > 1 else self.timeline(name)
+        if line.cut and line.stays:
+            return line
         if end == math.inf:
             return self.timeline(name)
         for before in self._before(name):

@@ -314,7 +314,8 @@ def evidence_of(world: Recall, line: Timeline, start: float, end: float) -> tupl
     for stay in line.stays:
         if stay.until < start or stay.since > end:
             continue
-        found.append({"object": line.id, "event": "came", "place": stay.place, "stamp": iso(stay.since)})
+        if not line.cut or stay is not line.stays[0]:  # else it came before what was read
+            found.append({"object": line.id, "event": "came", "place": stay.place, "stamp": iso(stay.since)})
         if stay.until > stay.since:
             found.append({"object": line.id, "event": "seen", "place": stay.place, "stamp": iso(stay.until)})
         if stay.gone and stay.left_by is not None:
