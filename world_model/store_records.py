@@ -238,11 +238,12 @@ class Records:
 
     def happened(
         self, start: float, most: int, apart_from: str
-    ) -> tuple[dict[int, str], list[tuple[int, float, str, bytes, float, int, float]]]:
+    ) -> tuple[dict[int, str], list[tuple[int, float, str, bytes, float, int, float]], float]:
         """What happened to all objects of the newest run since a stamp, oldest first, among the newest `most` rows.
 
         apart_from : class of objects that are left out. Returns ids by key, and rows of key, stamp, event, position
-        (3 × 8 bytes), existence, lost, last seen; without those that only say that something was seen again.
+        (3 × 8 bytes), existence, lost, last seen, without those that only say that something was seen again; and from
+        which stamp on they are complete.
         """
         prefix = f"{apart_from}-"
         names = self._execute(
@@ -253,13 +254,20 @@ class Records:
         ids: dict[int, str] = dict(names.fetchall())
         newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
         # Rows lie in the order in which they were written: this is read from one end, without an index.
+        first = self._row_at(start, newest) - 1
+        if first < newest - most:
+            first = newest - most
+            found = self._execute(
+                "SELECT stamp FROM history WHERE row > ? ORDER BY row LIMIT 1", first
+            ).fetchone()
+            start = max(start, float(found[0]))
         rows = self._execute(
             "SELECT key, stamp, event, substr(numbers, 1, 24), existence, lost, last_seen FROM history "
             "WHERE row > ? AND stamp >= ? AND event != 'seen' ORDER BY row",
-            max(self._row_at(start, newest) - 1, newest - most),
+            first,
             start,
         )
-        return ids, [row for row in rows if row[0] in ids]
+        return ids, [row for row in rows if row[0] in ids], start
 
     def _row_at(self, stamp: float, newest: int) -> int:
         """First row from which on all have at least this stamp; 0 where there were several runs."""

@@ -66,7 +66,7 @@ def _read(world: Recall, start: float) -> Presence:
     if world.store is None:
         lines = {name: _of_line(world.timeline(name)) for name in world.things()}
         return Presence(start, world.now, lines)
-    names, rows = world.store.happened(start, MOST, PERSON)
+    names, rows, start = world.store.happened(start, MOST, PERSON)
     positions = np.frombuffer(b"".join(row[3] for row in rows), "<f8").reshape(-1, 3)
     words = world.words(positions)
     by_name: dict[str, list[int]] = {}
