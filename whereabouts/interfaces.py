@@ -179,6 +179,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in, latched", "map", _GRID, "optional: the middle of the room, and unseen floor"),
         _I("in", "tf", _TF, "`map` → `base_link`"),
         _I("in, latched", "tf_static", _TF, "the same"),
+        _I("in, latched", "base_available", "std_msgs/Bool", "false while another component moves the base; a search on behalf of maintenance waits then"),
         _I("out, latched", "search_goal", "geometry_msgs/PoseStamped", "where to go next"),
         _I("out, latched", "base_available", "std_msgs/Bool", "false while it searches, so that maintenance does not move the base"),
         _I("out", "search_markers", _MARKERS, "the goal with its reason"),

@@ -1,4 +1,7 @@
-"""Past moments like the present one, and what came after them: the loops of `world_model.routines`."""
+"""Past moments like the present one, and what came after them: the sums and loops of `world_model.routines`.
+
+A forecast is made of arrays alone: somebody who asks once does not wait until compiled functions have been read.
+"""
 
 from __future__ import annotations
 
@@ -48,122 +51,93 @@ FAINT = (
 FAR = 12.0  # largest squared deviation of the stay: a moment is never ruled out by it alone
 
 
-@njit(cache=True)
 def fill(history, last, now):
     """Copy the row of slot `last` to the slots behind it, up to `now`."""
     rows = len(history.place)
     source = last % rows
-    for slot in range(max(last + 1, now - rows + 1), now + 1):
-        row = slot % rows
-        if row != source:
-            history.place[row] = history.place[source]
-            history.before[row] = history.before[source]
-            history.since[row] = history.since[source]
+    behind = np.arange(max(last + 1, now - rows + 1), now + 1) % rows
+    for each in history:
+        each[behind] = each[source]
 
 
-@njit(cache=True)
 def moments(history, slot, first, last, day, like):
     """Past moments at about the time of day of `slot`, and how alike they are by all that was where.
 
     first, last : slots that are known. day : slots of a day. like : `Likeness`.
     Returns slots (E,), newest day first, and log weights (E,), of which only differences mean anything.
     """
-    rows, things = history.place.shape
-    days = max((last - first) // day + 2, 1)
-    found = np.empty(days * (2 * like.window + 1), np.int64)
-    weights = np.empty(len(found))
-    number = 0
-    now = slot % rows
-    for age in range(1, days + 1):
-        for shift in range(-like.window, like.window + 1):
-            other = slot - age * day + shift
-            if other < first or other >= last:
-                continue
-            then = other % rows
-            cost = 0.5 * (shift / like.clock) ** 2 + age * math.log(2.0) / like.half_life
-            for k in range(things):
-                here, there = history.place[now, k], history.place[then, k]
-                if here < 0 or there < 0:
-                    continue
-                if here != there:
-                    cost += like.differs
-                fresh = slot - history.since[now, k] < like.moved
-                if fresh != (other - history.since[then, k] < like.moved):
-                    cost += like.recent
-            found[number], weights[number] = other, -cost
-            number += 1
-    return found[:number], weights[:number]
+    rows = len(history.place)
+    ages = np.arange(1, max((last - first) // day + 2, 1) + 1)[:, None]
+    shifts = np.arange(-like.window, like.window + 1)
+    others = slot - ages * day + shifts
+    known = (others >= first) & (others < last)
+    found = others[known]
+    cost = (0.5 * (shifts / like.clock) ** 2 + ages * math.log(2.0) / like.half_life)[known]
+    now, then = slot % rows, found % rows
+    here, there = history.place[now], history.place[then]
+    both = (here >= 0) & (there >= 0)
+    cost += like.differs * (both & (here != there)).sum(1)
+    if like.recent:
+        fresh = slot - history.since[now] < like.moved
+        cost += like.recent * (both & (fresh != (found[:, None] - history.since[then] < like.moved))).sum(1)
+    return found, -cost
 
 
-@njit(cache=True)
 def _own(history, thing, slot, found, weights, last, like):
     """Log weights (E,) for one thing: -inf where it was elsewhere, or what came after is not known by `last`."""
     rows = len(history.place)
-    now = slot % rows
-    age = slot - history.since[now, thing]
-    scores = np.full(len(found), -np.inf)
-    for i in range(len(found)):
-        row = found[i] % rows
-        if history.place[row, thing] != history.place[now, thing] or found[i] > last:
-            continue
-        ratio = math.log((age + 1.0) / (found[i] - history.since[row, thing] + 1.0))
-        scores[i] = weights[i] - 0.5 * min((ratio / like.stay) ** 2, FAR)
-        if history.before[row, thing] != history.before[now, thing]:
-            scores[i] -= like.origin
-    return scores
+    now, then = slot % rows, found % rows
+    place, before, since = (each[:, thing] for each in history)
+    ratio = np.log((slot - since[now] + 1.0) / (found - since[then] + 1.0))
+    scores = weights - 0.5 * np.minimum((ratio / like.stay) ** 2, FAR)
+    scores = scores - like.origin * (before[then] != before[now])
+    return np.where((place[then] == place[now]) & (found <= last), scores, -np.inf)
 
 
-@njit(cache=True)
-def _outcome(history, thing, slot, ahead, moving, last):
-    """Where the thing was `ahead` slots after `slot` (-1: unknown); with `moving`, where its first move led to.
+def _outcome(history, thing, slots, ahead, moving, last):
+    """Where the thing was `ahead` slots after each of `slots` (E,), -1 unknown; with `moving`, where it first moved to.
 
     What went missing has moved: to where it was next seen by slot `last`. Seen where it had been, it was elsewhere.
     """
-    rows = len(history.place)
+    place, rows = history.place[:, thing], len(history.place)
     if not moving:
-        return history.place[(slot + ahead) % rows, thing]
-    start = history.place[slot % rows, thing]
-    for gone in range(slot + 1, slot + ahead + 1):
-        there = history.place[gone % rows, thing]
-        while there < 0 and gone < last:
-            gone += 1
-            there = history.place[gone % rows, thing]
-            if there == start:
-                return -1
-        if there != start:
-            return there
-    return start
+        return place[(slots + ahead) % rows]
+    start = place[slots % rows]
+    after = slots[:, None] + np.arange(1, ahead + 1)
+    there = place[after % rows]
+    went = (there < 0) | (there != start[:, None])
+    first = went.argmax(1)
+    each = np.arange(len(slots))
+    to, gone = there[each, first], after[each, first]
+    # Those that went missing: on to where they were seen next, all of them slot by slot.
+    missing = np.flatnonzero((to < 0) & went.any(1))
+    while len(missing):
+        gone[missing] += 1
+        missing = missing[gone[missing] <= last]
+        to[missing] = place[gone[missing] % rows]
+        missing = missing[to[missing] < 0]
+    back = (there[each, first] < 0) & (to == start)
+    return np.where(went.any(1), np.where(back, -1, to), start)
 
 
-@njit(cache=True)
-def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, like, out):
-    """What came after moments like `slot` for one thing, as sums of weights by place, written to `out` (P,).
+def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, like, count):
+    """What came after moments like `slot` for one thing, as sums of weights by place (`count`,).
 
     last : the newest slot that is known. ahead : slots. moving : its first move within `ahead`, not where it was then.
-    Returns how many days speak, each by its most similar moment: what smoothing has to yield to.
+    Returns the sums, and how many days speak, each by its most similar moment: what smoothing has to yield to.
     """
-    out[:] = 0.0
     scores = _own(history, thing, slot, found, weights, last - ahead, like)
-    best = -np.inf
-    for i in range(len(found)):
-        if scores[i] > best:
-            best = scores[i]
-    evidence = strongest = 0.0
-    current = -1
-    for i in range(len(found)):
-        if scores[i] == -np.inf:
-            continue
-        where = _outcome(history, thing, found[i], ahead, moving, last)
-        if where < 0:
-            continue
-        weight = math.exp(scores[i] - best)
-        out[where] += weight
-        of_day = (slot - found[i] + day // 2) // day
-        if of_day != current:
-            evidence += strongest
-            strongest, current = 0.0, of_day
-        strongest = max(strongest, weight)
-    return evidence + strongest
+    fits = np.flatnonzero(scores > -np.inf)
+    if not len(fits):
+        return np.zeros(count), 0.0
+    weight = np.exp(scores[fits] - scores[fits].max())
+    where = _outcome(history, thing, found[fits], ahead, moving, last)
+    days = (slot - found[fits] + day // 2) // day
+    seen = where >= 0
+    where, weight, days = where[seen], weight[seen], days[seen]
+    strongest = np.zeros(int(days.max(initial=0)) + 1)
+    np.maximum.at(strongest, days, weight)
+    return np.bincount(where, weight, count), float(strongest.sum())
 
 
 @njit(cache=True)

@@ -439,8 +439,7 @@ class Routines:
         prior = self._prior(place, ahead)
         if place < 0:
             return prior
-        votes = np.zeros(count)
-        days = outcomes(
+        votes, days = outcomes(
             self._history,
             thing,
             slot,
@@ -451,7 +450,7 @@ class Routines:
             self._day,
             moving,
             self._like,
-            votes,
+            count,
         )
         if days <= 0.0:
             return prior

@@ -217,22 +217,73 @@ class Records:
         epoch: int,
         start: float = -float("inf"),
         end: float = float("inf"),
-        events: bool = False,
+        most: int = -1,
     ) -> list[tuple[float, str, bytes, float, int, float, float]]:
-        """History of an object in a run, oldest first: stamp, event, numbers, existence, lost, last and first seen.
+        """History of an object in a run, oldest first: stamp, event, position (3 × 8 bytes), existence, lost, last and
+        first seen.
 
-        events : without rows that only say that it was seen again.
+        most : how many rows, the newest; all where it is negative.
         """
-        return self._execute(
-            "SELECT h.stamp, h.event, h.numbers, h.existence, h.lost, h.last_seen, h.first_seen "
+        found = self._execute(
+            "SELECT h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen "
             "FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
-            "AND h.stamp BETWEEN ? AND ? AND (NOT ? OR h.event != 'seen') ORDER BY h.stamp, h.row",
+            "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp DESC, h.row DESC LIMIT ?",
             object_id,
             epoch,
             start,
             end,
-            events,
+            most,
         ).fetchall()
+        return found[::-1]
+
+    def happened(
+        self, start: float, most: int, apart_from: str
+    ) -> tuple[dict[int, str], list[tuple[int, float, str, bytes, float, int, float]], float]:
+        """What happened to all objects of the newest run since a stamp, oldest first, among the newest `most` rows.
+
+        apart_from : class of objects that are left out. Returns ids by key, and rows of key, stamp, event, position
+        (3 × 8 bytes), existence, lost, last seen, without those that only say that something was seen again; and from
+        which stamp on they are complete.
+        """
+        prefix = f"{apart_from}-"
+        names = self._execute(
+            "SELECT key, id FROM objects WHERE epoch = (SELECT epoch FROM clock) AND substr(id, 1, ?) != ?",
+            len(prefix),
+            prefix,
+        )
+        ids: dict[int, str] = dict(names.fetchall())
+        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        # Rows lie in the order in which they were written: this is read from one end, without an index.
+        first = self._row_at(start, newest) - 1
+        if first < newest - most:
+            first = newest - most
+            found = self._execute(
+                "SELECT stamp FROM history WHERE row > ? ORDER BY row LIMIT 1", first
+            ).fetchone()
+            start = max(start, float(found[0]))
+        rows = self._execute(
+            "SELECT key, stamp, event, substr(numbers, 1, 24), existence, lost, last_seen FROM history "
+            "WHERE row > ? AND stamp >= ? AND event != 'seen' ORDER BY row",
+            first,
+            start,
+        )
+        return ids, [row for row in rows if row[0] in ids], start
+
+    def _row_at(self, stamp: float, newest: int) -> int:
+        """First row from which on all have at least this stamp; 0 where there were several runs."""
+        if self._execute("SELECT count(*) FROM epochs WHERE epoch >= 0").fetchone()[0] > 1:
+            return 0
+        low, high = 0, newest + 1
+        while low < high:
+            middle = (low + high) // 2
+            found = self._execute(
+                "SELECT row, stamp FROM history WHERE row >= ? ORDER BY row LIMIT 1", middle
+            ).fetchone()
+            if found is None or found[1] >= stamp:
+                high = middle
+            else:
+                low = found[0] + 1
+        return low
 
     def lives(self, prefix: str) -> list[tuple[str, float, float, str]]:
         """Objects of the newest run whose id begins so: id, first and last seen, JSON of the attributes."""

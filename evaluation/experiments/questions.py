@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimation.errors import InputError
 from estimation.places import Places
 from evaluation.report import Options, Part, Report, Table
 from whereabouts.progress import track
@@ -35,6 +36,8 @@ SURE = 0.9
 FRAMES = 2  # of one look, a second apart
 NOISE = 0.02  # m
 MISSED = 0.05
+UNSEEN = 261_123
+"""Begins the seeds that judge: no household with it was looked at while the answers were made better."""
 LOST = ""
 """Place of what is out of the house."""
 THINGS = {
@@ -381,7 +384,7 @@ QUESTIONS: dict[str, Maker] = {
 
 def two_weeks(options: Options, days: int, count: int) -> dict[str, Tally]:
     """Live through the days, ask each afternoon or evening."""
-    rng = np.random.default_rng([options.seed, 29])
+    rng = np.random.default_rng([options.seed, UNSEEN])
     home = Household.living(days, rng)
     tallies: dict[str, Tally] = {}
     asking = {day: BEGIN + day * DAY + rng.uniform(15.0, 22.4) * HOUR for day in range(days)}
@@ -523,7 +526,7 @@ def _puzzles(options: Options, report: Report) -> None:
     rows: list[list[object]] = []
     scenes = 3 if options.quick else 20
     for kind in PUZZLES:
-        found = [_puzzle(kind, 1000 * options.seed + k) for k in range(scenes)]
+        found = [_puzzle(kind, UNSEEN + 1000 * options.seed + k) for k in range(scenes)]
         ghosts, swaps, count = (sum(column) for column in zip(*found, strict=True))
         rows.append([kind, count, ghosts, swaps])
     report.tables.append(
@@ -572,32 +575,48 @@ ASKED = (
     "what has changed since yesterday", "what is missing", "what is on the kitchen table",
     "what was on the kitchen table yesterday at 9:00", "what is usually on the desk", "who was on the sofa today",
     "what will be needed next", "how many cups are in the kitchen", "what happened to bag-2", "where are the cups",
+    "how often was cup-1 moved", "where was bag-3 last week", "how often was book-2 on the bed this week",
+    "when was plate-2 moved", "what happened to bag-2 since yesterday", "who was here", "where is bag-1 usually",
+    "what was on the desk at 2026-12-24T12:00", "what has changed since 2027-10-01", "is the bag on the sofa",
 )  # fmt: skip
+
+
+def _cost(store: Store, question: str) -> tuple[float, float]:
+    """ms of an answer for which all has to be read, and of the same question again; medians."""
+    first: list[float] = []
+    again: list[float] = []
+    for _ in range(5):
+        store.recalled = None
+        for spent in (first, again):
+            begun = time.perf_counter()
+            answer = ask(store, question)
+            spent.append(1e3 * (time.perf_counter() - begun))
+            if not answer.understood:
+                raise InputError(f"not understood: {question}")
+    return float(np.median(first)), float(np.median(again))
 
 
 def _times(options: Options, report: Report) -> None:
     """What a question costs on a store of a year."""
-    rng = np.random.default_rng([options.seed, 30])
+    rng = np.random.default_rng([options.seed, UNSEEN])
     rows: list[list[object]] = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "year.sqlite"
-        year(path, rng, 20 if options.quick else 365).close()
-        for question in ASKED:
-            with Store(path, read_only=True) as store:
-                spent = []
-                for _ in range(5):
-                    begun = time.perf_counter()
-                    answer = ask(store, question)
-                    spent.append(1e3 * (time.perf_counter() - begun))
-                    assert answer.understood, question
-            rows.append([question, spent[0], float(np.median(spent[1:]))])
+        days = 20 if options.quick else 365
+        year(path, rng, days).close()
+        with Store(path, read_only=True) as store:
+            for question in ASKED:
+                first, again = _cost(store, question)
+                rows.append([question, first, again])
             history = store.rows
+    rows.append(["slowest", max(float(row[1]) for row in rows), max(float(row[2]) for row in rows)])  # type: ignore[arg-type]
     report.tables.append(
         Table(
             "Time of a question, store of a year",
             ["question", "first, ms ↓", "again, ms ↓"],
             rows,
-            f"{history} rows of history. First: nothing of the file was read before. Wanted: 50 ms.",
+            f"{history} rows of history, {days} days. First: as after a new message, when nothing that was read before "
+            "counts. Medians of five. Wanted: 50 ms.",
             "times",
             data="simulated",
         )

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from estimation.errors import InputError
+from whereabouts.cli.demo import node_parameters
+from whereabouts.demo import recorded
 from whereabouts.demo.replay import Script, replay
 from whereabouts.demo.report import figures, judge, write
 from whereabouts.simulation.apartment_bag import START, record
@@ -46,3 +51,29 @@ def test_an_excerpt_of_the_apartment_becomes_a_report(tmp_path: Path) -> None:
         assert len(picture) > 10_000
     for name in run.usage:
         assert f"<td>{name.strip('/')}</td>" in text
+
+
+def test_a_bag_of_somebody_else_becomes_a_report_with_map_and_people(tmp_path: Path) -> None:
+    bag = tmp_path / "other.mcap"
+    record(bag, SECONDS)
+    folder = tmp_path / "out"
+    said, account = recorded.run_recorded(
+        recorded.bag_of(str(bag), folder), folder, node_parameters(bag), print, lambda share: None
+    )
+    text = recorded.write(folder, bag, said, account).read_text(encoding="utf-8")
+
+    assert account.total_lost == 0
+    assert len(said.replayed.poses) > 8.0 * SECONDS
+    assert said.grid is not None
+    assert said.people
+    assert '"map":{"src":"data:image/png;base64,' in text
+    assert "nobody is called false here" in text
+    assert 'href="recording.mcap"' in text
+
+
+def test_recordings_that_are_not_there_are_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WHEREABOUTS_DATA", str(tmp_path / "nothing"))
+    with pytest.raises(InputError, match=r"outdoor.*not on this machine"):
+        recorded.bag_of("outdoor", tmp_path)
+    with pytest.raises(InputError, match="there is no file"):
+        recorded.bag_of("elsewhere.bag", tmp_path)

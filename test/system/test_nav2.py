@@ -8,15 +8,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from harness import Graph
 from rclpy.action.client import ActionClient
 from rclpy.action.server import ActionServer, CancelResponse
 from rclpy.task import Future
-from test_search_and_maintenance import House, run_until, start_maintenance, the, trigger
+from std_msgs.msg import Bool
+from test_search_and_maintenance import TABLE, House, figures, run_until, start_maintenance, the, trigger
 
+from whereabouts.evidence import NOT_FOUND
+from whereabouts.nodes.base import LATCHED
 from whereabouts.nodes.driving import Navigator
+from whereabouts.nodes.stamps import NANOSECONDS, time_message
 from whereabouts_msgs.action import FindObject
+from whereabouts_msgs.msg import ObjectEvidence, WorldEvidence
 
 NavigateToPose = pytest.importorskip("nav2_msgs.action").NavigateToPose
 NO_PATH = 208  # an error of nav2's planner
@@ -145,12 +151,13 @@ class Driven(House):
     def __init__(self, graph: Graph, things: dict[str, tuple[str, float, float]]) -> None:
         super().__init__(graph, things)
         self.nav2 = Nav2(graph, lambda: self.pose)
+        self.parked = False
 
     def _take_goal(self, message: PoseStamped) -> None:
         """Goals on topics move nothing here."""
 
     def step(self) -> None:
-        self.goal = self.nav2.goal
+        self.goal = None if self.parked else self.nav2.goal
         super().step()
         self.nav2.tick()
 
@@ -215,3 +222,83 @@ def test_maintenance_drives_and_looks(graph: Graph, house: Driven) -> None:
     run_until(graph, house, lambda: bed.id in house.verified, "the robot has gone to look")
     assert house.nav2.jobs
     assert np.hypot(*(house.pose[:2] - np.array([-1.0, 4.0]))) < 2.0
+
+
+def lose(house: Driven, object_id: str) -> None:
+    """Say that an object is not where it is believed to be."""
+    missing = ObjectEvidence(detection_id=NOT_FOUND, object_id=object_id)
+    missing.pose.pose.orientation.w = 1.0
+    message = WorldEvidence(sensor="arm", objects=[missing])
+    message.header.stamp, message.header.frame_id = time_message(house.stamp), "map"
+    house.graph.publish("evidence", message)
+
+
+def test_one_at_a_time_has_the_base_a_person_first_then_what_is_lost_then_maintenance(
+    graph: Graph, house: Driven
+) -> None:
+    start_maintenance(house, use_sim_time=False, navigate=True, search_for_lost=True)
+    house.start("object_search", rate=10.0, view=1.2, navigate=True)
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
+    bases = graph.collect(Bool, "base_available", LATCHED)
+    jobs = house.nav2.jobs
+    cup = run_until(graph, house, lambda: the(house.states, "cup"), "the cup is known")
+    client = ActionClient(graph.node, FindObject, "find_object")
+    graph.until(client.server_is_ready, "find_object is served")
+
+    def says(node: str, words: str) -> bool:
+        said = [m.status[0].message for m in diagnostics[-50:] if m.status[0].name == node]
+        return bool(said) and words in said[-1]
+
+    # Somebody looks for what nobody has; meanwhile the cup, which is wanted, is lost.
+    house.parked = True
+    house.pose = np.array([-1.5, 0.5, 0.0])  # the cup is out of sight from here
+    sent = client.send_goal_async(FindObject.Goal(class_name="unicorn"))
+    run_until(graph, house, sent.done, "the goal is answered")
+    persons = sent.result().get_result_async()
+    run_until(graph, house, lambda: house.nav2.goal is not None, "the search drives")
+    run_until(graph, house, lambda: trigger(graph, cup.id), "maintenance takes the trigger")
+    house.things["cup"] = ("cup", *TABLE)
+    lose(house, cup.id)
+
+    def lost() -> bool:
+        known = [item for item in house.states[-1].objects if item.id == cup.id]
+        return all(item.lost for item in known)
+
+    run_until(graph, house, lost, "the cup is lost")
+    run_until(
+        graph,
+        house,
+        lambda: says("world_maintenance", "waits until the base is free"),
+        "the other search waits",
+    )
+    assert figures(diagnostics, "world_maintenance")["searches asked for"] == "0"
+    assert not persons.done(), "a person's search is not ended"
+    assert [message.data for message in bases] == [False]
+
+    # The person has had enough: now it is the turn of what is lost.
+    cancelled = sent.result().cancel_goal_async()
+    run_until(graph, house, cancelled.done, "the cancel is answered")
+    run_until(graph, house, lambda: says("object_search", "looking for cup"), "the cup is searched for")
+    run_until(graph, house, lambda: house.nav2.goal is not None, "the search drives")
+    run_until(graph, house, lambda: says("world_maintenance", "it is searched for"), "maintenance says so")
+    # Somebody takes the base for something else: the search makes way at once, and goes on when it is free.
+    graph.publish("base_available", Bool(data=False), LATCHED)
+    run_until(graph, house, lambda: house.nav2.goal is None, "the robot is not driven on")
+    run_until(
+        graph,
+        house,
+        lambda: says("world_maintenance", "waits until the base is free"),
+        "the search waits again",
+    )
+    count, heard = len(jobs), len(bases)
+    until = house.stamp + 5 * NANOSECONDS
+    run_until(graph, house, lambda: house.stamp > until, "some seconds pass")
+    assert len(jobs) == count, "nobody drives meanwhile"
+    assert not any(message.data for message in bases[heard:]), "nobody gives away what another has taken"
+    house.parked = False
+    graph.publish("base_available", Bool(data=True), LATCHED)
+    run_until(
+        graph, house, lambda: figures(diagnostics, "object_search").get("found") == "1", "the cup is found"
+    )
+    graph.until(lambda: bases[-1].data, "the base is free in the end")
+    client.destroy()

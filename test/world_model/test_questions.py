@@ -277,6 +277,69 @@ def test_a_store_of_the_first_version_is_asked(tmp_path: Path) -> None:
         assert where_is(recall(store), name).probability > 0.0
 
 
+SEASON = 80
+"""Days."""
+
+
+@pytest.fixture(scope="module")
+def season(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    """Half an hour after half an hour of `SEASON` days until midnight: a cup is on the desk from ten to seven, else on
+    the table; a book rests on the sofa from the sixth day on, where it was on the counter."""
+    with Store(tmp_path_factory.mktemp("season") / "world.sqlite") as store:
+        store.keep_places(HOME)
+        for step in range(SEASON * 48):
+            stamp, hour = MONDAY + 1800.0 * step, step % 48 / 2
+            cup = thing("cup-1", "desk" if 10.0 <= hour < 19.0 else "kitchen_table", stamp, "red")
+            book = thing("book-1", "sofa" if step >= 5 * 48 else "counter", stamp)
+            store.record(WorldState((cup, book), 1.0, 2.0, stamp))
+        yield store
+
+
+@pytest.mark.parametrize(
+    ("question", "value"),
+    [
+        ("where is the cup", "kitchen_table"),
+        ("where was the cup yesterday at noon", "desk"),
+        ("where was the cup on 2026-11-18 at noon", "desk"),
+        ("where was the book on 2026-11-18 at noon", "counter"),
+        ("where was the book on 2026-11-28", "sofa"),
+        ("how often was the cup moved today", 2),
+        ("how often was the cup moved in the last 10 days", 20),
+        (
+            "when was the book last seen",
+            datetime.fromtimestamp(MONDAY + SEASON * DAY - 1800.0).astimezone().isoformat(),
+        ),
+        ("what has changed in the last 9 hours", {"cup-1": ["desk", "kitchen_table"]}),
+        ("what has changed since 2026-11-18", {"book-1": ["counter", "sofa"]}),
+        ("where is the cup usually", "kitchen_table"),
+        ("what is usually on the sofa", ["book-1"]),
+        ("what is missing", []),
+    ],
+)
+def test_a_long_history_is_answered_from_a_small_part_of_it(
+    season: Store, question: str, value: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = 0
+    sights = Store.sights
+
+    def counted(*given: object, **named: object) -> list[tuple[object, ...]]:
+        nonlocal read
+        rows = sights(*given, **named)  # type: ignore[arg-type]
+        read += len(rows)
+        return rows  # type: ignore[return-value]
+
+    monkeypatch.setattr(Store, "sights", counted)
+    season.recalled = None
+    assert ask(season, question).value == value
+    assert read < season.rows / 4
+
+
+def test_how_long_something_has_been_there_is_known_however_long(season: Store) -> None:
+    assert ask(season, "how long has the book been there").value == pytest.approx(
+        (SEASON - 5) * DAY, abs=HOUR
+    )
+
+
 @pytest.mark.parametrize(
     ("words", "start", "end"),
     [
@@ -292,6 +355,7 @@ def test_a_store_of_the_first_version_is_asked(tmp_path: Path) -> None:
         ("on monday at 14:30", 14.5 * HOUR, 14.5 * HOUR),
         ("the day before yesterday", 0.0, DAY),
         ("2026-11-17", 1 * DAY, 2 * DAY),
+        ("on 2026-11-17 at 8:15", 1 * DAY + 8.25 * HOUR, 1 * DAY + 8.25 * HOUR),
         ("2026-11-17 08:15", 1 * DAY + 8.25 * HOUR, 1 * DAY + 8.25 * HOUR),
         ("in the last 3 hours", 2 * DAY + 17 * HOUR, 2 * DAY + 20 * HOUR),
         ("noon", 2 * DAY + 12 * HOUR, 2 * DAY + 12 * HOUR),

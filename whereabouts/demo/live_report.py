@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from estimation.grid import OccupancyGrid
 from whereabouts.demo import pictures
 from whereabouts.demo.beliefs import believed
+from whereabouts.demo.files import files_of
 from whereabouts.demo.live_library import Outcome
+from whereabouts.demo.live_screen import live_screen
 from whereabouts.demo.live_story import Story, within_reach
 from whereabouts.demo.page import Page, Row
 from whereabouts.demo.reading import Grid
@@ -124,14 +126,18 @@ def write(folder: Path, told: Told) -> Path:
     story = told.story
     draw(folder / "live.png", told)
     said = sentences(told)
-    page = Page("A robot that acts on what it knows", said[0])
+    recording, bag = folder / "recording.mcap", folder / "live.mcap"
+    page = Page("A robot that acts on what it knows", said[0], live_screen(recording, bag, story))
+    for sentence in said[1:]:
+        page.text(sentence)
+    page.heading("Files of this run")
+    page.files(files_of(folder, bag, recording))
+    page.heading("For engineers: the whole day in one picture")
     page.picture(
         "live.png",
         "The map, the robot's way by what it was doing, goals in the order of their numbers, where things truly are "
         "(crosses) and where they are believed to be (dots), and where people walked.",
     )
-    for sentence in said[1:]:
-        page.text(sentence)
     page.heading("Beside a naive robot, same day")
     page.table(*_beside(told), numbers=True)
     page.text(

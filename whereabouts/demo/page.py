@@ -5,17 +5,12 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 
-STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #22303c; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.9rem; margin-bottom: .2rem; } h2 { margin-top: 2.4rem; } p.lead { color: #5b6b78; margin-top: 0; }
-table { border-collapse: collapse; margin: .6rem 0 1.2rem; font-size: .93rem; }
-th, td { text-align: left; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e3e8eb; vertical-align: top; }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-img { max-width: 100%; } .met { color: #1b7f5a; } .missed { color: #c0392b; } small { color: #5b6b78; }
-code { background: #f2f4f5; padding: 0 .25rem; border-radius: 3px; }
-"""
+from whereabouts.demo.screen import Screen
+
+_SCROLL = ('<div class="scroll">',)
 
 
 @dataclass(frozen=True)
@@ -34,7 +29,17 @@ class Page:
 
     title: str
     lead: str
+    screen: Screen | None = None
     _parts: list[str] = field(default_factory=list)
+
+    def files(self, given: Iterable[tuple[Path, str]]) -> None:
+        """Links to files of the page's folder, those that are there, with what to do with each."""
+        items = [
+            f'<li><a href="{html.escape(path.name)}">{html.escape(path.name)}</a>: {_coded(said)}</li>'
+            for path, said in given
+            if path.exists()
+        ]
+        self._parts.append(f'<ul class="files">{"".join(items)}</ul>')
 
     def heading(self, text: str) -> None:
         self._parts.append(f"<h2>{html.escape(text)}</h2>")
@@ -54,7 +59,7 @@ class Page:
             mark = "" if row.met is None else _mark(row.met)
             cells = "".join(f"<td>{html.escape(text)}</td>" for text in (row.name, row.value, row.wanted))
             lines.append(f"<tr>{cells}<td>{mark}</td></tr>")
-        self._parts.append("\n".join([*lines, "</table>"]))
+        self._parts.append("\n".join([*_SCROLL, *lines, "</table></div>"]))
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = False) -> None:
         """A table; with `numbers` all but the first column stand right."""
@@ -65,17 +70,29 @@ class Page:
             return f"<tr>{''.join(done)}</tr>"
 
         body = [line(row, "td") for row in rows]
-        self._parts.append("\n".join(["<table>", line(head, "th"), *body, "</table>"]))
+        self._parts.append("\n".join([*_SCROLL, "<table>", line(head, "th"), *body, "</table></div>"]))
 
     def write(self, path: Path) -> Path:
         """Write the page; returns its path."""
         title, lead = html.escape(self.title), html.escape(self.lead)
+        style = (files("whereabouts.demo") / "style.html").read_text(encoding="utf-8")
         text = (
-            f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-            f'<style>{STYLE}</style></head>\n<body><h1>{title}</h1><p class="lead">{lead}</p>\n'
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
+            f"<title>{title}</title>{style}</head>\n"
+            f'<body><h1>{title}</h1><p class="lead">{lead}</p>\n'
+            f"{self.screen.html() if self.screen else ''}\n"
         )
         path.write_text(text + "\n".join(self._parts) + "\n</body></html>\n", encoding="utf-8")
         return path
+
+
+def _coded(text: str) -> str:
+    """Plain text in which what stands in backquotes is code."""
+    pieces = text.split("`")
+    return "".join(
+        f"<code>{html.escape(p)}</code>" if k % 2 else html.escape(p) for k, p in enumerate(pieces)
+    )
 
 
 def _mark(met: bool) -> str:

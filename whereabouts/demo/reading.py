@@ -39,7 +39,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Thing:
-    """An object as the world model believed in it."""
+    """An object as the world model believed in it. seen : s, its last measurement."""
 
     id: str
     kind: str
@@ -48,6 +48,7 @@ class Thing:
     lost: bool
     place: str
     predicates: tuple[str, ...]
+    seen: float = math.nan
 
     @property
     def known(self) -> bool:
@@ -222,6 +223,7 @@ def _things(message: Any) -> list[Thing]:
             bool(item.lost),
             str(item.place),
             tuple(item.predicates),
+            item.last_seen.sec + 1e-9 * item.last_seen.nanosec,
         )
         for item in message.objects
     ]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.places import Places
 from evaluation.experiments.people_judging import SceneJudgement
 from whereabouts.demo import pictures
+from whereabouts.demo.files import files_of
 from whereabouts.demo.judging import (
     SAME,
     Identities,
@@ -23,9 +25,11 @@ from whereabouts.demo.judging import (
 )
 from whereabouts.demo.page import Page, Row
 from whereabouts.demo.reading import Said, Truth, read_said, read_truth
+from whereabouts.demo.report_screen import screen_of, told_task
+from whereabouts.demo.screen import Screen
 from whereabouts.demo.suite import rates
 from whereabouts.process_usage import Usage
-from whereabouts.simulation.apartment import apartment
+from whereabouts.simulation.apartment import apartment, places_file
 from whereabouts.simulation.apartment_day import MOVED
 
 Array = NDArray[np.float64]
@@ -68,6 +72,7 @@ class Judged:
     things: Identities
     shipped: Identities
     run: Run
+    bag: Path = Path()
 
     @property
     def begin(self) -> float:
@@ -88,6 +93,7 @@ def judge(recording: Path, bag: Path, run: Run) -> Judged:
         judge_things(truth, said.worlds),
         judge_things(truth, said.shipped),
         run,
+        bag,
     )
 
 
@@ -141,6 +147,11 @@ def write(folder: Path, judged: Judged) -> Path:
         f"{found['bag_s'] / 60.0:.1f} minutes of a simulated bag, replayed over DDS through {len(judged.run.usage)} "
         f"nodes in {found['wall_s']:.0f} s, {found['speed']:.1f} times as fast as it was.",
     )
+    page.screen = _screen(judged)
+    page.text(sentence_of(found))
+    page.heading("Files of this run")
+    page.files(files_of(folder, judged.bag, folder / "recording.mcap"))
+    page.heading("For engineers: what was wanted, and what came of it")
     page.summary(summary(found, judged))
     _where(page, folder, judged, home)
     page.heading("Who is there, and where are they going?")
@@ -160,6 +171,34 @@ def write(folder: Path, judged: Judged) -> Path:
     _missing(page, folder, judged, home)
     _costs(page, judged)
     return page.write(folder / "index.html")
+
+
+def _screen(judged: Judged) -> Screen:
+    """The first screen, with what was asked while the bag played."""
+    screen = screen_of(judged.said, judged.truth, Places.load(str(places_file())))
+    told = judged.run.told
+    if told is None:
+        return screen
+    if told.verified_at is not None:
+        screen.events.append((told.verified_at, f"somebody asks for the {MOVED}: is it still there?", ""))
+    if told.started is not None:
+        screen.events.append((told.started, f"it is searched for: the {MOVED}", ""))
+        screen.events += [(step.stamp, step.reason, step.object) for step in told.steps]
+    if told.ended is not None and told.outcome:
+        screen.events.append((told.ended, told.outcome, told.object_id))
+        screen.chosen = told.object_id
+    screen.events.sort(key=lambda event: event[0])
+    return screen
+
+
+def sentence_of(found: Mapping[str, Any]) -> str:
+    """What it came to, in plain words."""
+    false = found["people_false_per_scan"]
+    return (
+        f"At the end the robot knew {found['things_right']} of {found['things']} things at their right places and "
+        f"believed in {len(found['things_extra'])} that are nowhere. It gave {found['people_labels']} labels to "
+        f"{found['people']} people; {100 * false:.1f} false people in 100 scans."
+    )
 
 
 def summary(found: Mapping[str, Any], judged: Judged) -> list[Row]:
@@ -307,12 +346,16 @@ def _missing(page: Page, folder: Path, judged: Judged, home: Any) -> None:
         f"While the robot was elsewhere, the {MOVED} was carried to another room. After "
         f"{told.verified_at - begin:.0f} s somebody asks for it: “{told.verification}”."
     )
-    rows = [
-        (f"{task.stamp - begin:.0f} s", task.object_id, task.reason,
-         f"{task.outcome} after {task.ended - task.stamp:.1f} s" if task.outcome else "no result in the world")
-        for task in judged.said.tasks
-    ]  # fmt: skip
-    page.table(("when", "object", "why it is looked at", "outcome"), rows)
+    tasks: list[tuple[str, ...]] = []
+    for task in judged.said.tasks:
+        said = told_task(replace(task, outcome=""), judged.said)
+        outcome = (
+            f"{task.outcome} after {task.ended - task.stamp:.1f} s"
+            if task.outcome
+            else "no result in the world"
+        )
+        tasks.append((f"{task.stamp - begin:.0f} s", said, outcome, task.reason))
+    page.table(("when", "why it is looked at", "outcome", "in numbers"), tasks)
     if told.started is None:
         return
     ended = told.ended if told.ended is not None else max(judged.truth.poses, default=begin)

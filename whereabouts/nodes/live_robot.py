@@ -84,7 +84,6 @@ class LiveRobot:
         self.world: State | None = None
         self.map: OccupancyGrid | None = None
         self.note: Callable[[str], None] = lambda name: None
-        self._taken = False
         self._reasons: dict[tuple[float, float], tuple[str, str]] = {}
         self._current: tuple[Any, Future, Goal] | None = None
 
@@ -142,7 +141,6 @@ class LiveRobot:
 
     def take_base(self, taken: bool) -> None:
         """Say whether somebody else than maintenance moves the robot."""
-        self._taken = taken
         self.note(self._base.topic_name)
         self._base.publish(Bool(data=not taken))
 
@@ -222,9 +220,6 @@ class LiveRobot:
         searching = self._current is not None and self._current[2].kind == "search"
         if message.data and searching:
             self.stop()
-        if message.data and self._taken:
-            # A search that has ended gives the base back; it is still not for maintenance.
-            self.take_base(True)
 
     def _task(self, message: VerificationTask) -> None:
         self.tasks.append((self.day.time, message.object_id, message.reason))

@@ -1,8 +1,8 @@
 """Node `object_search`: finds an object by driving to where it can be seen.
 
-In: `world_state` (WorldState), `map` (OccupancyGrid, optional), tf map -> base_link. Out: `search_goal` (PoseStamped),
-`base_available` (Bool: false while it searches), `search_markers`. Action: `find_object`. Calls, if told to: nav2's
-`navigate_to_pose`.
+In: `world_state` (WorldState), `map` (OccupancyGrid, optional), tf map -> base_link. In and out: `base_available`
+(Bool: false while it searches). Out: `search_goal` (PoseStamped), `search_markers`. Action: `find_object`. Calls, if
+told to: nav2's `navigate_to_pose`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.base_claim import BaseClaim
 from whereabouts.nodes.diagnostics import Health
 from whereabouts.nodes.driving import PATIENCE, SAME, Approach
+from whereabouts.nodes.errands import is_errand
 from whereabouts.nodes.inputs import HEARD_LATCHED
 from whereabouts.nodes.nav2 import figures_of, navigator_of
 from whereabouts.nodes.packed import Packed
@@ -40,7 +42,7 @@ LOOK = 0.5  # s, by the stamps of the world, that a robot looks around at a goal
 
 
 class ObjectSearchNode(SuiteNode):
-    """One search at a time; a new goal replaces the one before."""
+    """One search at a time; a new goal replaces the one before, and an errand waits for people."""
 
     parameters_model = ObjectSearchParameters
     node_name = "object_search"
@@ -59,7 +61,7 @@ class ObjectSearchNode(SuiteNode):
         self._latest = LatestState(states.refuse)
         self.add_latched_input(GridMessage, "map", self._take_map)
         self._goal_output = self.add_output(PoseStamped, "search_goal", LATCHED)
-        self._available_output = self.add_output(Bool, "base_available", LATCHED)
+        self._base_claim = BaseClaim(self)
         self._markers_output = self.add_output(MarkerArray, "search_markers")
         self._navigator = navigator_of(self, settings.navigate)
         self.add_action(FindObject, "find_object", self._find)
@@ -73,6 +75,7 @@ class ObjectSearchNode(SuiteNode):
         self._approach = Approach()
         self._arrived: tuple[float, float] | None = None
         self._out_of_reach: Array | None = None  # (2,) of a goal that nav2 cannot reach
+        self._for_person = False
         self._found = self._failed = 0
         self._steps = 0
 
@@ -127,13 +130,19 @@ class ObjectSearchNode(SuiteNode):
                 "class_name and object_id are both empty: name what to look for",
             )
             return result
+        errand = is_errand(self, handle)
+        if errand and (first := self._goes_first()):
+            handle.abort()
+            result.code, result.message = result.CANCELED, first
+            return result
         self._serial += 1
         serial = self._serial
+        self._for_person = not errand
         self._search.reset()
         self._approach.forget()
         self._arrived = self._out_of_reach = None
         self._searching, self._reason = wanted, "starting"
-        self._available_output.publish(Bool(data=False))
+        self._base_claim.take()
         try:
             await self._drive(handle, request, wanted, serial, result)
         finally:
@@ -141,10 +150,16 @@ class ObjectSearchNode(SuiteNode):
                 self._searching = ""
                 if self._navigator is not None:
                     self._navigator.stop()
-                self._available_output.publish(Bool(data=True))
+                self._base_claim.give_back()
         self._found += result.code == result.FOUND
         self._failed += result.code in (result.NOT_FOUND, result.GAVE_UP)
         return result
+
+    def _goes_first(self) -> str:
+        """Who has the base, where that is more urgent than a search for what is lost; else ""."""
+        if self._searching and self._for_person:
+            return f"waits for the search for {self._searching}"
+        return "waits for whoever else has the base" if self._base_claim.taken_by_others else ""
 
     async def _drive(self, handle: Any, request: Any, wanted: str, serial: int, result: Any) -> None:
         """Goals until the object is believed in, nothing is left to try, or somebody has had enough."""
@@ -154,11 +169,12 @@ class ObjectSearchNode(SuiteNode):
         said: tuple[Any, ...] = ()
         step: SearchStep | None = None
         while True:
-            if handle.is_cancel_requested or serial != self._serial:
+            first = "" if self._for_person else self._goes_first()
+            if handle.is_cancel_requested or serial != self._serial or first:
                 cancelled = handle.is_cancel_requested
                 handle.canceled() if cancelled else handle.abort()
                 result.code = result.CANCELED
-                result.message = "cancelled" if cancelled else "another search was started"
+                result.message = "cancelled" if cancelled else first or "another search was started"
                 return
             pose = self._pose()
             state = self._state

@@ -24,6 +24,7 @@ from estimation.grid import OccupancyGrid
 from whereabouts.evidence import NOT_FOUND
 from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.diagnostics import Health
+from whereabouts.nodes.errands import Errands
 from whereabouts.nodes.inputs import HEARD_LATCHED
 from whereabouts.nodes.nav2 import figures_of, navigator_of
 from whereabouts.nodes.packed import Packed
@@ -38,7 +39,7 @@ from whereabouts.nodes.world_reading import (
     pose_stamped,
 )
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
-from whereabouts_msgs.action import FindObject, VerifyObject
+from whereabouts_msgs.action import VerifyObject
 from whereabouts_msgs.msg import Attribute, ObjectEvidence, WorldEvidence
 from whereabouts_msgs.msg import VerificationTask as TaskMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
@@ -79,11 +80,7 @@ class WorldMaintenanceNode(SuiteNode):
         self._evidence_output = self.add_output(WorldEvidence, "evidence")
         self.add_service(TriggerVerification, "~/trigger", self._trigger)
         self._verifier = self.add_caller(VerifyObject, "verify_object")
-        self._finder = (
-            self.add_caller(FindObject, "find_object", answers=False)
-            if self.settings.search_for_lost
-            else None
-        )
+        self._finder = Errands(self, self._settle) if settings.search_for_lost else None
         self._navigator = navigator_of(self, settings.navigate)
         self.add_timer(1.0 / settings.rate, self._tick)
 
@@ -97,13 +94,17 @@ class WorldMaintenanceNode(SuiteNode):
         self._outcomes = dict.fromkeys(("found", "occluded", "not_found"), 0)
         self._vain: dict[str, int] = {}
         self._wanted: dict[str, str] = {}
-        self._tasks = self._searches = 0
+        self._tasks = 0
+        if self._finder is not None:
+            self._finder.forget()
 
     def health(self) -> Health:
         figures: dict[str, object] = {"tasks": self._tasks, **self._outcomes}
         figures["triggers waiting"] = len(self._maintenance.queue)
-        figures["searches asked for"] = self._searches
+        figures["searches asked for"] = 0 if self._finder is None else self._finder.sent
         figures |= figures_of(self._navigator)
+        if self._finder is not None and self._finder.busy:
+            return Health(self._finder.said, figures=figures)
         if self._task is not None:
             return Health(f"{self._task.object_id}: {self._task.reason}", figures=figures)
         return Health(self._maintenance.idle_reason or "waiting for a world state", figures=figures)
@@ -173,11 +174,13 @@ class WorldMaintenanceNode(SuiteNode):
         if self._task is not None:
             self._look_after(self._task, pose, now)
             return
+        # What is lost is searched for before anything else is driven to.
+        free = not self._search_goes_first(state) and self._available
         # A look in passing is for what the world model itself is unsure of.
-        world = self._growth.ahead(state, now, carried=self._available)
+        world = self._growth.ahead(state, now, carried=free)
         view = None if self.settings.opening > 6.28 else self.settings.opening
         task = self._maintenance.next_task(
-            world, pose, self._sensors, view, base_available=self._available, grid=self._grid
+            world, pose, self._sensors, view, base_available=free, grid=self._grid
         )
         if task is None:
             return
@@ -299,21 +302,17 @@ class WorldMaintenanceNode(SuiteNode):
             return
         here = {item.id for item in state.objects if not item.lost}
         for name in [name for name in self._wanted if name not in here]:
-            self._hand_over(name, self._wanted.pop(name), state)
+            kind = self._wanted.pop(name)
+            if self._finder is not None:
+                self._finder.add(name, kind)
 
-    def _hand_over(self, object_id: str, class_name: str, state: WorldState) -> None:
-        """Have an object searched for; by its class alone where it is the only one of it."""
-        if self._finder is None:
-            return
-        if not self._finder.ready:
-            self.complain(f"{object_id} is lost, and no node offers the action find_object", key="search")
-            return
-        others = any(
-            item.id != object_id and not item.lost and item.most_probable("class") == class_name
-            for item in state.objects
-        )
-        self._searches += 1
-        self._finder.send(FindObject.Goal(class_name=class_name, object_id=object_id if others else ""))
+    def _search_goes_first(self, state: WorldState) -> bool:
+        """Whether something lost is searched for, or waits until it can be."""
+        return self._finder is not None and self._finder.look(state, self._available, self._now())
+
+    def _settle(self, text: str) -> None:
+        """A search cannot be had, or has ended otherwise than wanted."""
+        self.complain(text, key="search")
 
     def _finish(self, task: VerificationTask, outcome: str) -> None:
         self._outcomes[outcome] += 1

@@ -90,7 +90,7 @@ def _track(world: Recall, name: str, span: Span) -> tuple[FloatArray, FloatArray
             name, world.epochs.get(name, world.epoch), span.start
         ):
             if event != "gone" and not lost and existence >= 0.5:
-                found[seen] = np.frombuffer(numbers[:24], "<f8")
+                found[seen] = np.frombuffer(numbers, "<f8")
     item = world.present.get(name)
     if item is not None and not item.lost:
         found[item.last_seen] = item.position

@@ -31,20 +31,22 @@ _UNIT = r"(?:sec(?:ond)?s?|min(?:ute)?s?|hours?|h|days?|weeks?|months?)"
 _DATE = r"\d{4}-\d{2}-\d{2}"
 _ISO = rf"{_DATE}(?:[t ]\d{{2}}:\d{{2}}(?::\d{{2}}(?:\.\d+)?)?(?:z|[+-]\d{{2}}:?\d{{2}})?)?"
 _PART = rf"(?:{'|'.join(sorted(PARTS, key=len, reverse=True))})"
-_DAY = rf"(?:today|yesterday|the day before yesterday|(?:on |last |this )?(?:{'|'.join(DAYS)})|on {_DATE})"
+_DAY = (
+    rf"(?:today|yesterday|the day before yesterday|(?:on |last |this )?(?:{'|'.join(DAYS)})|(?:on )?{_DATE})"
+)
 _HOUR = rf"(?:\d{{1,2}}(?::\d{{2}}){{0,2}}|{'|'.join(NUMBERS[1:13])})"
 _TIME = (
     rf"(?:(?:(?:half past |quarter past |quarter to )?{_HOUR}"
     r"(?: ?(?:am|pm|a\.m\.|p\.m\.)(?!\w)| o'?clock)?)|noon|midnight)"
     r"(?: (?:in the (?:morning|afternoon|evening)|at night))?"
 )
-_PHRASES = {
+_PHRASES = {  # of two that begin alike the longer one first
+    "day_time": rf"{_DAY},?(?: {_PART})? (?:at|around|about) {_TIME}",
     "iso": rf"(?:at |on )?{_ISO}",
     "seconds": r"(?:at )?\d{6,}(?:\.\d+)?(?: s)?",
     "ago": rf"{_NUMBER} {_UNIT} (?:ago|before now)",
     "within": rf"(?:in|during|within|over|for) the (?:last|past) (?:{_NUMBER} )?{_UNIT}",
     "week": r"(?:this|last) (?:week|month)|the week",
-    "day_time": rf"{_DAY},?(?: {_PART})? (?:at|around|about) {_TIME}",
     "time_day": rf"(?:at|around|about) {_TIME},? {_DAY}(?: {_PART})?",
     "day_part": rf"{_DAY} {_PART}",
     "last_night": r"(?:last|to)night|last night|last evening",

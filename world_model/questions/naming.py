@@ -11,6 +11,8 @@ from world_model.symbols import parse_symbol
 
 LEAST = 0.3
 """Probability of class and colours from which on an object is meant."""
+MOST_PAST = 60
+"""Objects of a class that are no longer there, among which one is looked for."""
 PREPOSITIONS = (
     "on top of|next to|close to|in front of|on|in|at|inside|under|near|by|beside|within|around|from"
 )
@@ -125,7 +127,7 @@ def one_named(world: Recall, words: str, past: bool = True) -> str:
 
 def where_words(world: Recall, object_id: str) -> str:
     """ "on the desk", or that it is not there."""
-    line = world.timeline(object_id)
+    line = world.latest(object_id)
     if not line.stays:
         return "that was never seen for certain"
     last = spoken(world, line.stays[-1].place)
@@ -211,12 +213,7 @@ def _of(world: Recall, kind: str | None, predicates: list[str], past: bool) -> l
 def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[str]:
     """Those that are no longer there, the last seen first."""
     found: list[tuple[float, str]] = []
-    for name, epoch in world.epochs.items():
-        parsed = parse_symbol(name)
-        if epoch != world.epoch or name in world.present or parsed is None or (kind and parsed[0] != kind):
-            continue
-        if (kind is None and parsed[0] == PERSON) or len(found) > 500:
-            continue
+    for name in _past(world, kind)[:MOST_PAST]:
         item = world.item(name)
         if item is None or item.last_seen - item.first_seen < 1.0:
             continue
@@ -228,8 +225,20 @@ def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[s
     return [name for _, name in sorted(found)[:20]]
 
 
+def _past(world: Recall, kind: str | None) -> list[str]:
+    """Ids of a class, or of all that is no person, that are no longer there; the highest numbers first."""
+    found: list[tuple[int, str]] = []
+    for name, epoch in world.epochs.items():
+        if epoch != world.epoch or name in world.present or (kind and not name.startswith(f"{kind}-")):
+            continue
+        parsed = parse_symbol(name)
+        if parsed is not None and (parsed[0] == kind if kind else parsed[0] != PERSON):
+            found.append((-parsed[1], name))
+    return [name for _, name in sorted(found)]
+
+
 def _is_at(world: Recall, object_id: str, place: str) -> bool:
-    chances, stay = world.timeline(object_id).at(world.now)
+    chances, stay = world.latest(object_id).at(world.now)
     return stay is not None and bool(chances) and world.contains(place, stay.place)
 
 

@@ -14,6 +14,10 @@ from world_model.questions.where import evidence_of
 WEEK = 7 * 86400.0
 FRESH = 60.0
 """s: that something is missing since then may be one look that did not find it."""
+DAYS, ENDS = 3 * 86400.0, 80
+"""Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
+LONG = 1500
+"""Rows of an object's history that are read where no time is given."""
 CONFIRMED = 60.0
 """s: what was seen for less may have been a false detection, and is not missed."""
 
@@ -57,7 +61,7 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
     name = one_named(world, what)
     where = place_named(world, place) if place else ""
     span = since_when(world, since)
-    line = world.timeline(name)
+    line = _line(world, name, span)
     if where:
         count = len(_visits(world, line, where, span))
         said = f"was {spoken(world, where)} {_times(count)}"
@@ -75,6 +79,11 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
     evidence = evidence_of(world, line, span.start, span.end)
     options = ({"value": count + 1, "probability": (1.0 - probability) / 2},)
     return Answer(sentence, "how_often", probability, iso(begin), count, evidence, options)
+
+
+def _line(world: Recall, name: str, span: Span) -> Timeline:
+    """As much of a timeline as a span needs; of one without a beginning as much as can be told at once."""
+    return world.since(name, span.start) if math.isfinite(span.start) else world.latest(name, LONG)
 
 
 def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[Stay]:
@@ -102,7 +111,10 @@ def _times(count: int) -> str:
 def how_long_there(world: Recall, what: str, place: str = "") -> Answer:
     """How long an object has been where it is, or missing. value : s. Raises NothingKnownError, AmbiguousError."""
     name = one_named(world, what)
-    line = world.timeline(name)
+    return _how_long(world, name, world.latest(name), place)
+
+
+def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     if not line.stays:
         raise NothingKnownError(f"{clean(name)} was never seen for certain.")
     last = line.stays[-1]
@@ -126,6 +138,8 @@ def how_long_there(world: Recall, what: str, place: str = "") -> Answer:
         if stay.gone or not world.contains(where, stay.place):
             break
         stays.append(stay)
+    if line.cut and len(stays) == len(line.stays):
+        return _how_long(world, name, world.timeline(name), place)
     if not world.contains(where, last.place):
         sentence = f"{described(world, name)} is not {spoken(world, where)}, but {spoken(world, last.place)}."
         return Answer(
@@ -169,8 +183,11 @@ def when_moved(world: Recall, what: str) -> Answer:
     Raises NothingKnownError.
     """
     name = one_named(world, what)
-    line = world.timeline(name)
+    line = world.latest(name)
     moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
+    if not moves and line.cut:
+        line = world.timeline(name)
+        moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
     if not moves:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
         return Answer(
@@ -229,9 +246,14 @@ def what_changed(world: Recall, since: str | float | Span | None = None, place: 
     evidence = tuple(
         entry
         for change in found[:8]
-        for entry in evidence_of(world, world.since(change.object, span.start), change.start, change.end)
+        for entry in evidence_of(world, _ends(world, change.object, span), change.start, change.end)
     )
     return Answer(sentence, "what_changed", probability, iso(span.start), value, evidence)
+
+
+def _ends(world: Recall, name: str, span: Span) -> Timeline:
+    """As much of a timeline as tells what is otherwise at the end of a span."""
+    return world.since(name, span.start) if world.now - span.start < DAYS else world.latest(name, ENDS)
 
 
 def _net_changes(world: Recall, span: Span) -> list[Change]:
@@ -239,11 +261,14 @@ def _net_changes(world: Recall, span: Span) -> list[Change]:
     found = []
     active = world.present.keys() if world.store is None else world.store.active(span.start, span.end)
     for name in world.heads(active):
-        line = world.since(name, span.start)
+        line = _ends(world, name, span)
         changes = changes_of(line, span.start, span.end)
         if not changes or _is_false(world, line):
             continue
         before, after = changes[0].before, changes[-1].after
+        if line.cut and line.stays[0].since > span.start:
+            _, stay = world.glimpse(name, span.start).at(span.start)
+            before = None if stay is None else stay.place
         if before == after:
             continue
         found.append(Change(name, before, after, changes[-1].start, changes[-1].end))
@@ -267,7 +292,7 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
     for name in world.heads(candidates):
         line = world.since(name, world.now)
         if line.lost and (not line.stays or line.stays[-1].until < world.now):
-            line = world.timeline(name)
+            line = world.latest(name)
         if line.lost and not _is_false(world, line) and line.stays[-1].until >= span.start - WEEK:
             missing.append((line.stays[-1].left_by or line.stays[-1].until, name, line.stays[-1]))
     missing.sort(reverse=True)
@@ -282,7 +307,7 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
     evidence = tuple(
         entry
         for _, name, stay in missing[:8]
-        for entry in evidence_of(world, world.timeline(name), stay.since, world.now)
+        for entry in evidence_of(world, world.latest(name), stay.since, world.now)
     )
     value = [name for _, name, _ in missing]
     return Answer(
@@ -302,12 +327,13 @@ def history(world: Recall, what: str, since: str | float | Span | None = None) -
     """
     name = one_named(world, what)
     span = since_when(world, since)
-    line = world.timeline(name)
+    line = _line(world, name, span)
     stays = [stay for stay in line.stays if stay.until >= span.start and stay.since <= span.end]
     if not stays:
         raise NothingKnownError(f"{clean(name)} was not seen in that time.")
     parts = [f"{spoken(world, stay.place)} from {clock(stay.since)}" for stay in stays[-10:]]
-    before = f"{len(stays) - 10} places before; " if len(stays) > 10 else ""
+    more = " at least" if line.cut else ""
+    before = f"{len(stays) - 10} places{more} before; " if len(stays) > 10 else ""
     end = f", missing since {clock(stays[-1].left_by or stays[-1].until)}" if line.lost else ""
     sentence = f"{described(world, name)} was {before}{', then '.join(parts)}{end}."
     value = [[stay.place, iso(stay.since), iso(stay.until)] for stay in stays]

@@ -41,6 +41,8 @@ PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY
 BACK_AGAIN = 0.25
 """Share of moves between two looks that lead back before the second."""
 KEPT = 256
+NEWEST = 400
+"""Rows of an object's history that a question about the present reads."""
 RECENT = 60
 """Objects of a class that ended last, among which doubles are looked for."""
 AROUND = 1.5 * DAY
@@ -81,12 +83,14 @@ class Life(NamedTuple):
 
 @dataclass(frozen=True)
 class Timeline:
-    """The stays of one object, oldest first. lost : nobody knows where it is now. since : s, under this id."""
+    """The stays of one object, oldest first. lost : nobody knows where it is now. since : s, under this id.
+    cut : whether there is more of it, before these stays, that was not read."""
 
     id: str
     stays: tuple[Stay, ...]
     lost: bool
     since: float = math.inf
+    cut: bool = False
 
     @property
     def rate(self) -> float:
@@ -310,6 +314,10 @@ class Recall:
         known = self.kept.get(key)
         if not isinstance(known, Timeline):
             known = self._read(name, self.epoch, start - AROUND)
+            if known.stays and known.stays[0].since > start and self.store is not None:
+                # It was not looked at for long before: from when it was seen last.
+                earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
+                known = self._read(name, self.epoch, earlier[0][0]) if earlier else known
             for before in self._before(name):
                 if known.stays and known.stays[0].since <= start:
                     break
@@ -334,19 +342,31 @@ class Recall:
         alike = [item.id for item in others if first and likeness(first, item.attributes) >= LOOKS_ALIKE]
         return alike[0] if len(alike) == 1 else ""
 
-    def outline(self, object_id: str, start: float) -> Timeline:
-        """As `since`, from what happened alone: each stay lasts until the next begins. Cheap over many weeks."""
+    def latest(self, object_id: str, most: int = NEWEST) -> Timeline:
+        """The newest part of an object's timeline: what a question about the present needs, however long it is known.
+
+        most : rows of history to read.
+        """
         name = self.individual(object_id)[0]
-        key = f"outline {name} {start}"
+        if (name, self.epoch) in self._timelines:
+            return self._timelines[name, self.epoch]
+        key = f"latest {name} {most}"
         known = self.kept.get(key)
         if not isinstance(known, Timeline):
-            known = self._read(name, self.epoch, start - AROUND, math.inf, True)
-            for before in self._before(name):
-                if known.stays and known.stays[0].since <= start:
-                    break
-                known = _joined(self._read(before, self.epoch, start - AROUND, math.inf, True), known)
-            known = self.kept[key] = replace(known, stays=_filled(known.stays))
+            known = self._until(name, math.inf, most)
+            self.kept[key] = known
         return known
+
+    def _until(self, name: str, end: float, most: int = NEWEST) -> Timeline:
+        """The newest stays that began before a moment, s."""
+        line = self._read(name, self.epoch, end=end, most=most)
+        if line.cut and line.stays:
+            return line
+        if end == math.inf:
+            return self.timeline(name)
+        for before in self._before(name):
+            line = _joined(self._read(before, self.epoch, end=end, most=most), line)
+        return line if line.stays else self.timeline(name)
 
     def glimpse(self, object_id: str, stamp: float) -> Timeline:
         """The part of an object's timeline around a moment; cheaper where there are many objects."""
@@ -358,9 +378,17 @@ class Recall:
         if not isinstance(known, Timeline):
             known = self._read(name, self.epoch, stamp - AROUND, stamp + AROUND)
             if not known.stays or known.stays[0].since > stamp:
-                known = self.timeline(name)
+                known = self._until(name, stamp + AROUND)
             self.kept[key] = known
         return known
+
+    def window(self, object_id: str, start: float, end: float) -> Timeline:
+        """The part of an object's timeline around a span of time."""
+        name = self.individual(object_id)[0]
+        if (name, self.epoch) in self._timelines or not math.isfinite(start):
+            return self.timeline(name)
+        line = self._read(name, self.epoch, start - AROUND, end + AROUND)
+        return line if line.stays and line.stays[0].since <= start else self.since(name, start)
 
     def _before(self, object_id: str) -> list[str]:
         """Earlier ids of an object, the newest first."""
@@ -379,17 +407,17 @@ class Recall:
         run: int,
         start: float = -math.inf,
         end: float = math.inf,
-        events: bool = False,
+        most: int = -1,
     ) -> Timeline:
         item = self.present.get(object_id) if run == self.epoch and end >= self.now else None
-        rows = [] if self.store is None else self.store.sights(object_id, run, start, end, events)
+        rows = [] if self.store is None else self.store.sights(object_id, run, start, end, most)
+        cut = 0 < most <= len(rows)
         stamps = [row[0] for row in rows]
         here = [row[1] != "gone" and not row[4] and row[3] >= BELIEVED for row in rows]
         seen = [row[5] for row in rows]
-        if rows and here[0] and start == -math.inf:  # believed in only after some looks
+        if rows and here[0] and start == -math.inf and not cut:  # believed in only after some looks
             seen[0], stamps[0] = rows[0][6], rows[0][6]
-        numbers = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 24)
-        positions = numbers[:, :3]
+        positions = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 3)
         if item is not None:
             stamps.append(max(self.now, stamps[-1]) if stamps else self.now)
             here.append(not item.lost and item.existence >= BELIEVED)
@@ -401,15 +429,15 @@ class Recall:
         words = self.words(positions)
         stays = _stays(stamps, here, seen, positions, words)
         first = stays[0].since if stays else math.inf
-        return Timeline(object_id, stays, not here[-1] if here else True, first)
+        return Timeline(object_id, stays, not here[-1] if here else True, first, cut)
 
     def words(self, positions: FloatArray) -> list[str]:
         """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
         ordered = self.kept.get("places")
-        if not isinstance(ordered, list):
+        if not isinstance(ordered, _Ordered):
             # What is said last is said: the smallest furniture.
-            ordered = sorted(self.places, key=lambda place: (place.kind != "room", -place.area))
-            self.kept["places"] = ordered
+            places = sorted(self.places, key=lambda place: (place.kind != "room", -place.area))
+            ordered = self.kept["places"] = _Ordered(places)
         return _words(ordered, positions)
 
     def place_probability(self, item: WorldObject, place: str) -> float:
@@ -488,7 +516,16 @@ def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mappi
     return product
 
 
-def _words(ordered: list[Place], positions: FloatArray) -> list[str]:
+class _Ordered:
+    """Places and the boxes around them. lows, highs : (P, 2)."""
+
+    def __init__(self, places: list[Place]) -> None:
+        self.places = places
+        self.lows = np.array([place.polygon.min(0) for place in places]).reshape(-1, 2)
+        self.highs = np.array([place.polygon.max(0) for place in places]).reshape(-1, 2)
+
+
+def _words(ordered: _Ordered, positions: FloatArray) -> list[str]:
     """Names of the last place around each position; rows that rest share theirs."""
     if not len(positions):
         return []
@@ -496,22 +533,13 @@ def _words(ordered: list[Place], positions: FloatArray) -> list[str]:
     group = np.concatenate([[0], np.cumsum(steps)])
     firsts = positions[np.concatenate([[True], steps])]
     found = np.full(len(firsts), -1)
-    for index, place in enumerate(ordered):
-        low, high = place.polygon.min(0), place.polygon.max(0)
-        near = np.flatnonzero(((firsts[:, :2] >= low) & (firsts[:, :2] <= high)).all(1))
-        if len(near):
-            found[near[place.contains(firsts[near])]] = index
-    names = [*(place.name for place in ordered), ""]
+    floor = firsts[:, None, :2]
+    boxed = ((floor >= ordered.lows) & (floor <= ordered.highs)).all(2)
+    for index in np.flatnonzero(boxed.any(0)).tolist():
+        near = np.flatnonzero(boxed[:, index])
+        found[near[ordered.places[index].contains(firsts[near])]] = index
+    names = [*(place.name for place in ordered.places), ""]
     return [names[index] for index in found[group].tolist()]
-
-
-def _filled(stays: tuple[Stay, ...]) -> tuple[Stay, ...]:
-    """Stays that last until the next begins, where nothing says that they ended before."""
-    made = [
-        stay if stay.gone else replace(stay, until=max(stay.until, after.since - 1.0))
-        for stay, after in itertools.pairwise(stays)
-    ]
-    return (*made, *stays[-1:])
 
 
 def _stays(

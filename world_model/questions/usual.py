@@ -7,6 +7,7 @@ import math
 from world_model.questions.answers import Answer, NothingKnownError, clock, duration, iso, listed, told
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, place_named, spoken
+from world_model.questions.presence import presence_of
 from world_model.questions.recall import DAY, Recall
 from world_model.routines import FORMAT, VERSION, Routines, RoutinesConfig
 
@@ -17,14 +18,6 @@ USUAL = 0.5
 AHEAD = 2 * 3600.0
 
 
-def _things(world: Recall, start: float) -> list[str]:
-    """What was seen since a moment and is no person."""
-    if world.store is None:
-        return world.things()
-    active = {*world.store.active(start, world.now), *world.present}
-    return [name for name in world.things() if name in active]
-
-
 def what_is_usually_here(world: Recall, place: str) -> Answer:
     """What is at a place for at least half of the time of the last four weeks. value : ids.
 
@@ -32,8 +25,9 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     """
     where = place_named(world, place)
     shares = {}
-    for name in _things(world, world.now - WEEKS):
-        by_place = world.outline(name, world.now - WEEKS).shares(world.now - WEEKS, world.now, True)
+    presence = presence_of(world, world.now - WEEKS)
+    for name in presence.courses:
+        by_place = presence.shares(name, absent=True)
         share = sum(part for other, part in by_place.items() if world.contains(where, other))
         if share > 0.02:
             shares[name] = share
@@ -101,35 +95,35 @@ def learned(world: Recall) -> Routines:
     kept = world.kept.get("routines")
     if isinstance(kept, Routines):
         return kept
-    config = RoutinesConfig()
+    config = RoutinesConfig(days=round(WEEKS / DAY) + 1)
     start = world.now - WEEKS
-    lines = [world.outline(name, start) for name in _things(world, start)]
-    lines = [line for line in lines if line.stays]
-    known = world.now - min((line.stays[0].since for line in lines), default=world.now)
+    courses = presence_of(world, start).courses
+    begun = min((float(course.stamps[0]) for course in courses.values()), default=world.now)
+    known = world.now - begun
     if known < LEAST_DAYS * DAY:
         raise NothingKnownError(
             f"I know no routines yet: I remember {duration(known)}, two days at least are needed."
         )
-    first = math.floor(max(start, min(line.stays[0].since for line in lines)) / config.slot)
+    first = math.floor(max(start, begun) / config.slot)
     last = math.floor(world.now / config.slot)
-    names = list(dict.fromkeys(stay.place for line in lines for stay in line.stays))
+    names = list(
+        dict.fromkeys(place for course in courses.values() for place in course.places if place is not None)
+    )
     number = {name: index for index, name in enumerate(names)}
     moves, things = 0, []
-    for line in lines:
+    for name, course in courses.items():
         runs = [[first, first, -1, -1]]
-        for stay in line.stays:
-            slot = math.floor(stay.since / config.slot)
-            row = [max(slot, first), slot, number[stay.place], runs[-1][2]]
-            moves += row[0] > first and row[3] not in (-1, row[2])
+        for stamp, place in zip(course.stamps.tolist(), course.places, strict=True):
+            # What has gone is still there in the slot in which it went.
+            slot = math.floor(stamp / config.slot) + (place is None)
+            before = runs[-1][2] if runs[-1][2] >= 0 else runs[-1][3]
+            row = [max(slot, first), slot, -1 if place is None else number[place], before]
+            moves += place is not None and row[0] > first and row[3] not in (-1, row[2])
             runs = [*runs[:-1], row] if runs[-1][0] == row[0] else [*runs, row]
-            if stay.gone and stay.left_by is not None:
-                gone = math.floor(stay.left_by / config.slot) + 1
-                if gone > row[0]:
-                    runs.append([max(gone, first), gone, -1, row[2]])
-        things.append({"name": line.id, "seen": line.stays[-1].until, "stays": runs})
+        things.append({"name": name, "seen": course.seen, "stays": runs})
     data = {
         "format": FORMAT, "version": VERSION, "config": config.__dict__, "stamp": world.now, "first": first,
-        "last": last, "moves": float(moves), "exposure": float(len(lines) * (last - first)),
+        "last": last, "moves": float(moves), "exposure": float(len(courses) * (last - first)),
         "places": dict.fromkeys(names), "objects": things,
     }  # fmt: skip
     made = Routines.from_dict(data)

@@ -20,6 +20,7 @@ from world_model.questions.answers import (
 )
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
+from world_model.questions.presence import presence_of
 from world_model.questions.recall import BELIEVED, Recall, Stay, Timeline
 
 MONTH = 28 * 86400.0
@@ -70,9 +71,7 @@ def where_was(world: Recall, what: str, when: str | float | Span | None = None) 
         return when_last_seen(world, what)
     span = _span(world, when)
     if len(meant.ids) > 1:
-        known = [
-            each for each in meant.ids if world.timeline(each, _run(world, each)).at(span.end)[1] is not None
-        ]
+        known = [each for each in meant.ids if _line_at(world, each, span.end).at(span.end)[1] is not None]
         if len(known) > 1:
             each = [_where(world, one, span.middle, "where_was", False) for one in known]
             return _several(world, known, each, meant.plural)
@@ -82,8 +81,12 @@ def where_was(world: Recall, what: str, when: str | float | Span | None = None) 
     return _during(world, name, span)
 
 
-def _run(world: Recall, name: str) -> int:
-    return world.epochs.get(name, world.epoch)
+def _line_at(world: Recall, name: str, stamp: float) -> Timeline:
+    """As much of a timeline as a moment needs."""
+    run = world.epochs.get(name, world.epoch)
+    if run != world.epoch:
+        return world.timeline(name, run)
+    return world.latest(name) if stamp >= world.now else world.glimpse(name, stamp)
 
 
 def _span(world: Recall, when: str | float | Span) -> Span:
@@ -97,7 +100,7 @@ def _span(world: Recall, when: str | float | Span) -> Span:
 
 def _during(world: Recall, name: str, span: Span) -> Answer:
     """Where it was longest, and where else."""
-    line = world.timeline(name)
+    line = world.window(name, span.start, span.end)
     shares = line.shares(span.start, span.end)
     if not shares:
         return _where(world, name, span.middle, "where_was", True)
@@ -119,7 +122,7 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
 def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> Answer:
     if by_name and world.has_changed(name):
         return _exchanged(world, name, stamp, kind)
-    line = world.timeline(name)
+    line = _line_at(world, name, stamp)
     chances, stay = line.at(stamp)
     if stay is None:
         first = f"; it was first seen at {clock(line.stays[0].since)}" if line.stays else ""
@@ -179,13 +182,24 @@ def _position(stay: Stay) -> str:
 
 def _identity(world: Recall, line: Timeline, twins: list[str]) -> float:
     """That an object is the one it is taken for, beside some that look like it."""
-    trust = TWIN
-    mine = _gaps(line)
-    for twin in twins:
-        for begin, end in _gaps(world.timeline(twin)):
-            if any(begin < after and before < end for before, after in mine):
-                trust = SWAPPED
-    return trust
+    lines = [line, *(world.latest(twin) for twin in twins)]
+    if any(each.cut for each in lines):
+        return SWAPPED  # in all the time that was not read they may have been
+    mine, *others = map(_gaps, lines)
+    return SWAPPED if any(_overlap(mine, gaps) for gaps in others) else TWIN
+
+
+def _overlap(mine: list[tuple[float, float]], others: list[tuple[float, float]]) -> bool:
+    """Whether a span of one list overlaps one of another, both in order of time."""
+    first = second = 0
+    while first < len(mine) and second < len(others):
+        if mine[first][0] < others[second][1] and others[second][0] < mine[first][1]:
+            return True
+        if mine[first][1] <= others[second][1]:
+            first += 1
+        else:
+            second += 1
+    return False
 
 
 def _gaps(line: Timeline) -> list[tuple[float, float]]:
@@ -207,10 +221,9 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
 
 def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
     """It is not where it was: where it usually is, or what looks like it and came since."""
-    usual = usual_places(line, world.now)
+    usual = usual_places(world, name)
     usual.pop(stay.place, None)
-    back = [other for other in world.alike(name) if world.timeline(other).stays
-            and world.timeline(other).stays[0].since >= stay.until]  # fmt: skip
+    back = [other for other in world.alike(name) if _began(world, other) >= stay.until]
     guess = max(usual, key=lambda place: usual[place], default="")
     options: list[dict[str, Any]] = [
         {"object": name, "place": place, "probability": 0.5 * p} for place, p in usual.items() if p > 0.05
@@ -220,7 +233,7 @@ def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
         f"and is no longer there"
     )
     if back:
-        where = world.timeline(back[0]).stays[-1].place
+        where = world.latest(back[0]).stays[-1].place
         sentence += f"; {clean(back[0])}, which looks like it, came {spoken(world, where)} since"
         options.insert(0, {"object": back[0], "place": where, "probability": 0.6})
     elif guess:
@@ -230,15 +243,21 @@ def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
 
 
-def usual_places(line: Timeline, now: float, days: float = MONTH) -> dict[str, float]:
+def _began(world: Recall, name: str) -> float:
+    """When an object that is there was first seen, s."""
+    line = world.latest(name)
+    return world.present[name].first_seen if line.cut or not line.stays else line.stays[0].since
+
+
+def usual_places(world: Recall, name: str) -> dict[str, float]:
     """Share of the time of the last weeks by place."""
-    return line.shares(now - days, now)
+    return presence_of(world, world.now - MONTH).shares(world.individual(name)[0])
 
 
 def where_usually(world: Recall, what: str) -> Answer:
     """Where an object usually is. value : name of the place. Raises NothingKnownError or AmbiguousError."""
     name = one_named(world, what)
-    shares = usual_places(world.outline(name, world.now - MONTH), world.now)
+    shares = usual_places(world, name)
     if not shares:
         raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
     order = sorted(shares, key=lambda place: -shares[place])
@@ -261,7 +280,7 @@ def where_usually(world: Recall, what: str) -> Answer:
 def when_last_seen(world: Recall, what: str) -> Answer:
     """When an object was seen last, and where. value : ISO 8601. Raises NothingKnownError."""
     meant = things_named(world, what, past=True)
-    lines = [world.timeline(name) for name in meant.ids]
+    lines = [world.latest(name) for name in meant.ids]
     lines = [line for line in lines if line.stays]
     if not lines:
         raise NothingKnownError(f'"{clean(what)}" was never seen for certain.')
@@ -295,7 +314,8 @@ def evidence_of(world: Recall, line: Timeline, start: float, end: float) -> tupl
     for stay in line.stays:
         if stay.until < start or stay.since > end:
             continue
-        found.append({"object": line.id, "event": "came", "place": stay.place, "stamp": iso(stay.since)})
+        if not line.cut or stay is not line.stays[0]:  # else it came before what was read
+            found.append({"object": line.id, "event": "came", "place": stay.place, "stamp": iso(stay.since)})
         if stay.until > stay.since:
             found.append({"object": line.id, "event": "seen", "place": stay.place, "stamp": iso(stay.until)})
         if stay.gone and stay.left_by is not None:
@@ -390,7 +410,7 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
 
 
 def _elsewhere(world: Recall, name: str, stamp: float) -> str:
-    line = world.timeline(name)
+    line = _line_at(world, name, stamp)
     chances, stay = line.at(stamp)
     if stay is None or not chances or (line.lost and stamp >= world.now):
         return "at no place that I know"
@@ -411,7 +431,7 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     else:
         chances = {}
         for name in ids:
-            line = world.timeline(name)
+            line = _line_at(world, name, stamp)
             known, _ = line.at(stamp)
             chances[name] = 0.0 if line.lost and stamp >= world.now else min(sum(known.values()), 1.0)
     there = [name for name, p in chances.items() if p >= BELIEVED]
@@ -433,11 +453,11 @@ def where_to_look(world: Recall, what: str) -> Answer:
     Raises NothingKnownError, AmbiguousError.
     """
     name = one_named(world, what)
-    line = world.timeline(name)
+    line = world.latest(name)
     now = {} if line.lost else line.at(world.now)[0]
     chances = {place: min(p, 0.99) for place, p in now.items() if place}
     left = 1.0 - min(sum(chances.values()), 1.0)
-    for place, share in usual_places(world.outline(name, world.now - MONTH), world.now).items():
+    for place, share in usual_places(world, name).items():
         if place:
             chances[place] = chances.get(place, 0.0) + left * share
     if not chances:

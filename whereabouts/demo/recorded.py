@@ -1,0 +1,160 @@
+"""A demo on a real recording: the map and the people in it, over DDS."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.errors import InputError
+from estimation.places import Places
+from whereabouts.datasets import data_directory, recording
+from whereabouts.demo.files import files_of
+from whereabouts.demo.page import Page
+from whereabouts.demo.reading import Said, Truth, read_said
+from whereabouts.demo.report_screen import screen_of
+from whereabouts.demo.suite import RECORDED
+from whereabouts.logs import convert_log
+from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
+from whereabouts.nodes.supervisor import NodeSpec, SuiteError
+
+SHARED = {
+    "outdoor": "people/person_following_outdoor_1.bag.zip",
+    "indoor": "people/demo_stationary_simple_environment.bag",
+}
+"""Recordings with people by name, below the data directory."""
+NODES = ("scan_registration", "loop_closure", "target_tracker", "motion_predictor")
+TOPICS = ("odometry", "loop_closures", "trajectory", "map", "tf", "targets", "predicted_paths", "diagnostics")
+PARAMETERS: dict[str, dict[str, Any]] = {
+    "scan_registration": {"publish_static_points": False},
+    "loop_closure": {"map_period": 5.0, "tf_period": 1.0, "transform_tolerance": 0.5},
+    "motion_predictor": {"rate": 2.0, "publish_markers": False, "publish_occupancy": False},
+}
+LASTING = 2.0
+"""s: a label that was followed for as long is told of."""
+
+
+def bag_of(name: str, folder: Path) -> Path:
+    """The bag that a name or a path stands for; archives and other logs are unpacked in `folder`.
+
+    Raises InputError where there is none.
+    """
+    path = Path(name)
+    if name in SHARED:
+        known = recording(SHARED[name])
+        if known is None:
+            raise InputError(
+                f"--recording {name}: the recording {SHARED[name]} is not on this machine (data directory: "
+                f"{data_directory() or 'none; set WHEREABOUTS_DATA'}); give a bag of your own"
+            )
+        path = known
+    if not path.exists():
+        raise InputError(
+            f"--recording: there is no file {path}, and no recording of that name: {', '.join(SHARED)}"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".zip":
+        with zipfile.ZipFile(path) as archive:
+            inside = [each for each in archive.namelist() if each.endswith((".bag", ".mcap", ".db3"))]
+            if len(inside) != 1:
+                raise InputError(f"--recording: {path} must hold one bag, not {len(inside)}")
+            unpacked = folder / Path(inside[0]).name
+            unpacked.write_bytes(archive.read(inside[0]))
+            path = unpacked
+    if path.suffix in (".mcap", ".db3", ".bag") or path.is_dir():
+        return path
+    target = folder / f"{path.name.split('.')[0]}.mcap"
+    convert_log(path, target)
+    return target
+
+
+def run_recorded(
+    bag: Path,
+    folder: Path,
+    given: Mapping[str, Mapping[str, Any]],
+    on_event: Callable[[str], None],
+    on_progress: Callable[[float], None],
+) -> tuple[Said, Any]:
+    """The bag through four nodes in lock-step; what they said, and an account. given : parameters of the robot."""
+    output = folder / "recording.mcap"
+    specs = [
+        NodeSpec(name, parameters={**REPLAY_PARAMETERS, **PARAMETERS.get(name, {}), **given.get(name, {})})
+        for name in NODES
+    ]
+    account = run_suite(
+        SuiteRun(
+            bag,
+            specs,
+            folder / "logs",
+            record=[each for each in RECORDED if each[0] in TOPICS],
+            output=output,
+            on_event=on_event,
+            on_progress=on_progress,
+        )
+    )
+    said = read_said(output, bag)
+    if not len(said.replayed.poses):
+        raise SuiteError(f"scan_registration published no odometry; its log says why: {folder / 'logs'}")
+    return said, account
+
+
+def figures(said: Said, account: Any) -> dict[str, Any]:
+    """All figures by name, for --json."""
+    lasting = _followed(said)
+    return {
+        "bag_s": account.bag_seconds,
+        "wall_s": account.wall_seconds,
+        "scans": len(said.replayed.poses),
+        "path_m": said.replayed.path_length,
+        "closures": len(said.replayed.closures),
+        "labels": len(lasting),
+        "longest_s": max(lasting.values(), default=0.0),
+        "people_at_once": float(np.mean([len(people) for people in said.people.values()]))
+        if said.people
+        else 0.0,
+        "lost": account.total_lost,
+    }
+
+
+def _followed(said: Said) -> dict[int, float]:
+    """Seconds from first to last by label, of those that lasted."""
+    spans: dict[int, tuple[float, float]] = {}
+    for stamp, people in sorted(said.people.items()):
+        for one in people:
+            spans[one.label] = (spans.get(one.label, (stamp, stamp))[0], stamp)
+    return {label: last - first for label, (first, last) in spans.items() if last - first >= LASTING}
+
+
+def write(folder: Path, bag: Path, said: Said, account: Any) -> Path:
+    """index.html in `folder`; returns its path."""
+    found, lasting = figures(said, account), _followed(said)
+    screen = screen_of(said, Truth(), Places())
+    screen.nothing = "This recording has no camera: only the map and people are known."
+    for label, seconds in lasting.items():
+        rows = screen.people.get(f"person {label}", [])
+        if rows:
+            screen.events.append((rows[0][0], f"person {label} is there, followed for {seconds:.0f} s", ""))
+    for _, later, _ in said.replayed.closures:
+        screen.events.append((later, "knows the place again: a loop is closed", ""))
+    screen.events.sort(key=lambda event: event[0])
+    lead = (
+        f"{found['bag_s'] / 60.0:.1f} minutes, replayed over DDS through {len(NODES)} nodes in "
+        f"{found['wall_s']:.0f} s. The robot drove {found['path_m']:.0f} m; {found['labels']} people were followed for "
+        f"{LASTING:.0f} s and longer."
+    )
+    page = Page(f"{bag.name}: a real robot among people", lead, screen)
+    page.heading("Files of this run")
+    page.files(files_of(folder, bag, folder / "recording.mcap"))
+    page.heading("For engineers")
+    names = {
+        "scans": "scans with a pose", "path_m": "path, m", "closures": "closed loops",
+        "labels": "labels that lasted 2 s",
+        "longest_s": "longest label, s", "people_at_once": "people at a time, mean", "lost": "messages lost",
+        "wall_s": "replayed in, s",
+    }  # fmt: skip
+    page.table(("", ""), [(text, f"{found[key]:g}") for key, text in names.items()], numbers=True)
+    page.text("There is no ground truth in this recording: nobody is called false here.")
+    return page.write(folder / "index.html")

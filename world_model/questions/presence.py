@@ -1,0 +1,113 @@
+"""Where all things were in the last weeks, read at once: what habits and routines are made of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.questions.recall import BELIEVED, PERSON, Recall, Timeline
+
+MOST = 25_000
+"""Rows of history that are looked through: some weeks of a busy home."""
+
+
+Sight = tuple[float, str, bytes, float, int, float, float]
+
+
+@dataclass(frozen=True)
+class Course:
+    """One object: from each of `stamps` (N,), s, on it was at `places` (N,), None where it was nowhere."""
+
+    stamps: FloatArray
+    places: tuple[str | None, ...]
+    seen: float
+
+    def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
+        """Share of the time between two moments by place; `absent` as of `Timeline.shares`."""
+        spent: dict[str, float] = {}
+        edges = np.clip([*self.stamps, end], start, end)
+        for place, seconds in zip(self.places, np.diff(edges).tolist(), strict=True):
+            if place is not None and seconds > 0.0:
+                spent[place] = spent.get(place, 0.0) + seconds
+        total = sum(spent.values())
+        if absent and len(self.stamps):
+            total = max(total, end - max(start, float(self.stamps[0])))
+        return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
+
+
+@dataclass(frozen=True)
+class Presence:
+    """The courses of all things, by newest id, between `start` and `end`, s."""
+
+    start: float
+    end: float
+    courses: dict[str, Course]
+
+    def shares(self, name: str, absent: bool = False) -> dict[str, float]:
+        """Share of the time by place of one object, {} where it was not seen."""
+        course = self.courses.get(name)
+        return {} if course is None else course.shares(self.start, self.end, absent)
+
+
+def presence_of(world: Recall, start: float) -> Presence:
+    """Where all that is no person was since a moment, or since what `MOST` rows tell; read once."""
+    key = f"presence {start}"
+    known = world.kept.get(key)
+    if not isinstance(known, Presence):
+        known = _read(world, start)
+        world.kept[key] = known
+    return known
+
+
+def _read(world: Recall, start: float) -> Presence:
+    if world.store is None:
+        lines = {name: _of_line(world.timeline(name)) for name in world.things()}
+        return Presence(start, world.now, lines)
+    names, rows, start = world.store.happened(start, MOST, PERSON)
+    positions = np.frombuffer(b"".join(row[3] for row in rows), "<f8").reshape(-1, 3)
+    words = world.words(positions)
+    by_name: dict[str, list[int]] = {}
+    for index, row in enumerate(rows):
+        by_name.setdefault(world.individual(names[row[0]])[0], []).append(index)
+    courses: dict[str, Course] = {}
+    here = [row[2] != "gone" and not row[5] and row[4] >= BELIEVED for row in rows]
+    for name in {*by_name, *(item for item in world.heads(world.present))}:
+        found = by_name.get(name, [])
+        stamps = [rows[index][1] for index in found]
+        places: list[str | None] = [words[index] if here[index] else None for index in found]
+        if not found or stamps[0] > start:
+            before = world.store.sights(name, world.epoch, end=start, most=1)
+            if before:
+                stamps, places = [start, *stamps], [_place(world, before[0]), *places]
+        item = world.present.get(name)
+        seen = item.last_seen if item is not None else max((rows[index][6] for index in found), default=start)
+        if stamps:
+            courses[name] = _course(stamps, places, seen)
+    return Presence(start, world.now, courses)
+
+
+def _place(world: Recall, row: Sight) -> str | None:
+    """Where an object was by one row of its history."""
+    there = row[1] != "gone" and not row[4] and row[3] >= BELIEVED
+    return world.words(np.frombuffer(row[2], "<f8").reshape(1, 3))[0] if there else None
+
+
+def _course(stamps: list[float], places: list[str | None], seen: float) -> Course:
+    """Only where the place is another than before."""
+    kept = [index for index in range(len(places)) if index == 0 or places[index] != places[index - 1]]
+    return Course(np.array([stamps[index] for index in kept]), tuple(places[index] for index in kept), seen)
+
+
+def _of_line(line: Timeline) -> Course:
+    stamps: list[float] = []
+    places: list[str | None] = []
+    for stay in line.stays:
+        stamps.append(stay.since)
+        places.append(stay.place)
+        if stay.gone and stay.left_by is not None:
+            stamps.append(stay.left_by)
+            places.append(None)
+    return _course(stamps, places, line.stays[-1].until if line.stays else -math.inf)
