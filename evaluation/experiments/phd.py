@@ -12,6 +12,7 @@ import numpy as np
 
 from evaluation.experiments import phd_hidden as hiding
 from evaluation.experiments import phd_monte_carlo as monte_carlo
+from evaluation.experiments import phd_partitions as partitions
 from evaluation.experiments import phd_recorded as recorded
 from evaluation.report import Options, Part, Printed, Report, Table
 from whereabouts.parallel import each
@@ -198,6 +199,7 @@ def _recorded(options: Options, report: Report) -> None:
 
 PARTS = {
     "figure 3": Part(_figure_3),
+    "partitions": Part(partitions.table),
     "crossings": Part(_crossings),
     "figure 4": Part(_figure_4),
     "scans": Part(
