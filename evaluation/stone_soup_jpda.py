@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.stone_soup_phd import clusters
+from evaluation.stone_soup_phd import StoneSoupPhd
 from tracking import PhdConfig
 
 # A track is told of from so many scans with a detection on, and dropped after so many without.
@@ -40,6 +40,8 @@ class StoneSoupJpda:
             KalmanPredictor(transition), self.updater, 0.1 / config.area, config.detection_probability, GATE
         )
         self.associator = JPDA(hypothesiser) if joint else PDA(hypothesiser)
+        # The same clusters as the other peer's, so that the association alone differs.
+        self._clusters = StoneSoupPhd(config)._clusters
         self.start = datetime(2020, 1, 1)
         self.tracks: dict[Any, list[int]] = {}
 
@@ -55,7 +57,7 @@ class StoneSoupJpda:
         now = self.start + timedelta(seconds=stamp)
         detections = [
             Detection(centre.reshape(2, 1), timestamp=now, measurement_model=self.model)
-            for centre in clusters(points, self.config)
+            for centre in self._clusters(points)
         ]
         self._update(detections, now)
         self.tracks = {track: about for track, about in self.tracks.items() if about[1] <= FORGOTTEN}

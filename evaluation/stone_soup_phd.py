@@ -70,19 +70,17 @@ class StoneSoupPhd:
             )
         detections = {
             Detection(centre.reshape(2, 1), timestamp=now, measurement_model=self.model)
-            for centre in clusters(points, self.config)
+            for centre in self._clusters(points)
         }
         hypotheses = self.hypothesiser.hypothesise(self.components, detections, now, order_by_detection=True)
         self.components = set(self.reducer.reduce(self.updater.update(hypotheses)))
         found = [c.mean[[0, 2], 0] for c in self.components if c.weight > 0.5]
         return np.array(found, dtype=float).reshape(-1, 2)
 
+    def _clusters(self, points: np.ndarray) -> list[np.ndarray]:
+        from sklearn.cluster import DBSCAN
 
-def clusters(points: np.ndarray, config: PhdConfig) -> list[np.ndarray]:
-    """Centroids (2,) of the clusters among returns (N, 2)."""
-    from sklearn.cluster import DBSCAN
-
-    if len(points) == 0:
-        return []
-    names = DBSCAN(eps=NEIGHBOUR * config.measurement_noise, min_samples=LEAST).fit_predict(points)
-    return [points[names == name].mean(0) for name in range(names.max() + 1)]
+        if len(points) == 0:
+            return []
+        names = DBSCAN(eps=NEIGHBOUR * self.config.measurement_noise, min_samples=LEAST).fit_predict(points)
+        return [points[names == name].mean(0) for name in range(names.max() + 1)]
