@@ -36,7 +36,7 @@ def test_kalman_mode_is_the_plain_kalman_filter():
     assert printed.mode == "kf"
 
 
-def posterior(weight, mean, P, count=400_000):
+def posterior(weight, mean, P, count=60_000):
     """Mean and standard deviations of a position prior under a weight, by plain Monte Carlo."""
     x = np.random.default_rng(5).multivariate_normal(mean, P, count)
     w = weight(x)
