@@ -13,6 +13,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.metrics import nees
 from estimation.switching import ConstantVelocity, SwitchingFilter
+from estimation.switching_printed import PrintedSwitchingFilter
 from whereabouts.parallel import each
 
 RATE = 40.0  # Hz
@@ -32,6 +33,7 @@ FILTERS: dict[str, dict[str, Any]] = {
     "always particles": {"k_crit": 0.0},
     "always Kalman": {"k_crit": np.inf},
     "plain Kalman": {"k_crit": np.inf, "decorrelated": False},
+    "Algorithm 1 as printed": {"printed": True},
 }
 
 # What a mode between the two could be held against: the Kalman mode, cheaper particles, and many more of them, which
@@ -103,7 +105,9 @@ def track(scene: Walk, seed: int, acceleration: float = ACCELERATION, **options:
     """
     start = np.array([*scene.truth[0, :2], 0.0, 1.0])
     spread = np.diag([0.1, 0.1, 0.05, 0.05])
-    filter_ = SwitchingFilter(ConstantVelocity(acceleration), start, spread, seed=seed, **options)
+    options = dict(options)
+    kind = PrintedSwitchingFilter if options.pop("printed", False) else SwitchingFilter
+    filter_ = kind(ConstantVelocity(acceleration), start, spread, seed=seed, **options)
     k_crit = options.get("k_crit", 1.075)
     steps = len(scene.truth)
     error, squares, ratio = np.empty((steps, 2)), np.empty(steps), np.empty(steps)
@@ -123,7 +127,9 @@ def track(scene: Walk, seed: int, acceleration: float = ACCELERATION, **options:
     return Run(error, squares, ratio, particles, kinds, times[:, 0], times[:, 1])
 
 
-def _kind(mode_before: str, after: SwitchingFilter, tests_before: int, k_crit: float) -> str:
+def _kind(
+    mode_before: str, after: SwitchingFilter | PrintedSwitchingFilter, tests_before: int, k_crit: float
+) -> str:
     if mode_before == "kf":
         return "KF" if after.mode == "kf" else "KF to PF"
     if after.mode == "kf":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.intentions.motion import estimate
+from tracking.intentions.printed import PrintedModel
 from whereabouts.logs.trajectories import EDINBURGH_METRES
 
 Array = NDArray[np.float64]
@@ -19,6 +20,7 @@ CORRECT = 29.0 * EDINBURGH_METRES
 FIRST = 10  # trajectories learned before the first prediction
 OBSERVED, AHEAD = 8, 12  # frames of the hotel recording: 3.2 s seen, 4.8 s predicted
 METHODS = ("routes", "ghmm", "linear")
+PRINTED = "printed"
 
 
 @dataclass
@@ -126,13 +128,17 @@ def held_out(walks: list[Array], method: str, learned: int, judged: int, rng: np
     return np.asarray(np.mean(correct, axis=0))
 
 
+def _model(method: str) -> IntentionModel:
+    return IntentionModel(IntentionConfig(method="routes" if method == "linear" else method))
+
+
 def swing(walks: list[Array], method: str, count: int = 40) -> Array:
     """How much a predicted path moves when 0.5 s of observations arrive, m, per moment; the last `count` walks.
 
     The mean distance of two consecutive predictions at the same times, over the 5 s that both look at: what a robot
     that plans around the person would have to replan.
     """
-    model = IntentionModel(IntentionConfig(method="routes" if method == "linear" else method))
+    model = PrintedModel() if method == PRINTED else _model(method)
     fresh = IntentionModel()
     split = max(1, len(walks) - count)
     for walk in walks[:split]:
@@ -165,10 +171,11 @@ def displacement(
 ) -> tuple[Array, Array]:
     """Errors (moments, 12) m at 0.4 s to 4.8 s ahead, and squared Mahalanobis distances of the same.
 
-    method : "learned" (online, people learned when their tracks end), "fresh" (nothing learned), "last step" or
-        "mean of 8" (constant velocity of the last step, or over the 3.2 s seen).
+    method : "printed" (chapter 4 as printed, online), "learned" (online, people learned when their tracks end),
+        "fresh" (nothing learned), "last step" or "mean of 8" (constant velocity of the last step, or over the 3.2 s).
     """
-    model = IntentionModel(config)
+    model = PrintedModel() if method == PRINTED else IntentionModel(config)
+    learns = method in ("learned", PRINTED)
     ended = sorted(people, key=lambda label: float(people[label][-1, 2]))
     errors, squares = [], []
     moments = [
@@ -182,7 +189,7 @@ def displacement(
     for label, k in moments:
         rows = people[label]
         now = float(rows[k - 1, 2])
-        while method == "learned" and learned < len(ended) and people[ended[learned]][-1, 2] < now:
+        while learns and learned < len(ended) and people[ended[learned]][-1, 2] < now:
             model.learn(people[ended[learned]])
             learned += 1
         truth = rows[k : k + AHEAD]

@@ -6,12 +6,14 @@ hidden by another), and the scans of `extended_targets` where they are present.
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from evaluation.experiments import phd_hidden as hiding
 from evaluation.experiments import phd_monte_carlo as monte_carlo
+from evaluation.experiments import phd_partitions as partitions
 from evaluation.experiments import phd_recorded as recorded
 from evaluation.report import Options, Part, Printed, Report, Table
 from whereabouts.parallel import each
@@ -27,6 +29,10 @@ FILTERS: dict[str, dict[str, Any]] = {
 }
 K_MEANS: dict[str, dict[str, Any]] = {"as printed, K-means": {**PRINTED, "partitioner": "kmeans"}}
 POINTS: dict[str, dict[str, Any]] = {"GM-PHD for points": {"filter": "gmphd"}}
+CLUSTERS: dict[str, dict[str, Any]] = {
+    "PDA on clusters, Stone Soup": {"association": "pda"},
+    "JPDA on clusters, Stone Soup": {"association": "jpda"},
+}
 # Scenes of the hidden person: walking speed, m/s, and distances of both people, m.
 WALKS = {
     "1.0 m/s at 7 m": (1.0, (5.0, 7.0)),
@@ -48,7 +54,8 @@ def _figure_3(options: Options, report: Report) -> None:
         scene = make()
         truth = np.array([len(there) for there in scene.positions])
         runs: dict[str, np.ndarray] = {}
-        for name, settings in (FILTERS | K_MEANS | POINTS).items():
+        clusters = CLUSTERS if find_spec("stonesoup") else {}
+        for name, settings in (FILTERS | K_MEANS | POINTS | clusters).items():
             calls = [(scene, settings, [options.seed, number, r]) for r in range(count)]
             runs[name] = np.array(_parallel(options, f"{title}: {name}", monte_carlo.follow, calls))
             values = runs[name]
@@ -69,7 +76,8 @@ def _figure_3(options: Options, report: Report) -> None:
     note = (
         "Runs of 100 scans (the text: 1000 runs), 10 returns per target, 10 of clutter; OSPA with p = 2, c = 60 m. The "
         "text, in words only: the extended filter outperforms the point filter and counts right except where targets "
-        "are close; distances are better than K-means."
+        "are close; distances are better than K-means. PDA and JPDA know one return per target and get centroids of "
+        "clusters; PDA lets several tracks fall on one target."
     )
     report.tables.append(
         Table(
@@ -198,6 +206,7 @@ def _recorded(options: Options, report: Report) -> None:
 
 PARTS = {
     "figure 3": Part(_figure_3),
+    "partitions": Part(partitions.table),
     "crossings": Part(_crossings),
     "figure 4": Part(_figure_4),
     "scans": Part(

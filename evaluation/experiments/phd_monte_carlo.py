@@ -10,6 +10,7 @@ import numpy as np
 
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
 from tracking.evaluation import Score, labels_kept
+from tracking.target import Target
 from whereabouts.simulation.targets import TargetScene, TargetSensor, cross_and_spawn, crossing, side_by_side
 
 SENSOR = TargetSensor()
@@ -31,6 +32,9 @@ def scored(
     """One run's score; `births` as in PhdConfig, the text's where None."""
     rng = np.random.default_rng(seed)
     settings = dict(settings)
+    association = settings.pop("association", None)
+    if association is not None:
+        return _scored_clusters(scene, str(association), rng)
     kind = PointTargetPhd if settings.pop("point", False) else ExtendedTargetPhd
     if births is not None:
         settings["births"] = births
@@ -39,6 +43,21 @@ def scored(
     for k, there in enumerate(scene.positions):
         targets = filter_.step(SENSOR.returns(there, rng), float(k))
         score.add(targets, there, filter_.expected_count)
+    return score
+
+
+def _scored_clusters(scene: TargetScene, association: str, rng: np.random.Generator) -> Score:
+    """One run of "pda" or "jpda" on clusters of returns."""
+    from evaluation.stone_soup_jpda import StoneSoupJpda
+
+    tracker, score = StoneSoupJpda(PhdConfig(), association == "jpda"), Score(60.0)
+    for k, there in enumerate(scene.positions):
+        spots = tracker.step(SENSOR.returns(there, rng), float(k))
+        told = [
+            Target(j, np.array([*spot, 0.0, 0.0]), np.eye(4), 1.0, np.eye(2), 0.0)
+            for j, spot in enumerate(spots)
+        ]
+        score.add(told, there, tracker.expected_count)
     return score
 
 

@@ -44,6 +44,12 @@ def test_plain_method_and_wrong_input(table: Path, tmp_path: Path) -> None:
     result = runner.invoke(app, ["intentions", str(table), "--method", "ghmm"])
     assert result.exit_code == 0, result.output
     assert "(ghmm)" in result.output
+    figures = tmp_path / "printed.json"
+    printed = ["--method", "printed", "--json", str(figures), "--horizon", "2"]
+    result = runner.invoke(app, ["intentions", str(table), *printed])
+    assert result.exit_code == 0, result.output
+    # The same goals, and paths of their own.
+    assert json.loads(figures.read_text())["predictions"] == 20
     result = runner.invoke(app, ["intentions", str(table), "--method", "oracle"])
     assert result.exit_code == 1
     assert "method" in str(result.exception)

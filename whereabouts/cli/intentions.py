@@ -20,7 +20,10 @@ def intentions(
     ],
     method: Annotated[
         str,
-        typer.Option("--method", help="routes (default), or ghmm: the plain growing hidden Markov model."),
+        typer.Option(
+            "--method",
+            help="routes (default); ghmm: the plain growing hidden Markov model; printed: with the paths of chapter 4.",
+        ),
     ] = "routes",
     horizon: Annotated[
         float, typer.Option("--horizon", min=0.1, max=60.0, help="Seconds to look ahead.")
@@ -56,17 +59,20 @@ def intentions(
 
     from evaluation.experiments.intentions_run import learn_and_predict
     from tracking.intentions import IntentionConfig, IntentionModel
+    from tracking.intentions.printed import PrintedModel
     from whereabouts.logs.trajectories import read_trajectories
     from whereabouts.progress import progress_bar
 
     recorded = read_trajectories(source)
     for line in recorded.summary.lines():
         typer.echo(line, err=True)
-    model = (
-        IntentionModel(replace(IntentionConfig(), method=method))
-        if load is None
-        else IntentionModel.load(load)
-    )
+    model: IntentionModel
+    if load is not None:
+        model = IntentionModel.load(load)
+    elif method == "printed":
+        model = PrintedModel()
+    else:
+        model = IntentionModel(replace(IntentionConfig(), method=method))
     with progress_bar() as bar:
         task = bar.add_task(f"learning {source.name}", total=len(recorded.trajectories))
         told = learn_and_predict(

@@ -1,0 +1,87 @@
+"""Chapter 4 as printed: goals by the plain GHMM (4.12), paths by the Kalman filter with social forces (4.13)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimation.checks import FloatArray, as_points, require_positive
+from tracking.intentions.config import IntentionConfig
+from tracking.intentions.model import IntentionModel
+from tracking.intentions.observations import clean
+from tracking.intentions.prediction import Prediction, parse_others
+from tracking.social_forces import Obstacles
+from tracking.social_forces_printed import Acceleration, PrintedForces, SocialForceFilter
+
+RECENT = 25  # observations that the filter runs over; older ones say nothing of the velocity any more
+
+
+class PrintedModel(IntentionModel):
+    """`IntentionModel` with the text's two steps; learns as the plain GHMM does.
+
+    Other people go on as they are while one is predicted. Before anything is learned the goal is straight ahead, as
+    in the text's benchmark.
+    """
+
+    def __init__(self, forces: PrintedForces | None = None) -> None:
+        super().__init__(IntentionConfig(method="ghmm", time_step=0.2))
+        self.printed = forces or PrintedForces()
+
+    def predict(
+        self,
+        partial: ArrayLike,
+        horizon: float,
+        others: ArrayLike | Sequence[ArrayLike] | None = None,
+        obstacles: ArrayLike | Obstacles | None = None,
+    ) -> Prediction:
+        """As `IntentionModel.predict`; the one path is to the most probable goal.
+
+        Raises
+        ------
+        InputError : shapes other than there, no finite row, or a horizon that is not above zero.
+        """
+        require_positive("horizon", horizon)
+        rows = clean("partial", partial).rows
+        goals, probabilities = self.intentions(rows, horizon)
+        beside, states = parse_others(others)
+        tracks = [clean(f"others[{k}]", track).rows for k, track in enumerate(beside)]
+        people = np.concatenate([states, *(self._motion(track).state[None] for track in tracks)])
+        points = _points(obstacles)
+        begun = float(rows[-1, 2])
+
+        def pushed(now: float) -> Acceleration:
+            """Forces with everybody where they should be at `now` s."""
+            there = people[:, :2] + (now - begun) * people[:, 2:]
+            things = np.concatenate([there, points])
+            radii = np.repeat([self.printed.radius, 0.0], [len(there), len(points)])
+            return lambda x: self.printed.acceleration(x, goals[0], things, radii)
+
+        filter_ = self._filtered(rows[-RECENT:], pushed)
+        times = np.linspace(0.0, horizon, max(1, int(np.ceil(horizon / self.config.time_step - 1e-9))) + 1)
+        path, covariances = [filter_.state[:2]], [filter_.covariance[:2, :2]]
+        for before, after in pairwise(times):
+            filter_.predict(float(after - before), pushed(begun + before))
+            path.append(filter_.state[:2])
+            covariances.append(filter_.covariance[:2, :2])
+        return Prediction(
+            goals, probabilities, np.column_stack((np.array(path), begun + times)), np.array(covariances)
+        )
+
+    def _filtered(self, rows: FloatArray, pushed: Callable[[float], Acceleration]) -> SocialForceFilter:
+        """The filter after the observations."""
+        filter_ = SocialForceFilter(
+            np.array([*rows[0, :2], 0.0, 0.0]), np.diag([0.01, 0.01, 4.0, 4.0]), dt=0.2
+        )
+        for before, after in pairwise(rows):
+            filter_.predict(float(after[2] - before[2]), pushed(float(before[2])))
+            filter_.update(after[:2])
+        return filter_
+
+
+def _points(obstacles: ArrayLike | Obstacles | None) -> FloatArray:
+    if obstacles is None:
+        return np.zeros((0, 2))
+    return obstacles.points if isinstance(obstacles, Obstacles) else as_points("obstacles", obstacles, 2)
