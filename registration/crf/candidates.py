@@ -59,40 +59,6 @@ def _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squ
 
 
 @njit(cache=True)
-def _candidates(points, spacing, motions, active, xy, ranges, number, angle_min, step, states):  # type: ignore[no-untyped-def]
-    states[:, :] = -1
-    found, squares = np.empty(MOST, dtype=np.int64), np.empty(MOST)
-    for i in range(len(points)):
-        count = 0
-        for d in range(len(motions)):
-            if not active[i, d]:
-                continue
-            c, s = math.cos(motions[d, 2]), math.sin(motions[d, 2])
-            x = motions[d, 0] + c * points[i, 0] - s * points[i, 1]
-            y = motions[d, 1] + s * points[i, 0] + c * points[i, 1]
-            most = OF_BACKGROUND if d == 0 else OF_OBJECT
-            radius = max(RADIUS, 2.0 * spacing[i])
-            near = _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squares)
-            for k in range(near):
-                known = False
-                for m in range(count):
-                    known |= states[i, m] == found[k]
-                if not known and count < MOST:
-                    states[i, count] = found[k]
-                    count += 1
-
-
-def candidates(a: Beams, b: Beams, motions: Array, active: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """States of the association nodes, (n, MOST): points of b (numbers in `b.points`), -1 for none.
-
-    motions : (D, 3). active : (n, D) which motions are considered for which point.
-    """
-    states = np.empty((len(a), MOST), dtype=np.int64)
-    _candidates(a.points, a.spacing, motions, active, b.xy, b.ranges, b.number, b.angle_min, b.step, states)
-    return states
-
-
-@njit(cache=True)
 def _one_nearest(points, radius, xy, ranges, number, angle_min, step):  # type: ignore[no-untyped-def]
     nearest = np.full(len(points), -1, dtype=np.int64)
     found, squares = np.empty(1, dtype=np.int64), np.empty(1)

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.poses import inverse
-from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, nearness, sightings
+from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, beams_at, moved, nearness, sightings
 from registration.crf.candidates import nearest_points
 from registration.crf.displacement import best_motion, claim
 from registration.crf.grouping import groups_of
@@ -125,7 +125,7 @@ def _owners(a: Beams, b: Beams, background: Array, fresh: NDArray[np.int64]) -> 
     owners = np.full(len(b), -1, dtype=np.int64)
     agrees = np.flatnonzero(fresh == AGREES)
     if len(agrees) and len(a):
-        owners[agrees] = nearest_points(a, _moved(b.points[agrees], inverse(background)), OWNED)
+        owners[agrees] = nearest_points(a, moved(b.points[agrees], inverse(background)), OWNED)
     return owners
 
 
@@ -196,7 +196,7 @@ def _came_from(
     motion = inverse(group.motion)
     on = _on_outline(a.points, near, np.ones(len(a), dtype=bool), motion, b)
     members = on.copy()
-    members[on] = _among(_moved(a.points[on], motion), b.points[group.members], (near + a.spacing)[on])
+    members[on] = _among(moved(a.points[on], motion), b.points[group.members], (near + a.spacing)[on])
     whole = np.bincount(a.pieces, members) > WHOLE * np.bincount(a.pieces)
     members &= whole[a.pieces] | (labels == FREE) | (labels == CLEAR)
     found = _not_standing(a, b, replace(group, members=members, motion=motion), background, labels, near)
@@ -212,9 +212,9 @@ def _not_standing(
     stands = np.flatnonzero(hypothesis.members & (labels == AGREES))
     if not len(stands):
         return hypothesis
-    seen = b.points[nearest_points(b, _moved(a.points[stands], background), OWNED)]
+    seen = b.points[nearest_points(b, moved(a.points[stands], background), OWNED)]
     reach = near[stands] + a.spacing[stands]
-    slid = _among(_moved(seen, inverse(hypothesis.motion)), a.points[hypothesis.members], reach)
+    slid = _among(moved(seen, inverse(hypothesis.motion)), a.points[hypothesis.members], reach)
     members = hypothesis.members.copy()
     members[stands[~slid]] = False
     return replace(hypothesis, members=members)
@@ -222,11 +222,11 @@ def _not_standing(
 
 def _among(points: Array, others: Array, reach: Array) -> NDArray[np.bool_]:
     """(n,) which points (n, 2) have one of the others (m, 2) within reach (n,)."""
-    return np.asarray(_to_nearest(points, others) < reach)
+    return np.asarray(to_nearest(points, others) < reach)
 
 
 @njit(cache=True)
-def _to_nearest(points, others):  # type: ignore[no-untyped-def]
+def to_nearest(points, others):  # type: ignore[no-untyped-def]
     """(n,) metres from points (n, 2) to the nearest of the others (m, 2), inf without any."""
     away = np.empty(len(points))
     for i in range(len(points)):
@@ -256,14 +256,14 @@ def _merged(a: Beams, found: list[Hypothesis]) -> list[Hypothesis]:
 def _belongs(points: Array, part: Hypothesis, others: Array, whole: Hypothesis) -> bool:
     if not len(points) or not len(others):
         return False
-    apart = float(_to_nearest(points, others).min())
+    apart = float(to_nearest(points, others).min())
     if apart > 0.8:
         return False
     if not part.matched:
         return apart < LINK
     both = np.concatenate((points, others))
     extent = float(np.hypot(*np.ptp(both, axis=0)))
-    shift = np.hypot(*(_moved(both, part.motion) - _moved(both, whole.motion)).T).max()
+    shift = np.hypot(*(moved(both, part.motion) - moved(both, whole.motion)).T).max()
     legs = extent < 1.0 and max(np.hypot(*np.ptp(x, axis=0)) for x in (points, others)) < SMALL
     return bool(legs or (shift < 0.2 and extent < LARGEST))
 
@@ -323,7 +323,7 @@ def _of_group(
     extent = float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
     sigma = ROUND_SIGMA if extent < ROUND else TURN_SIGMA
     middle = points.sum(axis=0) / count
-    centre = _moved(middle, background)
+    centre = moved(middle, background)
     targets, worths, fresh = _goals(b.points, taken, new, weights, centre, reach + extent)
     stay, changed = stood - free, count - stood
     least = max(3.0, 0.4 * count, stay + max(3.0, min(0.25 * count, 0.6 * changed)))
@@ -335,7 +335,7 @@ def _of_group(
             b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, least, motion,
         )  # fmt: skip
     if best >= least and (free >= 2 or best > 0.7 * count):
-        if np.hypot(*(_moved(middle, motion) - centre)) < 0.04:
+        if np.hypot(*(moved(middle, motion) - centre)) < 0.04:
             return None
         on = _on_outline(a.points, near, members, motion, b) & members
         return Hypothesis(on, motion, best - stay, True)
@@ -372,13 +372,4 @@ def _on_outline(
 
 def _out_of_view(points: Array, motion: Array, b: Beams) -> NDArray[np.bool_]:
     """(n,) which points have left the opening of scan b under `motion`."""
-    moved = _moved(points, motion)
-    beam = (np.arctan2(moved[:, 1], moved[:, 0]) - b.angle_min) / b.step
-    around = 2.0 * np.pi / abs(b.step)
-    beam = np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5)
-    return np.asarray(beam >= len(b.ranges))
-
-
-def _moved(points: Array, motion: Array) -> Array:
-    c, s = np.cos(motion[2]), np.sin(motion[2])
-    return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])
+    return beams_at(b, moved(points, motion)) >= len(b.ranges)
