@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.crf.beams import AGREES, Beams, beams_at, moved, nearness
+from registration.crf.beams import AGREES, UNSEEN, Beams, beams_at, moved, nearness
 from registration.crf.candidates import nearest_points
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.setup import Start
@@ -39,11 +39,10 @@ def estimate_of(begun: Start, labels: NDArray[np.int64], probability: Array) -> 
     a, b = begun.a, begun.b
     motions, covariances = [begun.registration.transform], [begun.registration.covariance]
     partners = np.full(len(a), -1, dtype=np.int64)
-    clusters = np.where(labels < 0, -1, 0)
     grain, gaps = nearness(a, begun.noise) + 0.5 * a.spacing, _gaps(b)
-    _associate(begun, labels == 0, motions[0], gaps, partners)
-    # A point of the background that no beam is near to is an outlier of either kind.
-    clusters[(labels == 0) & (partners < 0)] = -1
+    # Between two surfaces, at edges and flanks, a point may have its partner although b does not see it agree.
+    _associate(begun, (labels == 0) | ((labels < 0) & (begun.sight == UNSEEN)), motions[0], gaps, partners)
+    clusters = np.where(partners >= 0, 0, -1)
     for number in range(1, int(labels.max(initial=0)) + 1):
         members = labels == number
         if members.sum() < LEAST_MEMBERS:
