@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from estimation.errors import InputError
 from evaluation.experiments.crf_metrics import f1_of, scores
@@ -19,7 +19,7 @@ from registration.crf.labels import groups_as_labels
 from registration.crf.setup import start
 from registration.crf.training import train
 from registration.crf.trees import with_movers
-from registration.crf.window import vote
+from registration.crf.window import decide, mean_probability
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
 from whereabouts.simulation.movers import crowd, outlines
@@ -156,15 +156,28 @@ def test_training_learns_what_the_evidence_tells(pairs: list[LabelledPair]) -> N
     assert learned[2] > groups[2]
 
 
-def test_a_beam_without_partner_has_a_vote_between() -> None:
-    def says(cluster: int, probability: float) -> JointEstimate:
-        one = np.full(1, cluster)
-        return JointEstimate(one, one, np.zeros((2, 3)), 0.0, np.zeros((2, 3, 3)), np.full(1, probability))
+def test_pairs_say_together_what_moves() -> None:
+    def says(*probabilities: float) -> JointEstimate:
+        labels = np.zeros(len(probabilities), dtype=np.int64)
+        return JointEstimate(
+            labels, labels, np.zeros((1, 3)), 0.0, np.zeros((1, 3, 3)), np.array(probabilities)
+        )
 
-    def mean(*estimates: JointEstimate) -> float:
-        votes = vote(estimates, 1)
-        return float(votes.total[0] / max(votes.count[0], 1))
+    refused = replace(says(1.0, 1.0, 1.0), converged=False)
+    mean = mean_probability([says(0.9, 0.2, np.nan), says(0.5, np.nan, np.nan), refused], 3)
+    assert_allclose(mean, [0.7, 0.2, np.nan])
+    assert np.isnan(mean_probability([refused], 3)).all()
 
-    moves, stands = says(1, 0.9), says(0, 0.0)
-    assert mean(says(-1, 0.0)) == mean(stands) < mean(says(-1, 0.5)) < mean(says(-1, 1.0)) == mean(moves)
-    assert mean(moves, says(-1, 0.1)) < mean(moves, says(-1, np.nan)) == mean(moves)
+
+def test_a_piece_moves_as_a_whole_and_a_wall_beam_by_beam() -> None:
+    ranges = np.full(60, 5.0)
+    ranges[20:30] = 2.0
+    scan = Scan(ranges, -0.5, 1.0 / 59, 0.05, 30.0)
+    near = ranges < 3.0
+    probability = np.where(near, np.where(np.arange(60) < 24, 0.1, 0.9), 0.2)
+    probability[40:45], probability[50] = 0.8, np.nan
+    labels = decide(scan, probability)
+    assert (labels[near] == 1).all()
+    assert (labels[40:45] > 1).all()
+    assert labels[50] == -1
+    assert (np.delete(labels, np.r_[20:30, 40:45, 50]) == 0).all()
