@@ -15,7 +15,7 @@ from registration.crf.setup import start
 from registration.scan import Scan
 
 TREES, DEPTH = 150, 6
-MOST_POINTS = 400  # of a pair, that the trees learn from
+MOST_POINTS = 40  # of a pair, that the trees learn from
 
 
 class Moving(Protocol):
