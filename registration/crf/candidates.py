@@ -1,7 +1,4 @@
-"""The few points of the second scan that each point of the first may be: its nearest under the current motions.
-
-The text's own proposal (section VI): with a handful of states instead of M, cost is linear in the number of points.
-"""
+"""The points of a scan nearest to given ones, found along its beams without a tree."""
 
 from __future__ import annotations
 
@@ -14,10 +11,6 @@ from numpy.typing import NDArray
 from estimation.sight import beam_at
 from registration.crf.beams import Beams, half_window, length
 from registration.motion import Array
-
-MOST = 8  # candidates of a point, without the outlier
-OF_BACKGROUND, OF_OBJECT = 4, 2  # nearest that are taken under each motion
-RADIUS = 0.25  # metres, candidates are looked for at least this far, and two beams' distance
 
 
 @njit(cache=True)

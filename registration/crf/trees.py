@@ -16,7 +16,7 @@ from registration.crf.evidence import evidence
 from registration.crf.setup import Start
 from registration.motion import Array
 
-MOVES = 1.8  # log odds, both equally likely beforehand, from which a point moves
+MOVES = 1.5  # log odds, both equally likely beforehand, from which a point moves
 LINK = 0.45  # metres between parts of one thing: two legs
 
 
