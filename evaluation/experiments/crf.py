@@ -95,7 +95,7 @@ def judged(pair: LabelledPair) -> dict[tuple[str, str], Scores]:
 def _tables(options: Options, report: Report) -> None:
     pairs = protocol(options.seed)
     chosen = np.random.default_rng([options.seed, 11]).permutation(len(pairs))
-    left = sorted(chosen[: options.share(5 * len(pairs), 9)].tolist())
+    left = sorted(chosen[: options.share(5 * len(pairs), 3)].tolist())
     every = each(judged, [(pairs[index],) for index in left], options.jobs, "pairs of the tables")
     found = {key: [one[key] for one in every] for key in every[0]}
     names = ["accuracy, % ↑", "SED ↓", "outliers, %", "outliers found, % ↑"]
