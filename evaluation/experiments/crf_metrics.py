@@ -1,4 +1,4 @@
-"""Metrics of the joint CRF's tables: accuracy, string edit distance, outliers found, errors of motions."""
+"""Metrics of the tables of `crf`: accuracy, string edit distance, outliers found, errors of motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scans as the joint model sees them: returns in the order of their beams, with what each beam saw through."""
+"""Scans made ready to be compared: returns in the order of their beams, with what each beam saw through."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may have moved, and how: the start of the joint inference (InitialiseRT, line 1 of Algorithm 1).
+"""What may have moved, and how.
 
 Points that the background's motion does not explain are gathered in groups; each group votes for the displacement
 that lays it on what is new in the second scan (a Hough transform over pairs of points), and the best few are refined.

@@ -1,4 +1,4 @@
-"""Moving beams over a window of scans: the joint inference against several others of them, and one decision per piece.
+"""Moving beams over a window of scans: each compared with several others of them, and one decision per piece.
 
 Consecutive scans show almost no motion, so each scan is compared with some half a second to a second away, before and
 (where the recording goes on) after. What a pair cannot decide, because it is hidden or slides along itself, another
