@@ -1,4 +1,4 @@
-"""Scans and clouds, odometry, pairwise and global registration, the joint CRF. Knows no ROS."""
+"""Scans and clouds, odometry, pairwise and global registration, what moves. Knows no ROS."""
 
 from registration.align import align
 from registration.align_globally import align_globally

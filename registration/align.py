@@ -25,7 +25,7 @@ from registration.result import Registration
 from registration.scan import Scan
 from registration.spatial import align_clouds
 
-METHODS = ("robust", "crf", "icp", "point_to_line", "ndt")
+METHODS = ("robust", "icp", "point_to_line", "ndt")
 REACH = 0.8  # metres around the guess that are searched
 TURN = np.deg2rad(50.0)  # radians around the guess that are searched
 CANDIDATES = 3
@@ -46,8 +46,7 @@ def align(
         Scans are judged better than bare points: they also say where nothing was. What is not finite is dropped.
     guess : expected pose of the source in the target frame, (3,) or (4, 4); none means the same place.
         The robust method searches 0.8 m and 50° around it; for the others it has to be close.
-    method : "robust"; for two scans "crf" (`registration.crf`, of which this keeps the background's motion); for
-        planar data the text's "icp" (point to point), "point_to_line" and "ndt".
+    method : "robust"; for planar data the text's "icp" (point to point), "point_to_line" and "ndt".
 
     Returns
     -------
@@ -67,13 +66,6 @@ def align(
         return align_clouds(np.asarray(source), np.asarray(target), as_guess(guess, (4, 4), np.eye(4)))
     start = as_guess(guess, (3,), np.zeros(3))
     moving, still = prepare("source", source), prepare("target", target)
-    if method == "crf":
-        if not (isinstance(source, Scan) and isinstance(target, Scan)):
-            raise InputError("method: 'crf' registers scans, not bare points")
-        # Imported here: the joint model builds on this module.
-        from registration.crf.background import by_joint_inference
-
-        return by_joint_inference(source, target, among_movers(moving, still, start))
     if method != "robust":
         refined = CLASSIC[method](moving, still, start)
         return judged(moving, still, refined, start, agreements(moving, still, refined.pose))

@@ -40,15 +40,12 @@ TURNED = 0.3  # rad by which that place has to be turned; along a wall, places n
 ASKED = Asked(fitness=0.75, merit=0.39)
 
 
-def align_globally(
-    source: Scan | ArrayLike, target: Scan | ArrayLike, method: str = "robust"
-) -> Registration:
+def align_globally(source: Scan | ArrayLike, target: Scan | ArrayLike) -> Registration:
     """Motion that lays `source` on `target`, from anywhere: any rotation, in the plane up to 6 m apart in x and y.
 
     Parameters
     ----------
     source, target : both planar, each a `Scan` or points (N, 2), or both clouds (N, 3); metres, sensor frames.
-    method : "robust", or for two scans "crf": the place found, refined by the joint model without what moves.
 
     Returns
     -------
@@ -56,25 +53,13 @@ def align_globally(
 
     Raises
     ------
-    InputError : wrong shapes, a planar with a spatial argument, or an unknown method.
+    InputError : wrong shapes, a planar with a spatial argument.
     """
-    if method not in ("robust", "crf"):
-        raise InputError(f"method: robust or crf expected, got {method!r}")
     if is_cloud(source) or is_cloud(target):
         if not (is_cloud(source) and is_cloud(target)):
             raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
-        if method != "robust":
-            raise InputError(f"method: clouds are registered by 'robust' only, got {method!r}")
         return _clouds(np.asarray(source), np.asarray(target))
-    found = _outlines(prepare("source", source), prepare("target", target))
-    if method == "crf" and found.converged:
-        if not (isinstance(source, Scan) and isinstance(target, Scan)):
-            raise InputError("method: 'crf' registers scans, not bare points")
-        # Imported here: the joint model builds on `align`.
-        from registration.crf.background import by_joint_inference
-
-        return by_joint_inference(source, target, found)
-    return found
+    return _outlines(prepare("source", source), prepare("target", target))
 
 
 def _outlines(moving: PreparedScan, still: PreparedScan) -> Registration:

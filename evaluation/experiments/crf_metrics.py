@@ -1,7 +1,8 @@
-"""Metrics of the joint CRF's tables: accuracy, string edit distance, outliers found, errors of motions."""
+"""Metrics of the tables of `crf`: accuracy, string edit distance, outliers found, errors of motions."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,3 +132,10 @@ def _error(
         c, s = np.cos(yaw), np.sin(yaw)
         ends.append(np.array([x + c * point[0] - s * point[1], y + s * point[0] + c * point[1]]))
     return abs(float(wrap_angle(motion[2] - truth[2]))), float(np.hypot(*(ends[0] - ends[1])))
+
+
+def f1_of(counts: Sequence[tuple[float, ...]]) -> tuple[float, float, float]:
+    """F1, precision, recall of summed (true positives, false positives, false negatives)."""
+    hits, wrong, missed = np.sum(counts, axis=0)
+    f1 = 2.0 * hits / max(2.0 * hits + wrong + missed, 1)
+    return float(f1), float(hits / max(hits + wrong, 1)), float(hits / max(hits + missed, 1))

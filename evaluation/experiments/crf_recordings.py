@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.poses import between
+from evaluation.experiments.crf_metrics import f1_of
 from evaluation.report import Options, Report, Table
 from registration import Odometry, Scan, align
 from registration.crf import JointModel
@@ -88,6 +89,7 @@ def recordings(options: Options, report: Report) -> None:
     rows: list[list[object]] = []
     samples: dict[str, int] = {}
     step = 4 if options.quick else 1
+    pooled: dict[str, Array] = {}
     for path in sorted((options.data / "moving_objects").glob("*.bag")):
         recorded = read_recording(path)
         samples[recorded.name] = len(range(0, len(recorded.scans), step))
@@ -97,11 +99,9 @@ def recordings(options: Options, report: Report) -> None:
             ("pair, odometry, 0.6 s back", _pairs(recorded, model, -0.6, step, True)),
             ("window", _window(recorded, model, step)),
         ):
-            hits, wrong, missed = map(float, counts)
-            f1 = 2.0 * hits / max(2.0 * hits + wrong + missed, 1.0)
-            rows.append(
-                [recorded.name, how, f1, hits / max(hits + wrong, 1.0), hits / max(hits + missed, 1.0)]
-            )
+            rows.append([recorded.name, how, *f1_of([tuple(counts)])])
+            pooled[how] = pooled.get(how, np.zeros(3)) + counts
+    rows += [["both", how, *f1_of([tuple(counts)])] for how, counts in pooled.items()]
     note = (
         "Truth is from motion capture. No recording was used in training, but the windows of scans were chosen on "
         "these two."

@@ -1,4 +1,4 @@
-"""How the shipped weights of the joint CRF are trained: simulated pairs of streets, halls, offices and crowds."""
+"""How the shipped models are trained: simulated pairs of streets, halls, offices and crowds."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from registration.crf.as_printed import PrintedCrf
+from registration.crf.as_printed import train as train_crf
 from registration.crf.model import JointModel
-from registration.crf.training import train, train_verdict
+from registration.crf.training import train
 from whereabouts.progress import track
 from whereabouts.simulation.labelled_pairs import (
     CROWD,
     INTERVALS,
-    SICK,
     LabelledPair,
     labelled,
     protocol,
-    random_labelled_pairs,
 )
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.movers import Mover, outlines
@@ -24,9 +24,8 @@ from whereabouts.simulation.shapes import Shapes, circle, joined
 from whereabouts.simulation.streets import SCENES, traffic
 
 SEED = 2026
-PAIRS = {"street": 12, "hall": 16, "office": 16, "crowd": 24}
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
-LOOKS = {"street": 400, "hall": 500, "office": 1000, "crowd": 1600}  # pairs the verdict is learned from
+LOOKS = {"street": 400, "hall": 500, "office": 1000, "crowd": 1600}  # pairs the trees are learned from
 SCANNERS = ((361, np.pi), (361, ROUND.opening), (1081, np.deg2rad(270.0)), (541, np.deg2rad(270.0)),
             (360, 2.0 * np.pi * 359 / 360))  # fmt: skip
 STANDING = 0.75  # of the scenes in which things stand that look like those that move
@@ -34,19 +33,8 @@ LOSSY = 0.35  # of the scanners, which lose up to half of their beams
 EMPTY = 0.1  # of the scenes in which nothing moves
 
 
-def training_pairs(seed: int = SEED) -> list[LabelledPair]:
-    """Labelled pairs of other seeds than the experiment's and the tests'; half of those indoors seen all round."""
-    pairs = protocol(seed)
-    for number, (scene, count) in enumerate(PAIRS.items()):
-        lidars = [SICK] if scene == "street" else [SICK, ROUND]
-        for half, lidar in enumerate(lidars):
-            rng = np.random.default_rng([seed, number, half])
-            pairs += random_labelled_pairs(rng, scene, count // len(lidars), lidar=lidar)
-    return pairs
-
-
 def looks(seed: int = SEED) -> Iterator[LabelledPair]:
-    """Pairs for the verdict: all kinds of scanners, noise and intervals, and what stands looks like what moves."""
+    """Pairs for the trees: all kinds of scanners, noise and intervals, and what stands looks like what moves."""
     for number, (scene, count) in enumerate(LOOKS.items()):
         rng = np.random.default_rng([seed, 20 + number])
         for _ in track(range(count), f"pairs, {scene}"):
@@ -105,19 +93,23 @@ def _is_free(movers: list[Mover], poses: tuple[np.ndarray, ...], times: tuple[fl
 
 
 def train_shipped(seed: int = SEED) -> JointModel:
-    """The model in `registration/crf/models/joint.json`."""
-    pairs = training_pairs(seed)
+    """The model in `registration/crf/models/movers.json`."""
     card = {
-        "trained by": "whereabouts segment --train --out registration/crf/models/joint.json",
+        "trained by": "whereabouts segment --train --out registration/crf/models/movers.json",
+        "pairs": sum(LOOKS.values()),
+        "seed": seed,
+        "data": "simulated streets, halls, offices and crowds (evaluation.experiments.crf_training); no recordings. In "
+        "most of them things stand that look like what moves, in a tenth nothing moves",
+    }
+    return JointModel(train(looks(seed)), card)
+
+
+def train_printed(seed: int = SEED) -> PrintedCrf:
+    """The model in `registration/crf/models/as_printed.json`: the text's number of pairs, of another seed."""
+    pairs = protocol(seed)
+    card = {
+        "trained by": "whereabouts segment --method as_printed --train --out registration/crf/models/as_printed.json",
         "pairs": len(pairs),
         "seed": seed,
-        "data": "simulated streets, halls, offices and crowds (evaluation.experiments.crf_training); no recordings",
-        "learning": "AdaBoost of 50 stumps each; weights by pseudo-likelihood, then by exact likelihood",
     }
-    card |= {
-        "verdict": f"gradient boosting from {sum(LOOKS.values())} other pairs of such scenes; in most of them things "
-        "stand that look like what moves, in a tenth nothing moves",
-    }
-    model = train(pairs, card)
-    model.verdict = train_verdict(model, looks(seed))
-    return model
+    return train_crf(pairs, card)

@@ -53,7 +53,7 @@ class Tally:
 def methods() -> dict[str, Aligner]:
     """Ours, the reference's own methods, and the libraries that are installed."""
     ours: dict[str, Aligner] = {"robust": align}
-    for name in ("crf", "icp", "point_to_line", "ndt"):
+    for name in ("icp", "point_to_line", "ndt"):
         ours[name] = lambda source, target, method=name: align(source, target, method=method)  # type: ignore[misc]
     others = {
         "small_gicp, extruded": extruded_gicp(),

@@ -1,4 +1,4 @@
-"""The joint CRF: data association, moving objects and their motions between two scans in one inference."""
+"""Data association, moving objects and their motions between two scans; the text's joint CRF: `as_printed`."""
 
 from registration.crf.estimate import JointEstimate
 from registration.crf.model import JointModel

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.poses import between
 from registration.align import agreements
-from registration.crf.estimate import JointEstimate
 from registration.crf.prepared import prepared
 from registration.judgement import LENIENT, judged
 from registration.refine import refine
@@ -46,22 +44,3 @@ def without_movers(
         rest, target, refined, registration.transform, agreements(rest, target, refined.pose), LENIENT
     )
     return found if found.converged else replace(registration, transform=refined.pose)
-
-
-@lru_cache(maxsize=1)
-def _shipped() -> object:
-    from registration.crf.model import JointModel
-
-    return JointModel.load()
-
-
-def by_joint_inference(source: Scan, target: Scan, registration: Registration) -> Registration:
-    """A registration improved by joint inference: the background without what moves; method "crf" of `align`."""
-    from registration.crf.model import JointModel
-
-    model = _shipped()
-    assert isinstance(model, JointModel)
-    estimate: JointEstimate = model.infer(source, target, registration)
-    if not estimate.converged:
-        return replace(registration, converged=False, reason=estimate.reason or registration.reason)
-    return replace(registration, transform=estimate.motions[0], covariance=estimate.covariances[0])

@@ -1,4 +1,4 @@
-"""Scans as the joint model sees them: returns in the order of their beams, with what each beam saw through."""
+"""Scans made ready to be compared: returns in the order of their beams, with what each beam saw through."""
 
 from __future__ import annotations
 
@@ -298,48 +298,32 @@ def seen_by(
     return found
 
 
+def moved(points: Array, motion: Array) -> Array:
+    """Points (n, 2), or one (2,), moved by a motion (3,)."""
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])
+
+
+def beams_at(b: Beams, points: Array) -> NDArray[np.int64]:
+    """(n,) beam of b that looks at each of points (n, 2); from `len(b.ranges)` on where none does."""
+    around = 2.0 * np.pi / abs(b.step)
+    beam = (np.arctan2(points[:, 1], points[:, 0]) - b.angle_min) / b.step
+    return np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
+
+
 def nearness(a: Beams, noise: float) -> Array:
     """(n,) metres off an outline up to which each point of a may be noise."""
     return np.maximum(max(NEAR, SIGMAS * noise), 0.3 * a.spacing)
 
 
-@njit(cache=True)
-def _offs(points, radius, pose, xy, ranges, angle_min, step):  # type: ignore[no-untyped-def]
-    """(n,) metres off a scan's outline, `radius` at the most, of points (n, 2) moved by pose (3,)."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    offs = np.empty(len(points))
-    for k in range(len(points)):
-        x = pose[0] + c * points[k, 0] - s * points[k, 1]
-        y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        offs[k] = off_outline(x, y, beam_at(x, y, angle_min, step), radius, 0.0, xy, ranges, step)
-    return offs
-
-
-@njit(cache=True)
-def _labels(points, near, wide, offs, pose, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
-    """As `sightings` for points of which it is known how far they are off the outline, `offs` (n,), cut in place."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    labels = np.empty(len(points), dtype=np.int64)
-    for k in range(len(points)):
-        x = pose[0] + c * points[k, 0] - s * points[k, 1]
-        y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        offs[k] = min(offs[k], wide * near[k])
-        labels[k] = _label(x, y, beam_at(x, y, angle_min, step), offs[k], near[k], ranges, clear, step)
-    return labels
-
-
 def first_look(a: Beams, b: Beams, pose: Array) -> tuple[float, NDArray[np.int64], Array]:
     """Noise of the points of a off the outline of b under pose (3,), and how b sees them then (`seen_by`).
 
-    The noise is a standard deviation, metres, 0.005 to 0.05. Outlines are searched once for both.
+    The noise is a standard deviation, metres, 0.005 to 0.05.
     """
-    offs = _offs(a.points, WIDE * MOST_OFF, pose, b.xy, b.ranges, b.angle_min, b.step)
+    wanted, far = np.ones(len(a), dtype=np.bool_), np.full(len(a), MOST_OFF)
+    # A little wider than where the label alone is asked for, which is answered without distances.
+    _, offs = sightings(a.points, far, wanted, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step, 1.01)
     agreeing = offs[offs <= MOST_OFF]
     noise = float(np.clip(1.48 * np.median(agreeing), 0.005, 0.05)) if len(agreeing) >= 10 else 0.02
-    near = nearness(a, noise)
-    if len(near) and near.max() > MOST_OFF:
-        return noise, *seen_by(a, b, pose, noise)
-    labels = _labels(
-        a.points, near, WIDE, offs, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step
-    )  # fmt: skip
-    return noise, labels, offs
+    return noise, *seen_by(a, b, pose, noise)

@@ -1,7 +1,4 @@
-"""The few points of the second scan that each point of the first may be: its nearest under the current motions.
-
-The text's own proposal (section VI): with a handful of states instead of M, cost is linear in the number of points.
-"""
+"""The points of a scan nearest to given ones, found along its beams without a tree."""
 
 from __future__ import annotations
 
@@ -14,10 +11,6 @@ from numpy.typing import NDArray
 from estimation.sight import beam_at
 from registration.crf.beams import Beams, half_window, length
 from registration.motion import Array
-
-MOST = 8  # candidates of a point, without the outlier
-OF_BACKGROUND, OF_OBJECT = 4, 2  # nearest that are taken under each motion
-RADIUS = 0.25  # metres, candidates are looked for at least this far, and two beams' distance
 
 
 @njit(cache=True)
@@ -56,40 +49,6 @@ def _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squ
             if count == most:
                 farthest = math.sqrt(squares[count - 1])
     return count
-
-
-@njit(cache=True)
-def _candidates(points, spacing, motions, active, xy, ranges, number, angle_min, step, states):  # type: ignore[no-untyped-def]
-    states[:, :] = -1
-    found, squares = np.empty(MOST, dtype=np.int64), np.empty(MOST)
-    for i in range(len(points)):
-        count = 0
-        for d in range(len(motions)):
-            if not active[i, d]:
-                continue
-            c, s = math.cos(motions[d, 2]), math.sin(motions[d, 2])
-            x = motions[d, 0] + c * points[i, 0] - s * points[i, 1]
-            y = motions[d, 1] + s * points[i, 0] + c * points[i, 1]
-            most = OF_BACKGROUND if d == 0 else OF_OBJECT
-            radius = max(RADIUS, 2.0 * spacing[i])
-            near = _nearest(x, y, radius, most, xy, ranges, number, angle_min, step, found, squares)
-            for k in range(near):
-                known = False
-                for m in range(count):
-                    known |= states[i, m] == found[k]
-                if not known and count < MOST:
-                    states[i, count] = found[k]
-                    count += 1
-
-
-def candidates(a: Beams, b: Beams, motions: Array, active: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """States of the association nodes, (n, MOST): points of b (numbers in `b.points`), -1 for none.
-
-    motions : (D, 3). active : (n, D) which motions are considered for which point.
-    """
-    states = np.empty((len(a), MOST), dtype=np.int64)
-    _candidates(a.points, a.spacing, motions, active, b.xy, b.ranges, b.number, b.angle_min, b.step, states)
-    return states
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""What the joint inference yields."""
+"""What is said of two scans."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from registration.motion import Array
 
 @dataclass(frozen=True, eq=False)
 class JointEstimate:
-    """MAP labelling of scan_a, one entry per beam of it, and the motions of what it sees.
+    """Labelling of scan_a, one entry per beam of it, and the motions of what it sees.
 
     associations : (N,) beam of scan_b that sees the same spot; -1 for an outlier and for a beam without return.
     clusters : (N,) 0 background, 1.. objects that move, -1 outlier or no return. A beam that certainly left with an
@@ -20,7 +20,8 @@ class JointEstimate:
     motions : (D, 3) x, y, yaw that take points of scan_a to where they are in the frame of scan_b: row 0 for the
         background (the pose of sensor a in the frame of b), row k for cluster k. An object without counterpart
         in scan_b has the background's row and a large covariance.
-    log_score : unnormalised log probability of the labelling, 0 where there was nothing to infer.
+    log_score : log probability of the labelling: of every return that it moves, or not, as labelled; by the text's
+        model of all states, unnormalised. 0 where there was nothing to infer.
     covariances : (D, 3, 3) of the motions, m² and rad².
     probabilities : (N,) that each beam hit something that moves, in [0, 1]; NaN without return
         and where nothing is known.

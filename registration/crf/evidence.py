@@ -1,4 +1,4 @@
-"""What speaks for and against each point of a scan having moved, once the joint inference has said what it thinks.
+"""What speaks for and against each point of a scan having moved, beside the groups that were found.
 
 A point alone says little: the flank of a cart agrees with where it was, and what a walker hides stands. Its piece says
 more: how much of it was seen through, hidden or still in place, its shape, what the scan beside it shows, and how well
@@ -13,16 +13,28 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, Beams, nearness
-from registration.crf.potentials import Problem
+from registration.crf.beams import (
+    AGREES,
+    CLEAR,
+    FREE,
+    HIDDEN,
+    TOUCHING,
+    UNSEEN,
+    Beams,
+    beams_at,
+    moved,
+    nearness,
+    sightings,
+)
+from registration.crf.hypotheses import to_nearest
 from registration.crf.setup import Start
 from registration.motion import Array
 
 NAMES = (
     # Of the point: how b sees it, and what is around it on its piece.
-    "off", "depth", "probability", "run", "agreeing near", "seen through near", "hidden near", "to mover",
+    "off", "depth", "in group", "run", "agreeing near", "seen through near", "hidden near", "to mover",
     # Of its piece.
-    "agreeing", "seen through", "hidden", "unseen", "points seen through", "outliers", "mean probability",
+    "agreeing", "seen through", "hidden", "unseen", "points seen through", "in groups",
     "piece to mover", "mean depth", "out of view", "hidden by new",
     "extent", "chord", "bulge", "dent", "lower edge", "higher edge",
     # Of the cluster it is in, -1 without.
@@ -30,11 +42,14 @@ NAMES = (
     # Of the motion that explains most of its piece, -1 without.
     "piece agrees moved", "piece through moved", "piece in group",
     "shift", "turn", "gain per point", "group agrees moved", "group through moved", "group stood",
+    # Of both scans: how much goes on.
+    "scan seen through", "scan hidden", "scan new", "objects", "range", "noise",
 )  # fmt: skip
 FAR = 2.0  # metres at which distances and depths are cut off
 LONG = 8.0  # metres, of a piece, likewise
 WIDE = 2.0  # metres, of how far a piece bends off its chord, likewise
 MOST = 30.0  # points, of what is counted, likewise
+MARGIN = 0.5  # metres around a group within which its motion is considered
 AROUND = 6  # points of a piece to either side that are near
 NOTHING_BESIDE = -3.0  # in place of an edge, at the ends of a scan
 
@@ -55,11 +70,8 @@ class _Pieces:
         return np.asarray((self.total(values) / self.count)[self.number])
 
 
-def evidence(begun: Start, problem: Problem, clusters: NDArray[np.int64], probability: Array) -> Array:
-    """(n, len(NAMES)) for the points of scan a.
-
-    clusters : (n,) as the joint inference has them, 0 background, -1 outlier. probability : (n,) of moving.
-    """
+def evidence(begun: Start, clusters: NDArray[np.int64]) -> Array:
+    """(n, len(NAMES)) for the points of scan a in `clusters` (n,), see `groups_as_labels`."""
     a = begun.a
     pieces = _Pieces(a.pieces, np.bincount(a.pieces).astype(np.float64))
     through = ((begun.sight == FREE) | (begun.sight == CLEAR)).astype(np.float64)
@@ -72,9 +84,23 @@ def evidence(begun: Start, problem: Problem, clusters: NDArray[np.int64], probab
     columns["unseen"] = pieces.mean((begun.sight == UNSEEN).astype(np.float64))
     columns["points seen through"] = np.minimum(pieces.total(through), MOST)[a.pieces]
     columns |= _around(begun, seen, pieces) | _behind(begun, seen["hidden"], pieces)
-    columns |= _said(a, clusters, probability, pieces) | _of_cluster(clusters, seen)
-    columns |= _of_motion(begun, problem, seen, pieces)
+    columns |= _of_groups(a, clusters, pieces) | _of_cluster(clusters, seen)
+    columns |= _of_motion(begun, seen, pieces) | _of_scans(begun, seen)
     return np.column_stack([columns[name] for name in NAMES])
+
+
+def _of_scans(begun: Start, seen: dict[str, Array]) -> dict[str, Array]:
+    """What is the same for all points, but for the range."""
+    a, n = begun.a, len(begun.a)
+    new = (begun.fresh == FREE) | (begun.fresh == CLEAR)
+    of_all = {
+        "scan seen through": seen["seen through"].mean(),
+        "scan hidden": seen["hidden"].mean(),
+        "scan new": new.mean() if len(new) else 0.0,
+        "objects": float(len(begun.found)),
+        "noise": begun.noise,
+    }
+    return {name: np.full(n, value) for name, value in of_all.items()} | {"range": a.ranges[a.beams]}
 
 
 def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
@@ -136,14 +162,10 @@ def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
 
 def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
     """How far the points are behind what scan b saw, and whether that is new there or stood before."""
-    b, there = begun.b, _moved(begun.a.points, begun.registration.transform)
-    around = 2.0 * np.pi / abs(b.step)
-    beam = (np.arctan2(there[:, 1], there[:, 0]) - b.angle_min) / b.step
-    beam = np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
+    b, there = begun.b, moved(begun.a.points, begun.registration.transform)
+    beam = beams_at(b, there)
     inside = beam < len(b.ranges)
-    number = np.full(len(b.ranges) + 1, -1)
-    number[b.beams] = np.arange(len(b))
-    other = number[np.where(inside, beam, len(b.ranges))]
+    other = np.where(inside, b.number[np.where(inside, beam, 0)], -1)
     seen = other >= 0
     fresh = np.where(seen, begun.fresh[np.maximum(other, 0)], -1)
     depth = np.zeros(len(beam))
@@ -157,37 +179,15 @@ def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
     }
 
 
-@njit(cache=True)
-def _to_nearest(points, others):  # type: ignore[no-untyped-def]
-    """(n,) metres from points (n, 2) to the nearest of the others (m, 2), `FAR` at the most."""
-    others = others[np.argsort(others[:, 0])]
-    away = np.empty(len(points))
-    for i in range(len(points)):
-        best = FAR * FAR
-        middle = np.searchsorted(others[:, 0], points[i, 0])
-        for j in range(middle, len(others)):
-            dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
-            if dx * dx >= best:
-                break
-            best = min(best, dx * dx + dy * dy)
-        for j in range(middle - 1, -1, -1):
-            dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
-            if dx * dx >= best:
-                break
-            best = min(best, dx * dx + dy * dy)
-        away[i] = np.sqrt(best)
-    return away
-
-
-def _said(a: Beams, clusters: NDArray[np.int64], probability: Array, pieces: _Pieces) -> dict[str, Array]:
-    """What the joint inference says of the points and their pieces, and how far it is to what moves."""
-    away = _to_nearest(a.points, a.points[clusters > 0])
+def _of_groups(a: Beams, clusters: NDArray[np.int64], pieces: _Pieces) -> dict[str, Array]:
+    """Whether points and their pieces are in groups that may have moved, and how far it is to those."""
+    moving = clusters > 0
+    away = np.minimum(to_nearest(a.points, a.points[moving]), FAR)
     nearest = np.full(len(pieces.count), FAR)
     np.minimum.at(nearest, a.pieces, away)
     return {
-        "probability": probability,
-        "mean probability": pieces.mean(probability),
-        "outliers": pieces.mean((clusters < 0).astype(np.float64)),
+        "in group": moving.astype(np.float64),
+        "in groups": pieces.mean(moving.astype(np.float64)),
         "to mover": away,
         "piece to mover": nearest[a.pieces],
     }
@@ -204,18 +204,19 @@ def _of_cluster(clusters: NDArray[np.int64], seen: dict[str, Array]) -> dict[str
     }
 
 
-def _of_motion(begun: Start, problem: Problem, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
+def _of_motion(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
     """How the motion that explains most of each piece explains it, and the group that it came from."""
-    names = NAMES[NAMES.index("piece agrees moved") :]
-    n, objects = len(begun.a), len(problem.motions) - 1
-    columns = {name: np.full(n, -1.0) for name in names}
-    if objects <= 0:
+    first, end = NAMES.index("piece agrees moved"), NAMES.index("scan seen through")
+    n, objects = len(begun.a), len(begun.found)
+    columns = {name: np.full(n, -1.0) for name in NAMES[first:end]}
+    if objects == 0:
         return columns
-    active, starts = problem.active[:, 1:], problem.starts[:, 1:]
-    agrees = ((problem.sight[:, 1:] == AGREES) & active).astype(np.float64)
-    through = ((problem.sight[:, 1:] == FREE) & active).astype(np.float64)
+    members = np.column_stack([group.members for group in begun.found])
+    active = near_groups(begun.a, members)
+    sight = np.column_stack([_seen(begun, group.motion, active[:, k]) for k, group in enumerate(begun.found)])
+    agrees, through = (((sight == kind) & active).astype(np.float64) for kind in (AGREES, FREE))
     votes = np.array(
-        [pieces.total(agrees[:, k] - through[:, k] + 2.0 * starts[:, k]) for k in range(objects)]
+        [pieces.total(agrees[:, k] - through[:, k] + 2.0 * members[:, k]) for k in range(objects)]
     )
     near = np.array([pieces.total(active[:, k].astype(np.float64)) for k in range(objects)]) > 0.0
     best = np.where(near, votes, -np.inf).argmax(axis=0)[begun.a.pieces]
@@ -224,38 +225,54 @@ def _of_motion(begun: Start, problem: Problem, seen: dict[str, Array], pieces: _
     found = {
         "piece agrees moved": pieces.mean(agrees[point, best]),
         "piece through moved": pieces.mean(through[point, best]),
-        "piece in group": pieces.mean(starts[point, best].astype(np.float64)),
+        "piece in group": pieces.mean(members[point, best].astype(np.float64)),
     }
-    found |= {
-        name: values[best] for name, values in _of_groups(begun, problem, seen, agrees, through).items()
-    }
+    found |= {name: values[best] for name, values in _moves(begun, members, seen, agrees, through).items()}
     for name, values in found.items():
         columns[name][told] = values[told]
     return columns
 
 
-def _of_groups(
-    begun: Start, problem: Problem, seen: dict[str, Array], agrees: Array, through: Array
+def near_groups(a: Beams, members: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n, D) points around each group of `members` (n, D), and of its pieces."""
+    active = np.zeros_like(members)
+    for d in range(members.shape[1]):
+        points = a.points[members[:, d]]
+        if len(points):
+            low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
+            rooted = np.zeros(int(a.pieces.max()) + 1, dtype=bool)
+            rooted[a.pieces[members[:, d]]] = True
+            active[:, d] = ((a.points >= low) & (a.points <= high)).all(axis=1) | rooted[a.pieces]
+    return active
+
+
+def _seen(begun: Start, motion: Array, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(n,) how b sees the `wanted` points (n,) of a under `motion`."""
+    a, b = begun.a, begun.b
+    near = nearness(a, begun.noise)
+    labels, _ = sightings(
+        a.points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step, TOUCHING
+    )
+    return np.asarray(labels)
+
+
+def _moves(
+    begun: Start, members: NDArray[np.bool_], seen: dict[str, Array], agrees: Array, through: Array
 ) -> dict[str, Array]:
-    """Of each object (D - 1,): its displacement against the background, and what it explains of its group."""
-    starts = problem.starts[:, 1:].astype(np.float64)
+    """Of each group (D,): its displacement against the background, and what that explains of it."""
+    starts, background = members.astype(np.float64), begun.registration.transform
     size = np.maximum(starts.sum(axis=0), 1.0)
     middles = (starts.T @ begun.a.points) / size[:, None]
+    motions = np.array([group.motion for group in begun.found])
     shifts = [
-        np.hypot(*(_moved(middle[None], motion) - _moved(middle[None], problem.motions[0]))[0])
-        for middle, motion in zip(middles, problem.motions[1:], strict=True)
+        np.hypot(*(moved(middle[None], motion) - moved(middle[None], background))[0])
+        for middle, motion in zip(middles, motions, strict=True)
     ]
-    gains = np.array([group.gain for group in begun.found])
     return {
         "shift": np.array(shifts),
-        "turn": np.abs(problem.motions[1:, 2] - problem.motions[0, 2]),
-        "gain per point": gains / size,
+        "turn": np.abs(motions[:, 2] - background[2]),
+        "gain per point": np.array([group.gain for group in begun.found]) / size,
         "group agrees moved": (starts * agrees).sum(axis=0) / size,
         "group through moved": (starts * through).sum(axis=0) / size,
         "group stood": starts.T @ seen["agreeing"] / size,
     }
-
-
-def _moved(points: Array, motion: Array) -> Array:
-    c, s = np.cos(motion[2]), np.sin(motion[2])
-    return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])

@@ -1,4 +1,4 @@
-"""What may have moved, and how: the start of the joint inference (InitialiseRT, line 1 of Algorithm 1).
+"""What may have moved, and how.
 
 Points that the background's motion does not explain are gathered in groups; each group votes for the displacement
 that lays it on what is new in the second scan (a Hough transform over pairs of points), and the best few are refined.
@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.poses import inverse
-from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, nearness, sightings
+from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, moved, nearness, sightings
 from registration.crf.candidates import nearest_points
 from registration.crf.displacement import best_motion, claim
 from registration.crf.grouping import groups_of
@@ -70,7 +70,6 @@ def hypotheses(
             came = _came_from(a, b, group, background, labels, nearness(a, noise)) if group.matched else None
             if came is not None:
                 found.append(came)
-    found = _merged(a, found)
     found.sort(key=lambda hypothesis: -hypothesis.gain)
     return [one for one in found if one.matched][:MOST] + [one for one in found if not one.matched]
 
@@ -125,7 +124,7 @@ def _owners(a: Beams, b: Beams, background: Array, fresh: NDArray[np.int64]) -> 
     owners = np.full(len(b), -1, dtype=np.int64)
     agrees = np.flatnonzero(fresh == AGREES)
     if len(agrees) and len(a):
-        owners[agrees] = nearest_points(a, _moved(b.points[agrees], inverse(background)), OWNED)
+        owners[agrees] = nearest_points(a, moved(b.points[agrees], inverse(background)), OWNED)
     return owners
 
 
@@ -169,7 +168,6 @@ class _Search:
                 hypothesis = other
         if hypothesis is None:
             return None
-        hypothesis = _with_flanks(self.a, self.b, hypothesis, self.near, self.labels)
         claims = np.zeros(len(self.b), dtype=bool)
         if hypothesis.matched:
             _claim(self.a, self.b, hypothesis, self.near, self.new & ~taken, claims)
@@ -196,37 +194,19 @@ def _came_from(
     motion = inverse(group.motion)
     on = _on_outline(a.points, near, np.ones(len(a), dtype=bool), motion, b)
     members = on.copy()
-    members[on] = _among(_moved(a.points[on], motion), b.points[group.members], (near + a.spacing)[on])
+    members[on] = _among(moved(a.points[on], motion), b.points[group.members], (near + a.spacing)[on])
     whole = np.bincount(a.pieces, members) > WHOLE * np.bincount(a.pieces)
     members &= whole[a.pieces] | (labels == FREE) | (labels == CLEAR)
-    found = _not_standing(a, b, replace(group, members=members, motion=motion), background, labels, near)
-    return found if found.members.sum() >= 3 else None
-
-
-def _not_standing(
-    a: Beams, b: Beams, hypothesis: Hypothesis, background: Array, labels: NDArray[np.int64], near: Array
-) -> Hypothesis:
-    """Without what agrees with the background, unless what b sees there is the same thing, a little farther on."""
-    if not hypothesis.matched:
-        return hypothesis
-    stands = np.flatnonzero(hypothesis.members & (labels == AGREES))
-    if not len(stands):
-        return hypothesis
-    seen = b.points[nearest_points(b, _moved(a.points[stands], background), OWNED)]
-    reach = near[stands] + a.spacing[stands]
-    slid = _among(_moved(seen, inverse(hypothesis.motion)), a.points[hypothesis.members], reach)
-    members = hypothesis.members.copy()
-    members[stands[~slid]] = False
-    return replace(hypothesis, members=members)
+    return replace(group, members=members, motion=motion) if members.sum() >= 3 else None
 
 
 def _among(points: Array, others: Array, reach: Array) -> NDArray[np.bool_]:
     """(n,) which points (n, 2) have one of the others (m, 2) within reach (n,)."""
-    return np.asarray(_to_nearest(points, others) < reach)
+    return np.asarray(to_nearest(points, others) < reach)
 
 
 @njit(cache=True)
-def _to_nearest(points, others):  # type: ignore[no-untyped-def]
+def to_nearest(points, others):  # type: ignore[no-untyped-def]
     """(n,) metres from points (n, 2) to the nearest of the others (m, 2), inf without any."""
     away = np.empty(len(points))
     for i in range(len(points)):
@@ -238,60 +218,11 @@ def _to_nearest(points, others):  # type: ignore[no-untyped-def]
     return away
 
 
-def _merged(a: Beams, found: list[Hypothesis]) -> list[Hypothesis]:
-    """Neighbouring parts that move alike, legs of one person, and lost parts of what was found, become one."""
-    rest = sorted(found, key=lambda hypothesis: -int(hypothesis.members.sum()) * hypothesis.matched)
-    merged: list[Hypothesis] = []
-    for part in rest:
-        for k, whole in enumerate(merged):
-            if _belongs(a.points[part.members], part, a.points[whole.members], whole):
-                members = whole.members | part.members
-                merged[k] = replace(whole, members=members, gain=whole.gain + part.gain)
-                break
-        else:
-            merged.append(part)
-    return merged
-
-
-def _belongs(points: Array, part: Hypothesis, others: Array, whole: Hypothesis) -> bool:
-    if not len(points) or not len(others):
-        return False
-    apart = float(_to_nearest(points, others).min())
-    if apart > 0.8:
-        return False
-    if not part.matched:
-        return apart < LINK
-    both = np.concatenate((points, others))
-    extent = float(np.hypot(*np.ptp(both, axis=0)))
-    shift = np.hypot(*(_moved(both, part.motion) - _moved(both, whole.motion)).T).max()
-    legs = extent < 1.0 and max(np.hypot(*np.ptp(x, axis=0)) for x in (points, others)) < SMALL
-    return bool(legs or (shift < 0.2 and extent < LARGEST))
-
-
 def _parts(members: NDArray[np.bool_], labels: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
     changed = members & (labels != AGREES)
     if changed.sum() < 3:
         return [members]
     return [changed] if changed.sum() == members.sum() else [changed, members]
-
-
-def _with_flanks(
-    a: Beams, b: Beams, hypothesis: Hypothesis, near: Array, labels: NDArray[np.int64]
-) -> Hypothesis:
-    """With the rest of the pieces that its motion explains as a whole: flanks that slide along themselves."""
-    if not hypothesis.matched:
-        return hypothesis
-    rooted = np.zeros(int(a.pieces.max()) + 1, dtype=bool)
-    rooted[a.pieces[hypothesis.members]] = True
-    on = _on_outline(a.points, near, rooted[a.pieces], hypothesis.motion, b)
-    count = np.bincount(a.pieces)
-    out = _out_of_view(a.points, hypothesis.motion, b) & rooted[a.pieces]
-    fits = on | (out & (labels == AGREES))
-    share = np.bincount(a.pieces, fits) / count
-    enough = np.bincount(a.pieces, hypothesis.members) >= np.maximum(2.0, 0.06 * count)
-    standing = np.bincount(a.pieces, labels == AGREES) / count
-    whole = enough & (share > 0.8) & ((share >= standing) | (share > 0.9))
-    return replace(hypothesis, members=hypothesis.members | ((fits | out) & whole[a.pieces]))
 
 
 def _claim(
@@ -323,7 +254,7 @@ def _of_group(
     extent = float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
     sigma = ROUND_SIGMA if extent < ROUND else TURN_SIGMA
     middle = points.sum(axis=0) / count
-    centre = _moved(middle, background)
+    centre = moved(middle, background)
     targets, worths, fresh = _goals(b.points, taken, new, weights, centre, reach + extent)
     stay, changed = stood - free, count - stood
     least = max(3.0, 0.4 * count, stay + max(3.0, min(0.25 * count, 0.6 * changed)))
@@ -335,7 +266,7 @@ def _of_group(
             b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, least, motion,
         )  # fmt: skip
     if best >= least and (free >= 2 or best > 0.7 * count):
-        if np.hypot(*(_moved(middle, motion) - centre)) < 0.04:
+        if np.hypot(*(moved(middle, motion) - centre)) < 0.04:
             return None
         on = _on_outline(a.points, near, members, motion, b) & members
         return Hypothesis(on, motion, best - stay, True)
@@ -368,17 +299,3 @@ def _on_outline(
         points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step, TOUCHING
     )
     return np.asarray(labels == AGREES)
-
-
-def _out_of_view(points: Array, motion: Array, b: Beams) -> NDArray[np.bool_]:
-    """(n,) which points have left the opening of scan b under `motion`."""
-    moved = _moved(points, motion)
-    beam = (np.arctan2(moved[:, 1], moved[:, 0]) - b.angle_min) / b.step
-    around = 2.0 * np.pi / abs(b.step)
-    beam = np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5)
-    return np.asarray(beam >= len(b.ranges))
-
-
-def _moved(points: Array, motion: Array) -> Array:
-    c, s = np.cos(motion[2]), np.sin(motion[2])
-    return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])

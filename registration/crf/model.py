@@ -1,9 +1,9 @@
-"""The joint model of data association, motion clustering and rigid motions between two scans, ready to use.
+"""Data association, moving objects and their motions between two scans, ready to use.
 
     model = JointModel.load()
     estimate = model.infer(scan_a, scan_b)     # estimate.clusters > 0 is what moves
 
-Reference: joint reasoning about scan matching, moving objects and their motions by a conditional random field.
+Registration, then groups of points that do not follow it (`setup`), then boosted trees that decide per beam.
 """
 
 from __future__ import annotations
@@ -16,38 +16,30 @@ from typing import Any
 
 import numpy as np
 
-from estimation.boosting import AdaBoost
 from estimation.errors import InputError
 from estimation.gradient_boosting import GradientBoosting
 from registration.crf.background import without_movers
 from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate, nothing, unchanged
-from registration.crf.finish import confirmed, finish, standing
-from registration.crf.inference import infer_labels
-from registration.crf.potentials import WEIGHTS
-from registration.crf.setup import Start, problem_of, start, starts_of
-from registration.crf.verdict import Verdict, overruled
-from registration.motion import Array
+from registration.crf.labels import confirmed, estimate_of, groups_as_labels
+from registration.crf.setup import Start, start
+from registration.crf.trees import decided
 from registration.result import Registration
 from registration.scan import Scan
 
-FORMAT, VERSION = "whereabouts.joint_crf", 1
+FORMAT, VERSION = "whereabouts.moving_beams", 1
 LEAST_RETURNS = 20
 
 
 @dataclass(eq=False)
 class JointModel:
-    """Weights (23,) in the order of `potentials.WEIGHTS` and the two boosted classifiers of the local features.
+    """What says who is who, what moves and how.
 
-    verdict : has the last word on what moves (`registration.crf.verdict`); without, the chains have it.
+    trees : decide what moves (`registration.crf.trees`); without, the groups do.
     """
 
-    weights: Array
-    data: AdaBoost | None = None
-    outlier: AdaBoost | None = None
+    trees: GradientBoosting | None = None
     card: dict[str, Any] = field(default_factory=dict)
-    verdict: GradientBoosting | None = None
-    _verdict: Verdict | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> JointModel:
@@ -58,46 +50,32 @@ class JointModel:
         InputError : the file is no such model.
         """
         if path is None:
-            text = resources.files("registration.crf").joinpath("models/joint.json").read_text("utf-8")
+            text = resources.files("registration.crf").joinpath("models/movers.json").read_text("utf-8")
         else:
             text = Path(path).read_text(encoding="utf-8")
         try:
             content = json.loads(text)
             if content["format"] != FORMAT or content["version"] != VERSION:
                 raise InputError(f"path: {path} holds no {FORMAT} model of version {VERSION}")
-            weights = np.array([content["weights"][name] for name in WEIGHTS])
-            boosts = [AdaBoost.from_dict(content[name]) for name in ("data", "outlier")]
-            told = content.get("verdict")
-            verdict = None if told is None else GradientBoosting.from_dict(told)
+            trees = GradientBoosting.from_dict(content["trees"])
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"path: {path} is no complete {FORMAT} model: {error}") from error
-        return cls(weights, boosts[0], boosts[1], content.get("card", {}), verdict)
+        return cls(trees, content.get("card", {}))
 
     def save(self, path: str | Path) -> None:
-        """Write the model as readable JSON. InputError without boosted classifiers."""
-        if self.data is None or self.outlier is None:
+        """Write the model as JSON. InputError without trees."""
+        if self.trees is None:
             raise InputError("model: not trained yet")
-        content = {
-            "format": FORMAT,
-            "version": VERSION,
-            "card": self.card,
-            "weights": dict(zip(WEIGHTS, (float(value) for value in self.weights), strict=True)),
-            "data": self.data.to_dict(),
-            "outlier": self.outlier.to_dict(),
-        }
-        text = json.dumps(content, indent=1)
-        if self.verdict is not None:
-            # Thousands of numbers that nobody reads line by line.
-            text = f'{text[:-2]},\n "verdict": {json.dumps(self.verdict.to_dict())}\n}}'
-        Path(path).write_text(text + "\n", encoding="utf-8")
+        head = json.dumps({"format": FORMAT, "version": VERSION, "card": self.card}, indent=1)
+        # Thousands of numbers that nobody reads line by line.
+        text = f'{head[:-2]},\n "trees": {json.dumps(self.trees.to_dict())}\n}}\n'
+        Path(path).write_text(text, encoding="utf-8")
 
-    def infer(
-        self, scan_a: Scan, scan_b: Scan, registration: Registration | None = None, schedule: str = "exact"
-    ) -> JointEstimate:
+    def infer(self, scan_a: Scan, scan_b: Scan, registration: Registration | None = None) -> JointEstimate:
         """Who is who, what moves and how, between two scans of one place.
 
         registration : the motion that lays scan_a on scan_b, where it is known already. Their stamps, where they
-            differ, bound how far a thing may have gone. schedule : one of `SCHEDULES`.
+            differ, bound how far a thing may have gone.
 
         Returns
         -------
@@ -108,7 +86,7 @@ class JointModel:
             return poor
         if registration is None and _same(scan_a, scan_b):
             return unchanged(scan_a.valid)
-        return self._conclude(scan_a, scan_b, start(scan_a, scan_b, registration), schedule)
+        return self.conclude(scan_a, scan_b, start(scan_a, scan_b, registration))
 
     def movers(
         self,
@@ -120,8 +98,7 @@ class JointModel:
     ) -> JointEstimate:
         """As `infer`, for who wants labels of what moves and knows from elsewhere how the sensor moved.
 
-        The chains are asked only where something left its place: else all that agrees stands, and there are no
-        associations.
+        The trees are asked only where something left its place.
 
         background : whether its motion is to be refined without what moves.
         known : what another pair said of scan_a; where this one shows nothing else to have left its place, it
@@ -134,28 +111,24 @@ class JointModel:
         if begun.again is not None and known is not None:
             return confirmed(begun, begun.again, known)
         if begun.registration.converged and not begun.found and not begun.gone:
-            return standing(begun)
-        return self._conclude(scan_a, scan_b, begun, "exact", background)
+            labels = groups_as_labels(begun)
+            return estimate_of(begun, labels, np.where(labels == 0, 0.0, np.nan))
+        return self.conclude(scan_a, scan_b, begun, background)
 
-    def _conclude(
-        self, scan_a: Scan, scan_b: Scan, begun: Start, schedule: str, refined: bool = True
-    ) -> JointEstimate:
+    def conclude(self, scan_a: Scan, scan_b: Scan, begun: Start, refined: bool = True) -> JointEstimate:
+        """As `infer`, from a start that was made already; refined : see `background` of `movers`."""
         if not begun.registration.converged:
             return nothing(len(scan_a), begun.registration.reason)
-        starts = starts_of(begun)
-        problem = problem_of(begun, begun.motions, starts, self.data, self.outlier, self.weights)
-        labelling = infer_labels(problem, self.weights, schedule)
-        estimate = finish(begun, problem, labelling)
-        if self.verdict is not None:
-            if self._verdict is None or self._verdict.trees is not self.verdict:
-                self._verdict = Verdict(self.verdict)
-            estimate = overruled(estimate, begun, problem, self._verdict)
-        if not refined:
-            return estimate
-        background = without_movers(
-            scan_a, scan_b, begun.registration, estimate.associations, estimate.moving
-        )
-        estimate.motions[0], estimate.covariances[0] = background.transform, background.covariance
+        labels = groups_as_labels(begun)
+        probability = (labels > 0).astype(np.float64)
+        if self.trees is not None:
+            labels, probability = decided(begun, labels, self.trees)
+        estimate = estimate_of(begun, labels, probability)
+        if refined:
+            background = without_movers(
+                scan_a, scan_b, begun.registration, estimate.associations, estimate.moving
+            )
+            estimate.motions[0], estimate.covariances[0] = background.transform, background.covariance
         return estimate
 
 

@@ -1,4 +1,4 @@
-"""What moves in each scan of a running robot: joint inference against a few earlier scans, within a deadline.
+"""What moves in each scan of a running robot: compared with a few earlier scans, within a deadline.
 
 Consecutive scans show almost no motion; the scans compared with are those half a second and more ago, so that a slow
 walker has gone farther than the noise. A scan for which there is no time is not labelled, and counted; `Pace` says how
@@ -22,7 +22,7 @@ from registration.crf.expected import near_expected
 from registration.crf.model import JointModel
 from registration.crf.pace import Duration
 from registration.crf.prepared import prepared
-from registration.crf.window import FARTHEST, decide, vote
+from registration.crf.window import FARTHEST, decide, mean_probability
 from registration.motion import Array
 from registration.scan import Scan
 
@@ -221,7 +221,7 @@ def _combined(scan: Scan, found: list[tuple[JointEstimate, float]]) -> Segmented
         return Segmented(labels, probabilities, segments)
     moving = first.clusters > 0
     if len(found) > 1:
-        moving = decide(scan, vote([estimate for estimate, _ in found], len(scan))) > 0
+        moving = decide(scan, mean_probability([estimate for estimate, _ in found], len(scan))) > 0
     rest = moving.copy()
     for estimate, seconds in found:
         for k in range(1, len(estimate.motions)):

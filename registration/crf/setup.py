@@ -1,4 +1,4 @@
-"""From two scans to the problem the joint inference solves: motions to begin with, candidates, boosted features."""
+"""The start: the background's motion, what each scan says of the other under it, and groups that may have moved."""
 
 from __future__ import annotations
 
@@ -7,16 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.boosting import AdaBoost
 from estimation.poses import inverse
 from registration.align import REACH, TURN, align, best_of, search
-from registration.crf.beams import AGREES, TOUCHING, WIDE, Beams, beams_of, first_look, nearness, seen_by
-from registration.crf.candidates import candidates
+from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, seen_by
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
-from registration.crf.potentials import DISTANCE, Problem
 from registration.crf.prepared import prepared
-from registration.crf.shape_features import outlier_features, pair_features
 from registration.judgement import LENIENT, Asked, judged
 from registration.motion import Array
 from registration.result import Registration
@@ -32,7 +28,6 @@ LEAST_STANDING = (
     0.25  # share of either scan's beams that agree with the other: outlines say less where one is filled
 )
 EXPLAINED = 0.7  # of a group that left its place, what is known to move
-MARGIN = 0.5  # metres around a group within which its motion is considered
 FASTEST = 12.0  # m/s, of anything, where stamps tell the interval
 LEAST_REACH, MOST_REACH = 0.8, 1.5  # metres a thing may have gone between the scans
 
@@ -138,78 +133,3 @@ def reach_of(scan_a: Scan, scan_b: Scan) -> float:
     """Metres a thing may have gone between the scans."""
     interval = abs(scan_b.stamp - scan_a.stamp)
     return MOST_REACH if interval == 0.0 else float(np.clip(FASTEST * interval, LEAST_REACH, MOST_REACH))
-
-
-def problem_of(
-    begun: Start,
-    motions: Array,
-    starts: NDArray[np.bool_],
-    data: AdaBoost | None,
-    outlier: AdaBoost | None,
-    weights: Array | None = None,
-) -> Problem:
-    """The problem under `motions` (D, 3) with `starts` (n, D); without boosting its scores are zero.
-
-    weights : (23,) under which it will be solved, where they are known.
-    """
-    a, b = begun.a, begun.b
-    active = _near_starts(a, starts)
-    states = candidates(a, b, motions, active)
-    near = nearness(a, begun.noise)
-    seen = (begun.sight, begun.off) if np.array_equal(motions[0], begun.registration.transform) else None
-    scores, doubts = np.zeros(states.shape), np.zeros(len(a))
-    features, hints = boosting_features(begun, motions, starts, states)
-    first = np.where((states >= 0).any(axis=1), features[:, :, -1].argmin(axis=1), states.shape[1])
-    if data is not None and outlier is not None:
-        some = states >= 0
-        scores[some] = data.score(features[some]) - 0.5
-        scores[~some] = -0.5
-        doubts = outlier.score(hints) - 0.5
-    return Problem(
-        a,
-        b,
-        states,
-        scores,
-        doubts,
-        starts,
-        active,
-        near,
-        near + 0.5 * a.spacing,
-        motions.copy(),
-        first,
-        seen=seen,
-        wide=WIDE if weights is None or weights[DISTANCE] else TOUCHING,
-    )
-
-
-def boosting_features(
-    begun: Start, motions: Array, starts: NDArray[np.bool_], states: NDArray[np.int64]
-) -> tuple[Array, Array]:
-    """Inputs of data boosting (n, K, 12) and of outlier boosting (n, 20)."""
-    # The motion a point starts with: that of its group, else the background's.
-    own = (
-        np.where(starts[:, 1:].any(axis=1), 1 + starts[:, 1:].argmax(axis=1), 0) if starts.shape[1] > 1 else 0
-    )
-    chosen = np.ascontiguousarray(motions[np.broadcast_to(own, (len(begun.a),))])
-    features = pair_features(begun.a, begun.b, states, chosen)
-    return features, outlier_features(begun.a, features, states, begun.sight, begun.off)
-
-
-def _near_starts(a: Beams, starts: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n, D) points for which each motion is considered: those around the group it came from, and of its pieces."""
-    active = np.zeros_like(starts)
-    active[:, 0] = True
-    for d in range(1, starts.shape[1]):
-        members = a.points[starts[:, d]]
-        if len(members):
-            low, high = members.min(axis=0) - MARGIN, members.max(axis=0) + MARGIN
-            active[:, d] = ((a.points >= low) & (a.points <= high)).all(axis=1)
-            rooted = np.zeros(int(a.pieces.max()) + 1, dtype=bool)
-            rooted[a.pieces[starts[:, d]]] = True
-            active[:, d] |= rooted[a.pieces]
-    return active
-
-
-def starts_of(begun: Start) -> NDArray[np.bool_]:
-    """(n, D) membership of the groups found; the background's column is empty."""
-    return np.column_stack([np.zeros(len(begun.a), dtype=bool), *(each.members for each in begun.found)])

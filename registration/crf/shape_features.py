@@ -81,26 +81,3 @@ def pair_features(a: Beams, b: Beams, states: NDArray[np.int64], chosen: Array) 
     features = np.empty((*states.shape, len(NAMES)))
     _compare(a.points, patterns_of(a), b.points, patterns_of(b), states, chosen, features)
     return features
-
-
-def outlier_features(
-    a: Beams, features: Array, states: NDArray[np.int64], sight: NDArray[np.int64], off: Array
-) -> Array:
-    """(n, 20) of each point: the least of each feature over its candidates, and how the other scan sees it.
-
-    sight, off : (n,) label and metres off the outline under the point's motion (`seen_by`).
-    """
-    n = len(a)
-    least = features.min(axis=1)
-    size = np.bincount(a.pieces, minlength=1)[a.pieces] if n else np.zeros(0)
-    ranges = a.ranges[a.beams]
-    jumps = np.abs(np.diff(ranges, prepend=ranges[:1], append=ranges[-1:])) if n else np.zeros(1)
-    gap = least[:, 11] / a.spacing
-    seen = np.column_stack([sight == label for label in range(4)]).astype(float)
-    extra = [
-        np.minimum(size, 50.0),
-        np.minimum(np.maximum(jumps[:-1], jumps[1:]), 5.0),
-        np.minimum(gap, 20.0),
-        off,
-    ]
-    return np.column_stack((least, seen, *extra)) if n else np.zeros((0, 20))

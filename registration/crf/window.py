@@ -1,4 +1,4 @@
-"""Moving beams over a window of scans: the joint inference against several others of them, and one decision per piece.
+"""Moving beams over a window of scans: each compared with several others of them, and one decision per piece.
 
 Consecutive scans show almost no motion, so each scan is compared with some half a second to a second away, before and
 (where the recording goes on) after. What a pair cannot decide, because it is hidden or slides along itself, another
@@ -8,7 +8,6 @@ pair often can.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +23,8 @@ from registration.scan import Scan
 
 INTERVALS = (-1.0, -0.8, -0.6, -0.4, 0.4, 0.6, 0.8, 1.0)  # seconds to the scans compared with
 FARTHEST = 1.5  # metres the sensor may have gone between two scans that are compared
-STATIC_VOTE = -0.6  # of a pair in which a beam is background; that it moves counts 1
-MOVES = 0.25  # mean vote of a piece from which it moves
-
-
-@dataclass(frozen=True, eq=False)
-class Votes:
-    """Votes for one scan: total (N,) and how many pairs had an opinion (N,)."""
-
-    total: Array
-    count: NDArray[np.int64]
+WALL = 2.0  # metres across a piece from which each of its beams decides for itself
+MOVES = 0.5  # mean probability of a piece from which it moves
 
 
 def partners(stamps: Array, poses: Array, index: int, intervals: Sequence[float] = INTERVALS) -> list[int]:
@@ -48,41 +39,32 @@ def partners(stamps: Array, poses: Array, index: int, intervals: Sequence[float]
     return chosen
 
 
-def vote(estimates: Sequence[JointEstimate], beams: int) -> Votes:
-    """Sum of what several pairs say about the beams of one scan.
+def mean_probability(estimates: Sequence[JointEstimate], beams: int) -> Array:
+    """(N,) that each beam of one scan moves, by all pairs that say something of it; NaN where none does."""
+    said = [each.probabilities for each in estimates if each.converged]
+    if not said:
+        return np.full(beams, np.nan)
+    told = np.isfinite(said).sum(axis=0)
+    return np.where(told > 0, np.nansum(said, axis=0) / np.maximum(told, 1), np.nan)
 
-    A beam without partner may have moved or be hidden: its vote lies between, by its probability of moving. Left out,
-    it would be heard only in the pairs that believe that it moves.
+
+def decide(scan: Scan, probability: Array) -> NDArray[np.int64]:
+    """Labels (N,): number of the moving piece from 1, 0 static, -1 no return or nothing known.
+
+    probability : (N,) that each beam moves, NaN where nothing is known (`mean_probability`).
     """
-    total, count = np.zeros(beams), np.zeros(beams, dtype=np.int64)
-    for estimate in estimates:
-        if not estimate.converged:
-            continue
-        moving, static = estimate.clusters > 0, estimate.clusters == 0
-        told = np.isfinite(estimate.probabilities)
-        doubtful = STATIC_VOTE + (1.0 - STATIC_VOTE) * np.where(told, estimate.probabilities, 0.0)
-        total += np.where(moving, 1.0, np.where(static, STATIC_VOTE, np.where(told, doubtful, 0.0)))
-        count += moving | static | told
-    return Votes(total, count)
-
-
-def decide(scan: Scan, votes: Votes) -> NDArray[np.int64]:
-    """Labels (N,): number of the moving piece from 1, 0 static, -1 no return or no opinion."""
     made = beams_of(scan)
     labels = np.full(len(scan), -1, dtype=np.int64)
-    total, count = votes.total[made.beams], votes.count[made.beams]
-    pieces = made.pieces
+    own, pieces = probability[made.beams], made.pieces
     if not len(pieces):
         return labels
-    mean = np.bincount(pieces, total) / np.maximum(np.bincount(pieces, count), 1)
-    own = np.where(count > 0, total / np.maximum(count, 1), 0.0)
-    length = _lengths(made.points, pieces)
+    told = np.isfinite(own)
+    own = np.where(told, own, 0.0)
+    mean = np.bincount(pieces, own) / np.maximum(np.bincount(pieces, told), 1)
     # A piece moves as a whole or not at all, unless it is a wall with something before it.
-    score = np.where(length[pieces] < 2.0, mean[pieces], own)
-    moving = score > MOVES
-    numbers = np.unique(pieces[moving], return_inverse=True)[1] + 1
-    found = np.where(count > 0, 0, -1)
-    found[moving] = numbers
+    moving = np.where(_lengths(made.points, pieces)[pieces] < WALL, mean[pieces], own) > MOVES
+    found = np.where(told, 0, -1)
+    found[moving] = np.unique(pieces[moving], return_inverse=True)[1] + 1
     labels[made.beams] = found
     return labels
 
@@ -108,4 +90,4 @@ def segment(
         still = prepared(scans[other])
         registration = among_movers(moving, still, between(poses[other], poses[index]))
         estimates.append(model.infer(scan, scans[other], registration if registration.converged else None))
-    return decide(scan, vote(estimates, len(scan)))
+    return decide(scan, mean_probability(estimates, len(scan)))

@@ -67,3 +67,23 @@ def test_what_is_missing_is_said() -> None:
     for arguments in (["segment"], ["segment", "--train"]):
         result = CliRunner().invoke(app, arguments)
         assert isinstance(result.exception, InputError)
+
+
+def test_the_texts_method_labels_from_pairs(tmp_path: Path) -> None:
+    path, out, room = tmp_path / "bag.mcap", tmp_path / "labels.npz", random_room(np.random.default_rng(12))
+    rng, lidar = np.random.default_rng(9), Lidar(90, 2.0 * np.pi * 89 / 90)
+    with McapWriter(path) as writer:
+        for k in range(3):
+            scan = lidar.scan(room, np.array([0.02 * k, 0.0, 0.3]), rng, 100.0 + 0.3 * k).scan
+            writer.write_scan(ScanRecord(scan, scan.stamp))
+    result = CliRunner().invoke(app, ["segment", str(path), "--out", str(out), "--method", "as_printed"])
+    assert result.exit_code == 0, result.output
+    with np.load(out) as file:
+        labels = file["labels"]
+    assert labels.shape == (3, 90)
+    # Only the first and the last are far enough apart in time.
+    assert (labels[[0, 2]] >= 0).any(axis=1).all()
+    assert (labels[1] == -1).all()
+    wrong = CliRunner().invoke(app, ["segment", str(path), "--method", "chains"])
+    assert wrong.exit_code != 0
+    assert "as_printed" in (wrong.output + str(wrong.exception))

@@ -1,4 +1,4 @@
-"""The joint CRF's experiment: its protocol on a few pairs, and the baselines it compares with."""
+"""The joint CRF's experiment: its techniques on a pair, its stages on a run, and scans that a mover fills."""
 
 from __future__ import annotations
 
@@ -6,37 +6,31 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.experiments.crf import FREE, MODELS, leave_one_out
+from evaluation.experiments.crf import BLIND, PRINTED, SAME, judged, techniques
 from evaluation.experiments.crf_filled import filled
-from evaluation.experiments.crf_metrics import scores
+from evaluation.experiments.crf_stages import LENGTH, STAGES, judged_run
 from evaluation.report import Options, Report
-from registration.crf.baselines import free_space, icp_kmeans
-from whereabouts.simulation.labelled_pairs import protocol
+from whereabouts.simulation.labelled_pairs import protocol, random_labelled_pairs
 
 
-def test_the_joint_model_is_best_on_pairs_left_out() -> None:
-    pairs = protocol(21)[16:20]
-    found = leave_one_out(pairs, [0, 2])
-    assert set(found) == {*MODELS, FREE}
-    means = {
-        name: np.mean(
-            [(x.association, x.clustering, -x.association_sed, -x.clustering_sed) for x in every], axis=0
-        )
-        for name, every in found.items()
-    }
-    for name in MODELS[:3]:
-        assert (means[MODELS[3]] > means[name]).all(), name
-
-
-def test_baselines_answer_in_the_same_form() -> None:
+def test_every_technique_is_judged_in_the_same_form() -> None:
     pair = protocol(22)[0]
-    for infer in (icp_kmeans, free_space):
-        estimate = infer(pair.scan_a, pair.scan_b)
-        assert estimate.associations.shape == estimate.clusters.shape == (len(pair.scan_a),)
-        assert estimate.clusters.max() < len(estimate.motions)
-        found = scores(pair, estimate)
-        assert 0.2 < found.association <= 1.0
-        assert np.isfinite(found.background).all()
+    found = judged(pair)
+    assert list(found) == list(techniques())
+    for name in PRINTED:
+        assert found[name, SAME].clustering >= found[name, BLIND].clustering, name
+    for each in found.values():
+        assert 0.0 <= each.association <= 1.0
+        assert np.isfinite(each.background).all()
+
+
+def test_stages_are_added_to_the_same_start(tmp_path: Path) -> None:
+    pairs = random_labelled_pairs(np.random.default_rng(4), "hall", 1, LENGTH)
+    found = judged_run(pairs)
+    assert list(found) == list(STAGES)
+    assert {len(every) for every in found.values()} == {LENGTH}
+    for stage in ("start", "+ trees"):
+        assert np.mean([each.clustering for each in found[stage]]) > 0.8
 
 
 def test_a_scan_half_filled_by_a_mover_is_told_right_or_refused(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from registration.crf.beams import AGREES, FREE, beams_of, nearness, seen_by
 from registration.crf.displacement import _explained, _nearest, cells_of
-from registration.crf.hypotheses import _to_nearest
+from registration.crf.hypotheses import to_nearest
 from whereabouts.simulation.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
 
 
@@ -57,5 +57,5 @@ def test_a_motion_is_given_up_only_where_it_cannot_be_good_enough(pair: Labelled
 def test_distances_to_the_nearest() -> None:
     rng = np.random.default_rng(5)
     points, others = rng.uniform(-3.0, 3.0, (40, 2)), rng.uniform(-3.0, 3.0, (30, 2))
-    np.testing.assert_allclose(_to_nearest(points, others), cKDTree(others).query(points)[0])
-    assert np.isinf(_to_nearest(points, others[:0])).all()
+    np.testing.assert_allclose(to_nearest(points, others), cKDTree(others).query(points)[0])
+    assert np.isinf(to_nearest(points, others[:0])).all()

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from evaluation.experiments.crf_metrics import edit_distance, renumbered
 from registration import Scan
 from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, beams_of, first_look, seen_by
-from registration.crf.candidates import candidates, nearest_points
+from registration.crf.candidates import nearest_points
 from registration.crf.rigid import rigid_motion
 from registration.crf.shape_features import NAMES, pair_features
 from whereabouts.simulation import Lidar, box, joined
@@ -65,16 +65,6 @@ def test_a_run_without_returns_says_that_nothing_near_is_there() -> None:
         AGREES,
         UNSEEN,
     )
-
-
-def test_candidates_are_the_nearest_points() -> None:
-    a, b = beams_of(scan_at((0.0, 0.0, 0.0))), beams_of(scan_at((0.2, 0.1, 0.1)))
-    motion = np.array([[-0.2, -0.1, -0.1]])
-    states = candidates(a, b, motion, np.ones((len(a), 1), dtype=bool))
-    c, s = np.cos(-0.1), np.sin(-0.1)
-    moved = a.points @ np.array([[c, s], [-s, c]]) + motion[0, :2]
-    nearest = cKDTree(b.points).query(moved)[1]
-    assert_allclose(states[:, 0], nearest)
 
 
 def test_the_nearest_point_is_found_without_a_tree() -> None:

@@ -1,4 +1,4 @@
-"""The joint model as it is shipped: labels, motions and poses against the truth of simulated pairs, and bad input."""
+"""The model as it is shipped: labels, motions and poses against the truth of simulated pairs, and bad input."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from estimation.errors import InputError
-from evaluation.experiments.crf import f1_of
-from evaluation.experiments.crf_metrics import scores
+from evaluation.experiments.crf_baselines import free_space
+from evaluation.experiments.crf_metrics import f1_of, scores
 from evaluation.experiments.crf_recordings import _counts, _pairs, read_recording
-from registration import Scan, align, align_globally
+from registration import Scan, align
 from registration.crf import JointEstimate, JointModel
-from registration.crf.baselines import free_space
 from registration.crf.online import ScanSegmenter, SegmenterConfig
 from registration.crf.setup import start
 from registration.crf.window import segment
@@ -43,8 +41,8 @@ def estimates(model: JointModel, pairs: list[LabelledPair]) -> list[JointEstimat
 def test_the_texts_protocol(model: JointModel) -> None:
     pairs = protocol(11)
     found = [scores(pair, each) for pair, each in zip(pairs, estimates(model, pairs), strict=True)]
-    assert np.mean([each.association for each in found]) > 0.74
-    assert np.mean([each.clustering for each in found]) > 0.83
+    assert np.mean([each.association for each in found]) > 0.79
+    assert np.mean([each.clustering for each in found]) > 0.9
     true = np.mean([each.true_outliers for each in found])
     assert np.mean([each.outliers_association for each in found]) == pytest.approx(true, abs=0.02)
     assert np.nanmean([each.found_association for each in found]) > 0.75
@@ -54,7 +52,12 @@ def test_the_texts_protocol(model: JointModel) -> None:
     assert rotation < 0.03
     assert translation < 0.3
     f1, precision, _ = f1_of([each.counts for each in found])
-    free, _, _ = f1_of([scores(pair, free_space(pair.scan_a, pair.scan_b)).counts for pair in pairs])
+    free, _, _ = f1_of(
+        [
+            scores(pair, free_space(pair.scan_a, pair.scan_b, start(pair.scan_a, pair.scan_b))).counts
+            for pair in pairs
+        ]
+    )
     assert f1 > max(0.88, free)
     assert precision > 0.95
 
@@ -87,18 +90,6 @@ def test_the_pose_is_no_worse_than_by_plain_registration(model: JointModel) -> N
     assert joint_error <= plain_error
 
 
-def test_crf_is_a_method_of_registration() -> None:
-    (pair,) = random_labelled_pairs(np.random.default_rng(79), "office", 1, lidar=ROUND)
-    for found in (
-        align(pair.scan_a, pair.scan_b, method="crf"),
-        align_globally(pair.scan_a, pair.scan_b, method="crf"),
-    ):
-        assert found.converged
-        assert np.hypot(*(found.transform - pair.motions[0])[:2]) < 0.01
-    with pytest.raises(InputError, match="crf"):
-        align(pair.scan_a.points(), pair.scan_b.points(), method="crf")
-
-
 def test_the_answer_has_one_entry_per_beam_and_repeats(model: JointModel) -> None:
     (pair,) = random_labelled_pairs(np.random.default_rng(80), "hall", 1)
     ranges = pair.scan_a.ranges.copy()
@@ -115,18 +106,6 @@ def test_the_answer_has_one_entry_per_beam_and_repeats(model: JointModel) -> Non
     assert_array_equal(one.associations, two.associations)
     assert_array_equal(one.clusters, two.clusters)
     assert_array_equal(one.motions, two.motions)
-
-
-def test_schedules_agree(model: JointModel) -> None:
-    for pair in random_labelled_pairs(np.random.default_rng(81), "street", 3):
-        found = {
-            name: model.infer(pair.scan_a, pair.scan_b, schedule=name)
-            for name in ("exact", "sweep", "flooding")
-        }
-        for name in ("sweep", "flooding"):
-            assert np.mean(found[name].clusters == found["exact"].clusters) > 0.97
-    with pytest.raises(InputError, match="schedule"):
-        model.infer(pair.scan_a, pair.scan_b, schedule="backwards")
 
 
 def nothing(estimate: JointEstimate, beams: int) -> bool:

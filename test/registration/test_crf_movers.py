@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from evaluation.experiments.crf import f1_of
-from evaluation.experiments.crf_metrics import scores
+from evaluation.experiments.crf_metrics import f1_of, scores
 from registration import Scan
 from registration.align import among_movers
 from registration.crf import JointEstimate, JointModel, setup

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,9 @@ from whereabouts.cli.common import JsonFile, TopicToUse, target_file, target_fol
 
 if TYPE_CHECKING:
     from registration.scan import Scan
+
+METHODS = ("trees", "as_printed")
+PAIR = (-0.6, 0.6)  # seconds to the scan that the text's method compares with: the earlier, or else the later
 
 
 def segment(
@@ -29,6 +33,13 @@ def segment(
     model_file: Annotated[
         Path | None, typer.Option("--model", help="Use this trained model instead of the shipped one.")
     ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="trees: over a window of scans; as_printed: the joint CRF of the text, from pairs of scans.",
+        ),
+    ] = "trees",
     pictures: Annotated[
         Path | None,
         typer.Option(
@@ -48,21 +59,23 @@ def segment(
     """
     from estimation.errors import InputError
 
+    if method not in METHODS:
+        raise InputError(f"--method: one of {', '.join(METHODS)} expected, got {method!r}")
     if train:
         if out is None:
             raise InputError("--out: where to write the trained model")
-        _train(out, json_file)
+        _train(out, method, json_file)
         return
     if source is None:
         raise InputError("IN: a log to label, or --train")
-    _label(source, out, topic, model_file, pictures, json_file)
+    _label(source, out, topic, (method, model_file), pictures, json_file)
 
 
-def _train(out: Path, json_file: Path | None) -> None:
-    from evaluation.experiments.crf_training import train_shipped
+def _train(out: Path, method: str, json_file: Path | None) -> None:
+    from evaluation.experiments.crf_training import train_printed, train_shipped
 
     started = time.perf_counter()
-    model = train_shipped()
+    model = train_shipped() if method == "trees" else train_printed()
     model.save(out)
     typer.echo(
         f"trained on {model.card['pairs']} pairs in {time.perf_counter() - started:.0f} s, written to {out}"
@@ -71,21 +84,19 @@ def _train(out: Path, json_file: Path | None) -> None:
 
 
 def _label(
-    source: Path, out: Path | None, topic: str | None, model_file: Path | None, pictures: Path | None,
+    source: Path, out: Path | None, topic: str | None, how: tuple[str, Path | None], pictures: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
     import numpy as np
 
-    from registration.crf import JointModel
-    from registration.crf.window import segment as segment_scan
     from whereabouts.progress import track
 
-    model = JointModel.load(model_file)
+    segment_scan = _segmenter(*how)
     scans, stamps, poses = read(source, topic)
     started = time.perf_counter()
     labels = np.full((len(scans), max(len(scan) for scan in scans)), -1, dtype=np.int64)
     for index in track(range(len(scans)), f"labelling {source.name}"):
-        found = segment_scan(model, scans, stamps, poses, index)
+        found = segment_scan(scans, stamps, poses, index)
         labels[index, : len(found)] = found
     elapsed = time.perf_counter() - started
     returned, moving = int((labels >= 0).sum()), int((labels > 0).sum())
@@ -100,6 +111,29 @@ def _label(
     figures: dict[str, Any] = {"source": str(source), "scans": len(scans), "moving_beams": moving}
     figures |= {"labelled_beams": returned, "scans_per_second": len(scans) / max(elapsed, 1e-9)}
     write_figures(json_file, figures)
+
+
+def _segmenter(method: str, model_file: Path | None) -> Callable[[list[Scan], Any, Any, int], Any]:
+    """What labels a scan of a recording, by the scans, their stamps and poses, and its number."""
+    from registration.crf import JointModel
+    from registration.crf.as_printed import PrintedCrf
+    from registration.crf.window import partners
+    from registration.crf.window import segment as over_window
+
+    if method == "trees":
+        model = JointModel.load(model_file)
+        return lambda scans, stamps, poses, index: over_window(model, scans, stamps, poses, index)
+    printed = PrintedCrf.load(model_file)
+
+    def of_pair(scans: list[Scan], stamps: Any, poses: Any, index: int) -> Any:
+        import numpy as np
+
+        others = partners(stamps, poses, index, PAIR)
+        if not others:
+            return np.full(len(scans[index]), -1, dtype=np.int64)
+        return printed.infer(scans[index], scans[others[0]]).clusters
+
+    return of_pair
 
 
 def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:

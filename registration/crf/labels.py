@@ -1,0 +1,135 @@
+"""Labels of the points of a scan under given motions, and the estimate per beam that they amount to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.crf.beams import AGREES, UNSEEN, Beams, beams_at, moved, nearness
+from registration.crf.candidates import nearest_points
+from registration.crf.estimate import UNKNOWN, JointEstimate
+from registration.crf.setup import Start
+from registration.motion import Array
+
+LEAST_MEMBERS = 3  # points of an object
+NEAR = 0.6  # of the distance between two beams on a surface, within which the nearest sees the same spot
+FARTHEST = 1.0  # metres between neighbouring beams on one surface
+TURN_SIGMA = 0.12  # radians a thing may be expected to turn, where its points say nothing
+
+
+def groups_as_labels(begun: Start) -> NDArray[np.int64]:
+    """(n,) cluster of each point by the groups alone: 0 agrees with the background, -1 neither.
+
+    Objects with a motion come first, in the order of `begun.found`, then those that are gone.
+    """
+    labels = np.where(begun.sight == AGREES, 0, -1)
+    for number, group in enumerate([*begun.found, *begun.gone], start=1):
+        taken = group.members & (labels <= 0)
+        labels[taken] = number
+    return labels
+
+
+def estimate_of(begun: Start, labels: NDArray[np.int64], probability: Array) -> JointEstimate:
+    """The estimate in which points of scan a are in the clusters `labels` (n,), see `groups_as_labels`.
+
+    Clusters beyond the groups have no motion. Those of less than `LEAST_MEMBERS` points are dropped. The partner of a
+    point is the beam of scan b nearest to where its cluster's motion takes it.
+    probability : (n,) that each point moves.
+    """
+    a, b = begun.a, begun.b
+    motions, covariances = [begun.registration.transform], [begun.registration.covariance]
+    partners = np.full(len(a), -1, dtype=np.int64)
+    grain, gaps = nearness(a, begun.noise) + 0.5 * a.spacing, _gaps(b)
+    # Between two surfaces, at edges and flanks, a point may have its partner although b does not see it agree.
+    _associate(begun, (labels == 0) | ((labels < 0) & (begun.sight == UNSEEN)), motions[0], gaps, partners)
+    clusters = np.where(partners >= 0, 0, -1)
+    for number in range(1, int(labels.max(initial=0)) + 1):
+        members = labels == number
+        if members.sum() < LEAST_MEMBERS:
+            clusters[members] = -1
+            continue
+        clusters[members] = len(motions)
+        if number <= len(begun.found):
+            motion = begun.found[number - 1].motion
+            _associate(begun, members, motion, gaps, partners)
+            motions.append(motion)
+            covariances.append(_covariance(a.points[members], grain[members], motion))
+        else:
+            motions.append(motions[0])
+            covariances.append(UNKNOWN)
+    count = len(a.ranges)
+    per_beam = np.full(count, -1, dtype=np.int64), np.full(count, -1, dtype=np.int64)
+    probabilities = np.full(count, np.nan)
+    per_beam[0][a.beams] = np.where(partners >= 0, b.beams[np.maximum(partners, 0)], -1)
+    per_beam[1][a.beams] = clusters
+    probabilities[a.beams] = probability
+    return JointEstimate(
+        *per_beam,
+        np.array(motions),
+        _log_score(clusters > 0, probability),
+        np.array(covariances),
+        probabilities,
+    )
+
+
+def _log_score(moving: NDArray[np.bool_], probability: Array) -> float:
+    """Log probability of labels (n,), those of which nothing is known left out."""
+    own = np.where(moving, probability, 1.0 - probability)
+    return float(np.log(np.maximum(own[np.isfinite(own)], 1e-9)).sum())
+
+
+def confirmed(begun: Start, members: NDArray[np.bool_], known: JointEstimate) -> JointEstimate:
+    """The estimate where only what is `known` to move left its place, `members` (n,): one cluster of unknown motion."""
+    labels = np.where(members, 1, np.where(begun.sight == AGREES, 0, -1))
+    before = known.probabilities[begun.a.beams]
+    return estimate_of(begun, labels, np.where(members, before, np.where(labels == 0, 0.0, np.nan)))
+
+
+def _associate(
+    begun: Start, members: NDArray[np.bool_], motion: Array, gaps: Array, partners: NDArray[np.int64]
+) -> None:
+    """Write which point of b each member (n,) is under `motion`.
+
+    That which the beam saw that looks there, if it is the same surface: noise along a beam then changes nothing. Else
+    the nearest. gaps (m,) : see `_gaps`.
+    """
+    index, b = np.flatnonzero(members), begun.b
+    if not len(index):
+        return
+    there = moved(begun.a.points[index], motion)
+    noise = nearness(b, begun.noise)
+    found = _looking(b, there)
+    away = np.hypot(*(there - b.points[found]).T)
+    found = np.where((found >= 0) & (away < np.maximum(gaps, noise)[found]), found, -1)
+    rest = np.flatnonzero(found < 0)
+    if len(rest):
+        reach = np.maximum(NEAR * gaps, noise)
+        nearest = nearest_points(b, there[rest], float(reach.max()))
+        away = np.hypot(*(there[rest] - b.points[nearest]).T)
+        found[rest] = np.where((nearest >= 0) & (away < reach[nearest]), nearest, -1)
+    partners[index] = found
+
+
+def _looking(b: Beams, points: Array) -> NDArray[np.int64]:
+    """(n,) point of b that the beam saw which looks at each of `points` (n, 2), -1 for none."""
+    beam = beams_at(b, points)
+    inside = beam < len(b.ranges)
+    return np.where(inside, b.number[np.where(inside, beam, 0)], -1)
+
+
+def _gaps(b: Beams) -> Array:
+    """(m,) metres from each point of b to the farther neighbour on the same surface, 0 without one."""
+    gaps = np.hypot(*np.diff(b.points, axis=0).T)
+    gaps = np.where((np.diff(b.pieces) == 0) & (gaps < FARTHEST), gaps, 0.0)
+    return np.maximum(np.append(gaps, 0.0), np.insert(gaps, 0, 0.0))
+
+
+def _covariance(points: Array, grain: Array, motion: Array) -> Array:
+    """(3, 3) of a motion of x, y, yaw by least squares, from the weights of its points."""
+    x, y = (moved(points, motion) - motion[:2]).T
+    weights = 1.0 / grain**2
+    total, wx, wy = weights.sum(), weights @ x, weights @ y
+    information = np.array([[total, 0.0, -wy], [0.0, total, wx], [-wy, wx, weights @ (x**2 + y**2)]])
+    information[2, 2] += 1.0 / TURN_SIGMA**2
+    covariance = np.linalg.inv(information + 1e-6 * np.eye(3))
+    return np.asarray(0.5 * (covariance + covariance.T))
