@@ -24,6 +24,7 @@ import rclpy
 from geometry_msgs.msg import TransformStamped
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
+from unique_identifier_msgs.msg import UUID
 
 from evaluation.chaos.generator import LINKS, START, Fuzzer
 from evaluation.chaos.times import FAULTS, Plays, Stage, play
@@ -60,8 +61,8 @@ class Goal:
 
     is_cancel_requested = False
 
-    def __init__(self, request: Any) -> None:
-        self.request = request
+    def __init__(self, request: Any, goal_id: UUID) -> None:
+        self.request, self.goal_id = request, goal_id
 
     def ignore(self, *_: Any) -> None:
         """Whatever the action says."""
@@ -140,7 +141,9 @@ class Worker:
                     self._count(service.srv_name, lambda service=service: self._ask(service))
             if self.actions and self.done % GOALS < len(self.node.inputs):
                 kind, execute = self.actions[self.done % len(self.actions)]
-                self.executor.create_task(execute(Goal(self._fuzzer.message(kind))))
+                self.executor.create_task(
+                    execute(Goal(self._fuzzer.message(kind), UUID(uuid=list(self._fuzzer.rng.bytes(16)))))
+                )
 
     def play(self, seconds: float) -> None:
         """Stamps that are wrong and messages that get lost, for so long; faults in turn, by seed and node."""
