@@ -190,14 +190,12 @@ def _weeks(options: Options, report: Report) -> None:
     (seed,) = np.random.default_rng([options.seed, 60]).integers(2**31, size=1).tolist()
     found = live_weeks(seed, days)
     searched, moved = np.array(found.searched), np.array(found.moved)
-    rows = [
-        ["all", len(searched), 100.0 * float((searched > 0).mean()), float(searched[searched > 0].mean())]
-    ]
-    if moved.any():
-        gone = searched[moved]
-        rows.append(
-            ["moved unseen", len(gone), 100.0 * float((gone > 0).mean()), float(gone[gone > 0].mean())]
-        )
+    rows = []
+    for name, asked in (("all", searched), ("moved unseen", searched[moved])):
+        if len(asked):
+            places = asked[asked > 0]
+            visits = float(places.mean()) if len(places) else float("nan")
+            rows.append([name, len(asked), 100.0 * len(places) / len(asked), visits])
     columns = ["thing", "searches", f"found within {MOST_PLACES} places, % ↑", "places looked at ↓"]
     note = f"{days} days, {len(CARRIED)} things, {ASKED} searches a day. A published system: 72.7 % over 60 days."
     report.tables.append(
