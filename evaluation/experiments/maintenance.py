@@ -199,9 +199,9 @@ def _as_printed(options: Options, report: Report) -> None:
     note = (
         f"The rule of (3.6) to (3.10), {rule.speed:g} m/s and steps of {rule.time_step:g} s, up to "
         "the object; objects are looked at while a task is on. The text prints neither speed nor step: these "
-        "were fitted to its counts of the fixed path, 973 updates and 263 goals. The distance falls with the threshold as the "
-        "text's does, a little later. Its worst case is below the fixed path's at every threshold; here it is above "
-        "from 9 nat on."
+        "were fitted to its counts of the fixed path, 973 updates and 263 goals. The distance falls with the threshold "
+        "as the text's does, a little later. Its worst case is below the fixed path's at every threshold; here "
+        "it is above from 9 nat on."
     )
     columns = [
         "as printed",
