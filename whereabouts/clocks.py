@@ -280,7 +280,8 @@ class Clocks(Generic[Item]):
             for name, other in self.sources.items()
             if other.held and abs(other.held[-1].stamp - here) <= 2 * TOLERANCE
         }
-        if len(group) < 2 and not clock.goes_on(elapsed):
+        # Two sources that are wrong once each are no evidence, however well they agree.
+        if not any(other.goes_on(elapsed if other is clock else 0) for other in group.values()):
             return
         now = self.now
         if now is None:

@@ -71,6 +71,8 @@ class SuiteConfig(BaseModel):
     @classmethod
     def _named(cls, given: Any) -> Any:
         if isinstance(given, list):
+            if not all(isinstance(name, str) for name in given):
+                raise ValueError("names of nodes expected")
             given = dict.fromkeys(given)
         if isinstance(given, dict):
             if not given:

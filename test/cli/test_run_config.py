@@ -76,6 +76,7 @@ def test_without_a_file_all_nodes_run_as_shipped() -> None:
         ),
         ({"nodes": {"verifier": {"remappings": {"scan": 3}}}}, "nodes.verifier.remappings.scan: "),
         ({"nodes": []}, "nodes: at least one node expected"),
+        ({"nodes": [["verifier"], {}]}, "nodes: names of nodes expected"),
         ({"nodes": ["verifier"], "rate": -1}, "rate: "),
         ({"rate": 2.0}, "need --bag"),
         ({"namespace": "robot1"}, "namespace: must start with a slash"),

@@ -102,6 +102,16 @@ def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
     assert all(sent[number][1] < newest + TOLERANCE for number in told)
 
 
+@settings(max_examples=200, deadline=None)
+@given(STAMPS, st.integers(-5, 5))
+def test_two_sources_that_are_wrong_once_each_begin_no_run(stamp: int, apart: int) -> None:
+    sent = messages([(0.1, 0.0), (0.1, 0.0)], 3.0)
+    wrong = [("s0", stamp), ("s1", min(max(stamp + apart * SECOND, -(2**31) * SECOND), 2**31 * SECOND))]
+    followed = Followed([*sent[:40], *wrong, *sent[40:]])
+    assert followed.runs == []
+    assert set(range(len(sent) + 2)) - set(followed.taken) <= {40, 41}
+
+
 def test_a_detector_that_hardly_ever_speaks_is_heard() -> None:
     sent = [("detector", round((START + 600.0 * k) * SECOND)) for k in range(20)]
     followed = Followed(sent)
