@@ -18,7 +18,7 @@ from scipy.special import chdtri
 from estimation.checks import FloatArray
 from estimation.gaussians import repair_covariance
 from tracking import association_kernels as kernels
-from tracking.components import Components, IntArray
+from tracking.components import Components, IntArray, shift_components
 from tracking.hypotheses import Alternative, Hypotheses
 from tracking.hypothesis_kernels import connected, squares
 from tracking.phd_config import PhdConfig
@@ -99,6 +99,7 @@ class PmbmRecursion:
         self.hypotheses = Hypotheses.empty()
         self.unseen = Components.empty()
         self.log_clutter = float(np.log(config.clutter_rate / config.area))
+        self.correlation = 0.0
         self.gate = float(chdtri(2, 1.0 - config.gate_probability))
         self.link = config.measurement_noise * float(
             np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1]))
@@ -126,6 +127,19 @@ class PmbmRecursion:
     def targets(self) -> list[Target]:
         """The targets of the likeliest hypotheses."""
         return self.extractor.extract(self.hypotheses)
+
+    def shift(self, motion: FloatArray) -> None:
+        """Takes everything along with its frame, which moved by (3,) x, y, yaw."""
+        for components in (self.hypotheses.tracks, self.unseen):
+            shift_components(components, motion)
+
+    def forget(self, gone: set[int], moved: dict[int, FloatArray]) -> None:
+        """Drops targets by the labels they are reported by, and moves the states of others by (4,)."""
+        inner = {name: label for label, name in self.extractor.labels.public.items()}
+        tracks = self.hypotheses.tracks
+        tracks.weights = np.where(np.isin(tracks.labels, [inner[name] for name in gone]), 0.0, tracks.weights)
+        for name, way in moved.items():
+            tracks.means[tracks.labels == inner[name]] += way
 
     def update(
         self, points: FloatArray, dt: float, pose: FloatArray | None, log_clutter: FloatArray | None = None
@@ -390,7 +404,9 @@ class PmbmRecursion:
         n = cells[:, kernels.N]
         P = tracks.covariances[seen]
         X = _matrices(table[:, kernels.XXX], table[:, kernels.XXY], table[:, kernels.XYY])
-        R = X * (1.0 / n + 1.0 - predicted.sight.share[index[seen]])[:, None, None]
+        # The mean of returns that lie to either side of the middle, as legs do, is nearer to it than by chance.
+        spread = np.maximum(1.0 + (n - 1.0) * self.correlation, 0.1) / n
+        R = X * (spread + 1.0 - predicted.sight.share[index[seen]])[:, None, None]
         PHt = P[:, :, :2]
         gain = PHt @ np.linalg.inv(P[:, :2, :2] + R)
         innovation = cells[:, [kernels.ZX, kernels.ZY]] - tracks.means[seen][:, :2]

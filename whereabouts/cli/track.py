@@ -56,7 +56,7 @@ def track(
         Filter,
         typer.Option(
             "--filter",
-            help="mixture: the people tracker. phd: the reference's filter on single returns. gmphd: its filter for "
+            help="mixture: everything that stands free, with its class. phd: the reference's filter on single returns. gmphd: its filter for "
             "points, on clusters. The last two know no classes.",
         ),
     ] = Filter.mixture,
