@@ -85,7 +85,7 @@ class Evidence:
     origin (2,) : where it was first, m. last_seen : stamp, s. looks : s it was seen for. means (len(AVERAGED),);
     squares (2,) : means of width² and shape². pairs (3,) : seconds with two clusters, and their gap and gap² by them.
     place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh,
-    returns : of the last half second. behind (2,) : where it was a while ago, m. views : directions it was seen from, rad.
+    returns : of the last half second. behind (2,) : where it was a while ago, m. views : it was seen from, rad.
     """
 
     origin: FloatArray

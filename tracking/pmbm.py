@@ -20,7 +20,7 @@ from estimation.gaussians import repair_covariance
 from tracking import association_kernels as kernels
 from tracking.components import Components, IntArray, shift_components
 from tracking.hypotheses import Alternative, Hypotheses
-from tracking.hypothesis_kernels import connected, squares
+from tracking.hypothesis_kernels import connected, single_linkage, squares
 from tracking.phd_config import PhdConfig
 from tracking.phd_models import ConstantVelocityMotion, Detection, Labels, Sight, detect
 from tracking.reduction import Reducer
@@ -299,15 +299,12 @@ class PmbmRecursion:
 
     def _clusters(self, points: FloatArray) -> list[FloatArray]:
         """Centres of clusters of returns, at two distances, the largest clusters first."""
-        from scipy.cluster.hierarchy import fcluster, linkage
-
         if len(points) == 1:
             return [points[0]]
-        tree = linkage(points)
         found: dict[bytes, tuple[int, FloatArray]] = {}
         for distance in (self.link, 0.5 * self.link):
-            names = fcluster(tree, distance, "distance")
-            for name in range(1, names.max() + 1):
+            names = single_linkage(points, distance)
+            for name in range(names.max() + 1):
                 inside = names == name
                 found[inside.tobytes()] = int(inside.sum()), points[inside].mean(0)
         return [centre for _, centre in sorted(found.values(), key=lambda item: -item[0])]

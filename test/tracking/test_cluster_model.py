@@ -12,7 +12,7 @@ from estimation.gradient_boosting import GradientBoosting
 from evaluation.experiments.people_yardsticks import measure
 from registration.scan import Scan
 from tracking.background import Background
-from tracking.cluster_model import ClusterScan, ScanDetection, StandingOrWalking
+from tracking.cluster_model import MOVING, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people import PeopleTracker
 from tracking.people_config import PeopleConfig
 from tracking.people_shape import shape_model
@@ -59,6 +59,16 @@ def test_legs_are_measurements_at_their_middles_and_walls_are_none() -> None:
     seen = seen_of(LIDAR.scan(world, np.zeros(3), np.random.default_rng(0)).scan)
     assert len(seen.places) == 2
     np.testing.assert_allclose(seen.places[np.argsort(-seen.places[:, 1])], legs, atol=0.03)
+
+
+def test_what_registration_says_moves_came_from_somewhere() -> None:
+    world = joined([box(10.0, 8.0), circle(2.0, 0.5, 0.06), circle(2.0, -0.5, 0.06)])
+    scan = LIDAR.scan(world, np.zeros(3), np.random.default_rng(0)).scan
+    sweep, none = Sweep.of(scan, np.zeros(3), None, 0.1), np.zeros(len(scan), dtype=bool)
+    moving = scan.bearings > 0.0
+    seen = ClusterScan.of(scan, sweep, Background(), shape_model(), PeopleConfig(), none, moving)
+    assert seen.fresh[seen.places[:, 1] > 0.0] == pytest.approx([MOVING])
+    assert seen.fresh[seen.places[:, 1] < 0.0].tolist() == [0.0]
 
 
 def test_what_always_stood_somewhere_is_dense_in_clutter_there() -> None:

@@ -166,6 +166,26 @@ def test_the_same_scans_give_the_same_targets() -> None:
     assert np.array_equal(a.covariance, b.covariance)
 
 
+def test_who_is_hidden_is_reported_while_it_is_known_where() -> None:
+    counts = []
+    for located in (0.2, 1.0):
+        tracker, told = PeopleTracker(PeopleConfig(located=located)), []
+        walk(tracker, 30)
+        for k in range(30, 70):
+            ranges = wall()
+            ranges[160:340] = 1.0  # a screen
+            targets = tracker.step(scan_of(ranges, 0.1 * k), np.zeros(3), 0.1 * k)
+            told.append(len(targets))
+            for target in targets:
+                deviation = np.sqrt(0.5 * np.trace(target.covariance[:2, :2]))
+                assert target.occluded
+                assert target.last_seen == pytest.approx(2.9)
+                assert deviation < located
+        assert told == sorted(told, reverse=True)
+        counts.append(sum(told))
+    assert 0 < counts[0] < counts[1]
+
+
 def test_a_pose_that_jumps_loses_nobody() -> None:
     tracker = PeopleTracker()
     (before,) = walk(tracker, 30)
