@@ -203,7 +203,6 @@ def drawn(seed: int = SEED) -> list[Examples]:
         ),
         simulated("floors, pose withheld", lambda k: walking(20 + k), 8, (seed, 2800), (), True),
         simulated("empty, pose withheld", lambda k: empty_floor(rng(150 + k)), 6, (seed, 2900), (), True),
-        simulated("occlusions, pose withheld", hiding, 8, (seed, 3000), (), True),
     ]
 
 
