@@ -22,6 +22,7 @@ from tracking.background import Background
 from tracking.cluster_model import ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
+from tracking.people_middle import WIDE
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
 from tracking.person_class import ClassModel, Evidence, class_model
@@ -32,6 +33,7 @@ from tracking.target import Target
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
+EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
 BIRTHS, REACH = 0.02, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
 SPEED = 0.7  # m/s, deviation of a new target's velocity
@@ -160,7 +162,8 @@ class PeopleTracker:
         self._sight.scan = scan
         spread = np.diag([REACH**2, REACH**2, SPEED**2, SPEED**2])
         self._phd.births = [(BIRTHS, np.array([*place[:2], 0.0, 0.0]), spread)]
-        self.recursion.update(seen.places, dt, place, seen.log_clutter)
+        exactness = np.where(seen.widths > WIDE, EXACTER, 1.0)
+        self.recursion.update(seen.places, dt, place, seen.log_clutter, exactness)
         self.stamp, self._pose = float(stamp), place
         found = self.recursion.targets()
         gone = self._unite(found, dt)

@@ -40,6 +40,8 @@ MOST_UNSEEN = 50
 NARROW = 3.0
 # Seeds for new targets per group of returns at most.
 MOST_SEEDS = 8
+# Returns, fractional ones, below which a target gave but one.
+LONE = 1.5
 # A track that can split off others exists at least this probably.
 CAN_SPAWN = 0.1
 
@@ -142,13 +144,21 @@ class PmbmRecursion:
             tracks.means[tracks.labels == inner[name]] += way
 
     def update(
-        self, points: FloatArray, dt: float, pose: FloatArray | None, log_clutter: FloatArray | None = None
+        self,
+        points: FloatArray,
+        dt: float,
+        pose: FloatArray | None,
+        log_clutter: FloatArray | None = None,
+        exactness: FloatArray | None = None,
     ) -> None:
-        """One scan (N, 2), dt seconds after the last; log_clutter (N,) where clutter is not uniform."""
+        """One scan (N, 2), dt seconds after the last; log_clutter (N,) where clutter is not uniform.
+
+        exactness (N,) : by how much the variance of a return is smaller than usual, if it is all there is of a target.
+        """
         predicted = self._predict(points, dt, pose)
         clutter = np.full(len(points), self.log_clutter) if log_clutter is None else log_clutter
         updates = self._associate(predicted, points, clutter)
-        tracks = self._corrected(predicted, updates)
+        tracks = self._corrected(predicted, updates, points, exactness)
         hypotheses = Hypotheses.of(tracks, updates.groups)
         hypotheses.tracks.covariances = self._sound(hypotheses.tracks.covariances)
         config = self.config
@@ -381,7 +391,9 @@ class PmbmRecursion:
             self.thinned += 1
         return sorted(alternatives, key=lambda item: -item[0])[:count], expansions, spawning
 
-    def _corrected(self, predicted: Predicted, updates: Updates) -> Components:
+    def _corrected(
+        self, predicted: Predicted, updates: Updates, points: FloatArray, exactness: FloatArray | None
+    ) -> Components:
         """The tracks after the scan: missed ones less probable, detected ones updated by (10)."""
         index = np.array(updates.source, dtype=np.int64)
         tracks = predicted.sources.select(index)
@@ -403,6 +415,9 @@ class PmbmRecursion:
         X = _matrices(table[:, kernels.XXX], table[:, kernels.XXY], table[:, kernels.XYY])
         # The mean of returns that lie to either side of the middle, as legs do, is nearer to it than by chance.
         spread = np.maximum(1.0 + (n - 1.0) * self.correlation, 0.1) / n
+        if exactness is not None:
+            gaps = np.linalg.norm(cells[:, [kernels.ZX, kernels.ZY]][:, None] - points[None], axis=2)
+            spread = np.where(n < LONE, spread / exactness[gaps.argmin(1)], spread)
         R = X * (spread + 1.0 - predicted.sight.share[index[seen]])[:, None, None]
         PHt = P[:, :, :2]
         gain = PHt @ np.linalg.inv(P[:, :2, :2] + R)

@@ -281,7 +281,7 @@ def test_round_people_are_found_at_once_and_kept_behind_pillars() -> None:
     judged = judge_everybody(occlusions(rng, OcclusionKind("pillars", "rounds", "round"), 8.0), rng)
     assert np.mean(judged.ospa) < 0.25
     assert np.mean(judged.missed) < 0.5
-    assert np.mean(judged.errors) < 0.12
+    assert np.mean(judged.errors) < 0.15
 
 
 def test_who_turns_round_at_full_speed_in_plain_view_is_not_lost() -> None:

@@ -226,3 +226,15 @@ class _Always:
 
     def __call__(self, means: np.ndarray, sensor_pose: np.ndarray | None) -> np.ndarray:
         return np.full(len(means), 0.99)
+
+
+@pytest.mark.parametrize("exactness", [1.0, 4.0])
+def test_a_return_that_is_known_better_tells_more(exactness: float) -> None:
+    config = PhdConfig(
+        births=[], spawn=None, detection_probability=0.99, measurement_noise=0.2, measurement_rate=1.0
+    )
+    recursion = PmbmRecursion(config, _Always())
+    recursion.hypotheses = Hypotheses.of(tracks(np.zeros((1, 4)), np.array([1.0]), [0]), [[(0.0, (0,))]])
+    recursion.update(np.array([[0.1, 0.0]]), 0.0, None, np.array([-30.0]), np.array([exactness]))
+    P = recursion.hypotheses.tracks.covariances[0]
+    assert P[0, 0] == pytest.approx(1.0 / (1.0 + exactness / 0.2**2), rel=1e-3)
