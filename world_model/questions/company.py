@@ -53,7 +53,7 @@ def who_was_here(world: Recall, place: str = "", since: str | float | Span | Non
         if span.end >= world.now - 1.0
         else f"between {clock(span.start)} and {clock(span.end)}"
     )
-    probability = 0.95 if visits else 0.9
+    probability = 0.97 if visits else 0.95
     if visits:
         sentence = f"{_people(visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
     else:

@@ -390,6 +390,15 @@ class Recall:
         line = self._read(name, self.epoch, start - AROUND, end + AROUND)
         return line if line.stays and line.stays[0].since <= start else self.since(name, start)
 
+    def departed(self, ago: float) -> list[str]:
+        """Objects that went from where they were no longer than `ago` s before now."""
+        return [] if self.store is None else self.store.departed(self.now - ago)
+
+    def names_of(self, object_id: str) -> list[str]:
+        """The newest id of an object, then its earlier ones."""
+        name = self.individual(object_id)[0]
+        return [name, *self._before(name)]
+
     def _before(self, object_id: str) -> list[str]:
         """Earlier ids of an object, the newest first."""
         links = self._links(self.kind(object_id))
