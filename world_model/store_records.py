@@ -210,8 +210,7 @@ class Records:
 
     def names(self) -> dict[str, int]:
         """The newest run of every object that was ever known, by id."""
-        rows = self._execute("SELECT id, max(epoch) FROM objects WHERE epoch >= 0 GROUP BY id")
-        return dict(rows)
+        return dict(self._execute("SELECT id, epoch FROM objects WHERE epoch >= 0 ORDER BY epoch"))
 
     def sights(
         self,

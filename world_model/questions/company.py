@@ -77,9 +77,7 @@ def visits_of(world: Recall, place: str, span: Span) -> list[Visit]:
 
 
 def _persons(world: Recall, span: Span) -> list[str]:
-    if world.store is None:
-        return [name for name in world.present if world.kind(name) == PERSON]
-    return [name for name in world.store.active(span.start, span.end) if world.kind(name) == PERSON]
+    return [name for name in world.active(span.start, span.end) if world.kind(name) == PERSON]
 
 
 def _track(world: Recall, name: str, span: Span) -> tuple[FloatArray, FloatArray]:
@@ -123,9 +121,8 @@ def _joined(name: str, stamps: FloatArray) -> list[Visit]:
 
 def _changes(world: Recall, where: str, span: Span) -> list[Change]:
     """What was moved at a place within a span."""
-    names = list(world.present) if world.store is None else world.store.active(span.start, span.end)
     found = []
-    for name in world.heads(names):
+    for name in world.heads(world.active(span.start, span.end)):
         for change in changes_of(world.since(name, span.start), span.start, span.end):
             ends = [place for place in (change.before, change.after) if place is not None]
             if change.before not in (None, change.after) and (

@@ -263,8 +263,7 @@ def _ends(world: Recall, name: str, span: Span) -> Timeline:
 def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
     """One for each object that is not where it was at the beginning of a span, and how probably these are all."""
     found, certain = [], 1.0
-    active = world.present.keys() if world.store is None else world.store.active(span.start, span.end)
-    for name in world.heads(active):
+    for name in world.heads(world.active(span.start, span.end)):
         line = _ends(world, name, span)
         changes = changes_of(line, span.start, span.end)
         if not changes or _is_false(world, line):
@@ -307,8 +306,7 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
     missing: list[tuple[float, str, Stay]] = []
     certain = 1.0
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
-    if world.store is not None:
-        candidates += world.store.active(span.start, span.end)
+    candidates += world.active(span.start, span.end)
     for name in world.heads(candidates):
         line = world.since(name, world.now)
         if line.lost and (not line.stays or line.stays[-1].until < world.now):

@@ -101,13 +101,16 @@ def _read(world: Recall, start: float) -> Presence:
     names, rows, start = world.store.happened(start, MOST, PERSON)
     positions = np.frombuffer(b"".join(row[3] for row in rows), "<f8").reshape(-1, 3)
     words = world.words(positions)
-    by_name: dict[str, list[int]] = {}
+    by_key: dict[int, list[int]] = {}
     for index, row in enumerate(rows):
-        by_name.setdefault(world.individual(names[row[0]])[0], []).append(index)
+        by_key.setdefault(row[0], []).append(index)
+    by_name: dict[str, list[int]] = {}
+    for key, found in by_key.items():
+        by_name.setdefault(world.individual(names[key])[0], []).extend(found)
     courses: dict[str, Course] = {}
     here = [row[2] != "gone" and not row[5] and row[4] >= BELIEVED for row in rows]
     for name in {*by_name, *(item for item in world.heads(world.present))}:
-        found = by_name.get(name, [])
+        found = sorted(by_name.get(name, []))
         stamps = [rows[index][1] for index in found]
         places: list[str | None] = [words[index] if here[index] else None for index in found]
         if not found or stamps[0] > start:
