@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -99,24 +100,28 @@ def _read(world: Recall, start: float) -> Presence:
         lines = {name: _of_line(world.timeline(name)) for name in world.things()}
         return Presence(start, world.now, lines)
     names, rows, start = world.store.happened(start, MOST, PERSON)
-    positions = np.frombuffer(b"".join(row[3] for row in rows), "<f8").reshape(-1, 3)
-    words = world.words(positions)
     by_key: dict[int, list[int]] = {}
     for index, row in enumerate(rows):
         by_key.setdefault(row[0], []).append(index)
-    by_name: dict[str, list[int]] = {}
+    by_name: dict[str, list[int]] = {name: [] for name in world.heads(world.present)}
     for key, found in by_key.items():
         by_name.setdefault(world.individual(names[key])[0], []).extend(found)
+    before: dict[str, Sight] = {}
+    for name, found in by_name.items():
+        found.sort()
+        if not found or rows[found[0]][1] > start:
+            earlier = world.store.sights(name, world.epoch, end=start, most=1)
+            if earlier:
+                before[name] = earlier[0]
+    positions = b"".join([*(row[3] for row in rows), *(row[2] for row in before.values())])
+    words = world.words(np.frombuffer(positions, "<f8").reshape(-1, 3))
+    first = dict(zip(before, words[len(rows) :], strict=True))
     courses: dict[str, Course] = {}
-    here = [row[2] != "gone" and not row[5] and row[4] >= BELIEVED for row in rows]
-    for name in {*by_name, *(item for item in world.heads(world.present))}:
-        found = sorted(by_name.get(name, []))
+    for name, found in by_name.items():
         stamps = [rows[index][1] for index in found]
-        places: list[str | None] = [words[index] if here[index] else None for index in found]
-        if not found or stamps[0] > start:
-            before = world.store.sights(name, world.epoch, end=start, most=1)
-            if before:
-                stamps, places = [start, *stamps], [_place(world, before[0]), *places]
+        places = [words[index] if _is_there(rows[index][1:]) else None for index in found]
+        if name in before:
+            stamps, places = [start, *stamps], [first[name] if _is_there(before[name]) else None, *places]
         item = world.present.get(name)
         seen = item.last_seen if item is not None else max((rows[index][6] for index in found), default=start)
         if stamps:
@@ -129,7 +134,8 @@ def _place(world: Recall, row: Sight) -> str | None:
     return world.words(np.frombuffer(row[2], "<f8").reshape(1, 3))[0] if _is_there(row) else None
 
 
-def _is_there(row: Sight) -> bool:
+def _is_there(row: tuple[Any, ...]) -> bool:
+    """By a row of history from its stamp on: stamp, event, position, existence, lost."""
     return row[1] != "gone" and not row[4] and row[3] >= BELIEVED
 
 
