@@ -140,9 +140,10 @@ def write(folder: Path, bag: Path, said: Said, account: Any) -> Path:
     for _, later, _ in said.replayed.closures:
         screen.events.append((later, "knows the place again: a loop is closed", ""))
     screen.events.sort(key=lambda event: event[0])
+    drove = f"drove {found['path_m']:.0f} m" if found["path_m"] >= 0.5 else "stood still"
     lead = (
         f"{found['bag_s'] / 60.0:.1f} minutes, replayed over DDS through {len(NODES)} nodes in "
-        f"{found['wall_s']:.0f} s. The robot drove {found['path_m']:.0f} m; {found['labels']} people were followed for "
+        f"{found['wall_s']:.0f} s. The robot {drove}; {found['labels']} people were followed for "
         f"{LASTING:.0f} s and longer."
     )
     page = Page(f"{bag.name}: a real robot among people", lead, screen)
@@ -155,6 +156,6 @@ def write(folder: Path, bag: Path, said: Said, account: Any) -> Path:
         "longest_s": "longest label, s", "people_at_once": "people at a time, mean", "lost": "messages lost",
         "wall_s": "replayed in, s",
     }  # fmt: skip
-    page.table(("", ""), [(text, f"{found[key]:g}") for key, text in names.items()], numbers=True)
+    page.table(("", ""), [(text, f"{round(found[key], 1):g}") for key, text in names.items()], numbers=True)
     page.text("There is no ground truth in this recording: nobody is called false here.")
     return page.write(folder / "index.html")
