@@ -103,9 +103,10 @@ class StoreFile:
         until = time.monotonic() + CLOSING
         try:
             pages = Pages(self.path)
-            if self._known(pages):
+            if self._known(pages) or pages.log_size:
                 return
-            with closing(connect(self.path, "ro")) as connection:
+            # As nobody writes now, without a log of its own, which would stay behind.
+            with closing(connect(self.path, "ro&immutable=1")) as connection:
                 found = examine(connection, lambda: time.monotonic() < until)
                 if not found.problems and time.monotonic() < until and not self._judged(pages):
                     self._note_whole(pages)

@@ -38,13 +38,14 @@ Sums = tuple[int, int]
 
 
 class Pages:
-    """A file and the log beside it. `problems` : what is wrong with the log."""
+    """A file and the log beside it. `problems` : what is wrong with the log. `log_size` : bytes of it."""
 
     def __init__(self, path: Path) -> None:
         self._content = path.read_bytes()
         beside = Path(f"{path}-wal")
         log = beside.read_bytes() if beside.exists() else b""
         self._over, self.problems = read_log(log)
+        self.log_size = len(log)
         self._log = sha256(log).digest()
         self.count = max(-(-len(self._content) // PAGE), *self._over, 0)
 

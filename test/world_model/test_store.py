@@ -435,6 +435,7 @@ def test_what_was_found_whole_is_not_looked_through_again_until_a_bit_of_it_chan
         for step in range(100):
             store.record(marching(step))
     assert len(looks) == 2  # when it was made, and when it was closed
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["world.sqlite", "world.sqlite.lock"]
     for _ in range(2):
         with Store(path, read_only=read_only) as store:
             assert store.rows > 100

@@ -67,13 +67,17 @@ def _weighed(world: Recall, line: Timeline) -> Elsewhere:
         votes[name] = votes.get(name, 0.0) + PRIOR_PLACES / len(names)
     out += PRIOR_OUT
     round_of_looks, looked = _looks(world)
-    chances = {}
-    for place, weight in votes.items():
-        seen = left_by if place == stay.place else looked.get(place)
-        chances[place] = weight * _unnoticed(seen, stay.until, left_by, world.now, round_of_looks)
-    if stay.place in votes:
-        # Its having been overlooked before is in the votes.
-        chances[stay.place] = votes[stay.place] * math.exp(-2.0 * (world.now - left_by) / round_of_looks)
+    # Its having been overlooked where it was is in the votes: until the next look there.
+    overlooked = math.exp(-2.0 * (world.now - left_by) / round_of_looks)
+    chances = {
+        place: weight
+        * (
+            overlooked
+            if place == stay.place
+            else _unnoticed(looked.get(place), stay.until, left_by, world.now, round_of_looks)
+        )
+        for place, weight in votes.items()
+    }
     total = sum(chances.values()) + out
     return Elsewhere({place: p / total for place, p in chances.items() if p > 1e-3 * total}, out / total)
 
