@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from estimation.poses import between, compound, transform_points
 from whereabouts.logs import CloudRecord, G2oGraph, MessageRecord, OdometryRecord, open_log
 
 Array = NDArray[np.float64]
+STEP = 0.1
+"""m: the robot has moved once it is so far from where it was."""
 MAP_CELL = 0.1
 BEST_REVISIT_AGE = 50
 
@@ -53,8 +56,14 @@ class Replayed:
 
     @property
     def path_length(self) -> float:
-        """Length of the trajectory in metres."""
-        return float(np.linalg.norm(np.diff(self.poses[:, :2], axis=0), axis=1).sum())
+        """Length of the trajectory in metres, without the trembling of a pose that stands still."""
+        length = 0.0
+        counted = self.poses[:1, :2]
+        for xy in self.poses[:, :2]:
+            step = math.hypot(*(xy - counted[0]).tolist())
+            if step >= STEP:
+                length, counted = length + step, xy[None]
+        return length
 
 
 def read_replay(recording: Path, bag: Path) -> Replayed:

@@ -175,7 +175,9 @@ class Beliefs(Guidance):
     def _object(self, track: Track, slot: int) -> WorldObject:
         leaves = self.pool.leaves
         rest, moving, away, none = leaves.behavior[slot].tolist()
-        lost = away > rest + moving
+        # Time alone makes nothing lost: it was looked for in vain, or somebody has said so.
+        sought = leaves.missed[slot] >= BELIEVED
+        lost = away > rest + moving and (track.lost or sought)
         if moving > rest:
             position, velocity = leaves.moving[slot, :3].copy(), leaves.moving[slot, 3:].copy()
             covariance = leaves.moving_cov[slot, :3, :3].copy()
@@ -193,7 +195,7 @@ class Beliefs(Guidance):
             velocity,
             covariance,
             self.vocabulary.distributions(leaves.attributes[slot]),
-            1.0 - none if leaves.missed[slot] < BELIEVED or lost else rest + moving,
+            rest + moving if sought and not lost else 1.0 - none,
             lost,
             float(leaves.last[slot]),
             float(leaves.first[slot]),

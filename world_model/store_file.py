@@ -8,6 +8,7 @@ import os
 import shutil
 import sqlite3
 import struct
+import time
 import zlib
 from contextlib import closing
 from pathlib import Path
@@ -32,7 +33,11 @@ COMPANIONS = ("", "-wal", "-shm")
 SNAPSHOTS = 2
 SPACE = 3.0
 """Times the size of a file that has to be free for a new one beside it."""
+CLOSING = 1.0
+"""s for which a writer that ends looks at what it leaves."""
 _TIP = struct.Struct("<QII")
+_WHOLE = 32
+"""Where in the file beside the store the digest of what was found whole lies, after the tip."""
 
 
 class StoreError(WhereaboutsError):
@@ -89,7 +94,50 @@ class StoreFile:
     def close(self) -> None:
         """Close; committed data stay."""
         self.connection.close()
+        if self._lock is not None:
+            self._look_at_the_end()
         self._unlock()
+
+    def _look_at_the_end(self) -> None:
+        """Whether what is left behind is whole, as far as there is time: who opens it next need not ask again."""
+        until = time.monotonic() + CLOSING
+        try:
+            pages = Pages(self.path)
+            if self._known(pages) or pages.log_size:
+                return
+            # As nobody writes now, without a log of its own, which would stay behind.
+            with closing(connect(self.path, "ro&immutable=1")) as connection:
+                found = examine(connection, lambda: time.monotonic() < until)
+                if not found.problems and time.monotonic() < until and not self._judged(pages):
+                    self._note_whole(pages)
+        except (*READING_ERRORS, OSError, WhereaboutsError):
+            return  # whoever opens it next says what is wrong
+
+    def _known(self, pages: Pages) -> bool:
+        """Whether exactly this was found whole before."""
+        try:
+            with Path(f"{self.path}.lock").open("rb") as beside:
+                beside.seek(_WHOLE)
+                return beside.read() == pages.digest
+        except OSError:
+            return False
+
+    def _is_still(self, pages: Pages) -> bool:
+        """Whether this is the file yet: while a reader looked another process may have begun to write."""
+        return self._lock is not None or Pages(self.path).digest == pages.digest
+
+    def _note_whole(self, pages: Pages) -> None:
+        """Remember beside the file that it is whole as it is; not where that cannot be written."""
+        try:
+            beside = os.open(f"{self.path}.lock", os.O_WRONLY | os.O_CLOEXEC)
+        except OSError:
+            return
+        try:
+            os.pwrite(beside, pages.digest, _WHOLE)
+        except OSError:
+            return
+        finally:
+            os.close(beside)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -103,10 +151,11 @@ class StoreFile:
             if not path.exists():
                 self._clear_companions()
                 make(path)
-            why = Examined(self._judged(Pages(path)))
+            pages = Pages(path)
+            why = Examined(self._judged(pages))
             connection = None
             if not why.problems:
-                connection, why = self._checked("rw")
+                connection, why = self._checked("rw", pages)
             if connection is None:
                 self._put_right(why)
                 connection = connect(path, "rw")
@@ -124,10 +173,11 @@ class StoreFile:
         try:
             pages = Pages(path)
             # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
-            why = Examined(self._judged(pages) if not _is_being_written(path) else [])
+            rests = not _is_being_written(path)
+            why = Examined(self._judged(pages) if rests else [])
             connection = None
             if not why.problems:
-                connection, why = self._checked("ro")
+                connection, why = self._checked("ro", pages if rests else None)
             if connection is None:
                 connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
                 salvage = rebuild(path, why, self.snapshots, connection)
@@ -164,15 +214,19 @@ class StoreFile:
             return False
         return has_our_rows(pages)
 
-    def _checked(self, mode: str) -> tuple[sqlite3.Connection | None, Examined]:
-        """A connection to a file that is whole, or what is damaged."""
+    def _checked(self, mode: str, pages: Pages | None) -> tuple[sqlite3.Connection | None, Examined]:
+        """A connection to a file that is whole, or what is damaged. pages : of a file that nobody writes."""
         connection = None
         try:
             connection = connect(self.path, mode)
             connection.execute("PRAGMA secure_delete = ON").fetchall()
+            if pages is not None and self._known(pages):
+                return connection, Examined()
             found = examine(connection)
         except READING_ERRORS as error:
             found = Examined([str(error)])
+        if not found.problems and pages is not None and self._is_still(pages):
+            self._note_whole(pages)
         if found.problems and connection is not None:
             connection.close()
             connection = None

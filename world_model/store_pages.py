@@ -9,7 +9,8 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterator
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +38,21 @@ Sums = tuple[int, int]
 
 
 class Pages:
-    """A file and the log beside it. `problems` : what is wrong with the log."""
+    """A file and the log beside it. `problems` : what is wrong with the log. `log_size` : bytes of it."""
 
     def __init__(self, path: Path) -> None:
         self._content = path.read_bytes()
-        log = Path(f"{path}-wal")
-        self._over, self.problems = read_log(log.read_bytes() if log.exists() else b"")
+        beside = Path(f"{path}-wal")
+        log = beside.read_bytes() if beside.exists() else b""
+        self._over, self.problems = read_log(log)
+        self.log_size = len(log)
+        self._log = sha256(log).digest()
         self.count = max(-(-len(self._content) // PAGE), *self._over, 0)
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Of all that is in the file and its log, 32 bytes: the same only where every bit is."""
+        return sha256(self._log + self._content).digest()
 
     def __getitem__(self, number: int) -> bytes:
         """Page from 1 on; what is missing of it is zero."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ def _entry(place: Place) -> dict[str, Any]:
     return {**entry, "preposition": place.preposition}
 
 
+@lru_cache(8)
 def places_of(text: str) -> Places:
     """Places of their JSON. Raises InputError or ValueError where it is none."""
     return Places.from_mapping(json.loads(text))

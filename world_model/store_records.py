@@ -16,12 +16,14 @@ from estimation.places import LIKELY, Place, Places
 from world_model.state import WorldObject, most_probable
 from world_model.store_file import StoreFile
 from world_model.store_format import Clock
-from world_model.store_places import NAME, RUN, places_of
+from world_model.store_places import EVENT, NAME, RUN, places_of
 from world_model.store_rows import COLUMNS, Written, decode
 from world_model.symbols import parse_symbol
 
 REACH = 1.0
 """m around a place from which nothing is there more probably than not."""
+AT_ONCE = 5000
+"""Rows of history that are sooner looked through than objects one by one."""
 
 
 @dataclass(frozen=True)
@@ -208,8 +210,7 @@ class Records:
 
     def names(self) -> dict[str, int]:
         """The newest run of every object that was ever known, by id."""
-        rows = self._execute("SELECT id, max(epoch) FROM objects WHERE epoch >= 0 GROUP BY id")
-        return dict(rows)
+        return dict(self._execute("SELECT id, epoch FROM objects WHERE epoch >= 0 ORDER BY epoch"))
 
     def sights(
         self,
@@ -218,16 +219,19 @@ class Records:
         start: float = -float("inf"),
         end: float = float("inf"),
         most: int = -1,
+        again: bool = True,
     ) -> list[tuple[float, str, bytes, float, int, float, float]]:
         """History of an object in a run, oldest first: stamp, event, position (3 × 8 bytes), existence, lost, last and
         first seen.
 
-        most : how many rows, the newest; all where it is negative.
+        most : how many rows, the newest; all where it is negative. again : also rows that only say that it was seen
+        once more.
         """
+        without = "" if again else "AND h.event != 'seen' "
         found = self._execute(
             "SELECT h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen "
             "FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
-            "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp DESC, h.row DESC LIMIT ?",
+            f"AND h.stamp BETWEEN ? AND ? {without}ORDER BY h.stamp DESC, h.row DESC LIMIT ?",
             object_id,
             epoch,
             start,
@@ -270,16 +274,22 @@ class Records:
         return ids, [row for row in rows if row[0] in ids], start
 
     def _row_at(self, stamp: float, newest: int) -> int:
-        """First row from which on all have at least this stamp; 0 where there were several runs."""
-        if self._execute("SELECT count(*) FROM epochs WHERE epoch >= 0").fetchone()[0] > 1:
-            return 0
+        """First row of the newest run from which on all have at least this stamp."""
+        # Rows lie in the order in which they were written, keys in the order in which objects were first met.
+        first = self._execute(
+            "SELECT min(key) FROM objects WHERE epoch = (SELECT epoch FROM clock)"
+        ).fetchone()[0]
+        if first is None:
+            return newest + 1
         low, high = 0, newest + 1
         while low < high:
             middle = (low + high) // 2
             found = self._execute(
-                "SELECT row, stamp FROM history WHERE row >= ? ORDER BY row LIMIT 1", middle
+                "SELECT row, key, stamp FROM history WHERE row >= ? AND event != ? ORDER BY row LIMIT 1",
+                middle,
+                EVENT,
             ).fetchone()
-            if found is None or found[1] >= stamp:
+            if found is None or (found[1] >= first and found[2] >= stamp):
                 high = middle
             else:
                 low = found[0] + 1
@@ -317,11 +327,33 @@ class Records:
 
     def active(self, start: float, end: float) -> list[str]:
         """Objects of the newest run with history between two stamps."""
+        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        first = self._row_at(start, newest)
+        if newest - first < AT_ONCE:
+            rows = self._execute(
+                "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND o.key IN "
+                "(SELECT key FROM history WHERE row >= ? AND stamp BETWEEN ? AND ?) ORDER BY o.key",
+                first,
+                start,
+                end,
+            )
+        else:
+            rows = self._execute(
+                "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND EXISTS "
+                "(SELECT 1 FROM history h WHERE h.key = o.key AND h.stamp BETWEEN ? AND ?) ORDER BY o.key",
+                start,
+                end,
+            )
+        return [name for (name,) in rows]
+
+    def departed(self, start: float) -> list[str]:
+        """Objects of the newest run that went, or were lost, since a stamp."""
+        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
         rows = self._execute(
-            "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND EXISTS "
-            "(SELECT 1 FROM history h WHERE h.key = o.key AND h.stamp BETWEEN ? AND ?) ORDER BY o.key",
+            "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND o.key IN "
+            "(SELECT key FROM history WHERE row >= ? AND stamp >= ? AND event IN ('gone', 'lost')) ORDER BY o.key",
+            self._row_at(start, newest),
             start,
-            end,
         )
         return [name for (name,) in rows]
 

@@ -66,7 +66,7 @@ class Salvage:
 
 
 def connect(path: Path | str, mode: str, timeout: float = 0.2) -> sqlite3.Connection:
-    """A connection in autocommit mode; mode : ro, rw or rwc. Raises sqlite3.Error."""
+    """A connection in autocommit mode; mode : ro, rw or rwc, also with `&immutable=1`. Raises sqlite3.Error."""
     quoted = str(Path(path).absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
     uri = f"file:{quoted}?mode={mode}"
     return sqlite3.connect(uri, timeout=timeout, isolation_level=None, uri=True, check_same_thread=False)

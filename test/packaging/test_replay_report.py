@@ -35,6 +35,16 @@ def test_points_are_placed_by_the_pose_of_their_stamp(recording: Path, tmp_path:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_robot_that_stands_still_drives_no_way(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    rng = np.random.default_rng(2)
+    with McapWriter(path) as writer:
+        for k in range(500):
+            pose = np.array([*rng.normal(0.0, 0.01, 2), 0.0])
+            writer.write_odometry(OdometryRecord(pose, 0.1 * k, topic="odometry"))
+    assert read_replay(path, path).path_length == 0.0
+
+
 def test_revisit_error_is_what_the_trajectory_misses() -> None:
     rng = np.random.default_rng(1)
     poses = [np.zeros(3)]

@@ -71,3 +71,24 @@ def test_process_noise_is_what_the_covariance_grows_by() -> None:
         np.testing.assert_allclose(item.process_noise, grown, rtol=1e-6, atol=1e-9)
     assert later["bowl-1"].process_noise[0, 0] > 0.01
     assert later["cup-1"].process_noise[0, 0] == pytest.approx(0.0)
+
+
+def test_a_thing_that_nobody_looked_for_is_not_lost_by_the_time_that_passes() -> None:
+    motion = {"*": {"model": "static", "moved_per_second": 1e-3}}
+    config = WorldModelConfig(classes=("cup", "bowl"), region=REGION, motion=motion, removed_per_second=1e-9)
+    model = WorldModel(config)
+    edge, beside = (2.0, 0.5, 1.0), (1.9, 0.5, 1.0)
+    for k in range(10):
+        model.update(look(edge, beside), 0.05 * k)
+    # Half an hour later a look reaches only to between the two: what lies behind its edge is as it was.
+    near = {"pose": (0.0, 0.0, 1.0, 0.0), "range": 1.99, "angle": 2.0 * np.pi}
+    for k in range(3):
+        seen = [ObjectEvidence(beside, 4e-4 * np.eye(3), CUP)]
+        state = model.update(WorldEvidence(seen, near), 1800.0 + 0.05 * k)
+    assert [(item.id, item.lost) for item in state.objects] == [("cup-1", False), ("cup-2", False)]
+    assert state.objects[0].behaviors["uniform"] > 0.5  # what the settings say of half an hour
+    np.testing.assert_allclose(state.objects[0].position, edge, atol=0.05)
+    # A look that covers it and does not find it says otherwise.
+    for k in range(5):
+        state = model.update(look(beside), 1801.0 + 0.05 * k)
+    assert all(item.lost or item.position[0] < 1.95 for item in state.objects)

@@ -126,6 +126,58 @@ def test_a_lost_object_is_told_to_be_missing(store: Store) -> None:
     assert "sofa" in answer.sentence
 
 
+def moved_daily(path: Path, minutes: int, back: bool = True) -> Store:
+    """Four days, looked at every ten minutes: a remote goes from the sofa to the desk at nine each day, where it is
+    found at ten past, and back at noon; a bag leaves the sofa at nine too, and is back there at five. It ends
+    so many minutes after nine of the last day, when nobody has found the remote; not `back`, nobody ever did."""
+    store = Store(path)
+    store.keep_places(HOME)
+    for step in range(round((3 * DAY + 9 * HOUR + 60.0 * minutes) / 600.0) + 1):
+        stamp = MONDAY + 600.0 * step
+        hour = (stamp - MONDAY) % DAY / HOUR
+        objects = [thing("cup-1", "counter", stamp), thing("box-1", "office", stamp)]
+        if stamp - MONDAY < 3 * DAY + 9 * HOUR:
+            if not 9.0 <= hour < 17.0:
+                objects.append(thing("bag-1", "sofa", stamp))
+            if not 9.0 <= hour < 9.1 and (back or not 9.0 <= hour < 17.0):
+                objects.append(thing("remote-1", "desk" if 9.0 <= hour < 12.0 else "sofa", stamp))
+        store.record(WorldState(tuple(objects), 1.0, float(len(objects)), stamp))
+    return store
+
+
+def test_what_has_just_left_is_where_it_usually_goes_then_and_not_missing(tmp_path: Path) -> None:
+    with moved_daily(tmp_path / "home.sqlite", 0) as store:
+        remote, bag = ask(store, "where is the remote?"), ask(store, "where is the bag?")
+        assert (remote.value, bag.value) == ("desk", None)
+        assert 0.5 < remote.probability < 0.95
+        assert "probably on the desk" in remote.sentence
+        assert ask(store, "what is missing?").value == ["bag-1"]
+        assert ask(store, "what is on the desk?").value == ["remote-1"]
+        assert ask(store, "is the remote on the desk?").value is True
+        assert ask(store, "how often was the remote moved today?").value == 1
+        assert ask(store, "how often was the bag moved today?").value == 0
+
+
+def test_what_nobody_finds_again_is_missing_the_more_surely_the_longer(tmp_path: Path) -> None:
+    told = []
+    for minutes in (10, 60, 240):
+        with moved_daily(tmp_path / f"{minutes}.sqlite", minutes) as store:
+            answer = ask(store, "where is the remote?")
+            told.append(answer.probability if answer.value is None else 1.0 - answer.probability)
+    assert told == sorted(told)
+    assert answer.value is None
+    assert answer.probability > 0.7
+    with moved_daily(tmp_path / "away.sqlite", 0, back=False) as store:
+        assert ask(store, "where is the remote?").value is None
+        assert set(ask(store, "what is missing?").value) == {"bag-1", "remote-1"}
+
+
+def test_what_was_away_and_is_back_at_its_place_has_changed(tmp_path: Path) -> None:
+    with moved_daily(tmp_path / "home.sqlite", -15 * 60) as store:  # the evening before, at six
+        assert ask(store, "what has changed in the last 3 hours?").value == {"bag-1": [None, "sofa"]}
+        assert ask(store, "what has changed in the last 12 hours?").value == {}
+
+
 def test_ambiguous_questions_are_answered_with_the_choices(store: Store) -> None:
     answer = ask(store, "where is the cup?")
     assert (answer.kind, answer.choices) == ("choices", ("cup-1", "cup-2"))

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from evaluation.store_damage import run
-from world_model import WorldObject, WorldState
+from world_model import WorldObject, WorldState, store_file
 from world_model.store import Store, StoreError
 from world_model.store_file import StoreVersionError, is_store
 from world_model.store_format import OBJECTS, VERSION
-from world_model.store_repair import Examined
+from world_model.store_repair import Examined, examine
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -419,6 +419,61 @@ def test_what_is_lost_comes_back_from_a_snapshot_of_the_same_store(tmp_path: Pat
         assert len(other.history("cup-1")) <= 1
 
 
+@pytest.mark.parametrize("read_only", [False, True])
+def test_what_was_found_whole_is_not_looked_through_again_until_a_bit_of_it_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read_only: bool
+) -> None:
+    path = tmp_path / "world.sqlite"
+    looks = []
+
+    def counted(connection: sqlite3.Connection, *more: object) -> Examined:
+        looks.append(path)
+        return examine(connection, *more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(store_file, "examine", counted)
+    with Store(path) as store:
+        for step in range(100):
+            store.record(marching(step))
+    assert len(looks) == 2  # when it was made, and when it was closed
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["world.sqlite", "world.sqlite.lock"]
+    for _ in range(2):
+        with Store(path, read_only=read_only) as store:
+            assert store.rows > 100
+    assert len(looks) == 2
+    whole, beside = path.read_bytes(), Path(f"{path}.lock").read_bytes()
+    for at in np.random.default_rng(5).choice(len(whole), 20, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[at] ^= 4
+        path.write_bytes(damaged)
+        before = len(looks)
+        with Store(path, read_only=True) as store:
+            assert len(looks) > before or store.damages, at
+        path.write_bytes(whole)
+        Path(f"{path}.lock").write_bytes(beside)
+    # What is beside it is no proof for another file, nor once it is damaged itself.
+    Path(f"{path}.lock").write_bytes(beside[:-1] + bytes([beside[-1] ^ 1]))
+    before = len(looks)
+    with Store(path, read_only=read_only) as store:
+        assert not store.damages
+    assert len(looks) == before + 1
+
+
+def test_a_writer_that_was_killed_leaves_nothing_that_is_taken_for_whole(tmp_path: Path) -> None:
+    path, copy = tmp_path / "world.sqlite", tmp_path / "copy.sqlite"
+    with Store(path) as store:
+        for step in range(50):
+            store.record(marching(step))
+    with Store(path) as store:
+        store.record(marching(50))
+        for suffix in ("", "-wal", ".lock"):
+            shutil.copy(f"{path}{suffix}", f"{copy}{suffix}")
+    log = bytearray(Path(f"{copy}-wal").read_bytes())
+    log[-100] ^= 1
+    Path(f"{copy}-wal").write_bytes(log)
+    with Store(copy, read_only=True) as store:
+        assert store.damages
+
+
 def test_damage_found_in_the_background_is_put_right_with_the_next_message(tmp_path: Path) -> None:
     path = tmp_path / "world.sqlite"
     with Store(path) as store:
@@ -646,7 +701,7 @@ def test_a_copy_that_cannot_be_read_back_is_no_success(
         before = copy.read_bytes()
         store.record(marching(1))
         monkeypatch.setattr(
-            "world_model.store_file.examine", lambda connection: Examined(["page 3 is damaged"])
+            "world_model.store_file.examine", lambda connection, *_: Examined(["page 3 is damaged"])
         )
         with pytest.raises(StoreError, match="reading it back shows: page 3 is damaged"):
             store.save(copy)

@@ -33,6 +33,8 @@ PARAMETERS: dict[str, dict[str, Any]] = {
     "loop_closure": {"map_period": 5.0, "tf_period": 1.0, "transform_tolerance": 0.5},
     "motion_predictor": {"rate": 2.0, "publish_markers": False, "publish_occupancy": False},
 }
+ROUGH = 0.1
+"""Share of unsure scans from which on the way is not told as a fact."""
 LASTING = 2.0
 """s: a label that was followed for as long is told of."""
 
@@ -116,7 +118,30 @@ def figures(said: Said, account: Any) -> dict[str, Any]:
         if said.people
         else 0.0,
         "lost": account.total_lost,
+        "unsure": _unsure(said.replayed.figures.get("scan_registration", {})),
     }
+
+
+def _unsure(figures: Mapping[str, str]) -> float:
+    """Share of the scans of which scan_registration said that it is unsure how the robot has moved."""
+    registered = float(figures.get("registered", 0.0))
+    return float(figures.get("unsure", 0.0)) / registered if registered else 0.0
+
+
+def lead_of(found: Mapping[str, Any]) -> str:
+    """What a run found, by its figures, in some sentences."""
+    metres = f"{found['path_m']:.0f} m"
+    drove = f"drove {metres}" if found["path_m"] >= 0.5 else "stood still"
+    rough = found["unsure"] > ROUGH
+    doubt = (
+        f" In {100.0 * found['unsure']:.0f} % of the scans nothing said for certain how the robot had moved: "
+        "its way, the map and the people in it are rough."
+    )
+    return (
+        f"{found['bag_s'] / 60.0:.1f} minutes, replayed over DDS through {len(NODES)} nodes in "
+        f"{found['wall_s']:.0f} s. The robot {'is believed to have driven ' + metres if rough else drove}; "
+        f"{found['labels']} people were followed for {LASTING:.0f} s and longer.{doubt if rough else ''}"
+    )
 
 
 def _followed(said: Said) -> dict[int, float]:
@@ -140,12 +165,7 @@ def write(folder: Path, bag: Path, said: Said, account: Any) -> Path:
     for _, later, _ in said.replayed.closures:
         screen.events.append((later, "knows the place again: a loop is closed", ""))
     screen.events.sort(key=lambda event: event[0])
-    lead = (
-        f"{found['bag_s'] / 60.0:.1f} minutes, replayed over DDS through {len(NODES)} nodes in "
-        f"{found['wall_s']:.0f} s. The robot drove {found['path_m']:.0f} m; {found['labels']} people were followed for "
-        f"{LASTING:.0f} s and longer."
-    )
-    page = Page(f"{bag.name}: a real robot among people", lead, screen)
+    page = Page(f"{bag.name}: a real robot among people", lead_of(found), screen)
     page.heading("Files of this run")
     page.files(files_of(folder, bag, folder / "recording.mcap"))
     page.heading("For engineers")
@@ -155,6 +175,9 @@ def write(folder: Path, bag: Path, said: Said, account: Any) -> Path:
         "longest_s": "longest label, s", "people_at_once": "people at a time, mean", "lost": "messages lost",
         "wall_s": "replayed in, s",
     }  # fmt: skip
-    page.table(("", ""), [(text, f"{found[key]:g}") for key, text in names.items()], numbers=True)
+    told = [(text, f"{round(found[key], 1):g}") for key, text in names.items()]
+    page.table(
+        ("", ""), [*told, ("scans with an unsure pose, %", f"{100.0 * found['unsure']:.1f}")], numbers=True
+    )
     page.text("There is no ground truth in this recording: nobody is called false here.")
     return page.write(folder / "index.html")

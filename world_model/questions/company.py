@@ -53,7 +53,7 @@ def who_was_here(world: Recall, place: str = "", since: str | float | Span | Non
         if span.end >= world.now - 1.0
         else f"between {clock(span.start)} and {clock(span.end)}"
     )
-    probability = 0.95 if visits else 0.9
+    probability = 0.97 if visits else 0.95
     if visits:
         sentence = f"{_people(visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
     else:
@@ -77,9 +77,7 @@ def visits_of(world: Recall, place: str, span: Span) -> list[Visit]:
 
 
 def _persons(world: Recall, span: Span) -> list[str]:
-    if world.store is None:
-        return [name for name in world.present if world.kind(name) == PERSON]
-    return [name for name in world.store.active(span.start, span.end) if world.kind(name) == PERSON]
+    return [name for name in world.active(span.start, span.end) if world.kind(name) == PERSON]
 
 
 def _track(world: Recall, name: str, span: Span) -> tuple[FloatArray, FloatArray]:
@@ -123,9 +121,8 @@ def _joined(name: str, stamps: FloatArray) -> list[Visit]:
 
 def _changes(world: Recall, where: str, span: Span) -> list[Change]:
     """What was moved at a place within a span."""
-    names = list(world.present) if world.store is None else world.store.active(span.start, span.end)
     found = []
-    for name in world.heads(names):
+    for name in world.heads(world.active(span.start, span.end)):
         for change in changes_of(world.since(name, span.start), span.start, span.end):
             ends = [place for place in (change.before, change.after) if place is not None]
             if change.before not in (None, change.after) and (

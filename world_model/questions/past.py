@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
+from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, name_of, one_named, place_named, spoken
 from world_model.questions.recall import PERSON, Recall, Stay, Timeline
 from world_model.questions.where import evidence_of
 
 WEEK = 7 * 86400.0
-FRESH = 60.0
-"""s: that something is missing since then may be one look that did not find it."""
 DAYS, ENDS = 3 * 86400.0, 80
 """Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
 LONG = 1500
@@ -62,6 +61,7 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
     where = place_named(world, place) if place else ""
     span = since_when(world, since)
     line = _line(world, name, span)
+    certain = 1.0
     if where:
         count = len(_visits(world, line, where, span))
         said = f"was {spoken(world, where)} {_times(count)}"
@@ -69,12 +69,16 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
         moves = [change for change in changes_of(line, span.start, span.end) if change.before is not None]
         moves = [change for change in moves if change.after not in (None, change.before)]
         count = len(moves)
+        if line.lost and line.stays and span.end >= world.now - 1.0:
+            # It has gone from where it was, to where nobody has looked yet, or out of the house.
+            out = elsewhere(world, line).out
+            count, certain = count + (out < 0.5), max(out, 1.0 - out)
         said = f"was moved {_times(count)}"
     first = line.stays[0].since if line.stays else world.now
     begin = max(span.start, first)
     until = "" if span.end >= world.now - 1.0 else f" until {clock(span.end)}"
     there = max(line.at(world.now)[0].values(), default=1.0) if span.end >= world.now - 1.0 else 1.0
-    probability = max(0.97 * 0.995**count * there, 0.3)
+    probability = max(0.97 * 0.995**count * there * certain, 0.3)
     sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}."
     evidence = evidence_of(world, line, span.start, span.end)
     options = ({"value": count + 1, "probability": (1.0 - probability) / 2},)
@@ -226,7 +230,7 @@ def what_changed(world: Recall, since: str | float | Span | None = None, place: 
     """What is elsewhere, new or gone since a moment. value : {id: [place before, place after]}. Raises InputError."""
     span = since_when(world, since if since is not None else Span(world.now - 86400.0, world.now))
     where = place_named(world, place) if place else ""
-    found = _net_changes(world, span)
+    found, certain = _net_changes(world, span)
     if where:
         found = [
             change for change in found
@@ -236,7 +240,7 @@ def what_changed(world: Recall, since: str | float | Span | None = None, place: 
     until = "" if span.end >= world.now - 1.0 else f" and {clock(span.end)}"
     period = f"between {begin}{until}" if until else f"since {begin}"
     at = f" {spoken(world, where)}" if where else ""
-    probability = 0.97 ** len(found) * 0.97
+    probability = 0.98 * 0.99 ** len(found) * certain
     if not found:
         sentence = f"Nothing that I know of has changed{at} {period}, {told(probability)}."
     else:
@@ -256,11 +260,10 @@ def _ends(world: Recall, name: str, span: Span) -> Timeline:
     return world.since(name, span.start) if world.now - span.start < DAYS else world.latest(name, ENDS)
 
 
-def _net_changes(world: Recall, span: Span) -> list[Change]:
-    """One for each object that is not where it was at the beginning of a span."""
-    found = []
-    active = world.present.keys() if world.store is None else world.store.active(span.start, span.end)
-    for name in world.heads(active):
+def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
+    """One for each object that is not where it was at the beginning of a span, and how probably these are all."""
+    found, certain = [], 1.0
+    for name in world.heads(world.active(span.start, span.end)):
         line = _ends(world, name, span)
         changes = changes_of(line, span.start, span.end)
         if not changes or _is_false(world, line):
@@ -269,10 +272,25 @@ def _net_changes(world: Recall, span: Span) -> list[Change]:
         if line.cut and line.stays[0].since > span.start:
             _, stay = world.glimpse(name, span.start).at(span.start)
             before = None if stay is None else stay.place
+        elif _was_gone(line, span.start):
+            before = None
+        if after is None and line.lost and span.end >= world.now - 1.0:
+            # It may still be there: one look that did not find it is no proof.
+            there = elsewhere(world, line).places.get(line.stays[-1].place, 0.0)
+            certain *= max(there, 1.0 - there)
+            after = line.stays[-1].place if there > 0.5 else None
         if before == after:
             continue
         found.append(Change(name, before, after, changes[-1].start, changes[-1].end))
-    return sorted(found, key=lambda change: change.end)
+    return sorted(found, key=lambda change: change.end), certain
+
+
+def _was_gone(line: Timeline, stamp: float) -> bool:
+    """Whether an object was missing at a moment, and back later."""
+    return any(
+        stay.gone and stay.left_by is not None and stay.left_by <= stamp < after.since
+        for stay, after in zip(line.stays, line.stays[1:], strict=False)
+    )
 
 
 def _is_false(world: Recall, line: Timeline) -> bool:
@@ -286,22 +304,24 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
     """What was there and is no longer, in the last week or since a moment. value : ids."""
     span = since_when(world, since if since is not None else Span(world.now - WEEK, world.now))
     missing: list[tuple[float, str, Stay]] = []
+    certain = 1.0
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
-    if world.store is not None:
-        candidates += world.store.active(span.start, span.end)
+    candidates += world.active(span.start, span.end)
     for name in world.heads(candidates):
         line = world.since(name, world.now)
         if line.lost and (not line.stays or line.stays[-1].until < world.now):
             line = world.latest(name)
         if line.lost and not _is_false(world, line) and line.stays[-1].until >= span.start - WEEK:
-            missing.append((line.stays[-1].left_by or line.stays[-1].until, name, line.stays[-1]))
+            out = elsewhere(world, line).out
+            certain *= max(out, 1.0 - out)
+            if out >= 0.5:
+                missing.append((line.stays[-1].left_by or line.stays[-1].until, name, line.stays[-1]))
     missing.sort(reverse=True)
     parts = [
         f"{described(world, name)}, seen last {spoken(world, stay.place)} at {clock(stay.until)}"
         for _, name, stay in missing
     ]
-    fresh = sum(left > world.now - FRESH for left, _, _ in missing)
-    probability = 0.95 * 0.97 ** len(missing) * 0.75**fresh
+    probability = 0.97 * certain
     verb = "is" if len(missing) == 1 else "are"
     sentence = f"Missing {verb} {listed(parts)}" if missing else "Nothing that I know of is missing"
     evidence = tuple(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -62,26 +63,65 @@ def presence_of(world: Recall, start: float) -> Presence:
     return known
 
 
+def course_of(world: Recall, name: str, start: float) -> Course | None:
+    """Where one object was since a moment, None where it was not seen: of few objects cheaper than `presence_of`."""
+    whole = world.kept.get(f"presence {start}")
+    if isinstance(whole, Presence):
+        return whole.courses.get(name)
+    key = f"course {name} {start}"
+    if key not in world.kept:
+        world.kept[key] = _of_one(world, name, start)
+    known = world.kept[key]
+    return known if isinstance(known, Course) else None
+
+
+def _of_one(world: Recall, name: str, start: float) -> Course | None:
+    if world.store is None:
+        line = world.timeline(name)
+        return _of_line(line) if line.stays else None
+    rows: list[Sight] = []
+    for known in world.names_of(name):
+        rows += world.store.sights(known, world.epoch, start, again=False)
+    rows.sort(key=lambda row: row[0])
+    words = world.words(np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 3))
+    stamps = [row[0] for row in rows]
+    places = [word if _is_there(row) else None for word, row in zip(words, rows, strict=True)]
+    if not stamps or stamps[0] > start:
+        before = world.store.sights(name, world.epoch, end=start, most=1)
+        if before:
+            stamps, places = [start, *stamps], [_place(world, before[0]), *places]
+    item = world.present.get(name)
+    seen = item.last_seen if item is not None else max((row[5] for row in rows), default=start)
+    return _course(stamps, places, seen) if stamps else None
+
+
 def _read(world: Recall, start: float) -> Presence:
     if world.store is None:
         lines = {name: _of_line(world.timeline(name)) for name in world.things()}
         return Presence(start, world.now, lines)
     names, rows, start = world.store.happened(start, MOST, PERSON)
-    positions = np.frombuffer(b"".join(row[3] for row in rows), "<f8").reshape(-1, 3)
-    words = world.words(positions)
-    by_name: dict[str, list[int]] = {}
+    by_key: dict[int, list[int]] = {}
     for index, row in enumerate(rows):
-        by_name.setdefault(world.individual(names[row[0]])[0], []).append(index)
+        by_key.setdefault(row[0], []).append(index)
+    by_name: dict[str, list[int]] = {name: [] for name in world.heads(world.present)}
+    for key, found in by_key.items():
+        by_name.setdefault(world.individual(names[key])[0], []).extend(found)
+    before: dict[str, Sight] = {}
+    for name, found in by_name.items():
+        found.sort()
+        if not found or rows[found[0]][1] > start:
+            earlier = world.store.sights(name, world.epoch, end=start, most=1)
+            if earlier:
+                before[name] = earlier[0]
+    positions = b"".join([*(row[3] for row in rows), *(row[2] for row in before.values())])
+    words = world.words(np.frombuffer(positions, "<f8").reshape(-1, 3))
+    first = dict(zip(before, words[len(rows) :], strict=True))
     courses: dict[str, Course] = {}
-    here = [row[2] != "gone" and not row[5] and row[4] >= BELIEVED for row in rows]
-    for name in {*by_name, *(item for item in world.heads(world.present))}:
-        found = by_name.get(name, [])
+    for name, found in by_name.items():
         stamps = [rows[index][1] for index in found]
-        places: list[str | None] = [words[index] if here[index] else None for index in found]
-        if not found or stamps[0] > start:
-            before = world.store.sights(name, world.epoch, end=start, most=1)
-            if before:
-                stamps, places = [start, *stamps], [_place(world, before[0]), *places]
+        places = [words[index] if _is_there(rows[index][1:]) else None for index in found]
+        if name in before:
+            stamps, places = [start, *stamps], [first[name] if _is_there(before[name]) else None, *places]
         item = world.present.get(name)
         seen = item.last_seen if item is not None else max((rows[index][6] for index in found), default=start)
         if stamps:
@@ -91,8 +131,12 @@ def _read(world: Recall, start: float) -> Presence:
 
 def _place(world: Recall, row: Sight) -> str | None:
     """Where an object was by one row of its history."""
-    there = row[1] != "gone" and not row[4] and row[3] >= BELIEVED
-    return world.words(np.frombuffer(row[2], "<f8").reshape(1, 3))[0] if there else None
+    return world.words(np.frombuffer(row[2], "<f8").reshape(1, 3))[0] if _is_there(row) else None
+
+
+def _is_there(row: tuple[Any, ...]) -> bool:
+    """By a row of history from its stamp on: stamp, event, position, existence, lost."""
+    return row[1] != "gone" and not row[4] and row[3] >= BELIEVED
 
 
 def _course(stamps: list[float], places: list[str | None], seen: float) -> Course:

@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
@@ -225,7 +226,12 @@ class Recall:
 
     def things(self) -> list[str]:
         """Ids of all that is no person, of this run."""
-        return self.heads(name for name, epoch in self.epochs.items() if epoch == self.epoch)
+        people = f"{PERSON}-"
+        return self.heads(
+            name
+            for name, epoch in self.epochs.items()
+            if epoch == self.epoch and (name in self.present or not name.startswith(people))
+        )
 
     def heads(self, names: Iterable[str]) -> list[str]:
         """Those of them that are no people, each by its newest id."""
@@ -390,6 +396,24 @@ class Recall:
         line = self._read(name, self.epoch, start - AROUND, end + AROUND)
         return line if line.stays and line.stays[0].since <= start else self.since(name, start)
 
+    def active(self, start: float, end: float) -> list[str]:
+        """Objects of this run of which anything is known between two moments."""
+        if self.store is None:
+            return list(self.present)
+        key = f"active {start} {end}"
+        if key not in self.kept:
+            self.kept[key] = self.store.active(start, end)
+        return list(self.kept[key])  # type: ignore[call-overload]
+
+    def departed(self, ago: float) -> list[str]:
+        """Objects that went from where they were no longer than `ago` s before now."""
+        return [] if self.store is None else self.store.departed(self.now - ago)
+
+    def names_of(self, object_id: str) -> list[str]:
+        """The newest id of an object, then its earlier ones."""
+        name = self.individual(object_id)[0]
+        return [name, *self._before(name)]
+
     def _before(self, object_id: str) -> list[str]:
         """Earlier ids of an object, the newest first."""
         links = self._links(self.kind(object_id))
@@ -517,12 +541,32 @@ def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mappi
 
 
 class _Ordered:
-    """Places and the boxes around them. lows, highs : (P, 2)."""
+    """Places and the edges of their outlines. starts, ends : (P, E, 2) m, shorter outlines filled up with edges without
+    length; lows, highs : (P,) heights, m."""
 
     def __init__(self, places: list[Place]) -> None:
-        self.places = places
-        self.lows = np.array([place.polygon.min(0) for place in places]).reshape(-1, 2)
-        self.highs = np.array([place.polygon.max(0) for place in places]).reshape(-1, 2)
+        self.names = [*(place.name for place in places), ""]
+        longest = max((len(place.polygon) for place in places), default=1)
+        self.starts = np.zeros((len(places), longest, 2))
+        for index, place in enumerate(places):
+            self.starts[index] = place.polygon[0]
+            self.starts[index, : len(place.polygon)] = place.polygon
+        self.ends = np.roll(self.starts, -1, axis=1)
+        self.lows, self.highs = np.array([place.height for place in places]).reshape(-1, 2).T
+
+    def last_around(self, positions: FloatArray) -> npt.NDArray[np.int64]:
+        """Index (N,) of the last place around each position (N, 3), -1 where there is none."""
+        x, y = positions[:, 0, None, None], positions[:, 1, None, None]
+        ax, ay = self.starts[..., 0], self.starts[..., 1]
+        bx, by = self.ends[..., 0], self.ends[..., 1]
+        rise = np.where(by == ay, 1.0, by - ay)
+        crossed = ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / rise)
+        inside = crossed.sum(2) % 2 == 1
+        height = positions[:, 2, None]
+        inside &= (height >= self.lows) & (height <= self.highs)
+        count = inside.shape[1]
+        last = count - 1 - np.argmax(inside[:, ::-1], axis=1) if count else np.zeros(len(positions), int)
+        return np.where(inside.any(1), last, -1)
 
 
 def _words(ordered: _Ordered, positions: FloatArray) -> list[str]:
@@ -532,14 +576,10 @@ def _words(ordered: _Ordered, positions: FloatArray) -> list[str]:
     steps = np.abs(np.diff(positions, axis=0)).max(1) > STEP
     group = np.concatenate([[0], np.cumsum(steps)])
     firsts = positions[np.concatenate([[True], steps])]
-    found = np.full(len(firsts), -1)
-    floor = firsts[:, None, :2]
-    boxed = ((floor >= ordered.lows) & (floor <= ordered.highs)).all(2)
-    for index in np.flatnonzero(boxed.any(0)).tolist():
-        near = np.flatnonzero(boxed[:, index])
-        found[near[ordered.places[index].contains(firsts[near])]] = index
-    names = [*(place.name for place in ordered.places), ""]
-    return [names[index] for index in found[group].tolist()]
+    found = np.concatenate(
+        [ordered.last_around(part) for part in np.array_split(firsts, len(firsts) // 1000 + 1)]
+    )
+    return [ordered.names[index] for index in found[group].tolist()]
 
 
 def _stays(
@@ -607,6 +647,8 @@ def recall(source: object, places: Places | None = None, symbols: Symbols | None
         if isinstance(kept, Recall) and kept.sequence == source.newest()[2] and not places and not symbols:
             return kept
         made = Recall.of_store(source, places, symbols)
+        if isinstance(kept, Recall) and kept.places is made.places and "places" in kept.kept:
+            made.kept["places"] = kept.kept["places"]
         source.recalled = None if places or symbols else made
         return made
     if hasattr(source, "propagate") and hasattr(source, "words"):

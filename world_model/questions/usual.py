@@ -119,7 +119,9 @@ def learned(world: Recall) -> Routines:
             before = runs[-1][2] if runs[-1][2] >= 0 else runs[-1][3]
             row = [max(slot, first), slot, -1 if place is None else number[place], before]
             moves += place is not None and row[0] > first and row[3] not in (-1, row[2])
-            runs = [*runs[:-1], row] if runs[-1][0] == row[0] else [*runs, row]
+            if runs[-1][0] == row[0]:
+                runs.pop()
+            runs.append(row)
         things.append({"name": name, "seen": course.seen, "stays": runs})
     data = {
         "format": FORMAT, "version": VERSION, "config": config.__dict__, "stamp": world.now, "first": first,

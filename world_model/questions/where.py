@@ -18,16 +18,20 @@ from world_model.questions.answers import (
     listed,
     told,
 )
+from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
-from world_model.questions.presence import presence_of
+from world_model.questions.presence import course_of
 from world_model.questions.recall import BELIEVED, Recall, Stay, Timeline
 
 MONTH = 28 * 86400.0
 TWIN, SWAPPED = 0.85, 0.5
 """That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
 both moved, and where they were."""
-NOW = "now"
+UNSEEN = 0.89
+"""The most that is told of a place where something was not seen: it is never told as sure."""
+LATELY = 6 * 3600.0
+"""s: what went from where it was no longer ago may be where it usually goes then."""
 
 
 def where_is(world: Recall, what: str) -> Answer:
@@ -220,27 +224,37 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
 
 
 def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
-    """It is not where it was: where it usually is, or what looks like it and came since."""
-    usual = usual_places(world, name)
-    usual.pop(stay.place, None)
+    """It is not where it was: where it probably went, or what looks like it and came since."""
     back = [other for other in world.alike(name) if _began(world, other) >= stay.until]
-    guess = max(usual, key=lambda place: usual[place], default="")
+    may = elsewhere(world, line)
+    last = f"it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, and is no longer there"
     options: list[dict[str, Any]] = [
-        {"object": name, "place": place, "probability": 0.5 * p} for place, p in usual.items() if p > 0.05
+        {"object": name, "place": place, "probability": p}
+        for place, p in sorted(may.places.items(), key=lambda pair: -pair[1])
+        if p > 0.02
     ]
-    sentence = (
-        f"{described(world, name)} is missing: it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, "
-        f"and is no longer there"
-    )
+    evidence = evidence_of(world, line, stay.since, stamp)
+    if may.best and not back:
+        probability = min(may.places[may.best], UNSEEN)
+        sentence = _probably_at(world, name, may.best, probability, last)
+        return Answer(sentence, "where_is", probability, iso(stamp), may.best, evidence, tuple(options[1:]))
+    sentence = f"{described(world, name)} is missing: {last}"
     if back:
         where = world.latest(back[0]).stays[-1].place
         sentence += f"; {clean(back[0])}, which looks like it, came {spoken(world, where)} since"
         options.insert(0, {"object": back[0], "place": where, "probability": 0.6})
-    elif guess:
-        sentence += f"; it is often {spoken(world, guess)}"
-    probability = 0.55 if back else 0.9
-    evidence = evidence_of(world, line, stay.since, stamp)
+    else:
+        usual = usual_places(world, name)
+        usual.pop(stay.place, None)
+        guess = max(usual, key=lambda place: usual[place], default="")
+        sentence += f"; it is often {spoken(world, guess)}" if guess else ""
+    probability = 0.55 if back else may.out
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
+
+
+def _probably_at(world: Recall, name: str, place: str, p: float, last: str) -> str:
+    where = f"{hedged(p)} {spoken(world, place)}, {told(p)}"
+    return f"{described(world, name)} {where}: {last}, and was not found again yet."
 
 
 def _began(world: Recall, name: str) -> float:
@@ -251,7 +265,9 @@ def _began(world: Recall, name: str) -> float:
 
 def usual_places(world: Recall, name: str) -> dict[str, float]:
     """Share of the time of the last weeks by place."""
-    return presence_of(world, world.now - MONTH).shares(world.individual(name)[0])
+    start = world.now - MONTH
+    course = course_of(world, world.individual(name)[0], start)
+    return {} if course is None else course.shares(start, world.now)
 
 
 def where_usually(world: Recall, what: str) -> Answer:
@@ -330,19 +346,25 @@ def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None 
     found = {}
     now = stamp >= world.now
     if ids is None:
-        ids = world.heads(world.present) if now else world.things()
+        ids = world.heads([*world.present, *world.departed(LATELY)]) if now else world.things()
     for name in ids:
         line = world.glimpse(name, stamp)
-        if line.lost and now:
-            continue
-        chances, _ = line.at(stamp)
+        chances = _chances(world, line, stamp)
         p = sum(chance for other, chance in chances.items() if other == place or world.contains(place, other))
         item = world.present.get(name)
-        if now and item is not None:
+        if now and item is not None and not line.lost:
             p *= item.existence
         if p > 0.02:
             found[name] = p
     return found
+
+
+def _chances(world: Recall, line: Timeline, stamp: float) -> dict[str, float]:
+    """Probability by place of an object at a moment; of one that has left where it was, of where it may be now."""
+    if not line.lost or stamp < world.now:
+        return line.at(stamp)[0]
+    whole = line if line.stays else world.latest(line.id)
+    return elsewhere(world, whole).places if whole.stays else {}
 
 
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
@@ -410,9 +432,8 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
 
 
 def _elsewhere(world: Recall, name: str, stamp: float) -> str:
-    line = _line_at(world, name, stamp)
-    chances, stay = line.at(stamp)
-    if stay is None or not chances or (line.lost and stamp >= world.now):
+    chances = _chances(world, _line_at(world, name, stamp), stamp)
+    if sum(chances.values()) < BELIEVED:
         return "at no place that I know"
     return spoken(world, max(chances, key=lambda each: chances[each]))
 
@@ -431,9 +452,8 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     else:
         chances = {}
         for name in ids:
-            line = _line_at(world, name, stamp)
-            known, _ = line.at(stamp)
-            chances[name] = 0.0 if line.lost and stamp >= world.now else min(sum(known.values()), 1.0)
+            known = _chances(world, _line_at(world, name, stamp), stamp)
+            chances[name] = min(sum(known.values()), 1.0)
     there = [name for name, p in chances.items() if p >= BELIEVED]
     probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * 0.97
     at = f" {spoken(world, where)}" if where else ""
@@ -454,7 +474,7 @@ def where_to_look(world: Recall, what: str) -> Answer:
     """
     name = one_named(world, what)
     line = world.latest(name)
-    now = {} if line.lost else line.at(world.now)[0]
+    now = _chances(world, line, world.now)
     chances = {place: min(p, 0.99) for place, p in now.items() if place}
     left = 1.0 - min(sum(chances.values()), 1.0)
     for place, share in usual_places(world, name).items():

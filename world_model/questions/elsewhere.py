@@ -1,0 +1,148 @@
+"""Where something may be that is no longer where it was, and that nobody has found again yet.
+
+It was put somewhere else, or taken out of the house. What it did at other times at about this time of day says which;
+against a place speaks a look at it since.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+
+from world_model.questions.presence import Course, course_of
+from world_model.questions.recall import BELIEVED, DAY, FOUND_AFTER, PERSON, Recall, Timeline
+
+WEEKS = 28 * DAY
+"""s: of the history that says where things go."""
+OUT = 2.0 * FOUND_AFTER
+"""s: what was found no sooner was out of the house, as far as anybody could tell."""
+HOURS = 1.0
+"""Deviation of the time of day at which something does the same again."""
+ANY_HOUR, ANY_PLACE = 0.05, 0.3
+"""What counts a move at another time of day, and one from another place."""
+PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15
+"""What is taken to be known of where anything goes, in moves."""
+OVERLOOKED = 0.02
+"""That a look at a place does not find what is there."""
+GUESS = 0.4
+"""Probability below which a place is no answer."""
+SHORTEST, LONGEST = 120.0, 6 * 3600.0
+"""s: of a round of looks."""
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """places : probability by place, without the small ones. out : that it is out of the house, or at none of them."""
+
+    places: dict[str, float]
+    out: float
+
+    @property
+    def best(self) -> str:
+        """The most probable place, "" where that is a mere guess, or it is more probably out of the house."""
+        place = max(self.places, key=self.places.__getitem__, default="")
+        return place if self.places.get(place, 0.0) >= max(self.out, GUESS) else ""
+
+
+def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
+    """Where an object is that was not found where it was; `line` has at least its last stay."""
+    key = f"elsewhere {line.id}"
+    known = world.kept.get(key)
+    if not isinstance(known, Elsewhere):
+        known = _weighed(world, line)
+        world.kept[key] = known
+    return known
+
+
+def _weighed(world: Recall, line: Timeline) -> Elsewhere:
+    stay = line.stays[-1]
+    left_by = min(stay.left_by or world.now, world.now)
+    course = course_of(world, line.id, world.now - WEEKS)
+    votes, out = _votes(course, stay.place, left_by)
+    names = [place.name for place in world.places if place.kind != "room"] or [
+        place.name for place in world.places
+    ]
+    for name in [name for name in names if name != stay.place]:
+        votes[name] = votes.get(name, 0.0) + PRIOR_PLACES / len(names)
+    out += PRIOR_OUT
+    round_of_looks, looked = _looks(world)
+    # Its having been overlooked where it was is in the votes: until the next look there.
+    overlooked = math.exp(-2.0 * (world.now - left_by) / round_of_looks)
+    chances = {
+        place: weight
+        * (
+            overlooked
+            if place == stay.place
+            else _unnoticed(looked.get(place), stay.until, left_by, world.now, round_of_looks)
+        )
+        for place, weight in votes.items()
+    }
+    total = sum(chances.values()) + out
+    return Elsewhere({place: p / total for place, p in chances.items() if p > 1e-3 * total}, out / total)
+
+
+def _votes(course: Course | None, place: str, stamp: float) -> tuple[dict[str, float], float]:
+    """How often it went to each place, and out of the house, when it left a place: what was alike counts more."""
+    votes: dict[str, float] = {}
+    out = 0.0
+    if course is None:
+        return votes, out
+    stamps, places = course.stamps.tolist(), course.places
+    for index, before in enumerate(places):
+        after = index + 1
+        if before is None or after >= len(places):
+            continue
+        left, absent = stamps[after], 0.0
+        if places[after] is None:
+            if after + 1 >= len(places):
+                continue  # that is what is asked about
+            absent = stamps[after + 1] - left
+            after += 1
+        weight = _same_hour(left, stamp) * (1.0 if before == place else ANY_PLACE)
+        if absent > OUT:
+            out += weight
+        elif (to := places[after]) and (before == place or to != place):
+            votes[to] = votes.get(to, 0.0) + weight
+    return votes, out
+
+
+def _same_hour(then: float, stamp: float) -> float:
+    """Weight of a moment by its time of day, local time."""
+    first, second = (_hour(each) for each in (then, stamp))
+    apart = abs(first - second)
+    apart = min(apart, 24.0 - apart)
+    return ANY_HOUR + math.exp(-0.5 * (apart / HOURS) ** 2)
+
+
+def _hour(stamp: float) -> float:
+    at = datetime.fromtimestamp(stamp)
+    return at.hour + at.minute / 60.0
+
+
+def _looks(world: Recall) -> tuple[float, dict[str, float]]:
+    """How long a round of looks takes, s, and when each place was looked at last, as what rests there says."""
+    seen: dict[str, float] = {}
+    for item in world.present.values():
+        if item.lost or item.existence < BELIEVED or item.most_probable("class") == PERSON:
+            continue
+        place = world.words(item.position[None])[0]
+        seen[place] = max(seen.get(place, -math.inf), item.last_seen)
+    ages = [world.now - stamp for stamp in seen.values()]
+    longest = max((age for age in ages if age <= LONGEST), default=SHORTEST)
+    count = max(len(ages), 1)
+    return min(max(longest * (count + 1) / count, SHORTEST), LONGEST), seen
+
+
+def _unnoticed(looked: float | None, until: float, left_by: float, now: float, around: float) -> float:
+    """Probability that something which came to a place between two moments was not noticed there until now.
+
+    looked : last look at the place, None where nobody knows. around : s of a round of looks.
+    """
+    long = max(now - left_by, 0.0)
+    again = OVERLOOKED * math.exp(-0.5 * long / around)
+    if looked is None:
+        unseen = max(1.0 - long / around, 0.0)
+    else:
+        unseen = min(max((left_by - looked) / max(left_by - until, 1e-6), 0.0), 1.0)
+    return unseen + (1.0 - unseen) * again
