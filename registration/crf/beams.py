@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
+from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimation.sight import beam_at
 from registration.motion import Array
+from registration.prepared import PreparedScan, prepare_scan
 from registration.scan import Scan
 
 AGREES, FREE, HIDDEN, UNSEEN, CLEAR = 0, 1, 2, 3, 4
@@ -52,19 +56,32 @@ class Beams:
         return len(self.beams)
 
 
-# A scan is compared with several others, the first a second before the last: it is made ready once in its life.
-_ready: WeakKeyDictionary[Scan, Beams] = WeakKeyDictionary()
+Of = TypeVar("Of")
+Made = TypeVar("Made")
 
 
-def beams_of(scan: Scan) -> Beams:
-    """`Beams` of a scan; not to be written to."""
-    made = _ready.get(scan)
-    if made is None:
-        made = _ready[scan] = _made_ready(scan)
+def once(make: Callable[[Of], Made]) -> Callable[[Of], Made]:
+    """`make`, asked once in the life of a scan, which is compared with several others; not to be written to."""
+    known: WeakKeyDictionary[Of, Made] = WeakKeyDictionary()
+
+    @wraps(make)
+    def made(scan: Of) -> Made:
+        if scan not in known:
+            known[scan] = make(scan)
+        return known[scan]
+
     return made
 
 
-def _made_ready(scan: Scan) -> Beams:
+@once
+def prepared(scan: Scan) -> PreparedScan:
+    """`PreparedScan` of a scan."""
+    return prepare_scan(scan)
+
+
+@once
+def beams_of(scan: Scan) -> Beams:
+    """`Beams` of a scan."""
     valid = scan.valid
     ranges = np.where(valid, scan.ranges, np.inf)
     bearings = scan.bearings
@@ -77,18 +94,10 @@ def _made_ready(scan: Scan) -> Beams:
     points = np.ascontiguousarray(xy[beams])
     step = scan.angle_increment if len(scan) > 1 else 1e-3
     spacing = np.maximum(abs(step) * ranges[beams], 0.02)
+    pieces = _pieces(points, beams, abs(step))
     return Beams(
-        xy,
-        ranges,
-        _clear(ranges),
-        beams,
-        points,
-        spacing,
-        _pieces(points, beams, abs(step)),
-        number,
-        scan.angle_min,
-        step,
-    )
+        xy, ranges, _clear(ranges), beams, points, spacing, pieces, number, scan.angle_min, step
+    )  # fmt: skip
 
 
 def _clear(ranges: Array) -> Array:
@@ -164,14 +173,6 @@ def _off_segment(x, y, ax, ay, bx, by):  # type: ignore[no-untyped-def]
     if square > 0.0:
         share = min(max(((x - ax) * dx + (y - ay) * dy) / square, 0.0), 1.0)
     return length(x - ax - share * dx, y - ay - share * dy)
-
-
-@njit(cache=True, inline="always")
-def half_window(distance, radius, step, most):  # type: ignore[no-untyped-def]
-    """Beams to either side between which everything within `radius` of a point at `distance` lies."""
-    if distance <= radius * 1.02:
-        return most
-    return min(int(math.asin(radius / distance) / abs(step)) + 1, most)
 
 
 @njit(cache=True)
@@ -275,27 +276,27 @@ def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wi
     return labels, offs
 
 
+def sighted(
+    a: Beams,
+    b: Beams,
+    pose: Array,
+    near: Array,
+    wanted: NDArray[np.bool_] | None = None,
+    wide: float = TOUCHING,
+) -> tuple[NDArray[np.int64], Array]:
+    """How scan b sees the points of a moved by pose (3,): labels (n,), metres off b's outline (n,); see `sightings`."""
+    asked = np.ones(len(a), dtype=np.bool_) if wanted is None else wanted
+    found: tuple[NDArray[np.int64], Array] = sightings(
+        a.points, near, asked, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step, wide
+    )
+    return found
+
+
 def seen_by(
     a: Beams, b: Beams, pose: Array, noise: float, wide: float = WIDE
 ) -> tuple[NDArray[np.int64], Array]:
-    """How scan b sees the points of a moved by pose (3,): labels (n,), metres off b's outline (n,).
-
-    noise : metres, standard deviation of points off the other scan's outline (`first_look`). wide : see `sight`.
-    """
-    near = nearness(a, noise)
-    found: tuple[NDArray[np.int64], Array] = sightings(
-        a.points,
-        near,
-        np.ones(len(a), dtype=np.bool_),
-        pose,
-        b.xy,
-        b.ranges,
-        b.clear,
-        b.angle_min,
-        b.step,
-        wide,
-    )
-    return found
+    """As `sighted`; noise : metres, standard deviation of points off the other scan's outline (`first_look`)."""
+    return sighted(a, b, pose, nearness(a, noise), wide=wide)
 
 
 def moved(points: Array, motion: Array) -> Array:
@@ -304,11 +305,13 @@ def moved(points: Array, motion: Array) -> Array:
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])
 
 
-def beams_at(b: Beams, points: Array) -> NDArray[np.int64]:
-    """(n,) beam of b that looks at each of points (n, 2); from `len(b.ranges)` on where none does."""
+def point_at(b: Beams, points: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(n,) point of b that the beam saw which looks at each of `points` (n, 2), -1 for none; whether a beam does."""
     around = 2.0 * np.pi / abs(b.step)
     beam = (np.arctan2(points[:, 1], points[:, 0]) - b.angle_min) / b.step
-    return np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
+    beam = np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
+    inside = beam < len(b.ranges)
+    return np.where(inside, b.number[np.where(inside, beam, 0)], -1), inside
 
 
 def nearness(a: Beams, noise: float) -> Array:
@@ -321,9 +324,8 @@ def first_look(a: Beams, b: Beams, pose: Array) -> tuple[float, NDArray[np.int64
 
     The noise is a standard deviation, metres, 0.005 to 0.05.
     """
-    wanted, far = np.ones(len(a), dtype=np.bool_), np.full(len(a), MOST_OFF)
     # A little wider than where the label alone is asked for, which is answered without distances.
-    _, offs = sightings(a.points, far, wanted, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step, 1.01)
+    _, offs = sighted(a, b, pose, np.full(len(a), MOST_OFF), wide=1.01)
     agreeing = offs[offs <= MOST_OFF]
     noise = float(np.clip(1.48 * np.median(agreeing), 0.005, 0.05)) if len(agreeing) >= 10 else 0.02
     return noise, *seen_by(a, b, pose, noise)

@@ -13,7 +13,6 @@ from registration.crf.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements
 PER_METRE = 1.0 / CELL
-SQUARE = 0.12  # metres of the squares in which the nearest target is looked for
 PEAKS = 4  # displacements that are refined
 LONG = 1.2  # metres, extent from which a thing may slide along itself unseen
 MANY = 240  # points of a group that are looked at
@@ -76,61 +75,26 @@ def _peaks(votes, reach, most):  # type: ignore[no-untyped-def]
     return found[:count]
 
 
-@njit(cache=True)
-def cells_of(targets, weights):  # type: ignore[no-untyped-def]
-    """Targets (m, 2) and their weights (m,) by the square they are in, row after row.
-
-    low : (2,) corner of the squares. heads : (rows, columns + 1) where each square begins, and the last one ends.
-    """
-    low = np.empty(2)
-    low[0], low[1] = targets[:, 0].min(), targets[:, 1].min()
-    columns = int((targets[:, 0].max() - low[0]) / SQUARE) + 1
-    rows = int((targets[:, 1].max() - low[1]) / SQUARE) + 1
-    heads = np.zeros((rows, columns + 1), dtype=np.int64)
-    flat = np.zeros(rows * columns + 1, dtype=np.int64)
-    square = np.empty(len(targets), dtype=np.int64)
-    for j in range(len(targets)):
-        column = int((targets[j, 0] - low[0]) / SQUARE)
-        square[j] = int((targets[j, 1] - low[1]) / SQUARE) * columns + column
-        flat[square[j] + 1] += 1
-    for k in range(rows * columns):
-        flat[k + 1] += flat[k]
-    for row in range(rows):
-        heads[row, :] = flat[row * columns : (row + 1) * columns + 1]
-    found, worths = np.empty_like(targets), np.empty_like(weights)
-    for j in range(len(targets)):
-        at = flat[square[j]]
-        found[at, 0], found[at, 1], worths[at] = targets[j, 0], targets[j, 1], weights[j]
-        flat[square[j]] += 1
-    return found, worths, low, heads
-
-
 @njit(cache=True, inline="always")
-def _nearest(x, y, reach, targets, low, heads):  # type: ignore[no-untyped-def]
-    """Squared distance to the nearest target within reach, and its number, -1 for none; see `cells_of`."""
-    rows, columns = heads.shape[0], heads.shape[1] - 1
+def _nearest(x, y, reach, targets):  # type: ignore[no-untyped-def]
+    """Squared distance to the nearest of targets (m, 2), by ascending x, within reach, and its number, -1 for none."""
     best, found = reach * reach, -1
-    row, column = math.floor((y - low[1]) / SQUARE), math.floor((x - low[0]) / SQUARE)
-    half, most = 1, int(reach / SQUARE) + 1
-    while True:
-        first, last = max(column - half, 0), min(column + half, columns - 1) + 1
-        if first < last:
-            for r in range(max(row - half, 0), min(row + half, rows - 1) + 1):
-                for j in range(heads[r, first], heads[r, last]):
-                    square = (x - targets[j, 0]) ** 2 + (y - targets[j, 1]) ** 2
-                    if square < best:
-                        best, found = square, j
-        # What is farther out than these squares is no nearer.
-        if half >= most or best <= (half * SQUARE) ** 2:
-            return best, found
-        half = min(2 * half, most)
+    middle = np.searchsorted(targets[:, 0], x)
+    for side in range(2):
+        j, step = (middle, 1) if side == 0 else (middle - 1, -1)
+        while 0 <= j < len(targets) and (x - targets[j, 0]) ** 2 < best:
+            square = (x - targets[j, 0]) ** 2 + (y - targets[j, 1]) ** 2
+            if square < best:
+                best, found = square, j
+            j += step
+    return best, found
 
 
 @njit(cache=True)
-def fit_group(points, spacing, start, background, targets, weights, low, heads, sigma, motion):  # type: ignore[no-untyped-def]
+def fit_group(points, spacing, start, background, targets, weights, sigma, motion):  # type: ignore[no-untyped-def]
     """Iterated closest points of a group from `start` (3,), written to `motion`; the rotation is held by a prior.
 
-    targets, weights, low, heads : see `cells_of`.
+    targets (m, 2) : by ascending x, with their weights (m,).
     """
     motion[:] = start
     sums = np.empty(SUMS)
@@ -141,7 +105,7 @@ def fit_group(points, spacing, start, background, targets, weights, low, heads, 
         for i in range(len(points)):
             x = motion[0] + c * points[i, 0] - s * points[i, 1]
             y = motion[1] + s * points[i, 0] + c * points[i, 1]
-            best, found = _nearest(x, y, max(radius, 1.5 * spacing[i]), targets, low, heads)
+            best, found = _nearest(x, y, max(radius, 1.5 * spacing[i]), targets)
             if found >= 0:
                 width = 0.05 + spacing[i]
                 weight = weights[found] / (1.0 + best / (width * width))
@@ -227,22 +191,8 @@ def _explained(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _slide(  # type: ignore[no-untyped-def]
-    moved,
-    points,
-    near,
-    standing,
-    background,
-    fresh,
-    claimed,
-    reach,
-    xy,
-    ranges,
-    clear,
-    worth,
-    angle_min,
-    step,
-    start,
-):
+    moved, points, near, standing, background, fresh, claimed, reach, xy, ranges, clear, worth, angle_min, step, start
+):  # fmt: skip
     """Write the best displacement along the longer axis of a group and return what it explains; -inf if it has none."""
     n = len(moved)
     mx, my = moved[:, 0].mean(), moved[:, 1].mean()
@@ -303,7 +253,6 @@ def best_motion(  # type: ignore[no-untyped-def]
     stride = max(1, len(points) // 40)
     _votes(moved[::stride], targets, weights, reach, votes)
     peaks = _peaks(votes, reach, PEAKS)
-    targets, weights, low, heads = cells_of(targets, weights)
     start, trial = np.empty(3), np.empty(3)
     claimed = np.zeros(len(fresh), dtype=np.bool_)
     best = least - 1e-6
@@ -324,7 +273,7 @@ def best_motion(  # type: ignore[no-untyped-def]
             elif score == -math.inf:
                 continue
         if not fit_group(
-            points[::stride], spacing[::stride], start, background, targets, weights, low, heads, sigma, trial
+            points[::stride], spacing[::stride], start, background, targets, weights, sigma, trial
         ):
             continue
         away = (

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from estimation.poses import between, inverse
 from registration.align import among_movers
-from registration.crf.beams import AGREES, TOUCHING, Beams, seen_by
-from registration.crf.prepared import prepared
+from registration.crf.beams import AGREES, TOUCHING, Beams, prepared, seen_by
 from registration.motion import Array
 from registration.result import Registration
 from registration.scan import Scan

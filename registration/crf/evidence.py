@@ -12,21 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from registration.crf.beams import (
     AGREES,
     CLEAR,
     FREE,
     HIDDEN,
-    TOUCHING,
     UNSEEN,
     Beams,
-    beams_at,
     moved,
     nearness,
-    sightings,
+    point_at,
+    sighted,
 )
-from registration.crf.hypotheses import to_nearest
 from registration.crf.setup import Start
 from registration.motion import Array
 
@@ -163,12 +162,10 @@ def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
 def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
     """How far the points are behind what scan b saw, and whether that is new there or stood before."""
     b, there = begun.b, moved(begun.a.points, begun.registration.transform)
-    beam = beams_at(b, there)
-    inside = beam < len(b.ranges)
-    other = np.where(inside, b.number[np.where(inside, beam, 0)], -1)
+    other, inside = point_at(b, there)
     seen = other >= 0
     fresh = np.where(seen, begun.fresh[np.maximum(other, 0)], -1)
-    depth = np.zeros(len(beam))
+    depth = np.zeros(len(other))
     depth[seen] = np.hypot(*there[seen].T) - b.ranges[b.beams[other[seen]]]
     depth = np.clip(depth, -FAR, FAR)
     return {
@@ -182,7 +179,7 @@ def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
 def _of_groups(a: Beams, clusters: NDArray[np.int64], pieces: _Pieces) -> dict[str, Array]:
     """Whether points and their pieces are in groups that may have moved, and how far it is to those."""
     moving = clusters > 0
-    away = np.minimum(to_nearest(a.points, a.points[moving]), FAR)
+    away = np.minimum(cKDTree(a.points[moving]).query(a.points)[0], FAR)
     nearest = np.full(len(pieces.count), FAR)
     np.minimum.at(nearest, a.pieces, away)
     return {
@@ -213,7 +210,13 @@ def _of_motion(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[st
         return columns
     members = np.column_stack([group.members for group in begun.found])
     active = near_groups(begun.a, members)
-    sight = np.column_stack([_seen(begun, group.motion, active[:, k]) for k, group in enumerate(begun.found)])
+    near = nearness(begun.a, begun.noise)
+    sight = np.column_stack(
+        [
+            sighted(begun.a, begun.b, group.motion, near, active[:, k])[0]
+            for k, group in enumerate(begun.found)
+        ]
+    )
     agrees, through = (((sight == kind) & active).astype(np.float64) for kind in (AGREES, FREE))
     votes = np.array(
         [pieces.total(agrees[:, k] - through[:, k] + 2.0 * members[:, k]) for k in range(objects)]
@@ -244,16 +247,6 @@ def near_groups(a: Beams, members: NDArray[np.bool_]) -> NDArray[np.bool_]:
             rooted[a.pieces[members[:, d]]] = True
             active[:, d] = ((a.points >= low) & (a.points <= high)).all(axis=1) | rooted[a.pieces]
     return active
-
-
-def _seen(begun: Start, motion: Array, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(n,) how b sees the `wanted` points (n,) of a under `motion`."""
-    a, b = begun.a, begun.b
-    near = nearness(a, begun.noise)
-    labels, _ = sightings(
-        a.points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step, TOUCHING
-    )
-    return np.asarray(labels)
 
 
 def _moves(

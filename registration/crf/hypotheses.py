@@ -7,16 +7,14 @@ A motion is kept where it explains clearly more of both scans than standing stil
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from estimation.poses import inverse
-from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, moved, nearness, sightings
-from registration.crf.candidates import nearest_points
+from registration.crf.beams import AGREES, CLEAR, FREE, Beams, moved, nearness, sighted
 from registration.crf.displacement import best_motion, claim
 from registration.crf.grouping import groups_of
 from registration.motion import Array
@@ -124,7 +122,8 @@ def _owners(a: Beams, b: Beams, background: Array, fresh: NDArray[np.int64]) -> 
     owners = np.full(len(b), -1, dtype=np.int64)
     agrees = np.flatnonzero(fresh == AGREES)
     if len(agrees) and len(a):
-        owners[agrees] = nearest_points(a, moved(b.points[agrees], inverse(background)), OWNED)
+        away, nearest = cKDTree(a.points).query(moved(b.points[agrees], inverse(background)))
+        owners[agrees] = np.where(away <= OWNED, nearest, -1)
     return owners
 
 
@@ -192,30 +191,13 @@ def _came_from(
     Of a piece that is not of it as a whole only what left its place is: the rest is what the mover hides now.
     """
     motion = inverse(group.motion)
-    on = _on_outline(a.points, near, np.ones(len(a), dtype=bool), motion, b)
+    on = sighted(a, b, motion, near)[0] == AGREES
     members = on.copy()
-    members[on] = _among(moved(a.points[on], motion), b.points[group.members], (near + a.spacing)[on])
+    away, _ = cKDTree(b.points[group.members]).query(moved(a.points[on], motion))
+    members[on] = away < (near + a.spacing)[on]
     whole = np.bincount(a.pieces, members) > WHOLE * np.bincount(a.pieces)
     members &= whole[a.pieces] | (labels == FREE) | (labels == CLEAR)
     return replace(group, members=members, motion=motion) if members.sum() >= 3 else None
-
-
-def _among(points: Array, others: Array, reach: Array) -> NDArray[np.bool_]:
-    """(n,) which points (n, 2) have one of the others (m, 2) within reach (n,)."""
-    return np.asarray(to_nearest(points, others) < reach)
-
-
-@njit(cache=True)
-def to_nearest(points, others):  # type: ignore[no-untyped-def]
-    """(n,) metres from points (n, 2) to the nearest of the others (m, 2), inf without any."""
-    away = np.empty(len(points))
-    for i in range(len(points)):
-        best = math.inf
-        for j in range(len(others)):
-            dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
-            best = min(best, dx * dx + dy * dy)
-        away[i] = math.sqrt(best)
-    return away
 
 
 def _parts(members: NDArray[np.bool_], labels: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
@@ -255,7 +237,8 @@ def _of_group(
     sigma = ROUND_SIGMA if extent < ROUND else TURN_SIGMA
     middle = points.sum(axis=0) / count
     centre = moved(middle, background)
-    targets, worths, fresh = _goals(b.points, taken, new, weights, centre, reach + extent)
+    around = ~taken & (((b.points - centre) ** 2).sum(axis=1) < (reach + extent) ** 2)
+    targets, worths, fresh = b.points[around], weights[around], b.points[around & new]
     stay, changed = stood - free, count - stood
     least = max(3.0, 0.4 * count, stay + max(3.0, min(0.25 * count, 0.6 * changed)))
     motion = background.copy()
@@ -268,34 +251,8 @@ def _of_group(
     if best >= least and (free >= 2 or best > 0.7 * count):
         if np.hypot(*(moved(middle, motion) - centre)) < 0.04:
             return None
-        on = _on_outline(a.points, near, members, motion, b) & members
-        return Hypothesis(on, motion, best - stay, True)
+        on = sighted(a, b, motion, near, members)[0] == AGREES
+        return Hypothesis(on & members, motion, best - stay, True)
     if sure >= 3 and sure >= 0.5 * count:
         return Hypothesis(members, background.copy(), float(free), False)
     return None
-
-
-@njit(cache=True)
-def _goals(points, taken, new, weights, centre, radius):  # type: ignore[no-untyped-def]
-    """Points (k, 2) of those (m, 2) that are not `taken` and lie around `centre` (2,), their weights, those `new`."""
-    found, worths, fresh = np.empty((len(points), 2)), np.empty(len(points)), np.empty((len(points), 2))
-    count = newer = 0
-    for j in range(len(points)):
-        dx, dy = points[j, 0] - centre[0], points[j, 1] - centre[1]
-        if taken[j] or dx * dx + dy * dy >= radius * radius:
-            continue
-        found[count, 0], found[count, 1], worths[count] = points[j, 0], points[j, 1], weights[j]
-        count += 1
-        if new[j]:
-            fresh[newer, 0], fresh[newer, 1] = points[j, 0], points[j, 1]
-            newer += 1
-    return found[:count], worths[:count], fresh[:newer]
-
-
-def _on_outline(
-    points: Array, near: Array, wanted: NDArray[np.bool_], motion: Array, b: Beams
-) -> NDArray[np.bool_]:
-    labels, _ = sightings(
-        points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step, TOUCHING
-    )
-    return np.asarray(labels == AGREES)

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from estimation.poses import inverse
 from registration.align import REACH, TURN, align, best_of, search
-from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, seen_by
+from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, prepared, seen_by
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
-from registration.crf.prepared import prepared
 from registration.judgement import LENIENT, Asked, judged
 from registration.motion import Array
 from registration.result import Registration

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial import cKDTree
 
 from evaluation.experiments.crf_metrics import edit_distance, renumbered
 from registration import Scan
 from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, beams_of, first_look, seen_by
-from registration.crf.candidates import nearest_points
 from registration.crf.rigid import rigid_motion
 from registration.crf.shape_features import NAMES, pair_features
 from whereabouts.simulation import Lidar, box, joined
@@ -65,15 +63,6 @@ def test_a_run_without_returns_says_that_nothing_near_is_there() -> None:
         AGREES,
         UNSEEN,
     )
-
-
-def test_the_nearest_point_is_found_without_a_tree() -> None:
-    b = beams_of(scan_at((0.2, 0.1, 0.1), box(0.5, 0.5, (1.5, 0.0, 0.0))))
-    points = np.random.default_rng(4).uniform(-4.0, 4.0, (300, 2))
-    away, nearest = cKDTree(b.points).query(points)
-    found = nearest_points(b, points, 0.6)
-    assert 50 < np.sum(found >= 0) < 300
-    assert_allclose(found, np.where(away <= 0.6, nearest, -1))
 
 
 def test_the_first_look_finds_the_noise_and_what_it_shows() -> None:
