@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from registration.crf.beams import AGREES, UNSEEN, Beams, moved, nearness, point_at
+from estimation.sight import AGREES, UNSEEN
+from registration.crf.beams import Beams, moved, nearness, per_beam, point_at
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.setup import Start
 from registration.motion import Array
@@ -57,19 +58,11 @@ def estimate_of(begun: Start, labels: NDArray[np.int64], probability: Array) -> 
         else:
             motions.append(motions[0])
             covariances.append(UNKNOWN)
-    count = len(a.ranges)
-    per_beam = np.full(count, -1, dtype=np.int64), np.full(count, -1, dtype=np.int64)
-    probabilities = np.full(count, np.nan)
-    per_beam[0][a.beams] = np.where(partners >= 0, b.beams[np.maximum(partners, 0)], -1)
-    per_beam[1][a.beams] = clusters
-    probabilities[a.beams] = probability
+    associations, labels, probabilities = per_beam(a, b, partners, clusters, probability)
+    score = _log_score(clusters > 0, probability)
     return JointEstimate(
-        *per_beam,
-        np.array(motions),
-        _log_score(clusters > 0, probability),
-        np.array(covariances),
-        probabilities,
-    )
+        associations, labels, np.array(motions), score, np.array(covariances), probabilities
+    )  # fmt: skip
 
 
 def _log_score(moving: NDArray[np.bool_], probability: Array) -> float:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from registration.crf.beams import AGREES, FREE, beams_of, nearness, seen_by
+from estimation.sight import AGREES, THROUGH
+from registration.crf.beams import beams_of, nearness, seen_by
 from registration.crf.displacement import _explained, _nearest
 from whereabouts.simulation.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
 
@@ -44,9 +45,9 @@ def test_a_motion_is_given_up_only_where_it_cannot_be_good_enough(pair: Labelled
     for shift in np.linspace(-0.6, 0.6, 13):
         motion = pair.motions[0] + [shift, 0.5 * shift, 0.0]
         labels, _ = seen_by(a, b, motion, 0.01)
-        wanted = np.sum(labels[group] == AGREES) - np.sum(labels[group] == FREE) + 0.7 * 2 - 4.0 * 0.1
+        wanted = np.sum(labels[group] == AGREES) - np.sum(labels[group] == THROUGH) + 1.0
         for least in (-1e9, wanted - 0.5, wanted + 0.5, 1e9):
-            found = _explained(a.points[group], near[group], standing[group], motion, 1, 2, 0.1, least, *scan)
+            found = _explained(a.points[group], near[group], standing[group], motion, 1.0, least, *scan)
             assert found == pytest.approx(wanted) or (found == -np.inf and least > wanted)
             given_up += found == -np.inf
     assert given_up >= 13
