@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from estimation.sight import AGREES, THROUGH
 from registration.align import align
 from registration.crf.as_printed import PrintedCrf, k_means
-from registration.crf.beams import AGREES, FREE, Beams, beams_of, moved
+from registration.crf.beams import Beams, beams_of, moved, per_beam
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.rigid import rigid_motion
 from registration.crf.setup import Start
@@ -59,7 +60,7 @@ def free_space(scan_a: Scan, scan_b: Scan, begun: Start) -> JointEstimate:
     motion = begun.registration.transform
     _, nearest = cKDTree(begun.b.points).query(moved(begun.a.points, motion))
     clusters = np.where(begun.sight == AGREES, 0, -1)
-    free = begun.sight == FREE
+    free = begun.sight == THROUGH
     fresh = np.flatnonzero(free & np.insert(~free[:-1], 0, True))
     clusters[free] = np.searchsorted(fresh, np.flatnonzero(free), side="right")
     partners = np.where(clusters == 0, nearest, -1)
@@ -95,9 +96,6 @@ def _by_kmeans(
 def _estimate(
     a: Beams, b: Beams, partners: NDArray[np.int64], clusters: NDArray[np.int64], motions: Array
 ) -> JointEstimate:
-    count = len(a.ranges)
-    associations, labels = np.full(count, -1, dtype=np.int64), np.full(count, -1, dtype=np.int64)
-    associations[a.beams] = np.where(partners >= 0, b.beams[partners], -1)
-    labels[a.beams] = clusters
+    associations, labels, unknown = per_beam(a, b, partners, clusters, np.full(len(a), np.nan))
     covariances = np.repeat(UNKNOWN[None], len(motions), axis=0)
-    return JointEstimate(associations, labels, motions, 0.0, covariances, np.full(count, np.nan))
+    return JointEstimate(associations, labels, motions, 0.0, covariances, unknown)

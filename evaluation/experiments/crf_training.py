@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from evaluation.experiments.crf_learning import learned_printed, learned_trees
 from registration.crf.as_printed import PrintedCrf
-from registration.crf.as_printed import train as train_crf
 from registration.crf.model import JointModel
-from registration.crf.training import train
 from whereabouts.progress import track
 from whereabouts.simulation.labelled_pairs import (
     CROWD,
@@ -101,7 +100,7 @@ def train_shipped(seed: int = SEED) -> JointModel:
         "data": "simulated streets, halls, offices and crowds (evaluation.experiments.crf_training); no recordings. In "
         "most of them things stand that look like what moves, in a tenth nothing moves",
     }
-    return JointModel(train(looks(seed)), card)
+    return JointModel(learned_trees(looks(seed)), card)
 
 
 def train_printed(seed: int = SEED) -> PrintedCrf:
@@ -112,4 +111,4 @@ def train_printed(seed: int = SEED) -> PrintedCrf:
         "pairs": len(pairs),
         "seed": seed,
     }
-    return train_crf(pairs, card)
+    return learned_printed(pairs, card)

@@ -47,26 +47,38 @@ def association_edge(w, p, q, u, v, j, k):  # type: ignore[no-untyped-def]
     return value - w[PAIRWISE_TRANSLATION] * cost(math.sqrt(fx * fx + fy * fy))
 
 
-@njit(cache=True)
-def association_local(w, static, outlier, stumps, point, motion, others, states, local):  # type: ignore[no-untyped-def]
-    """Write w · f of the states of x^A_i, (K + 1,), the last one the outlier.
+@njit(cache=True, inline="always")
+def association_state(w, static, outlier, stumps, x, y, others, states, k):  # type: ignore[no-untyped-def]
+    """w · f of state k of x^A_i, K the outlier, of a point that its cluster's motion takes to (x, y).
 
     states (K,) : the points of the second scan that it may be: all M, or as many as are looked at.
     static (K,) : data boosting but for its stumps on registered translation, which are `stumps` (T, 3): threshold,
     polarity, share of the vote.
     """
+    if k == len(states):
+        return w[OUTLIER] * outlier
+    dx, dy = x - others[states[k], 0], y - others[states[k], 1]
+    away = min(math.sqrt(dx * dx + dy * dy), CUT)
+    score = static[k]
+    for t in range(len(stumps)):
+        if stumps[t, 1] * away < stumps[t, 1] * stumps[t, 0]:
+            score += stumps[t, 2]
+    return w[DATA] * (score - 0.5)
+
+
+@njit(cache=True, inline="always")
+def moved_by(motions, d, point):  # type: ignore[no-untyped-def]
+    """Where cluster d takes a point (2,); the outliers stay with the first."""
+    motion = motions[d if d < len(motions) else 0]
     c, s = math.cos(motion[2]), math.sin(motion[2])
-    x = motion[0] + c * point[0] - s * point[1]
-    y = motion[1] + s * point[0] + c * point[1]
-    for k in range(len(states)):
-        dx, dy = x - others[states[k], 0], y - others[states[k], 1]
-        away = min(math.sqrt(dx * dx + dy * dy), CUT)
-        score = static[k]
-        for t in range(len(stumps)):
-            if stumps[t, 1] * away < stumps[t, 1] * stumps[t, 0]:
-                score += stumps[t, 2]
-        local[k] = w[DATA] * (score - 0.5)
-    local[len(states)] = w[OUTLIER] * outlier
+    return motion[0] + c * point[0] - s * point[1], motion[1] + s * point[0] + c * point[1]
+
+
+@njit(cache=True)
+def association_local(w, static, outlier, stumps, x, y, others, states, local):  # type: ignore[no-untyped-def]
+    """Write `association_state` of all states, (K + 1,)."""
+    for k in range(len(states) + 1):
+        local[k] = association_state(w, static, outlier, stumps, x, y, others, states, k)
 
 
 @njit(cache=True)
@@ -76,9 +88,8 @@ def clustering_local(w, point, motions, partner, told, local):  # type: ignore[n
     for d in range(count):
         local[d] = -w[CLUSTER_INLIER]
         if told:
-            c, s = math.cos(motions[d, 2]), math.sin(motions[d, 2])
-            dx = motions[d, 0] + c * point[0] - s * point[1] - partner[0]
-            dy = motions[d, 1] + s * point[0] + c * point[1] - partner[1]
+            x, y = moved_by(motions, d, point)
+            dx, dy = x - partner[0], y - partner[1]
             local[d] = w[CLUSTER_INLIER] - w[CLUSTER_DISTANCE] * cost(math.sqrt(dx * dx + dy * dy))
     local[count] = w[CLUSTER_OUTLIER] + (-w[CLUSTER_INLIER] if told else w[CLUSTER_INLIER])
 
@@ -93,13 +104,10 @@ def clustering_edges(w, p, q, u, v, told, motions, edges):  # type: ignore[no-un
         other = math.sqrt((v[0] - u[0]) ** 2 + (v[1] - u[1]) ** 2)
         same += w[NEIGHBOUR_STIFFNESS] * math.exp(-abs(other - gap) / SCALE)
     for d in range(count):
-        cd, sd = math.cos(motions[d, 2]), math.sin(motions[d, 2])
-        x = motions[d, 0] + cd * p[0] - sd * p[1]
-        y = motions[d, 1] + sd * p[0] + cd * p[1]
+        px, py = moved_by(motions, d, p)
         for e in range(count):
-            ce, se = math.cos(motions[e, 2]), math.sin(motions[e, 2])
-            dx = motions[e, 0] + ce * q[0] - se * q[1] - x
-            dy = motions[e, 1] + se * q[0] + ce * q[1] - y
+            qx, qy = moved_by(motions, e, q)
+            dx, dy = qx - px, qy - py
             apart = cost(abs(math.sqrt(dx * dx + dy * dy) - gap))
             edges[d, e] = (same if d == e else 0.0) - w[NEIGHBOUR_DISTANCE] * apart
         edges[d, count] = edges[count, d] = -w[CLUSTER_PAIRWISE_OUTLIER]
@@ -197,10 +205,8 @@ def algorithm_1(  # type: ignore[no-untyped-def]
         for i in range(n):
             d = x_c[i]
             if associate:
-                motion = motions[d if d < count else 0]
-                association_local(
-                    w, static[i], outlier[i], stumps, points[i], motion, others, states[i], a_local
-                )
+                x, y = moved_by(motions, d, points[i])
+                association_local(w, static[i], outlier[i], stumps, x, y, others, states[i], a_local)
                 for side in range(0 if last else 2):
                     j, messages = (i + 1, a_ahead) if side == 0 else (i - 1, a_back)
                     if 0 <= j < n:
@@ -245,14 +251,14 @@ def algorithm_1(  # type: ignore[no-untyped-def]
 def log_score(w, points, others, states, static, outlier, stumps, motions, x_a, x_c):  # type: ignore[no-untyped-def]
     """The exponent of equation (1): w · f over all cliques."""
     n, m, count = len(points), states.shape[1], len(motions)
-    a_local, c_local, edges = np.empty(m + 1), np.empty(count + 1), np.empty((count + 1, count + 1))
+    c_local, edges = np.empty(count + 1), np.empty((count + 1, count + 1))
     total = 0.0
     for i in range(n):
-        motion = motions[x_c[i] if x_c[i] < count else 0]
-        association_local(w, static[i], outlier[i], stumps, points[i], motion, others, states[i], a_local)
+        x, y = moved_by(motions, x_c[i], points[i])
         own = _partner(others, states[i], x_a[i])
         clustering_local(w, points[i], motions, own, x_a[i] < m, c_local)
-        total += a_local[x_a[i]] + c_local[x_c[i]]
+        total += association_state(w, static[i], outlier[i], stumps, x, y, others, states[i], x_a[i])
+        total += c_local[x_c[i]]
         if i + 1 == n:
             break
         inside = int(x_a[i] < m) + int(x_a[i + 1] < m)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.poses import between
 from registration.align import agreements
-from registration.crf.prepared import prepared
+from registration.crf.beams import prepared
 from registration.judgement import LENIENT, judged
 from registration.refine import refine
 from registration.result import Registration

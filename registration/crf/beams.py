@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
+from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimation.sight import beam_at
+from estimation.sight import AGREES, RANGE_SIGMA, UNSEEN, beam_at, look
+from estimation.sight import SIGMAS as TELLING
 from registration.motion import Array
+from registration.prepared import PreparedScan, prepare_scan
 from registration.scan import Scan
 
-AGREES, FREE, HIDDEN, UNSEEN, CLEAR = 0, 1, 2, 3, 4
+CLEAR = 4  # beside the labels of `estimation.sight`: near, and nothing came back from there
 NEAR = 0.03  # metres off an outline up to which a point may be noise, at the least
 SIGMAS = 3.5  # standard deviations of the noise the scans themselves show, likewise
 MARGIN = 2.0  # of the same: how far in front of, or behind, what a beam saw before that says anything
@@ -52,19 +57,32 @@ class Beams:
         return len(self.beams)
 
 
-# A scan is compared with several others, the first a second before the last: it is made ready once in its life.
-_ready: WeakKeyDictionary[Scan, Beams] = WeakKeyDictionary()
+Of = TypeVar("Of")
+Made = TypeVar("Made")
 
 
-def beams_of(scan: Scan) -> Beams:
-    """`Beams` of a scan; not to be written to."""
-    made = _ready.get(scan)
-    if made is None:
-        made = _ready[scan] = _made_ready(scan)
+def once(make: Callable[[Of], Made]) -> Callable[[Of], Made]:
+    """`make`, asked once in the life of a scan, which is compared with several others; not to be written to."""
+    known: WeakKeyDictionary[Of, Made] = WeakKeyDictionary()
+
+    @wraps(make)
+    def made(scan: Of) -> Made:
+        if scan not in known:
+            known[scan] = make(scan)
+        return known[scan]
+
     return made
 
 
-def _made_ready(scan: Scan) -> Beams:
+@once
+def prepared(scan: Scan) -> PreparedScan:
+    """`PreparedScan` of a scan."""
+    return prepare_scan(scan)
+
+
+@once
+def beams_of(scan: Scan) -> Beams:
+    """`Beams` of a scan."""
     valid = scan.valid
     ranges = np.where(valid, scan.ranges, np.inf)
     bearings = scan.bearings
@@ -77,18 +95,10 @@ def _made_ready(scan: Scan) -> Beams:
     points = np.ascontiguousarray(xy[beams])
     step = scan.angle_increment if len(scan) > 1 else 1e-3
     spacing = np.maximum(abs(step) * ranges[beams], 0.02)
+    pieces = _pieces(points, beams, abs(step))
     return Beams(
-        xy,
-        ranges,
-        _clear(ranges),
-        beams,
-        points,
-        spacing,
-        _pieces(points, beams, abs(step)),
-        number,
-        scan.angle_min,
-        step,
-    )
+        xy, ranges, _clear(ranges), beams, points, spacing, pieces, number, scan.angle_min, step
+    )  # fmt: skip
 
 
 def _clear(ranges: Array) -> Array:
@@ -155,6 +165,28 @@ def _pieces(points, beams, step):  # type: ignore[no-untyped-def]
     return pieces
 
 
+@njit(cache=True)
+def ends_of(pieces, count):  # type: ignore[no-untyped-def]
+    """First and last point of each piece, (P, 4), and the points before and beyond it, -1 and n at the ends.
+
+    count : (P,) points of each. Single readings beside a piece are no edge of anything.
+    """
+    n = len(pieces)
+    ends = np.full((len(count), 4), -1, dtype=np.int64)
+    for k in range(n):
+        if ends[pieces[k], 0] < 0:
+            ends[pieces[k], 0] = k
+        ends[pieces[k], 1] = k
+    for p in range(len(count)):
+        before, beyond = ends[p, 0] - 1, ends[p, 1] + 1
+        while before > 0 and count[pieces[before]] == 1:
+            before -= 1
+        while beyond < n - 1 and count[pieces[beyond]] == 1:
+            beyond += 1
+        ends[p, 2], ends[p, 3] = before, beyond
+    return ends
+
+
 @njit(cache=True, inline="always")
 def _off_segment(x, y, ax, ay, bx, by):  # type: ignore[no-untyped-def]
     """Distance from (x, y) to the segment a, b."""
@@ -166,21 +198,13 @@ def _off_segment(x, y, ax, ay, bx, by):  # type: ignore[no-untyped-def]
     return length(x - ax - share * dx, y - ay - share * dy)
 
 
-@njit(cache=True, inline="always")
-def half_window(distance, radius, step, most):  # type: ignore[no-untyped-def]
-    """Beams to either side between which everything within `radius` of a point at `distance` lies."""
-    if distance <= radius * 1.02:
-        return most
-    return min(int(math.asin(radius / distance) / abs(step)) + 1, most)
-
-
 @njit(cache=True)
-def off_outline(x, y, centre, radius, enough, xy, ranges, step):  # type: ignore[no-untyped-def]
-    """Distance from (x, y), at which beam `centre` looks, to a scan's outline; `radius` where that is farther.
+def off_outline(x, y, radius, enough, xy, ranges, angle_min, step):  # type: ignore[no-untyped-def]
+    """Distance from (x, y) to a scan's outline; `radius` where that is farther.
 
     enough : the search ends with the first distance that is not more.
     """
-    count = len(ranges)
+    count, centre = len(ranges), beam_at(x, y, angle_min, step)
     stride = abs(step)
     around = round(2.0 * math.pi / stride)
     distance = length(x, y)
@@ -218,39 +242,27 @@ def off_outline(x, y, centre, radius, enough, xy, ranges, step):  # type: ignore
 
 
 @njit(cache=True, inline="always")
-def _label(x, y, centre, off, near, ranges, clear, step):  # type: ignore[no-untyped-def]
-    """How a scan sees the spot (x, y), at which beam `centre` looks, which is `off` its outline; see `sight`."""
+def _label(x, y, off, near, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+    """How a scan sees the spot (x, y), which is `off` its outline; see `sight`."""
     if off <= near:
         return AGREES
-    count = len(ranges)
-    around = round(2.0 * math.pi / abs(step))
-    if centre < 0 or centre >= count:
-        return UNSEEN
-    distance = length(x, y)
-    if not ranges[centre] < math.inf:
-        return CLEAR if distance < clear[centre] else UNSEEN
-    nearest, farthest = math.inf, 0.0
-    for k in range(-1, 2):
-        j = (centre + k) % around
-        if j < count and ranges[j] < math.inf:
-            nearest = min(nearest, ranges[j])
-            farthest = max(farthest, ranges[j])
-    if distance < nearest - MARGIN * near:
-        return FREE
-    if distance > farthest + MARGIN * near:
-        return HIDDEN
-    return UNSEEN
+    centre = beam_at(x, y, angle_min, step)
+    if 0 <= centre < len(ranges) and not ranges[centre] < math.inf:
+        return CLEAR if length(x, y) < clear[centre] else UNSEEN
+    doubt = math.sqrt(max((MARGIN * near / TELLING) ** 2 - RANGE_SIGMA**2, 0.0))
+    told = look(x, y, doubt, ranges, angle_min, step)
+    return UNSEEN if told == AGREES else told
 
 
 @njit(cache=True)
-def sight(x, y, centre, near, xy, ranges, clear, step):  # type: ignore[no-untyped-def]
-    """How a scan sees the spot (x, y), at which its beam `centre` looks (`beam_at`).
+def sight(x, y, near, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+    """How a scan sees the spot (x, y): as `estimation.sight.look`, but for what is next to its outline.
 
-    AGREES: on its outline; FREE: it saw through there; HIDDEN: behind what it saw; UNSEEN: no beam tells; CLEAR:
+    AGREES: on its outline; THROUGH: it saw through there; HIDDEN: behind what it saw; UNSEEN: no beam tells; CLEAR:
     near, and nothing came back from there.
     """
-    off = off_outline(x, y, centre, TOUCHING * near, near, xy, ranges, step)
-    return _label(x, y, centre, off, near, ranges, clear, step)
+    off = off_outline(x, y, TOUCHING * near, near, xy, ranges, angle_min, step)
+    return _label(x, y, off, near, ranges, clear, angle_min, step)
 
 
 @njit(cache=True)
@@ -261,41 +273,39 @@ def sightings(points, near, wanted, pose, xy, ranges, clear, angle_min, step, wi
     Points that are not `wanted` (n,) are taken to be unseen and far off.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    labels, offs = np.empty(len(points), dtype=np.int64), np.empty(len(points))
+    labels, offs = np.full(len(points), UNSEEN, dtype=np.int64), wide * near
     for k in range(len(points)):
         if not wanted[k]:
-            labels[k], offs[k] = UNSEEN, wide * near[k]
             continue
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        centre = beam_at(x, y, angle_min, step)
         enough = near[k] if wide <= TOUCHING else 0.0
-        offs[k] = off_outline(x, y, centre, wide * near[k], enough, xy, ranges, step)
-        labels[k] = _label(x, y, centre, offs[k], near[k], ranges, clear, step)
+        offs[k] = off_outline(x, y, wide * near[k], enough, xy, ranges, angle_min, step)
+        labels[k] = _label(x, y, offs[k], near[k], ranges, clear, angle_min, step)
     return labels, offs
+
+
+def sighted(
+    a: Beams,
+    b: Beams,
+    pose: Array,
+    near: Array,
+    wanted: NDArray[np.bool_] | None = None,
+    wide: float = TOUCHING,
+) -> tuple[NDArray[np.int64], Array]:
+    """How scan b sees the points of a moved by pose (3,): labels (n,), metres off b's outline (n,); see `sightings`."""
+    asked = np.ones(len(a), dtype=np.bool_) if wanted is None else wanted
+    found: tuple[NDArray[np.int64], Array] = sightings(
+        a.points, near, asked, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step, wide
+    )
+    return found
 
 
 def seen_by(
     a: Beams, b: Beams, pose: Array, noise: float, wide: float = WIDE
 ) -> tuple[NDArray[np.int64], Array]:
-    """How scan b sees the points of a moved by pose (3,): labels (n,), metres off b's outline (n,).
-
-    noise : metres, standard deviation of points off the other scan's outline (`first_look`). wide : see `sight`.
-    """
-    near = nearness(a, noise)
-    found: tuple[NDArray[np.int64], Array] = sightings(
-        a.points,
-        near,
-        np.ones(len(a), dtype=np.bool_),
-        pose,
-        b.xy,
-        b.ranges,
-        b.clear,
-        b.angle_min,
-        b.step,
-        wide,
-    )
-    return found
+    """As `sighted`; noise : metres, standard deviation of points off the other scan's outline (`first_look`)."""
+    return sighted(a, b, pose, nearness(a, noise), wide=wide)
 
 
 def moved(points: Array, motion: Array) -> Array:
@@ -304,11 +314,24 @@ def moved(points: Array, motion: Array) -> Array:
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])
 
 
-def beams_at(b: Beams, points: Array) -> NDArray[np.int64]:
-    """(n,) beam of b that looks at each of points (n, 2); from `len(b.ranges)` on where none does."""
+def point_at(b: Beams, points: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(n,) point of b that the beam saw which looks at each of `points` (n, 2), -1 for none; whether a beam does."""
     around = 2.0 * np.pi / abs(b.step)
     beam = (np.arctan2(points[:, 1], points[:, 0]) - b.angle_min) / b.step
-    return np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
+    beam = np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
+    inside = beam < len(b.ranges)
+    return np.where(inside, b.number[np.where(inside, beam, 0)], -1), inside
+
+
+def per_beam(
+    a: Beams, b: Beams, partners: NDArray[np.int64], clusters: NDArray[np.int64], probability: Array
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Points of b, clusters and probabilities of the points of a, (n,), by beam: (N,), -1 and NaN without return."""
+    beams = np.full((2, len(a.ranges)), -1, dtype=np.int64)
+    beams[:, a.beams] = np.where(partners >= 0, b.beams[np.maximum(partners, 0)], -1), clusters
+    probabilities = np.full(len(a.ranges), np.nan)
+    probabilities[a.beams] = probability
+    return beams[0], beams[1], probabilities
 
 
 def nearness(a: Beams, noise: float) -> Array:
@@ -321,9 +344,8 @@ def first_look(a: Beams, b: Beams, pose: Array) -> tuple[float, NDArray[np.int64
 
     The noise is a standard deviation, metres, 0.005 to 0.05.
     """
-    wanted, far = np.ones(len(a), dtype=np.bool_), np.full(len(a), MOST_OFF)
     # A little wider than where the label alone is asked for, which is answered without distances.
-    _, offs = sightings(a.points, far, wanted, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step, 1.01)
+    _, offs = sighted(a, b, pose, np.full(len(a), MOST_OFF), wide=1.01)
     agreeing = offs[offs <= MOST_OFF]
     noise = float(np.clip(1.48 * np.median(agreeing), 0.005, 0.05)) if len(agreeing) >= 10 else 0.02
     return noise, *seen_by(a, b, pose, noise)

@@ -1,4 +1,4 @@
-"""The motion of a group of points that explains most of what a second scan saw: votes, sliding, and refinement."""
+"""The motion of a group of points that explains most of what a second scan saw: votes and refinement."""
 
 from __future__ import annotations
 
@@ -7,15 +7,13 @@ import math
 import numpy as np
 from numba import njit
 
-from estimation.sight import beam_at
-from registration.crf.beams import AGREES, FREE, UNSEEN, length, sight
+from estimation.sight import AGREES, THROUGH, UNSEEN, beam_at
+from registration.crf.beams import length, sight
 from registration.crf.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements
 PER_METRE = 1.0 / CELL
-SQUARE = 0.12  # metres of the squares in which the nearest target is looked for
 PEAKS = 4  # displacements that are refined
-LONG = 1.2  # metres, extent from which a thing may slide along itself unseen
 MANY = 240  # points of a group that are looked at
 HIT = 0.7  # points of evidence that something new in the second scan is, where a motion takes a point to it
 DISTANCE_COST = 4.0  # points of evidence a metre of displacement needs
@@ -76,63 +74,27 @@ def _peaks(votes, reach, most):  # type: ignore[no-untyped-def]
     return found[:count]
 
 
-@njit(cache=True)
-def cells_of(targets, weights):  # type: ignore[no-untyped-def]
-    """Targets (m, 2) and their weights (m,) by the square they are in, row after row.
-
-    low : (2,) corner of the squares. heads : (rows, columns + 1) where each square begins, and the last one ends.
-    """
-    low = np.empty(2)
-    low[0], low[1] = targets[:, 0].min(), targets[:, 1].min()
-    columns = int((targets[:, 0].max() - low[0]) / SQUARE) + 1
-    rows = int((targets[:, 1].max() - low[1]) / SQUARE) + 1
-    heads = np.zeros((rows, columns + 1), dtype=np.int64)
-    flat = np.zeros(rows * columns + 1, dtype=np.int64)
-    square = np.empty(len(targets), dtype=np.int64)
-    for j in range(len(targets)):
-        column = int((targets[j, 0] - low[0]) / SQUARE)
-        square[j] = int((targets[j, 1] - low[1]) / SQUARE) * columns + column
-        flat[square[j] + 1] += 1
-    for k in range(rows * columns):
-        flat[k + 1] += flat[k]
-    for row in range(rows):
-        heads[row, :] = flat[row * columns : (row + 1) * columns + 1]
-    found, worths = np.empty_like(targets), np.empty_like(weights)
-    for j in range(len(targets)):
-        at = flat[square[j]]
-        found[at, 0], found[at, 1], worths[at] = targets[j, 0], targets[j, 1], weights[j]
-        flat[square[j]] += 1
-    return found, worths, low, heads
-
-
 @njit(cache=True, inline="always")
-def _nearest(x, y, reach, targets, low, heads):  # type: ignore[no-untyped-def]
-    """Squared distance to the nearest target within reach, and its number, -1 for none; see `cells_of`."""
-    rows, columns = heads.shape[0], heads.shape[1] - 1
+def _nearest(x, y, reach, targets):  # type: ignore[no-untyped-def]
+    """Squared distance to the nearest of targets (m, 2), by ascending x, within reach, and its number, -1 for none."""
     best, found = reach * reach, -1
-    row, column = math.floor((y - low[1]) / SQUARE), math.floor((x - low[0]) / SQUARE)
-    half, most = 1, int(reach / SQUARE) + 1
-    while True:
-        first, last = max(column - half, 0), min(column + half, columns - 1) + 1
-        if first < last:
-            for r in range(max(row - half, 0), min(row + half, rows - 1) + 1):
-                for j in range(heads[r, first], heads[r, last]):
-                    square = (x - targets[j, 0]) ** 2 + (y - targets[j, 1]) ** 2
-                    if square < best:
-                        best, found = square, j
-        # What is farther out than these squares is no nearer.
-        if half >= most or best <= (half * SQUARE) ** 2:
-            return best, found
-        half = min(2 * half, most)
+    middle = np.searchsorted(targets[:, 0], x)
+    for side in range(2):
+        j, step = (middle, 1) if side == 0 else (middle - 1, -1)
+        while 0 <= j < len(targets) and (x - targets[j, 0]) ** 2 < best:
+            square = (x - targets[j, 0]) ** 2 + (y - targets[j, 1]) ** 2
+            if square < best:
+                best, found = square, j
+            j += step
+    return best, found
 
 
 @njit(cache=True)
-def fit_group(points, spacing, start, background, targets, weights, low, heads, sigma, motion):  # type: ignore[no-untyped-def]
-    """Iterated closest points of a group from `start` (3,), written to `motion`; the rotation is held by a prior.
+def fit_group(points, spacing, background, targets, weights, sigma, motion):  # type: ignore[no-untyped-def]
+    """Iterated closest points of a group, begun with and written to `motion` (3,); the rotation is held by a prior.
 
-    targets, weights, low, heads : see `cells_of`.
+    targets (m, 2) : by ascending x, with their weights (m,).
     """
-    motion[:] = start
     sums = np.empty(SUMS)
     radius = 0.4
     for _ in range(6):
@@ -141,7 +103,7 @@ def fit_group(points, spacing, start, background, targets, weights, low, heads, 
         for i in range(len(points)):
             x = motion[0] + c * points[i, 0] - s * points[i, 1]
             y = motion[1] + s * points[i, 0] + c * points[i, 1]
-            best, found = _nearest(x, y, max(radius, 1.5 * spacing[i]), targets, low, heads)
+            best, found = _nearest(x, y, max(radius, 1.5 * spacing[i]), targets)
             if found >= 0:
                 width = 0.05 + spacing[i]
                 weight = weights[found] / (1.0 + best / (width * width))
@@ -191,94 +153,32 @@ def claim(points, near, motion, targets, claimed):  # type: ignore[no-untyped-de
 
 @njit(cache=True)
 def _explained(  # type: ignore[no-untyped-def]
-    points, near, standing, motion, times, hits, away, least, xy, ranges, clear, worth, angle_min, step
+    points, near, standing, motion, bonus, least, xy, ranges, clear, worth, angle_min, step
 ):  # fmt: skip
-    """`times` what points on b's outline are worth under `motion`, less those where b saw through.
-
-    With `hits` on what is new there, less the cost of going `away` metres.
+    """What points on b's outline are worth under `motion`, less those where b saw through, and the `bonus`.
 
     A point that stood, `standing` (n,), and is out of view under `motion` speaks neither for nor against it. A point
     counts as much as what the beam there saw is `worth` (B,). -inf as soon as it cannot be more than `least`.
     """
     c, s = math.cos(motion[2]), math.sin(motion[2])
-    on, through = 0.0, 0
-    n, bonus = len(points), HIT * hits - DISTANCE_COST * away
+    on, through, n = 0.0, 0, len(points)
     # Every few points of what has many are enough.
     stride = max(1, n // MANY)
-    count = (n + stride - 1) // stride
-    for k in range(count):
+    for i in range(0, n, stride):
         # No point is worth more than one.
-        if times * (on + (count - k) * stride - through) + bonus < least - 1e-6:
+        if on + (n + stride - 1 - i) // stride * stride - through + bonus < least - 1e-6:
             return -math.inf
-        # From both ends, where a motion along itself shows.
-        i = stride * (k // 2 if k % 2 == 0 else count - 1 - k // 2)
         x = motion[0] + c * points[i, 0] - s * points[i, 1]
         y = motion[1] + s * points[i, 0] + c * points[i, 1]
         beam = beam_at(x, y, angle_min, step)
-        label = sight(x, y, beam, near[i], xy, ranges, clear, step)
+        label = sight(x, y, near[i], xy, ranges, clear, angle_min, step)
         if label == AGREES:
             on += stride * _worth_at(x, y, beam, xy, ranges, worth)
-        elif label == FREE:
+        elif label == THROUGH:
             through += stride
         elif standing[i] and label == UNSEEN:
             on += stride * (beam < 0 or beam >= len(ranges))
-    return times * (on - through) + HIT * hits - DISTANCE_COST * away
-
-
-@njit(cache=True)
-def _slide(  # type: ignore[no-untyped-def]
-    moved,
-    points,
-    near,
-    standing,
-    background,
-    fresh,
-    claimed,
-    reach,
-    xy,
-    ranges,
-    clear,
-    worth,
-    angle_min,
-    step,
-    start,
-):
-    """Write the best displacement along the longer axis of a group and return what it explains; -inf if it has none."""
-    n = len(moved)
-    mx, my = moved[:, 0].mean(), moved[:, 1].mean()
-    xx, yy, xy_ = 0.0, 0.0, 0.0
-    for i in range(n):
-        dx, dy = moved[i, 0] - mx, moved[i, 1] - my
-        xx += dx * dx
-        yy += dy * dy
-        xy_ += dx * dy
-    half = math.sqrt(0.25 * (xx - yy) ** 2 + xy_ * xy_)
-    if math.sqrt(12.0 * (0.5 * (xx + yy) + half) / n) < LONG:
-        return -math.inf
-    angle = 0.5 * math.atan2(2.0 * xy_, xx - yy)
-    # Every few points are enough to choose by.
-    stride = max(1, n // 40)
-    few, few_near, few_standing = points[::stride], near[::stride] * 1.0, standing[::stride]
-    best, chosen = -math.inf, 0
-    trial = background.copy()
-    for turn in range(2 * int(reach / CELL) + 1):
-        # Near ones first: they are most often right, and what cannot be better is soon left.
-        k = (turn + 1) // 2 * (1 if turn % 2 == 0 else -1)
-        trial[0] = background[0] + k * CELL * math.cos(angle)
-        trial[1] = background[1] + k * CELL * math.sin(angle)
-        hits = claim(few, few_near, trial, fresh, claimed)
-        score = _explained(
-            few, few_near, few_standing, trial, stride, hits, abs(k) * CELL, best, xy, ranges, clear, worth,
-            angle_min, step,
-        )  # fmt: skip
-        if score > best or (score == best and k < chosen):
-            best, chosen = score, k
-            start[:] = trial
-    hits = claim(points, near, start, fresh, claimed)
-    return _explained(
-        points, near, standing, start, 1, hits, abs(chosen) * CELL, -math.inf, xy, ranges, clear, worth,
-        angle_min, step,
-    )  # fmt: skip
+    return on - through + bonus
 
 
 @njit(cache=True)
@@ -303,38 +203,19 @@ def best_motion(  # type: ignore[no-untyped-def]
     stride = max(1, len(points) // 40)
     _votes(moved[::stride], targets, weights, reach, votes)
     peaks = _peaks(votes, reach, PEAKS)
-    targets, weights, low, heads = cells_of(targets, weights)
-    start, trial = np.empty(3), np.empty(3)
+    trial = np.empty(3)
     claimed = np.zeros(len(fresh), dtype=np.bool_)
     best = least - 1e-6
-    for k in range(len(peaks) + 1):
-        start[:] = background
-        if k < len(peaks):
-            start[0] += peaks[k, 0]
-            start[1] += peaks[k, 1]
-        else:
-            # A flank slides along itself, which its end alone tells: every displacement along it gets as many votes.
-            score = _slide(
-                moved, points, near, standing, background, fresh, claimed, reach, xy, ranges, clear, worth,
-                angle_min, step, start,
-            )  # fmt: skip
-            if score > best:
-                best = score
-                motion[:] = start
-            elif score == -math.inf:
-                continue
-        if not fit_group(
-            points[::stride], spacing[::stride], start, background, targets, weights, low, heads, sigma, trial
-        ):
+    for k in range(len(peaks)):
+        dx, dy = peaks[k]
+        trial[:] = background
+        trial[0] += dx
+        trial[1] += dy
+        if not fit_group(points[::stride], spacing[::stride], background, targets, weights, sigma, trial):
             continue
-        away = (
-            length(trial[0] - background[0], trial[1] - background[1])
-            if k == len(peaks)
-            else length(peaks[k, 0], peaks[k, 1])
-        )
-        hits = claim(points, near, trial, fresh, claimed)
+        bonus = HIT * claim(points, near, trial, fresh, claimed) - DISTANCE_COST * length(dx, dy)
         score = _explained(
-            points, near, standing, trial, 1, hits, away, best, xy, ranges, clear, worth, angle_min, step
+            points, near, standing, trial, bonus, best, xy, ranges, clear, worth, angle_min, step
         )
         if score > best:
             best = score

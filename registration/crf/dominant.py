@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.poses import between, inverse
+from estimation.sight import AGREES
 from registration.align import among_movers
-from registration.crf.beams import AGREES, TOUCHING, Beams, seen_by
-from registration.crf.prepared import prepared
+from registration.crf.beams import TOUCHING, Beams, prepared, seen_by
 from registration.motion import Array
 from registration.result import Registration
 from registration.scan import Scan

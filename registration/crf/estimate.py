@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.errors import InputError
 from registration.motion import Array
+
+Model = TypeVar("Model")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +50,20 @@ class JointEstimate:
     def moving(self) -> NDArray[np.bool_]:
         """(N,) beams on something that moves."""
         return self.clusters > 0
+
+
+def read_model(
+    path: str | Path | None, shipped: str, kind: str, version: int, made_of: Callable[[dict[str, Any]], Model]
+) -> Model:
+    """What is `made_of` a model's JSON file, the `shipped` one without a path; InputError if it is of another kind."""
+    file = resources.files("registration.crf").joinpath("models", shipped) if path is None else Path(path)
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if (content["format"], content["version"]) != (kind, version):
+            raise InputError(f"path: {path} holds no {kind} model of version {version}")
+        return made_of(content)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"path: {path} is no complete {kind} model: {error}") from error
 
 
 UNKNOWN = np.diag([1.0, 1.0, 1.0])  # m², rad²: of a motion nothing is known about

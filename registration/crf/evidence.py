@@ -12,21 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from registration.crf.beams import (
-    AGREES,
-    CLEAR,
-    FREE,
-    HIDDEN,
-    TOUCHING,
-    UNSEEN,
-    Beams,
-    beams_at,
-    moved,
-    nearness,
-    sightings,
-)
-from registration.crf.hypotheses import to_nearest
+from estimation.sight import AGREES, HIDDEN, THROUGH, UNSEEN
+from registration.crf.beams import CLEAR, Beams, ends_of, moved, nearness, point_at, sighted
 from registration.crf.setup import Start
 from registration.motion import Array
 
@@ -74,7 +63,7 @@ def evidence(begun: Start, clusters: NDArray[np.int64]) -> Array:
     """(n, len(NAMES)) for the points of scan a in `clusters` (n,), see `groups_as_labels`."""
     a = begun.a
     pieces = _Pieces(a.pieces, np.bincount(a.pieces).astype(np.float64))
-    through = ((begun.sight == FREE) | (begun.sight == CLEAR)).astype(np.float64)
+    through = ((begun.sight == THROUGH) | (begun.sight == CLEAR)).astype(np.float64)
     seen = {
         "agreeing": (begun.sight == AGREES).astype(np.float64),
         "seen through": through,
@@ -92,7 +81,7 @@ def evidence(begun: Start, clusters: NDArray[np.int64]) -> Array:
 def _of_scans(begun: Start, seen: dict[str, Array]) -> dict[str, Array]:
     """What is the same for all points, but for the range."""
     a, n = begun.a, len(begun.a)
-    new = (begun.fresh == FREE) | (begun.fresh == CLEAR)
+    new = (begun.fresh == THROUGH) | (begun.fresh == CLEAR)
     of_all = {
         "scan seen through": seen["seen through"].mean(),
         "scan hidden": seen["hidden"].mean(),
@@ -106,12 +95,12 @@ def _of_scans(begun: Start, seen: dict[str, Array]) -> dict[str, Array]:
 def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
     """Shape of the pieces, and what is near on them."""
     a = begun.a
-    shapes, first, last = _shapes(a.points, a.ranges[a.beams], a.pieces, pieces.count)
+    shapes, ends = _shapes(a.points, a.ranges[a.beams], a.pieces, pieces.count)
     names = ("extent", "chord", "bulge", "dent", "lower edge", "higher edge")
     columns = {name: shapes[a.pieces, k] for k, name in enumerate(names)}
     index = np.arange(len(a))
-    low = np.maximum(index - AROUND, first[a.pieces])
-    high = np.minimum(index + AROUND, last[a.pieces]) + 1
+    low = np.maximum(index - AROUND, ends[a.pieces, 0])
+    high = np.minimum(index + AROUND, ends[a.pieces, 1]) + 1
     for name, values in seen.items():
         sums = np.concatenate(([0.0], np.cumsum(values)))
         columns[f"{name} near"] = (sums[high] - sums[low]) / (high - low)
@@ -126,16 +115,11 @@ def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, 
 
 @njit(cache=True)
 def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
-    """Extent, chord, greatest distances off it, and edges of each piece, (P, 6); its first and last point, (P,)."""
-    n = len(points)
-    first, last = np.full(len(count), -1, dtype=np.int64), np.zeros(len(count), dtype=np.int64)
+    """Extent, chord, greatest distances off it, and edges of each piece, (P, 6); its `ends_of`."""
+    ends = ends_of(pieces, count)
     shapes = np.zeros((len(count), 6))
-    for k in range(n):
-        if first[pieces[k]] < 0:
-            first[pieces[k]] = k
-        last[pieces[k]] = k
     for p in range(len(count)):
-        f, l = first[p], last[p]
+        f, l, before, beyond = ends[p]
         ux, uy = points[l, 0] - points[f, 0], points[l, 1] - points[f, 1]
         chord = np.hypot(ux, uy)
         low, high = points[f].copy(), points[f].copy()
@@ -148,41 +132,33 @@ def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
                 shapes[p, 3] = max(shapes[p, 3], min(-off, WIDE))
         shapes[p, 0] = min(np.hypot(high[0] - low[0], high[1] - low[1]), LONG)
         shapes[p, 1] = min(chord, LONG)
-        # Single readings beside it are no edge of anything.
-        before, beyond = f - 1, l + 1
-        while before > 0 and count[pieces[before]] == 1.0:
-            before -= 1
-        while beyond < n - 1 and count[pieces[beyond]] == 1.0:
-            beyond += 1
         left = min(max(ranges[before] - ranges[f], -FAR), FAR) if before >= 0 else NOTHING_BESIDE
-        right = min(max(ranges[beyond] - ranges[l], -FAR), FAR) if beyond < n else NOTHING_BESIDE
+        right = min(max(ranges[beyond] - ranges[l], -FAR), FAR) if beyond < len(points) else NOTHING_BESIDE
         shapes[p, 4], shapes[p, 5] = min(left, right), max(left, right)
-    return shapes, first, last
+    return shapes, ends
 
 
 def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
     """How far the points are behind what scan b saw, and whether that is new there or stood before."""
     b, there = begun.b, moved(begun.a.points, begun.registration.transform)
-    beam = beams_at(b, there)
-    inside = beam < len(b.ranges)
-    other = np.where(inside, b.number[np.where(inside, beam, 0)], -1)
+    other, inside = point_at(b, there)
     seen = other >= 0
     fresh = np.where(seen, begun.fresh[np.maximum(other, 0)], -1)
-    depth = np.zeros(len(beam))
+    depth = np.zeros(len(other))
     depth[seen] = np.hypot(*there[seen].T) - b.ranges[b.beams[other[seen]]]
     depth = np.clip(depth, -FAR, FAR)
     return {
         "depth": depth,
         "mean depth": pieces.mean(depth),
         "out of view": pieces.mean((~inside).astype(np.float64)),
-        "hidden by new": pieces.mean(hidden * ((fresh == FREE) | (fresh == CLEAR))),
+        "hidden by new": pieces.mean(hidden * ((fresh == THROUGH) | (fresh == CLEAR))),
     }
 
 
 def _of_groups(a: Beams, clusters: NDArray[np.int64], pieces: _Pieces) -> dict[str, Array]:
     """Whether points and their pieces are in groups that may have moved, and how far it is to those."""
     moving = clusters > 0
-    away = np.minimum(to_nearest(a.points, a.points[moving]), FAR)
+    away = np.minimum(cKDTree(a.points[moving]).query(a.points)[0], FAR)
     nearest = np.full(len(pieces.count), FAR)
     np.minimum.at(nearest, a.pieces, away)
     return {
@@ -213,8 +189,14 @@ def _of_motion(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[st
         return columns
     members = np.column_stack([group.members for group in begun.found])
     active = near_groups(begun.a, members)
-    sight = np.column_stack([_seen(begun, group.motion, active[:, k]) for k, group in enumerate(begun.found)])
-    agrees, through = (((sight == kind) & active).astype(np.float64) for kind in (AGREES, FREE))
+    doubt = nearness(begun.a, begun.noise)
+    sight = np.column_stack(
+        [
+            sighted(begun.a, begun.b, group.motion, doubt, active[:, k])[0]
+            for k, group in enumerate(begun.found)
+        ]
+    )
+    agrees, through = (((sight == kind) & active).astype(np.float64) for kind in (AGREES, THROUGH))
     votes = np.array(
         [pieces.total(agrees[:, k] - through[:, k] + 2.0 * members[:, k]) for k in range(objects)]
     )
@@ -244,16 +226,6 @@ def near_groups(a: Beams, members: NDArray[np.bool_]) -> NDArray[np.bool_]:
             rooted[a.pieces[members[:, d]]] = True
             active[:, d] = ((a.points >= low) & (a.points <= high)).all(axis=1) | rooted[a.pieces]
     return active
-
-
-def _seen(begun: Start, motion: Array, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(n,) how b sees the `wanted` points (n,) of a under `motion`."""
-    a, b = begun.a, begun.b
-    near = nearness(a, begun.noise)
-    labels, _ = sightings(
-        a.points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step, TOUCHING
-    )
-    return np.asarray(labels)
 
 
 def _moves(

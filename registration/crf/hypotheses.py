@@ -7,22 +7,19 @@ A motion is kept where it explains clearly more of both scans than standing stil
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from estimation.poses import inverse
-from registration.crf.beams import AGREES, CLEAR, FREE, TOUCHING, Beams, moved, nearness, sightings
-from registration.crf.candidates import nearest_points
+from estimation.sight import AGREES, THROUGH
+from registration.crf.beams import CLEAR, Beams, moved, nearness, sighted
 from registration.crf.displacement import best_motion, claim
 from registration.crf.grouping import groups_of
 from registration.motion import Array
 
-LINK = 0.45  # metres between parts of one thing: two legs
-SMALL = 0.3  # metres, extent of a leg
 LARGEST = 7.0  # metres, extent of what moves
 TURN_SIGMA = 0.12  # radians a thing may be expected to turn between the scans
 ROUND = 0.6  # metres; what is smaller shows no rotation
@@ -65,9 +62,9 @@ def hypotheses(
     there = np.zeros(len(b), dtype=bool)
     found = _one_way(a, b, background, labels, fresh, reach, noise, here, there)
     # What comes nearer hides what was behind it: a sees nothing of that, but b sees something new.
-    if np.sum((fresh == FREE) & ~there) >= 3:
+    if np.sum((fresh == THROUGH) & ~there) >= 3:
         for group in _one_way(b, a, inverse(background), fresh, labels, reach, noise, there, here):
-            came = _came_from(a, b, group, background, labels, nearness(a, noise)) if group.matched else None
+            came = _came_from(a, b, group, labels, nearness(a, noise)) if group.matched else None
             if came is not None:
                 found.append(came)
     found.sort(key=lambda hypothesis: -hypothesis.gain)
@@ -76,8 +73,7 @@ def hypotheses(
 
 def left_their_place(a: Beams, labels: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n,) number of the group that may have moved each point of a is in, -1 for none; labels (n,) by `seen_by`."""
-    groups = groups_of(a.points, a.pieces, labels, a.spacing, a.ranges[a.beams], LINK, SMALL, LARGEST)
-    return np.asarray(groups, dtype=np.int64)
+    return np.asarray(groups_of(a.points, a.pieces, labels, a.ranges[a.beams], LARGEST), dtype=np.int64)
 
 
 def _one_way(
@@ -90,32 +86,26 @@ def _one_way(
     """
     groups = left_their_place(a, labels)
     groups[explained_here] = -1
-    new = fresh == FREE
+    waiting = [groups == number for number in np.unique(groups[groups >= 0])]
+    if not waiting:
+        return []
+    new = fresh == THROUGH
     # What agrees with the background may be a mover in the place of another, or in its own.
     weights = np.where(new, 1.0, np.where(fresh == AGREES, 0.25, 0.5))
     near = np.maximum(2.0 * nearness(a, noise), 0.5 * a.spacing)
-    waiting = [(groups == number, False) for number in np.unique(groups[groups >= 0])]
-    if not waiting:
-        return []
     search = _Search(a, b, background, labels, new, weights, near, reach, _owners(a, b, background, fresh))
-    tried: list[_Tried] = []
+    tried = [one for members in waiting if (one := search.tried(members, taken)) is not None]
     found: list[Hypothesis] = []
-    while waiting or tried:
-        tried += [one for members, rest in waiting if (one := search.tried(members, taken, rest)) is not None]
-        waiting = []
-        if not tried:
-            break
+    while tried:
         best = tried.pop(int(np.argmax([one.hypothesis.gain for one in tried])))
         if (best.claims & taken).any():
-            waiting = [(best.members, best.rest)]
+            again = search.tried(best.members, taken)
+            tried += [] if again is None else [again]
             continue
         taken |= best.claims
         found.append(best.hypothesis)
-        rest = best.members & ~best.hypothesis.members
         if best.hypothesis.matched:
             explained_here |= best.hypothesis.members
-            if not best.rest and rest.sum() >= 4:
-                waiting = [(rest, True)]
     return found
 
 
@@ -124,21 +114,18 @@ def _owners(a: Beams, b: Beams, background: Array, fresh: NDArray[np.int64]) -> 
     owners = np.full(len(b), -1, dtype=np.int64)
     agrees = np.flatnonzero(fresh == AGREES)
     if len(agrees) and len(a):
-        owners[agrees] = nearest_points(a, moved(b.points[agrees], inverse(background)), OWNED)
+        away, nearest = cKDTree(a.points).query(moved(b.points[agrees], inverse(background)))
+        owners[agrees] = np.where(away <= OWNED, nearest, -1)
     return owners
 
 
 @dataclass(frozen=True, eq=False)
 class _Tried:
-    """A group of points (n,), where it seems to have gone, and what is new in b, (m,), that this explains.
-
-    rest : whether it is what another group left over.
-    """
+    """A group of points (n,), where it seems to have gone, and what is new in b, (m,), that this explains."""
 
     members: NDArray[np.bool_]
     hypothesis: Hypothesis
     claims: NDArray[np.bool_]
-    rest: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,23 +142,41 @@ class _Search:
     reach: float
     owners: NDArray[np.int64]
 
-    def tried(self, members: NDArray[np.bool_], taken: NDArray[np.bool_], rest: bool) -> _Tried | None:
+    def tried(self, members: NDArray[np.bool_], taken: NDArray[np.bool_]) -> _Tried | None:
         """The best motion of a group (n,) to what is not `taken` (m,); None where it stands."""
-        hypothesis = None
-        # With and without what agrees with the background: it may be a wall beside the mover, or its flank.
-        for part in _parts(members, self.labels):
-            other = _of_group(
-                self.a, self.b, self.background, self.labels, part, self.new, self.weights, taken, self.near,
-                self.reach, self._worth(part),
-            )  # fmt: skip
-            if other is not None and (hypothesis is None or other.gain > hypothesis.gain + 1.0):
-                hypothesis = other
-        if hypothesis is None:
+        group = np.flatnonzero(members)
+        count = len(group)
+        if count < 3:
             return None
-        claims = np.zeros(len(self.b), dtype=bool)
-        if hypothesis.matched:
-            _claim(self.a, self.b, hypothesis, self.near, self.new & ~taken, claims)
-        return _Tried(members, hypothesis, claims, rest)
+        a, b, points, kinds = self.a, self.b, self.a.points[group], self.labels[group]
+        agrees = kinds == AGREES
+        sure, stood = int(np.sum(kinds == THROUGH)), int(np.sum(agrees))
+        free = sure + int(np.sum(kinds == CLEAR))
+        extent = float(np.hypot(*np.ptp(points, axis=0)))
+        sigma = ROUND_SIGMA if extent < ROUND else TURN_SIGMA
+        middle = points.sum(axis=0) / count
+        centre = moved(middle, self.background)
+        around = ~taken & (((b.points - centre) ** 2).sum(axis=1) < (self.reach + extent) ** 2)
+        changed, motion, best = count - stood, self.background.copy(), -np.inf
+        least = max(3.0, 0.4 * count, stood - free + max(3.0, min(0.25 * count, 0.6 * changed)))
+        if around.sum() >= 3:
+            best = best_motion(
+                points, self.near[group], agrees, a.spacing[group], self.background, b.points[around],
+                self.weights[around], b.points[around & self.new], self.reach, sigma,
+                b.xy, b.ranges, b.clear, self._worth(members), b.angle_min, b.step, least, motion,
+            )  # fmt: skip
+        claims = np.zeros(len(b), dtype=bool)
+        if best >= least and (free >= 2 or best > 0.7 * count):
+            if np.hypot(*(moved(middle, motion) - centre)) < 0.04:
+                return None
+            there = members & (sighted(a, b, motion, self.near, members)[0] == AGREES)
+            hypothesis = Hypothesis(there, motion, best - (stood - free), True)
+            self._claim(hypothesis, ~taken & self.new, claims)
+        elif sure >= 3 and sure >= 0.5 * count:
+            hypothesis = Hypothesis(members, self.background.copy(), float(free), False)
+        else:
+            return None
+        return _Tried(members, hypothesis, claims)
 
     def _worth(self, members: NDArray[np.bool_]) -> Array:
         """(B,) what it says for a motion of the members (n,) that it takes one to where each beam of b ended.
@@ -183,119 +188,28 @@ class _Search:
         worth[self.b.beams] = np.where(busy, BUSY, 1.0)
         return worth
 
+    def _claim(self, hypothesis: Hypothesis, new: NDArray[np.bool_], claims: NDArray[np.bool_]) -> None:
+        """Mark in `claims` what is `new` in b, (m,), and explained: nothing else can have become it."""
+        free = np.flatnonzero(new)
+        free = free[np.argsort(self.b.points[free, 0])]
+        claimed = np.zeros(len(free), dtype=bool)
+        members, targets = hypothesis.members, np.ascontiguousarray(self.b.points[free])
+        claim(self.a.points[members], self.near[members], hypothesis.motion, targets, claimed)
+        claims[free[claimed]] = True
+
 
 def _came_from(
-    a: Beams, b: Beams, group: Hypothesis, background: Array, labels: NDArray[np.int64], near: Array
+    a: Beams, b: Beams, group: Hypothesis, labels: NDArray[np.int64], near: Array
 ) -> Hypothesis | None:
     """A group of b that was found in a, as one of a; None where too little of a belongs to it.
 
     Of a piece that is not of it as a whole only what left its place is: the rest is what the mover hides now.
     """
     motion = inverse(group.motion)
-    on = _on_outline(a.points, near, np.ones(len(a), dtype=bool), motion, b)
+    on = sighted(a, b, motion, near)[0] == AGREES
     members = on.copy()
-    members[on] = _among(moved(a.points[on], motion), b.points[group.members], (near + a.spacing)[on])
+    away, _ = cKDTree(b.points[group.members]).query(moved(a.points[on], motion))
+    members[on] = away < (near + a.spacing)[on]
     whole = np.bincount(a.pieces, members) > WHOLE * np.bincount(a.pieces)
-    members &= whole[a.pieces] | (labels == FREE) | (labels == CLEAR)
+    members &= whole[a.pieces] | (labels == THROUGH) | (labels == CLEAR)
     return replace(group, members=members, motion=motion) if members.sum() >= 3 else None
-
-
-def _among(points: Array, others: Array, reach: Array) -> NDArray[np.bool_]:
-    """(n,) which points (n, 2) have one of the others (m, 2) within reach (n,)."""
-    return np.asarray(to_nearest(points, others) < reach)
-
-
-@njit(cache=True)
-def to_nearest(points, others):  # type: ignore[no-untyped-def]
-    """(n,) metres from points (n, 2) to the nearest of the others (m, 2), inf without any."""
-    away = np.empty(len(points))
-    for i in range(len(points)):
-        best = math.inf
-        for j in range(len(others)):
-            dx, dy = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1]
-            best = min(best, dx * dx + dy * dy)
-        away[i] = math.sqrt(best)
-    return away
-
-
-def _parts(members: NDArray[np.bool_], labels: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
-    changed = members & (labels != AGREES)
-    if changed.sum() < 3:
-        return [members]
-    return [changed] if changed.sum() == members.sum() else [changed, members]
-
-
-def _claim(
-    a: Beams, b: Beams, hypothesis: Hypothesis, near: Array, new: NDArray[np.bool_], claims: NDArray[np.bool_]
-) -> None:
-    """Mark in `claims` what is new in b and explained by a hypothesis: nothing else can have become it."""
-    free = np.flatnonzero(new)
-    free = free[np.argsort(b.points[free, 0])]
-    claimed = np.zeros(len(free), dtype=bool)
-    members = hypothesis.members
-    claim(a.points[members], near[members], hypothesis.motion, np.ascontiguousarray(b.points[free]), claimed)
-    claims[free[claimed]] = True
-
-
-def _of_group(
-    a: Beams, b: Beams, background: Array, labels: NDArray[np.int64], members: NDArray[np.bool_],
-    new: NDArray[np.bool_], weights: Array, taken: NDArray[np.bool_], near: Array, reach: float,
-    worth: Array,
-) -> Hypothesis | None:  # fmt: skip
-    """The best motion of one group, None where it stands."""
-    group = np.flatnonzero(members)
-    count = len(group)
-    if count < 3:
-        return None
-    points, kinds = a.points[group], labels[group]
-    agrees = kinds == AGREES
-    sure, stood = int(np.count_nonzero(kinds == FREE)), int(np.count_nonzero(agrees))
-    free = sure + int(np.count_nonzero(kinds == CLEAR))
-    extent = float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
-    sigma = ROUND_SIGMA if extent < ROUND else TURN_SIGMA
-    middle = points.sum(axis=0) / count
-    centre = moved(middle, background)
-    targets, worths, fresh = _goals(b.points, taken, new, weights, centre, reach + extent)
-    stay, changed = stood - free, count - stood
-    least = max(3.0, 0.4 * count, stay + max(3.0, min(0.25 * count, 0.6 * changed)))
-    motion = background.copy()
-    best = -np.inf
-    if len(targets) >= 3:
-        best = best_motion(
-            points, near[group], agrees, a.spacing[group], background, targets, worths, fresh, reach, sigma,
-            b.xy, b.ranges, b.clear, worth, b.angle_min, b.step, least, motion,
-        )  # fmt: skip
-    if best >= least and (free >= 2 or best > 0.7 * count):
-        if np.hypot(*(moved(middle, motion) - centre)) < 0.04:
-            return None
-        on = _on_outline(a.points, near, members, motion, b) & members
-        return Hypothesis(on, motion, best - stay, True)
-    if sure >= 3 and sure >= 0.5 * count:
-        return Hypothesis(members, background.copy(), float(free), False)
-    return None
-
-
-@njit(cache=True)
-def _goals(points, taken, new, weights, centre, radius):  # type: ignore[no-untyped-def]
-    """Points (k, 2) of those (m, 2) that are not `taken` and lie around `centre` (2,), their weights, those `new`."""
-    found, worths, fresh = np.empty((len(points), 2)), np.empty(len(points)), np.empty((len(points), 2))
-    count = newer = 0
-    for j in range(len(points)):
-        dx, dy = points[j, 0] - centre[0], points[j, 1] - centre[1]
-        if taken[j] or dx * dx + dy * dy >= radius * radius:
-            continue
-        found[count, 0], found[count, 1], worths[count] = points[j, 0], points[j, 1], weights[j]
-        count += 1
-        if new[j]:
-            fresh[newer, 0], fresh[newer, 1] = points[j, 0], points[j, 1]
-            newer += 1
-    return found[:count], worths[:count], fresh[:newer]
-
-
-def _on_outline(
-    points: Array, near: Array, wanted: NDArray[np.bool_], motion: Array, b: Beams
-) -> NDArray[np.bool_]:
-    labels, _ = sightings(
-        points, near, wanted, motion, b.xy, b.ranges, b.clear, b.angle_min, b.step, TOUCHING
-    )
-    return np.asarray(labels == AGREES)

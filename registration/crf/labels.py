@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from registration.crf.beams import AGREES, UNSEEN, Beams, beams_at, moved, nearness
-from registration.crf.candidates import nearest_points
+from estimation.sight import AGREES, UNSEEN
+from registration.crf.beams import Beams, moved, nearness, per_beam, point_at
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.setup import Start
 from registration.motion import Array
@@ -57,19 +58,11 @@ def estimate_of(begun: Start, labels: NDArray[np.int64], probability: Array) -> 
         else:
             motions.append(motions[0])
             covariances.append(UNKNOWN)
-    count = len(a.ranges)
-    per_beam = np.full(count, -1, dtype=np.int64), np.full(count, -1, dtype=np.int64)
-    probabilities = np.full(count, np.nan)
-    per_beam[0][a.beams] = np.where(partners >= 0, b.beams[np.maximum(partners, 0)], -1)
-    per_beam[1][a.beams] = clusters
-    probabilities[a.beams] = probability
+    associations, labels, probabilities = per_beam(a, b, partners, clusters, probability)
+    score = _log_score(clusters > 0, probability)
     return JointEstimate(
-        *per_beam,
-        np.array(motions),
-        _log_score(clusters > 0, probability),
-        np.array(covariances),
-        probabilities,
-    )
+        associations, labels, np.array(motions), score, np.array(covariances), probabilities
+    )  # fmt: skip
 
 
 def _log_score(moving: NDArray[np.bool_], probability: Array) -> float:
@@ -98,23 +91,15 @@ def _associate(
         return
     there = moved(begun.a.points[index], motion)
     noise = nearness(b, begun.noise)
-    found = _looking(b, there)
+    found, _ = point_at(b, there)
     away = np.hypot(*(there - b.points[found]).T)
     found = np.where((found >= 0) & (away < np.maximum(gaps, noise)[found]), found, -1)
     rest = np.flatnonzero(found < 0)
     if len(rest):
         reach = np.maximum(NEAR * gaps, noise)
-        nearest = nearest_points(b, there[rest], float(reach.max()))
-        away = np.hypot(*(there[rest] - b.points[nearest]).T)
-        found[rest] = np.where((nearest >= 0) & (away < reach[nearest]), nearest, -1)
+        away, nearest = cKDTree(b.points).query(there[rest])
+        found[rest] = np.where(away < reach[nearest], nearest, -1)
     partners[index] = found
-
-
-def _looking(b: Beams, points: Array) -> NDArray[np.int64]:
-    """(n,) point of b that the beam saw which looks at each of `points` (n, 2), -1 for none."""
-    beam = beams_at(b, points)
-    inside = beam < len(b.ranges)
-    return np.where(inside, b.number[np.where(inside, beam, 0)], -1)
 
 
 def _gaps(b: Beams) -> Array:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from estimation.errors import InputError
 from estimation.gradient_boosting import GradientBoosting
 from registration.crf.background import without_movers
 from registration.crf.beams import beams_of
-from registration.crf.estimate import JointEstimate, nothing, unchanged
+from registration.crf.estimate import JointEstimate, nothing, read_model, unchanged
 from registration.crf.labels import confirmed, estimate_of, groups_as_labels
 from registration.crf.setup import Start, start
 from registration.crf.trees import decided
@@ -49,18 +48,10 @@ class JointModel:
         ------
         InputError : the file is no such model.
         """
-        if path is None:
-            text = resources.files("registration.crf").joinpath("models/movers.json").read_text("utf-8")
-        else:
-            text = Path(path).read_text(encoding="utf-8")
-        try:
-            content = json.loads(text)
-            if content["format"] != FORMAT or content["version"] != VERSION:
-                raise InputError(f"path: {path} holds no {FORMAT} model of version {VERSION}")
-            trees = GradientBoosting.from_dict(content["trees"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(f"path: {path} is no complete {FORMAT} model: {error}") from error
-        return cls(trees, content.get("card", {}))
+        return read_model(
+            path, "movers.json", FORMAT, VERSION,
+            lambda content: cls(GradientBoosting.from_dict(content["trees"]), content.get("card", {})),
+        )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON. InputError without trees."""

@@ -8,22 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.poses import inverse
-from registration.align import REACH, TURN, align, best_of, search
-from registration.crf.beams import AGREES, TOUCHING, Beams, beams_of, first_look, seen_by
+from estimation.sight import AGREES
+from registration.align import REACH, TURN, best_of
+from registration.crf.beams import TOUCHING, Beams, beams_of, first_look, prepared, seen_by
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
-from registration.crf.prepared import prepared
 from registration.judgement import LENIENT, Asked, judged
 from registration.motion import Array
 from registration.result import Registration
 from registration.scan import Scan
 
-FAR, FAR_TURN = 2.0, np.deg2rad(60.0)  # metres and radians searched where nothing fits near
-FAST = 3.0  # m/s the sensor may go, where stamps tell the interval
-NEAR_REACH = 0.8  # metres `align` searches
 CROWDED = Asked(0.65, 0.36, 1.15, -np.inf, False)  # of the nearest answer where there is no better one
-SAME = 0.02  # metres between two answers that are one
-FAR_FITNESS = 0.85  # what is found there has to fit better than most
 LEAST_STANDING = (
     0.25  # share of either scan's beams that agree with the other: outlines say less where one is filled
 )
@@ -107,26 +102,11 @@ def _as_known(a: Beams, sight: NDArray[np.int64], known: NDArray[np.bool_]) -> N
 
 
 def _register(scan_a: Scan, scan_b: Scan) -> Registration:
-    """The background's motion: near first, then farther, as far as a fast robot goes between the two.
-
-    Where neither is enough, less is asked of what is near: in a crowd little of the outlines stands.
-    """
+    """The background's motion; less is asked of it where it is not enough: in a crowd little of the outlines stands."""
     moving, still = prepared(scan_a), prepared(scan_b)
     nearest = best_of(moving, still, np.zeros(3), REACH, TURN)
     near = judged(moving, still, *nearest, LENIENT)
-    if near.converged:
-        return near
-    reach = min(FAR, FAST * abs(scan_b.stamp - scan_a.stamp))
-    if reach >= NEAR_REACH:
-        far = search(moving, still, np.zeros(3), reach, FAR_TURN, LENIENT)
-        # What comes back to where the nearest answer was is no other one.
-        elsewhere = np.hypot(*(far.transform - near.transform)[:2]) > SAME
-        if not far.converged and elsewhere and "settle" in far.reason:
-            again = align(scan_a, scan_b, far.transform, "point_to_line")
-            far = again if again.converged else far
-        if far.converged and far.fitness > FAR_FITNESS:
-            return far
-    return judged(moving, still, *nearest, CROWDED)
+    return near if near.converged else judged(moving, still, *nearest, CROWDED)
 
 
 def reach_of(scan_a: Scan, scan_b: Scan) -> float:

@@ -7,13 +7,12 @@ length to the first, third and fifth neighbour, of range, and the distance betwe
 from __future__ import annotations
 
 import math
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import Beams, length
+from registration.crf.beams import Beams, length, once
 from registration.motion import Array
 
 NAMES = (
@@ -63,16 +62,12 @@ def _compare(points, patterns, others, others_patterns, states, chosen, features
             features[i, k, 11] = min(length(x - u, y - v), FAR)
 
 
-_known: WeakKeyDictionary[Beams, Array] = WeakKeyDictionary()
-
-
+@once
 def patterns_of(beams: Beams) -> Array:
     """What surrounds each point, (n, 9): distance, angle, geodesic length to neighbours 1, 3 and 5."""
-    patterns = _known.get(beams)
-    if patterns is None:
-        patterns = _known[beams] = np.zeros((len(beams), 9))
-        if len(beams) > 1:
-            _patterns(beams.points, patterns)
+    patterns = np.zeros((len(beams), 9))
+    if len(beams) > 1:
+        _patterns(beams.points, patterns)
     return patterns
 
 

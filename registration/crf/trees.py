@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimation.gradient_boosting import GradientBoosting
-from registration.crf.beams import AGREES
+from estimation.sight import AGREES
 from registration.crf.evidence import evidence
 from registration.crf.setup import Start
 from registration.motion import Array

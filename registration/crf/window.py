@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from estimation.poses import between
 from registration.align import among_movers
-from registration.crf.beams import beams_of
+from registration.crf.beams import beams_of, prepared
 from registration.crf.estimate import JointEstimate
 from registration.crf.model import JointModel
-from registration.crf.prepared import prepared
 from registration.motion import Array
 from registration.scan import Scan
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from registration.crf.beams import AGREES, FREE, beams_of, nearness, seen_by
-from registration.crf.displacement import _explained, _nearest, cells_of
-from registration.crf.hypotheses import to_nearest
+from estimation.sight import AGREES, THROUGH
+from registration.crf.beams import beams_of, nearness, seen_by
+from registration.crf.displacement import _explained, _nearest
 from whereabouts.simulation.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
 
 
@@ -18,22 +18,21 @@ def pair() -> LabelledPair:
 
 
 @pytest.mark.parametrize("reach", [0.12, 0.4, 0.9])
-def test_the_nearest_in_squares_is_the_nearest(reach: float) -> None:
+def test_the_nearest_in_order_is_the_nearest(reach: float) -> None:
     rng = np.random.default_rng(3)
-    points, weights = rng.uniform(-2.0, 2.0, (150, 2)), rng.random(150)
-    targets, worths, low, heads = cells_of(points, weights)
-    tree = cKDTree(points)
+    targets = rng.uniform(-2.0, 2.0, (150, 2))
+    targets = targets[np.argsort(targets[:, 0])]
+    tree = cKDTree(targets)
     outside = 0
     for x, y in rng.uniform(-3.0, 3.0, (400, 2)):
         away, number = tree.query((x, y))
-        square, found = _nearest(x, y, reach, targets, low, heads)
+        square, found = _nearest(x, y, reach, targets)
         if away >= reach:
             assert found < 0
             outside += 1
         else:
             assert square == pytest.approx(away**2)
-            assert tuple(targets[found]) == tuple(points[number])
-            assert worths[found] == weights[number]
+            assert found == number
     assert 20 < outside < 380
 
 
@@ -46,16 +45,9 @@ def test_a_motion_is_given_up_only_where_it_cannot_be_good_enough(pair: Labelled
     for shift in np.linspace(-0.6, 0.6, 13):
         motion = pair.motions[0] + [shift, 0.5 * shift, 0.0]
         labels, _ = seen_by(a, b, motion, 0.01)
-        wanted = np.sum(labels[group] == AGREES) - np.sum(labels[group] == FREE) + 0.7 * 2 - 4.0 * 0.1
+        wanted = np.sum(labels[group] == AGREES) - np.sum(labels[group] == THROUGH) + 1.0
         for least in (-1e9, wanted - 0.5, wanted + 0.5, 1e9):
-            found = _explained(a.points[group], near[group], standing[group], motion, 1, 2, 0.1, least, *scan)
+            found = _explained(a.points[group], near[group], standing[group], motion, 1.0, least, *scan)
             assert found == pytest.approx(wanted) or (found == -np.inf and least > wanted)
             given_up += found == -np.inf
     assert given_up >= 13
-
-
-def test_distances_to_the_nearest() -> None:
-    rng = np.random.default_rng(5)
-    points, others = rng.uniform(-3.0, 3.0, (40, 2)), rng.uniform(-3.0, 3.0, (30, 2))
-    np.testing.assert_allclose(to_nearest(points, others), cKDTree(others).query(points)[0])
-    assert np.isinf(to_nearest(points, others[:0])).all()

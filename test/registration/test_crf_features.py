@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial import cKDTree
 
+from estimation.sight import AGREES, HIDDEN, THROUGH, UNSEEN
 from evaluation.experiments.crf_metrics import edit_distance, renumbered
 from registration import Scan
-from registration.crf.beams import AGREES, CLEAR, FREE, HIDDEN, UNSEEN, beams_of, first_look, seen_by
-from registration.crf.candidates import nearest_points
+from registration.crf.beams import CLEAR, beams_of, first_look, seen_by
 from registration.crf.rigid import rigid_motion
 from registration.crf.shape_features import NAMES, pair_features
 from whereabouts.simulation import Lidar, box, joined
@@ -41,7 +40,7 @@ def test_sight_tells_what_was_seen_through_from_what_is_hidden() -> None:
     empty, full = scan_at((0.0, 0.0, 0.0)), scan_at((0.0, 0.0, 0.0), box(0.5, 0.5, (1.5, 0.0, 0.0)))
     labels, off = seen_by(beams_of(full), beams_of(empty), np.zeros(3), 0.01)
     near = beams_of(full).ranges < 2.0
-    assert (labels[near] == FREE).all()
+    assert (labels[near] == THROUGH).all()
     assert (labels[~near] == AGREES).mean() > 0.98
     assert off[~near].max() < 0.05
     back, _ = seen_by(beams_of(empty), beams_of(full), np.zeros(3), 0.01)
@@ -67,15 +66,6 @@ def test_a_run_without_returns_says_that_nothing_near_is_there() -> None:
     )
 
 
-def test_the_nearest_point_is_found_without_a_tree() -> None:
-    b = beams_of(scan_at((0.2, 0.1, 0.1), box(0.5, 0.5, (1.5, 0.0, 0.0))))
-    points = np.random.default_rng(4).uniform(-4.0, 4.0, (300, 2))
-    away, nearest = cKDTree(b.points).query(points)
-    found = nearest_points(b, points, 0.6)
-    assert 50 < np.sum(found >= 0) < 300
-    assert_allclose(found, np.where(away <= 0.6, nearest, -1))
-
-
 def test_the_first_look_finds_the_noise_and_what_it_shows() -> None:
     rng = np.random.default_rng(5)
     for sigma in (0.008, 0.015, 0.05):
@@ -91,7 +81,7 @@ def test_the_first_look_finds_the_noise_and_what_it_shows() -> None:
         assert np.mean(labels == again[0]) > 0.99
         assert_allclose(off, again[1], atol=1e-9)
     near = a.ranges[a.beams] < 2.0
-    assert np.mean(labels[near] == FREE) > 0.9
+    assert np.mean(labels[near] == THROUGH) > 0.9
 
 
 def test_shape_features_are_differences_of_patterns() -> None:

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from estimation.errors import InputError
+from evaluation.experiments.crf_learning import learned_trees
 from evaluation.experiments.crf_metrics import f1_of, scores
 from registration import Scan
 from registration.crf import JointModel
@@ -17,7 +18,6 @@ from registration.crf.estimate import JointEstimate
 from registration.crf.evidence import NAMES, evidence
 from registration.crf.labels import groups_as_labels
 from registration.crf.setup import start
-from registration.crf.training import train
 from registration.crf.trees import with_movers
 from registration.crf.window import decide, mean_probability
 from whereabouts.simulation import Lidar, random_room
@@ -148,7 +148,7 @@ def test_probabilities_mean_what_they_say(model: JointModel) -> None:
 
 
 def test_training_learns_what_the_evidence_tells(pairs: list[LabelledPair]) -> None:
-    trees = train(pairs[:8], trees=40)
+    trees = learned_trees(pairs[:8], trees=40)
     groups, learned = (
         f1_of([scores(pair, each.infer(pair.scan_a, pair.scan_b)).counts for pair in pairs[:8]])
         for each in (JointModel(), JointModel(trees))
