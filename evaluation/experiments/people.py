@@ -25,6 +25,7 @@ from evaluation.experiments.people_judging import (
 )
 from evaluation.experiments.people_marked import MARKED, marked_legs
 from evaluation.experiments.people_picture import hidden_episodes, picture
+from evaluation.experiments.people_sensitivity import sensitivity
 from evaluation.report import Options, Part, Report, Table
 from tracking.people import PeopleTracker
 from whereabouts.progress import track
@@ -279,5 +280,6 @@ PARTS = {
     "phantoms": Part(phantom_benchmark, random=False, needs=PHANTOM_NEEDS),
     "home": Part(_home, quick_seeds=3),
     "hidden": Part(_hidden),
+    "sensitivity": Part(sensitivity, random=False),
     "recorded": Part(_demo, random=False, needs=(f"people/{DEMO}",)),
 }
