@@ -62,7 +62,7 @@ def sensitivity(options: Options, report: Report) -> None:
     columns = ["number", "value"]
     columns += [f"×{factor:g}: OSPA of {kind}, m ↓" for factor in FACTORS for kind in ("people", "all")]
     note = (
-        "One number at a time, everything else as shipped. Probabilities p become 1 - (1 - p) / factor. OSPA with p = 2, "
+        "One number at a time, all else as shipped. Probabilities p become 1 - (1 - p) / factor. OSPA with p = 2, "
         "c = 1 m. The class is not trained anew."
     )
     if options.quick:
