@@ -93,7 +93,7 @@ def test_a_map_is_saved_and_loaded_by_nav2s_names_and_nothing_foreign_is_touched
     # Read again, as map_server is asked to; the answer has the map.
     answer = loaded("file://" + quote(f"{stem}.yaml"))
     assert answer.result == LoadMap.Response.RESULT_SUCCESS, graph.log(spec)
-    read = OccupancyGrid.load(state / "office.yaml")
+    read = OccupancyGrid.load(folder / "home.yaml")
     values = np.array(answer.map.data, dtype=np.int8).reshape(answer.map.info.height, answer.map.info.width)
     assert (values == 100).sum() == pytest.approx(read.occupied.sum(), rel=0.05)
     asked_for = graph.call(GetMap, "map_server/map", GetMap.Request()).map

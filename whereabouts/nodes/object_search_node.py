@@ -34,6 +34,7 @@ from whereabouts.parameters.object_search import ObjectSearchParameters
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
+from world_model.describing import named
 from world_model.state import MOVED_ON
 
 Array = NDArray[np.float64]
@@ -308,7 +309,7 @@ class ObjectSearchNode(SuiteNode):
     def _succeed(self, handle: Any, found: WorldObject, result: Any) -> None:
         handle.succeed()
         result.code = result.FOUND
-        result.message = f"{found.id} is at ({found.position[0]:.2f}, {found.position[1]:.2f})"
+        result.message = f"{named(found)} is at ({found.position[0]:.2f}, {found.position[1]:.2f})"
         result.object = [object_message(found, np.eye(4))]
         result.pose = pose_stamped(self._header(), np.array([*found.position[:2], 0.0]))
 

@@ -45,6 +45,7 @@ from whereabouts_msgs.msg import VerificationTask as TaskMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import TriggerVerification
 from world_model import Maintenance, VerificationTask, WorldState
+from world_model.describing import named
 from world_model.growth import Growth
 from world_model.maintenance_warm_up import warm_up
 
@@ -147,15 +148,16 @@ class WorldMaintenanceNode(SuiteNode):
                 raise InputError(f"no object of class '{request.class_name}' is known")
             able = [item for item in of_class if not item.lost]
             if not able:
-                missed = max(of_class, key=lambda item: item.existence).id
-                raise InputError(f"{missed} is lost: it was not at its place. Use find_object")
+                missed = max(of_class, key=lambda item: item.existence)
+                raise InputError(f"{named(missed)} is lost: it was not at its place. Use find_object")
             name = max(able, key=lambda item: item.existence).id
         elif all(item.id != name for item in known):
             raise InputError(f"object '{name}' is unknown")
         self._want(name)
         response.merged = not self._maintenance.trigger(name, request.requester or "a task")
         response.object_id = name
-        response.code, response.message = response.SUCCESS, f"{name} is next to be observed"
+        words = next(named(item) for item in known if item.id == name)
+        response.code, response.message = response.SUCCESS, f"{words} is next to be observed"
         return response
 
     # Decisions.
