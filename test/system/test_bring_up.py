@@ -27,6 +27,10 @@ class Pretender:
     def __init__(self, name: str, steps: list[tuple[str, int]], state: int) -> None:
         self.name, self._steps, self._state, self._asked = name, steps, state, 0
 
+    @property
+    def present(self) -> bool:
+        return self.name != "dead"
+
     def state(self, wait: float = 1.0) -> int:
         self._asked += 1
         return State.PRIMARY_STATE_UNKNOWN if self._asked % 3 else self._state
@@ -47,6 +51,16 @@ def test_all_are_configured_in_order_before_the_first_is_active() -> None:
 def test_waiting_ends_and_says_for_whom() -> None:
     with pytest.raises(SuiteError, match="dead is not active after 0 s"):
         bring_up([Pretender("dead", [], State.PRIMARY_STATE_UNKNOWN)], timeout=0.0)  # type: ignore[list-item]
+
+
+def test_one_that_compiles_is_waited_for_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("whereabouts.nodes.bring_up.SAY_AFTER", 0.0)
+    told: list[str] = []
+    slow = Pretender("slow", [], UNCONFIGURED)
+    bring_up([slow], timeout=0.0, tell=told.append)  # type: ignore[list-item]
+    assert ACTIVE in {slow.state() for _ in range(3)}
+    (sentence,) = told
+    assert sentence.startswith("waiting for slow: the first start after an installation compiles")
 
 
 def test_a_node_that_cannot_be_configured_is_named(graph: Graph) -> None:
