@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 from harness import Graph
-from lifecycle_msgs.msg import State
+from lifecycle_msgs.msg import State, Transition
 
 from whereabouts.nodes.bring_up import bring_up
 from whereabouts.nodes.supervisor import SuiteError
@@ -104,9 +104,12 @@ def test_watching_brings_up_again_what_was_started_again(graph: Graph) -> None:
     try:
         for spec in specs:
             graph.until(lambda s=spec: graph.state(s) == ACTIVE, f"{spec.executable} is active")  # type: ignore[misc]
+        # What a person takes down, to set a parameter, stays down; what died comes back.
+        graph.change(specs[1], Transition.TRANSITION_DEACTIVATE)
         graph.kill(specs[0])
         graph.supervisor.nodes[specs[0].full_name].restart()
         graph.until(lambda: graph.state(specs[0]) == ACTIVE, "it is active again")
+        assert graph.state(specs[1]) == INACTIVE
     finally:
         process.send_signal(signal.SIGINT)
         process.wait()

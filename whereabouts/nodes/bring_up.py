@@ -42,7 +42,7 @@ class LifecycleClient:
 
     def __init__(self, node: Node, executor: Any, name: str) -> None:
         self.name = name
-        self._executor = executor
+        self._node, self._executor = node, executor
         self._get = node.create_client(GetState, f"{name}/get_state")
         self._change = node.create_client(ChangeState, f"{name}/change_state")
 
@@ -50,6 +50,11 @@ class LifecycleClient:
     def present(self) -> bool:
         """Whether the node is there, although it may be too busy to answer."""
         return bool(self._get.service_is_ready())
+
+    def processes(self) -> frozenset[bytes]:
+        """Ids of the processes that are, or a moment ago were, this node: one that was started again has a new one."""
+        infos = self._node.get_publishers_info_by_topic(f"{self.name}/transition_event")
+        return frozenset(bytes(info.endpoint_gid) for info in infos)
 
     def state(self, wait: float = 1.0) -> int:
         """A number of lifecycle_msgs/State; PRIMARY_STATE_UNKNOWN where nobody answers in time."""
@@ -92,7 +97,7 @@ def bring_up(
     """Configure all nodes in order, then activate them in order. One that is further already is left as it is.
 
     look_after : called again and again while waiting; may raise. timeout : s until a node has to be there. tell :
-    called with a sentence about a node that takes long, once for each.
+    called with a sentence if a node takes long.
 
     Raises
     ------
@@ -114,7 +119,7 @@ class _Wait:
     def __init__(self, timeout: float, tell: Callable[[str], None]) -> None:
         self._begun = self._seen = time.monotonic()
         self._timeout, self._tell = timeout, tell
-        self._told: set[str] = set()
+        self._told = False
 
     def check(self, client: LifecycleClient) -> None:
         """Raises SuiteError for a node that has not been there for too long."""
@@ -124,8 +129,8 @@ class _Wait:
         waited, missed = now - self._begun, now - self._seen
         if waited > COMPILING or missed > self._timeout:
             raise SuiteError(f"{client.name} is not active after {waited:.0f} s; its log says why")
-        if waited > SAY_AFTER and client.present and client.name not in self._told:
-            self._told.add(client.name)
+        if waited > SAY_AFTER and client.present and not self._told:
+            self._told = True
             self._tell(
                 f"waiting for {client.name}: the first start after an installation compiles; "
                 "`python3 -m whereabouts.compile` does it beforehand"
@@ -154,13 +159,18 @@ def lifecycle_clients(
 
 
 def watch(clients: Sequence[LifecycleClient]) -> None:
-    """Bring up, for ever, what was started again."""
+    """Bring up, for ever, what was started again. What a person deactivates stays as it is."""
+    known: dict[str, frozenset[bytes]] = {client.name: frozenset() for client in clients}
     while True:
         for client in clients:
-            state = client.state()
-            if state in STEPS:
-                print(f"{client.name} was started again", flush=True)
+            processes = client.processes()
+            if processes - known[client.name]:
+                # One that died before it was looked at for the first time is unconfigured already.
+                again = client.state() in STEPS
                 bring_up([client])
+                if again:
+                    print(f"{client.name} was started again", flush=True)
+            known[client.name] = processes
         time.sleep(WATCH_PERIOD)
 
 
