@@ -84,9 +84,9 @@ def test_lock_step_answers_every_message_and_repeats_exactly(bag: Path, tmp_path
 
 
 def test_the_demo_through_all_nodes_repeats_exactly_on_a_busy_machine(tmp_path: Path) -> None:
-    found, count = compare(tmp_path, 15.0, 2)
+    found, count = compare(tmp_path, 8.0, 2)
     assert found == []
-    assert count > 500
+    assert count > 300
     everything = said(tmp_path / "alone" / "recording.mcap")
     assert {"/targets", "/predicted_paths", "/world_state", "/trajectory", "/map"} <= set(everything)
     # A difference would be seen.
@@ -266,7 +266,6 @@ def test_a_bag_of_a_robot_with_a_namespace_is_replayed_in_it_and_silence_is_told
     command = [
         "run",
         "scan_registration",
-        "loop_closure",
         "--config",
         str(settings),
         "--bag",
@@ -291,7 +290,7 @@ def test_a_bag_of_a_robot_with_a_namespace_is_replayed_in_it_and_silence_is_told
     assert "no transform from 'base_scan' to 'base_footprint'" in told.stderr
     elsewhere = tmp_path / "elsewhere.yaml"
     elsewhere.write_text(settings.read_text().replace("/robot1/", "/robot2/"))
-    told = runner.invoke(app, [*command[:4], str(elsewhere), *command[5:]])
+    told = runner.invoke(app, [*command[:3], str(elsewhere), *command[4:]])
     assert "scan_registration: nothing came on " in told.stderr
 
 
