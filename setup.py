@@ -1,5 +1,6 @@
 """ament_python build of `whereabouts`: five libraries, the application over them, and its ROS share files."""
 
+import sys
 from glob import glob
 from pathlib import Path
 
@@ -21,6 +22,9 @@ NODES = [
 packages = [
     package for top in TOP_PACKAGES for package in [top, *(f"{top}.{sub}" for sub in find_packages(top))]
 ]
+# In wheels the simulation belongs to the experiments (evaluation/setup.py); elsewhere the tree stays whole.
+if "bdist_wheel" in sys.argv:
+    packages.remove("whereabouts.simulation")
 
 setup(
     name=NAME,

@@ -243,7 +243,14 @@ def main(names):
             for build in builds:
                 build.result()
         package_files = [
-            ROOT / name for name in ("setup.py", "setup.cfg", "package.xml", "evaluation/pyproject.toml")
+            ROOT / name
+            for name in (
+                "setup.py",
+                "setup.cfg",
+                "package.xml",
+                "evaluation/pyproject.toml",
+                "evaluation/setup.py",
+            )
         ]
         step("package", package_files, install_package, extra=str(ROOT))
         libraries = [ROOT / name for name in COMPILED]

@@ -1,8 +1,12 @@
 # Lets an interface package build against the ROS wheels of a virtual environment. Given to CMake with
 # -DCMAKE_PROJECT_INCLUDE; on a ROS 2 machine it is neither needed nor used.
 #
-# Expects Python3_EXECUTABLE to be the environment's Python.
+# Python3_EXECUTABLE is the environment's Python; where nobody says so, that of the environment that is active, whatever
+# Python colcon itself runs with.
 
+if(NOT Python3_EXECUTABLE AND DEFINED ENV{VIRTUAL_ENV})
+  set(Python3_EXECUTABLE "$ENV{VIRTUAL_ENV}/bin/python" CACHE FILEPATH "Python that has the packages")
+endif()
 execute_process(COMMAND "${Python3_EXECUTABLE}" -c "import sys; print(sys.prefix)"
   OUTPUT_VARIABLE environment OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
 list(APPEND CMAKE_PREFIX_PATH "${environment}")

@@ -1,7 +1,7 @@
 """Builds the wheels of a checkout: `make wheels`, or `.venv/bin/python compat/wheels.py [FOLDER]`.
 
     whereabouts                 libraries and commands; nodes with the extra [ros]
-    whereabouts_evaluation      experiments
+    whereabouts_evaluation      experiments, and the simulated worlds of experiments and demo
     whereabouts_msgs            the suite's messages with their type supports, for this Python and machine
     whereabouts_compat_msgs     tf2_msgs, vision_msgs, map_msgs and nav2_msgs, for machines without a ROS installation
 

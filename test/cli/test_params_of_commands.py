@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from estimation.poses import between
+from estimation.poses import between, pose_to_matrix
+from registration import Scan
 from whereabouts.cli.main import app
-from whereabouts.logs import McapWriter, OdometryRecord, open_log, read_tum
+from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, TransformRecord, open_log, read_tum
 from whereabouts.parameter_file import ParameterFileError, parameters_for, settings_for
+from whereabouts.robot.log import RobotLog
 from whereabouts.simulation.small_robot import record
 
 runner = CliRunner()
@@ -122,3 +124,52 @@ def test_files_that_cannot_be_used(text: str, sentence: str, tmp_path: Path) -> 
     with pytest.raises(ParameterFileError, match=r"p\.yaml") as error:
         settings_for(path, "loop_closure")
     assert sentence in str(error.value)
+
+
+@pytest.fixture
+def tilted(tmp_path: Path) -> tuple[Path, Path]:
+    """A scanner that looks 20° down at a wall 2 m in front of the robot, and the robot's parameter file."""
+    mounting = pose_to_matrix(np.array([0.0, 0.0, 1.0, 0.0, np.radians(20.0), 0.0]))
+    bearings = -0.5 + 0.01 * np.arange(101)
+    forwards = mounting[0, :2] @ [np.cos(bearings), np.sin(bearings)]
+    bag, settings = tmp_path / "tilted.mcap", tmp_path / "tilted.yaml"
+    with McapWriter(bag) as writer:
+        writer.write_transforms([TransformRecord(mounting, 1.0, "base_link", "laser", "tf_static")])
+        for stamp in (1.0, 1.1, 1.2):
+            scan = Scan(2.0 / forwards, -0.5, 0.01, 0.1, 8.0, stamp)
+            writer.write_scan(ScanRecord(scan, stamp, "scan", "laser"))
+    run("setup", bag, "--out", settings)
+    return bag, settings
+
+
+def test_scans_of_a_tilted_scanner_are_projected_to_the_floor(tilted: tuple[Path, Path]) -> None:
+    bag, settings = tilted
+    with open_log(bag) as log:
+        robot = RobotLog(log, settings)
+        scans = [item.scan for item in robot if isinstance(item, ScanRecord)]
+    assert len(scans) == 3
+    assert all(scan.valid.sum() > 50 for scan in scans)
+    assert all(np.allclose(scan.points()[:, 0], 2.0, atol=0.01) for scan in scans)
+    assert robot.lines() == [
+        "'laser' is tilted: its scans are projected to the floor (3 of 3 messages on scan)"
+    ]
+
+
+def test_nobody_is_looked_for_in_tilted_scans(tilted: tuple[Path, Path]) -> None:
+    bag, settings = tilted
+    result = runner.invoke(app, ["track", str(bag), "--params", str(settings)])
+    assert "people are only found in a level plane" in str(result.exception)
+
+
+def test_a_scanner_that_tf_does_not_place_is_told_of(
+    driven: tuple[Path, Path, np.ndarray], tmp_path: Path
+) -> None:
+    _, settings, _ = driven
+    bag = tmp_path / "alone.mcap"
+    with McapWriter(bag) as writer:
+        for stamp in (1.0, 1.1):
+            nothing = Scan(np.full(40, np.nan), -1.0, 0.05, 0.1, 8.0, stamp)
+            writer.write_scan(ScanRecord(nothing, stamp, "scan", "base_scan"))
+    said = run("odometry", bag, "--params", settings)
+    assert "tf does not say how 'base_scan' is mounted" in said
+    assert "no reading lies between the scanner's range_min and range_max (2 of 2 messages on scan)" in said

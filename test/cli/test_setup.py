@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from registration import Scan
 from whereabouts.cli.main import app
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, Qos, ScanRecord, Topic, TransformRecord
 from whereabouts.logs.encode import transform_message
+from whereabouts.logs.ros_types import standard_types
 from whereabouts.logs.writer import LATCHED
 from whereabouts.parameter_file import problems_of_file, settings_for
 from whereabouts.robot.choice import choose
@@ -151,6 +153,45 @@ def test_a_scanner_is_followed_once_and_without_what_a_filter_took_out(other: st
     assert "not used: /scan: of the same scanner" in result.stdout
 
 
+def test_a_scanner_that_sees_something_goes_before_one_that_does_not(tmp_path: Path) -> None:
+    bag = tmp_path / "robot.mcap"
+    with Recording(bag) as recording:
+        recording.fixed("base_link", "laser")
+        recording.scans("scan")
+        nothing = Scan(np.full(40, np.nan), -1.0, 0.05, 0.1, 8.0, 101.0)
+        recording.writer.write_scan(ScanRecord(nothing, 101.0, "a_scan", "laser"))
+    result, given = set_up(bag, tmp_path)
+    assert given["scan_registration"]["scan_topics"] == ["/scan"]
+    assert "warning: /a_scan: none of 1 scans has a reading" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("roll", "pitch", "sentence"),
+    [(np.pi, 0.0, "mounted upside down"), (0.0, 0.3, "'laser' is tilted by 17°"), (0.0, 0.0, "")],
+)
+def test_how_a_scanner_is_mounted_is_said(roll: float, pitch: float, sentence: str, tmp_path: Path) -> None:
+    bag = tmp_path / "robot.mcap"
+    with Recording(bag) as recording:
+        pose = pose_to_matrix(np.array([0.0, 0.0, 0.5, roll, pitch, 0.0]))
+        recording.writer.write_transforms([TransformRecord(pose, 1.0, "plate", "laser", "tf_static")])
+        recording.fixed("base_link", "plate")
+        recording.scans()
+    result, given = set_up(bag, tmp_path)
+    assert given["/**"]["base_frame"] == "base_link"
+    assert sentence in result.stdout
+    assert sentence or not {"upside", "tilted"} & set(result.stdout.split())
+
+
+def test_the_next_command_can_be_copied_whatever_the_folder_is_called(tmp_path: Path) -> None:
+    folder = tmp_path / "Büro neu"
+    folder.mkdir()
+    bag = folder / "tb3.mcap"
+    record(bag, duration=1.0)
+    result, _ = set_up(bag, folder)
+    words = shlex.split(result.stdout.partition("Next: ")[2])
+    assert words == ["whereabouts", "run", "--config", str(folder / "robot.yaml"), "--bag", str(bag)]
+
+
 def test_a_recording_without_tf_static_is_told_so(tmp_path: Path) -> None:
     bag = tmp_path / "robot.mcap"
     with Recording(bag) as recording:
@@ -232,12 +273,26 @@ def not_connected(robot: Recording) -> None:
     robot.scans(frame="")
 
 
+def never_stamped(robot: Recording) -> None:
+    robot.fixed("base_link", "laser")
+    for k in range(5):
+        scan = Scan(SCAN.ranges, SCAN.angle_min, SCAN.angle_increment, 0.1, 8.0, 0.0)
+        robot.writer.write_scan(ScanRecord(scan, 0.0, "scan", "laser"), (101 + k) * 10**9)
+
+
+def several_echoes(robot: Recording) -> None:
+    types = standard_types().types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](101, 0), "laser")
+    echo = types["sensor_msgs/msg/LaserEcho"](np.array([2.0, 2.5], dtype=np.float32))
+    kind = "sensor_msgs/msg/MultiEchoLaserScan"
+    message = types[kind](header, -1.0, 1.0, 0.1, 0.0, 0.0, 0.1, 8.0, [echo] * 21, [echo] * 21)
+    robot.writer.write_message("echoes", kind, message, 101 * 10**9)
+
+
 def best_effort_tf(robot: Recording) -> None:
     robot.scans()
     topic = Topic("/tf_static", TF, qos=(Qos(reliability="best_effort", durability="volatile"),))
     mount = transform_message([TransformRecord(np.eye(4), 1.0, "base_link", "laser", "tf_static")])
-    from whereabouts.logs.ros_types import standard_types
-
     robot.writer.write_raw(topic, bytes(standard_types().serialize_cdr(mount, TF)), 101_000_000_000)
 
 
@@ -250,6 +305,11 @@ def best_effort_tf(robot: Recording) -> None:
         (clocks_apart, "/scan: its clock is 40.0 s behind the others"),
         (not_connected, "/scan: its frame_id is empty"),
         (best_effort_tf, "/tf_static is published volatile"),
+        (never_stamped, "/scan: its stamps are all 0"),
+        (
+            several_echoes,
+            "/echoes is a MultiEchoLaserScan: let the driver or laser_proc publish its first echo",
+        ),
     ],
 )
 def test_what_stands_in_the_way_is_said_and_nothing_is_written(

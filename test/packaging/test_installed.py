@@ -70,6 +70,7 @@ def test_wheel_carries_all_packages_and_their_data(installed: Path, tmp_path: Pa
         for name in PACKAGES
         for kind in ("models", "defaults")
         for path in (ROOT / name).glob(f"**/{kind}/*")
+        if "simulation" not in path.parts
     ]
     site = Path(found[0]).parents[1]
     assert all((site / path.relative_to(ROOT)).exists() for path in data)
@@ -82,10 +83,16 @@ def test_commands_of_the_wheels_run_outside_the_checkout(
     alone = subprocess.run(listing, capture_output=True, text=True, cwd=tmp_path)
     assert alone.returncode == 1
     assert alone.stderr.startswith("whereabouts: this command needs the package whereabouts-evaluation")
+    living = [str(installed / "bin/whereabouts"), "demo", "--weeks", "1", "--out", str(tmp_path / "weeks")]
+    alone = subprocess.run(living, capture_output=True, text=True, cwd=tmp_path)
+    assert alone.stderr.startswith("whereabouts: this command needs the package whereabouts-evaluation")
+    worlds = [str(installed / "bin/python"), "-c", "import whereabouts.simulation as s; print(s.__file__)"]
+    assert subprocess.run(worlds, capture_output=True, cwd=tmp_path).returncode
     build_wheel(source / "evaluation", tmp_path)
     wheel, python = next(tmp_path.glob("*.whl")), installed / "bin/python"
     checked([sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "-q", str(wheel)])
     assert "conversion" in checked(listing, cwd=tmp_path)
+    assert Path(checked(worlds, cwd=tmp_path).strip()).is_relative_to(installed)
     command = [str(installed / "bin/scan_registration"), "--ros-args", "-p", "max_range:=-1.0"]
     answer = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert answer.returncode == 2

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from catkin_pkg.changelog import Changelog, populate_changelog_from_rst
+from catkin_pkg.cli.tag_changelog import get_forthcoming_label, rename_section
+from catkin_pkg.package import parse_package
 
 from whereabouts.node_names import NODES
 
@@ -187,3 +190,16 @@ def test_what_pip_would_install_rosdep_or_the_recipe_for_ros_machines_does() -> 
     assert skipped == {key for key in keys if key.endswith("-pip")}
     assert {key.removeprefix("python3-").removesuffix("-pip") for key in skipped} <= named
     assert {"nav2_msgs", "rviz2", "rosbag2", "std_srvs"} <= keys
+
+
+@pytest.mark.parametrize("folder", [".", "whereabouts_msgs"])
+def test_both_packages_are_ready_for_a_release(folder: str) -> None:
+    """As bloom's tools read them: a changelog whose `Forthcoming` becomes the version of package.xml."""
+    package = parse_package(ROOT / folder)
+    text = (ROOT / folder / "CHANGELOG.rst").read_text(encoding="utf-8")
+    released = rename_section(text, get_forthcoming_label(text), f"{package.version} (2026-11-24)")
+    changelog = Changelog(package.name)
+    populate_changelog_from_rst(changelog, released)
+    assert [str(version) for version, _, _ in changelog.foreach_version()] == [package.version]
+    assert changelog.get_content_of_version(package.version)
+    assert package.version == parse_package(ROOT).version

@@ -77,6 +77,22 @@ def test_all_that_is_imported_is_named(dist: Path) -> None:
     assert set(about["Requires-Python"].split(",")) == {">=3.11", "<3.14"}
 
 
+def test_only_the_second_wheel_has_experiments_and_simulated_worlds(dist: Path) -> None:
+    (product,) = dist.glob("whereabouts-*.whl")
+    (second,) = dist.glob("whereabouts_evaluation-*.whl")
+    beside = [
+        f"evaluation/{path.name}" for path in (ROOT / "evaluation").glob("*.py") if path.name != "setup.py"
+    ]
+    beside += [
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "whereabouts/simulation").rglob("*")
+        if path.suffix in (".py", ".yaml")
+    ]
+    assert len(beside) > 30
+    assert not {*beside} & {*zipfile.ZipFile(product).namelist()}
+    assert {*beside} <= {*zipfile.ZipFile(second).namelist()}
+
+
 def test_messages_carry_their_type_supports(dist: Path) -> None:
     (wheel,) = dist.glob("whereabouts_msgs-*.whl")
     names = zipfile.ZipFile(wheel).namelist()

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 from harness import Graph
-from lifecycle_msgs.msg import State
+from lifecycle_msgs.msg import State, Transition
 
 from whereabouts.nodes.bring_up import bring_up
 from whereabouts.nodes.supervisor import SuiteError
@@ -26,6 +26,10 @@ class Pretender:
 
     def __init__(self, name: str, steps: list[tuple[str, int]], state: int) -> None:
         self.name, self._steps, self._state, self._asked = name, steps, state, 0
+
+    @property
+    def present(self) -> bool:
+        return self.name != "dead"
 
     def state(self, wait: float = 1.0) -> int:
         self._asked += 1
@@ -47,6 +51,16 @@ def test_all_are_configured_in_order_before_the_first_is_active() -> None:
 def test_waiting_ends_and_says_for_whom() -> None:
     with pytest.raises(SuiteError, match="dead is not active after 0 s"):
         bring_up([Pretender("dead", [], State.PRIMARY_STATE_UNKNOWN)], timeout=0.0)  # type: ignore[list-item]
+
+
+def test_one_that_compiles_is_waited_for_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("whereabouts.nodes.bring_up.SAY_AFTER", 0.0)
+    told: list[str] = []
+    slow = Pretender("slow", [], UNCONFIGURED)
+    bring_up([slow], timeout=0.0, tell=told.append)  # type: ignore[list-item]
+    assert ACTIVE in {slow.state() for _ in range(3)}
+    (sentence,) = told
+    assert sentence.startswith("waiting for slow: the first start after an installation compiles")
 
 
 def test_a_node_that_cannot_be_configured_is_named(graph: Graph) -> None:
@@ -90,9 +104,12 @@ def test_watching_brings_up_again_what_was_started_again(graph: Graph) -> None:
     try:
         for spec in specs:
             graph.until(lambda s=spec: graph.state(s) == ACTIVE, f"{spec.executable} is active")  # type: ignore[misc]
+        # What a person takes down, to set a parameter, stays down; what died comes back.
+        graph.change(specs[1], Transition.TRANSITION_DEACTIVATE)
         graph.kill(specs[0])
         graph.supervisor.nodes[specs[0].full_name].restart()
         graph.until(lambda: graph.state(specs[0]) == ACTIVE, "it is active again")
+        assert graph.state(specs[1]) == INACTIVE
     finally:
         process.send_signal(signal.SIGINT)
         process.wait()

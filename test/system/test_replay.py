@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -83,9 +84,9 @@ def test_lock_step_answers_every_message_and_repeats_exactly(bag: Path, tmp_path
 
 
 def test_the_demo_through_all_nodes_repeats_exactly_on_a_busy_machine(tmp_path: Path) -> None:
-    found, count = compare(tmp_path, 15.0, 2)
+    found, count = compare(tmp_path, 8.0, 2)
     assert found == []
-    assert count > 500
+    assert count > 300
     everything = said(tmp_path / "alone" / "recording.mcap")
     assert {"/targets", "/predicted_paths", "/world_state", "/trajectory", "/map"} <= set(everything)
     # A difference would be seen.
@@ -179,17 +180,21 @@ def test_message_in_the_hands_of_a_killed_node_is_counted(bag: Path, tmp_path: P
     assert account.published["/scan"] == SCANS
 
 
-def test_bag_with_unknown_types_is_replayed_without_them(bag: Path, tmp_path: Path) -> None:
+def test_bag_with_unknown_types_and_a_clock_is_replayed_without_them(bag: Path, tmp_path: Path) -> None:
     from whereabouts.logs import Topic
 
     source = tmp_path / "mixed.mcap"
     with McapWriter(source) as writer, open_raw(bag) as log:
         strange = Topic("/strange", "no_msgs/msg/Nothing", "int32 value\n")
-        for message in log:
+        # A simulator's clock that begins at 0, recorded by the wall clock: the replay's own goes by the latter.
+        clock = Topic("/clock", "rosgraph_msgs/msg/Clock")
+        for number, message in enumerate(log):
             writer.write_raw(message.topic, bytes(message.data), message.log_time)
             writer.write_raw(strange, b"\x00\x01\x00\x00\x05\x00\x00\x00", message.log_time)
+            writer.write_raw(clock, struct.pack("<IiI", 0x0100, number, 0), message.log_time)
     account = run_suite(suite_run(source, tmp_path))
-    assert list(account.skipped) == ["/strange"]
+    assert set(account.skipped) == {"/strange", "/clock"}
+    assert account.unanswered.total() == 0
     assert account.published["/scan"] == SCANS
 
 
@@ -261,7 +266,6 @@ def test_a_bag_of_a_robot_with_a_namespace_is_replayed_in_it_and_silence_is_told
     command = [
         "run",
         "scan_registration",
-        "loop_closure",
         "--config",
         str(settings),
         "--bag",
@@ -286,7 +290,7 @@ def test_a_bag_of_a_robot_with_a_namespace_is_replayed_in_it_and_silence_is_told
     assert "no transform from 'base_scan' to 'base_footprint'" in told.stderr
     elsewhere = tmp_path / "elsewhere.yaml"
     elsewhere.write_text(settings.read_text().replace("/robot1/", "/robot2/"))
-    told = runner.invoke(app, [*command[:4], str(elsewhere), *command[5:]])
+    told = runner.invoke(app, [*command[:3], str(elsewhere), *command[4:]])
     assert "scan_registration: nothing came on " in told.stderr
 
 

@@ -73,8 +73,10 @@ def about(
     """Perception for a mobile service robot: run the nodes, and process recordings."""
 
 
-def _missing(package: str) -> str:
-    """What to say of a package that is not installed; empty for one that nobody expects to be missing."""
+def _missing(module: str) -> str:
+    """What to say of a module that is not installed; empty for one that nobody expects to be missing."""
+    # Wheels have the simulation beside the product, with the experiments.
+    package = "evaluation" if module == "whereabouts.simulation" else module.partition(".")[0]
     if package in EXTRAS:
         return f"this command needs the package {EXTRAS[package]}"
     if package == "rclpy" or package.endswith("_msgs"):
@@ -94,7 +96,7 @@ def main() -> None:
         print(f"whereabouts: {error}", file=sys.stderr)
         sys.exit(1)
     except ImportError as error:
-        sentence = _missing((error.name or "").partition(".")[0])
+        sentence = _missing(error.name or "")
         if not sentence:
             raise
         print(f"whereabouts: {sentence}", file=sys.stderr)

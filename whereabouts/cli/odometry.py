@@ -72,7 +72,7 @@ def odometry(
             raise
         if writer is not None:
             writer.__exit__(None, None, None)
-        for line in log.summary.lines():
+        for line in [*log.summary.lines(), *([] if records is log else records.lines())]:
             typer.echo(line, err=True)
     elapsed = time.perf_counter() - started
     typer.echo(

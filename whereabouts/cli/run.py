@@ -153,7 +153,7 @@ def _run_live(config: SuiteConfig) -> None:
                 supervisor.start(spec)
             typer.echo(f"starting {', '.join(supervisor.nodes)}; Ctrl-C ends, logs are in {config.logs}")
             with lifecycle_clients([spec.full_name for spec in managed]) as clients:
-                bring_up(clients, supervisor.check)
+                bring_up(clients, supervisor.check, tell=typer.echo)
             for spec in managed:
                 # One that dies from now on comes back by itself.
                 supervisor.nodes[spec.full_name].spec = spec

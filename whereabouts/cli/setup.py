@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,9 +77,9 @@ def setup(
         )
     with atomic_path(out) as temporary:
         temporary.write_text(as_text(choice, said, survey.source), encoding="utf-8")
-    bag_option = f" --bag {bag}" if bag is not None else ""
+    bag_option = f" --bag {shlex.quote(str(bag))}" if bag is not None else ""
     space = f" --namespace {choice.namespace}" if choice.namespace else ""
-    typer.echo(f"written: {out}. Next: whereabouts run --config {out}{space}{bag_option}")
+    typer.echo(f"written: {out}. Next: whereabouts run --config {shlex.quote(str(out))}{space}{bag_option}")
 
 
 def survey_of(bag: Path | None, seconds: float) -> Survey:

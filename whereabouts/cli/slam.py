@@ -179,7 +179,9 @@ def _mapped(given: _Input, proposals: Proposals) -> Mapped:
         settings = settings_for(given.params, "loop_closure")
         chosen: Any = settings.proposals if proposals is Proposals.both else proposals.value
         robot = RobotLog(log, given.params, given.topic)
-        return map_robot(robot, settings.slam, given.wheels, advance, chosen)
+        mapped = map_robot(robot, settings.slam, given.wheels, advance, chosen)
+        _say(robot)
+        return mapped
 
 
 def _locate(
@@ -200,6 +202,7 @@ def _locate(
     with _reading(source, "locating") as (log, advance):
         records, topic = given.of_robot(log)
         located = locate_log(records, places, first, use_wheels=given.wheels, topic=topic, on_scan=advance)
+        _say(records)
     _require_scans(source, topic, len(located.stamps))
     elapsed = time.perf_counter() - started
     known = [
@@ -246,6 +249,14 @@ def _reading(source: Path, what: str) -> Iterator[tuple[Log, Callable[[int], Non
         yield log, advance
         for line in log.summary.lines():
             typer.echo(line, err=True)
+
+
+def _say(records: Any) -> None:
+    """What a robot's recording has to be told of, where a parameter file is in use."""
+    from whereabouts.robot.log import RobotLog
+
+    for line in records.lines() if isinstance(records, RobotLog) else ():
+        typer.echo(line, err=True)
 
 
 def _require_scans(source: Path, topic: str | None, count: int) -> None:

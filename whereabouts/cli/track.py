@@ -78,6 +78,7 @@ def track(
     """
     import csv
 
+    from estimation.errors import InputError
     from tracking.people import Person
     from tracking.scan_filters import tracker_of
     from whereabouts.atomic import atomic_path
@@ -99,13 +100,14 @@ def track(
     started = time.perf_counter()
     with open_log(source) as log, progress_bar() as bar:
         task = bar.add_task(f"tracking in {source.name}", total=100)
-        records: Any = log
-        if params is not None:
-            records = RobotLog(log, params, topic)
-            topic = records.topic
+        robot = None if params is None else RobotLog(log, params, topic)
+        records: Any = robot or log
+        topic = topic if robot is None else robot.topic
         for tracked in track_people(
             records, topic=topic, use_wheels=wheels, tracker=tracker, every_class=every
         ):
+            if robot is not None and robot.tilted:
+                raise InputError(f"{source}: {robot.lines()[0]}, but people are only found in a level plane")
             first = tracked.stamp if scans == 0 else first
             last = tracked.stamp
             scans += 1
@@ -124,7 +126,7 @@ def track(
             raise NothingRecognisedError(
                 source, f"there are no scans {f'on topic {topic}' if topic else 'in it'}"
             )
-        for line in log.summary.lines():
+        for line in [*log.summary.lines(), *([] if robot is None else robot.lines())]:
             typer.echo(line, err=True)
     if out is not None:
         with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -24,8 +25,10 @@ from rclpy.utilities import remove_ros_args
 from whereabouts.interrupts import interrupts_kept, listen_to_interrupts
 from whereabouts.nodes.supervisor import SuiteError
 
-# The very first start on a machine compiles for a while.
-TIMEOUT = 180.0
+# s until a node has to be there, and until one that is there has to be active: a very first start compiles, which on a
+# small computer, with all nodes at once, takes many minutes.
+TIMEOUT, COMPILING = 180.0, 1800.0
+SAY_AFTER = 20.0
 ANSWER_TIMEOUT = 30.0
 WATCH_PERIOD = 2.0
 STEPS = {
@@ -39,9 +42,19 @@ class LifecycleClient:
 
     def __init__(self, node: Node, executor: Any, name: str) -> None:
         self.name = name
-        self._executor = executor
+        self._node, self._executor = node, executor
         self._get = node.create_client(GetState, f"{name}/get_state")
         self._change = node.create_client(ChangeState, f"{name}/change_state")
+
+    @property
+    def present(self) -> bool:
+        """Whether the node is there, although it may be too busy to answer."""
+        return bool(self._get.service_is_ready())
+
+    def processes(self) -> frozenset[bytes]:
+        """Ids of the processes that are, or a moment ago were, this node: one that was started again has a new one."""
+        infos = self._node.get_publishers_info_by_topic(f"{self.name}/transition_event")
+        return frozenset(bytes(info.endpoint_gid) for info in infos)
 
     def state(self, wait: float = 1.0) -> int:
         """A number of lifecycle_msgs/State; PRIMARY_STATE_UNKNOWN where nobody answers in time."""
@@ -79,24 +92,49 @@ def bring_up(
     clients: Sequence[LifecycleClient],
     look_after: Callable[[], None] = lambda: None,
     timeout: float = TIMEOUT,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> None:
     """Configure all nodes in order, then activate them in order. One that is further already is left as it is.
 
-    look_after : called again and again while waiting; may raise.
+    look_after : called again and again while waiting; may raise. timeout : s until a node has to be there. tell :
+    called with a sentence if a node takes long.
 
     Raises
     ------
-    SuiteError : a node refuses, or is not active in time.
+    SuiteError : a node refuses, is not there in time, or is there and not active for `COMPILING`.
     """
-    deadline = time.monotonic() + timeout
+    wait = _Wait(timeout, tell)
     for enough in ((State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE), (State.PRIMARY_STATE_ACTIVE,)):
         for client in clients:
             while (state := client.state()) not in enough:
                 look_after()
-                if time.monotonic() > deadline:
-                    raise SuiteError(f"{client.name} is not active after {timeout:.0f} s; its log says why")
+                wait.check(client)
                 if state in STEPS:
                     client.advance(state)
+
+
+class _Wait:
+    """How long nodes are waited for."""
+
+    def __init__(self, timeout: float, tell: Callable[[str], None]) -> None:
+        self._begun = self._seen = time.monotonic()
+        self._timeout, self._tell = timeout, tell
+        self._told = False
+
+    def check(self, client: LifecycleClient) -> None:
+        """Raises SuiteError for a node that has not been there for too long."""
+        now = time.monotonic()
+        if client.present:
+            self._seen = now
+        waited, missed = now - self._begun, now - self._seen
+        if waited > COMPILING or missed > self._timeout:
+            raise SuiteError(f"{client.name} is not active after {waited:.0f} s; its log says why")
+        if waited > SAY_AFTER and client.present and not self._told:
+            self._told = True
+            self._tell(
+                f"waiting for {client.name}: the first start after an installation compiles; "
+                "`python3 -m whereabouts.compile` does it beforehand"
+            )
 
 
 @contextmanager
@@ -121,13 +159,18 @@ def lifecycle_clients(
 
 
 def watch(clients: Sequence[LifecycleClient]) -> None:
-    """Bring up, for ever, what was started again."""
+    """Bring up, for ever, what was started again. What a person deactivates stays as it is."""
+    known: dict[str, frozenset[bytes]] = {client.name: frozenset() for client in clients}
     while True:
         for client in clients:
-            state = client.state()
-            if state in STEPS:
-                print(f"{client.name} was started again", flush=True)
+            processes = client.processes()
+            if processes - known[client.name]:
+                # One that died before it was looked at for the first time is unconfigured already.
+                again = client.state() in STEPS
                 bring_up([client])
+                if again:
+                    print(f"{client.name} was started again", flush=True)
+            known[client.name] = processes
         time.sleep(WATCH_PERIOD)
 
 
@@ -144,7 +187,7 @@ def main() -> None:
         with lifecycle_clients(given.nodes, arguments=sys.argv) as clients:
             if given.watch:
                 watch(clients)
-            bring_up(clients)
+            bring_up(clients, tell=partial(print, flush=True))
             print(f"{', '.join(client.name for client in clients)}: active", flush=True)
     except SuiteError as error:
         print(f"bring_up: {error}", file=sys.stderr)

@@ -48,6 +48,7 @@ class MessageLog(Protocol):
         """Release files."""
 
 
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 # Inputs of every node, and those that a person writes to.
 NOT_DATA = ("/tf", "/tf_static", "/turn", "/initialpose", "/clicked_point")
 
@@ -213,6 +214,10 @@ class Replayer:
         return found
 
     def _advertise(self, topic: Topic) -> None:
+        if topic.type_name == CLOCK_TYPE:
+            # A simulator's, as `ros2 bag record -a` has it: with two clocks time would leap with every message.
+            self.account.skipped[topic.name] = "the replay has a clock of its own"
+            return
         latched = any(offer.durability == "transient_local" for offer in topic.qos)
         # Old recordings do not tell; who listens to these asks for it.
         latched = latched or topic.name.rsplit("/", 1)[-1] in ("tf_static", "world_state")

@@ -25,8 +25,8 @@ from whereabouts.nodes.replayer import PATIENCE, MessageLog, ReplayAccount, Repl
 from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts.resources import config_file
 
-# The very first start on a machine compiles what registration runs per scan.
-START_TIMEOUT = 180.0
+# The very first start on a machine compiles; a node that dies meanwhile is noticed at once.
+START_TIMEOUT = 1800.0
 # Nodes find each other within moments; a mismatch of reliability or durability is the usual reason why they do not.
 CONNECT_TIMEOUT = 60.0
 QUIET = 0.5

@@ -11,7 +11,7 @@ import numpy as np
 from estimation.poses import pose_to_matrix
 from whereabouts.logs import CarmenLog, G2oLog, OdometryRecord, ScanRecord, open_log, open_raw
 from whereabouts.logs.ros_types import Decoder, UnreadableTypeError
-from whereabouts.messages.decode import RECORDS, UnusableMessageError, seconds
+from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import CloudRecord, TransformRecord, strip_slash
 from whereabouts.robot.survey import ODOMETRY, SCAN, TF, Seen, Survey
 
@@ -59,8 +59,12 @@ def _look(survey: Survey, decoders: dict[str, Any], message: Any) -> None:
             # What `open_raw` hands out is CDR already.
             decode = decoders[topic.name] = Decoder(replace(topic, to_cdr=None))
         look_at_message(survey, seen, decode(message.data), message.log_time / 1e9)
-    except (UnreadableTypeError, UnusableMessageError):
+    except UnreadableTypeError:
         return
+    except UnusableMessageError as error:
+        trouble = f"{topic.name}: {error}"
+        if trouble not in survey.troubles:
+            survey.troubles.append(trouble)
 
 
 def look_at_message(survey: Survey, seen: Seen, message: Any, received: float) -> None:
@@ -80,6 +84,7 @@ def look_at_message(survey: Survey, seen: Seen, message: Any, received: float) -
     seen.note(seconds(header.stamp), header.frame_id, received)
     if seen.kind == SCAN:
         seen.range_max = float(message.range_max)
+        seen.empty += not any(record.scan.valid.any() for record in scans(message, seen.name))
     elif seen.kind == ODOMETRY:
         seen.child = strip_slash(message.child_frame_id)
 
@@ -103,6 +108,7 @@ def _converted(path: Path, log: Any, look_at: float) -> Survey:
 def _scan(survey: Survey, record: ScanRecord) -> None:
     seen = _note(survey, record.topic, SCAN, record.stamp, record.frame_id)
     seen.range_max = record.scan.range_max
+    seen.empty += not record.scan.valid.any()
     if record.odometry is not None:
         _note(survey, "wheel_odom", ODOMETRY, record.stamp, "odom").child = "base_link"
     if record.sensor_pose is not None:

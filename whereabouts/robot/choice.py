@@ -55,13 +55,13 @@ def choose(survey: Survey, wanted: Preset | None = None) -> Choice:
 
 
 def _heard_first(items: list[Seen]) -> list[Seen]:
-    """Those that said something before those that did not; by name then."""
-    return sorted(items, key=lambda item: (item.count == 0, item.name))
+    """Those that saw something before those that only said something, before those that did not; by name then."""
+    return sorted(items, key=lambda item: (item.count == 0, item.blind, item.name))
 
 
 def _each_once(scans: list[Seen]) -> list[Seen]:
     """One topic of each scanner: one that is heard before others, and what a filter has left before the raw scan."""
-    order = sorted(scans, key=lambda item: (item.count == 0, not item.name.endswith("_filtered")))
+    order = sorted(scans, key=lambda item: (item.blind, not item.name.endswith("_filtered")))
     best = {item.frame: item.name for item in reversed(order) if item.frame}
     return [item for item in scans if not item.frame or best[item.frame] == item.name]
 

@@ -6,8 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from registration.mounting import level_pose
 from whereabouts.robot.choice import Choice
-from whereabouts.robot.survey import CAMERAS, CLOUD, IMU, ODOMETRY, SCAN, TF, Survey, names
+from whereabouts.robot.survey import CAMERAS, CLOUD, IMU, ODOMETRY, SCAN, TF, UNTAKEN, Survey, names
 
 # s between the clocks of two sources: a transform is then looked up at a wrong time, or is not there at all.
 APART, FAR_APART = 0.5, 5.0
@@ -28,7 +31,7 @@ class Finding:
 
 def findings(survey: Survey, choice: Choice) -> list[Finding]:
     """All there is to say, the gravest first."""
-    parts = (_sensors, _namespaces, _tree, _publishers, _clocks, _qos, _odometry, _others)
+    parts = (_sensors, _namespaces, _tree, _mounting, _publishers, _clocks, _qos, _odometry, _others)
     said = [finding for part in parts for finding in part(survey, choice)]
     return sorted(said, key=lambda finding: ("error", "warning", "note").index(finding.level))
 
@@ -37,10 +40,21 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
     scans, clouds = survey.of(SCAN), survey.of(CLOUD)
     if not scans and not clouds:
         yield Finding("error", f"{survey.source} has neither LaserScan nor PointCloud2 messages")
+        for other in survey.of(*UNTAKEN):
+            yield Finding(
+                "error", f"{other.name} is a {other.kind.rpartition('/')[2]}: {UNTAKEN[other.kind]}"
+            )
         return
     for item in [*scans, *clouds]:
         if item.count == 0:
             yield Finding("warning", f"{item.name}: no message came within {survey.seconds:.0f} s")
+        elif item.unstamped:
+            yield Finding("error", f"{item.name}: its stamps are all 0: the driver has to set header.stamp")
+        elif item.blind:
+            yield Finding(
+                "warning",
+                f"{item.name}: none of {item.count} scans has a reading between range_min and range_max",
+            )
         elif not item.frame:
             yield Finding("error", f"{item.name}: its frame_id is empty: set it in the driver")
         elif item.frame.startswith("/"):
@@ -114,6 +128,23 @@ def _tree(survey: Survey, choice: Choice) -> Iterator[Finding]:
         )
 
 
+def _mounting(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    for name in choice.scans:
+        sensor = survey.topics[name].frame.lstrip("/") if name in survey.topics else ""
+        mounting = survey.mounting(sensor, choice.base_frame)
+        if mounting is None:
+            continue
+        if mounting[2, 2] < 0.0 and level_pose(mounting) is not None:
+            yield Finding("note", f"{name}: '{sensor}' is mounted upside down")
+        elif level_pose(mounting) is None:
+            angle = np.degrees(np.arccos(min(abs(mounting[2, 2]), 1.0)))
+            yield Finding(
+                "warning",
+                f"{name}: '{sensor}' is tilted by {angle:.0f}° on '{choice.base_frame}': scans are projected to the "
+                "floor, and people are not found in them",
+            )
+
+
 def _who(survey: Survey, child: str) -> str:
     """Where the transforms of a frame came from."""
     topics = sorted({name for edge in survey.edges.values() if edge.child == child for name in edge.topics})
@@ -138,7 +169,9 @@ def _publishers(survey: Survey, choice: Choice) -> Iterator[Finding]:
 
 def _clocks(survey: Survey, choice: Choice) -> Iterator[Finding]:
     lags = {
-        item.name: item.lag for item in survey.of(*USED) if item.lag is not None and "static" not in item.name
+        item.name: item.lag
+        for item in survey.of(*USED)
+        if item.lag is not None and "static" not in item.name and not item.unstamped
     }
     if len(lags) < 2:
         return

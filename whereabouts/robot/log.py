@@ -14,7 +14,7 @@ from estimation.poses import transform_points
 from loop_closure.motions import invert
 from loop_closure.slam import Slam
 from loop_closure.slam_config import Proposals, SlamConfig
-from registration.mounting import level_pose, upright
+from registration.mounting import level_pose, seen_from_robot, upright
 from whereabouts.follow import follow
 from whereabouts.logs import CloudRecord, OdometryRecord, Record, ScanRecord, TransformRecord
 from whereabouts.mapping import Mapped, add, finish
@@ -34,6 +34,8 @@ class RobotLog:
     topic : of the scans or clouds, without a slash.
     settings : parameters of scan_registration.
     unmounted : scans of which tf did not say how the scanner is mounted; they are handed out as they are.
+    tilted : scans of a scanner that is not level; they are projected to the floor, as scan_registration does.
+    empty : scans without a reading within the scanner's range.
 
     Raises
     ------
@@ -48,7 +50,8 @@ class RobotLog:
         self._wheels = strip_slash(self.settings.wheel_topic)
         self._base = strip_slash(self.settings.base_frame)
         self._edges: dict[str, tuple[str, Matrix]] = {}
-        self.unmounted = 0
+        self.unmounted = self.tilted = self.empty = self.count = 0
+        self._frame = ""
 
     def __iter__(self) -> Iterator[Record]:
         for record in self._log:
@@ -62,6 +65,9 @@ class RobotLog:
 
     def _mounted(self, record: ScanRecord | CloudRecord) -> ScanRecord | CloudRecord:
         mounting = self._place(record.frame_id)
+        self.count, self._frame = self.count + 1, record.frame_id
+        if isinstance(record, ScanRecord) and not record.scan.valid.any():
+            self.empty += 1
         if mounting is None:
             self.unmounted += 1
             return record
@@ -69,9 +75,20 @@ class RobotLog:
             return replace(record, points=transform_points(mounting, record.points))
         level = level_pose(mounting)
         if level is None:
-            self.unmounted += 1
-            return record
+            self.tilted += 1
+            scan = seen_from_robot((record.scan, mounting))
+            return replace(record, scan=scan, sensor_pose=np.zeros(3), frame_id=self._base)
         return replace(record, scan=upright(record.scan, mounting), sensor_pose=level)
+
+    def lines(self) -> list[str]:
+        """What is to be said of the scans so far, one sentence each."""
+        of = f"of {self.count} messages on {self.topic}"
+        said = {
+            f"tf does not say how '{self._frame}' is mounted: taken as if it were the robot's frame": self.unmounted,
+            f"'{self._frame}' is tilted: its scans are projected to the floor": self.tilted,
+            "no reading lies between the scanner's range_min and range_max": self.empty,
+        }
+        return [f"{text} ({count} {of})" for text, count in said.items() if count]
 
     def _place(self, frame: str) -> Matrix | None:
         """Pose (4, 4) of a frame on the robot, as transforms up to now say; None where they do not."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,15 @@ from whereabouts.logs import Qos
 SCAN, CLOUD = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2"
 ODOMETRY, TF = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 IMU = "sensor_msgs/msg/Imu"
+# What scanners publish that no node takes, and what makes scans or clouds of it.
+UNTAKEN = {
+    "sensor_msgs/msg/MultiEchoLaserScan": "let the driver or laser_proc publish its first echo as LaserScan",
+    "sensor_msgs/msg/PointCloud": "convert it with sensor_msgs' point_cloud_conversion to PointCloud2",
+    "velodyne_msgs/msg/VelodyneScan": "run velodyne_pointcloud, which makes a PointCloud2 of it",
+    "ouster_sensor_msgs/msg/PacketMsg": "run ouster_ros's os_cloud, which makes a PointCloud2 of it",
+    "livox_ros_driver2/msg/CustomMsg": "set xfer_format: 0 in livox_ros_driver2, which then publishes PointCloud2",
+    "sensor_msgs/msg/Range": "single beams are no scanner",
+}
 CAMERAS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo")
 # m that a transform leaps and leaps back by, from which on two publishers disagree.
 LEAP = 0.02
@@ -25,8 +35,8 @@ class Seen:
 
     kind : type, such as "sensor_msgs/msg/LaserScan". publishers : names of nodes; empty where nobody can tell, as in a
     bag. qos : what they offer. count, frame, stamps : messages looked at, the frame of the last, and first and last
-    stamp, s. lags : recorded or received time less stamp, s. range_max : of scans, m. child : child_frame_id of
-    odometry.
+    stamp, s. lags : recorded or received time less stamp, s. range_max : of scans, m. empty : scans without a reading
+    within their range. child : child_frame_id of odometry.
     """
 
     name: str
@@ -39,6 +49,7 @@ class Seen:
     stamps: tuple[float, float] | None = None
     lags: list[float] = field(default_factory=list)
     range_max: float | None = None
+    empty: int = 0
 
     def note(self, stamp: float, frame: str, received: float) -> None:
         """One more message."""
@@ -48,6 +59,16 @@ class Seen:
         last = stamp if self.stamps is None else max(self.stamps[1], stamp)
         self.stamps = first, last
         self.lags.append(received - stamp)
+
+    @property
+    def blind(self) -> bool:
+        """Whether a scanner has seen nothing at all."""
+        return self.empty == self.count
+
+    @property
+    def unstamped(self) -> bool:
+        """Whether all stamps are zero: nobody has set them."""
+        return self.count > 1 and self.stamps == (0.0, 0.0)
 
     @property
     def rate(self) -> float:
@@ -66,7 +87,8 @@ class Seen:
 class Edge:
     """One transform: where `child` is in `parent`, as often as it was looked at.
 
-    topics : it came on. stamps, places : of the moving one, s and (3,) m, in order of arrival.
+    topics : it came on. stamps, places : of the moving one, s and (3,) m, in order of arrival. matrix : the last
+    transform, (4, 4).
     """
 
     parent: str
@@ -75,6 +97,7 @@ class Edge:
     topics: set[str] = field(default_factory=set)
     stamps: list[float] = field(default_factory=list)
     places: list[Matrix] = field(default_factory=list)
+    matrix: Matrix = field(default_factory=lambda: np.eye(4))
 
     @property
     def disagreeing(self) -> bool:
@@ -118,7 +141,8 @@ class Survey:
         edge.static = edge.static and static
         edge.topics.add(topic)
         edge.stamps.append(stamp)
-        edge.places.append(np.asarray(matrix)[:3, 3])
+        edge.matrix = np.asarray(matrix, dtype=np.float64)
+        edge.places.append(edge.matrix[:3, 3])
 
     def tf_namespaces(self) -> list[str]:
         """Namespaces that tf came in, such as "/robot1"; "" where it is global."""
@@ -140,6 +164,16 @@ class Survey:
             return []
         above = [self.chain_without(parent, known | {frame}) for parent in self.parents(frame)]
         return [frame, *max(above, key=len, default=[])]
+
+    def mounting(self, sensor: str, base: str) -> Matrix | None:
+        """Pose (4, 4) of a sensor on the robot; None where tf does not connect them."""
+        chain = self.chain(sensor)
+        if base not in chain:
+            return None
+        pose: Matrix = np.eye(4)
+        for child, parent in pairwise(chain[: chain.index(base) + 1]):
+            pose = self.edges[parent, child].matrix @ pose
+        return pose
 
     def frames(self) -> set[str]:
         """All frames of tf."""
