@@ -7,15 +7,23 @@ from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
 from world_model.questions.recall import PERSON, Recall, singulars
+from world_model.questions.spelling import is_called
+from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
 LEAST = 0.3
 """Probability of class and colours from which on an object is meant."""
 MOST_PAST = 60
 """Objects of a class that are no longer there, among which one is looked for."""
-PREPOSITIONS = (
-    "on top of|next to|close to|in front of|on|in|at|inside|under|near|by|beside|within|around|from"
+NAMES = ("name", "identity")
+"""Attributes that say what a person is called."""
+MOST_PEOPLE = 200
+"""Ids of people among whom one with a name is looked for."""
+AT, NOT_AT = (
+    "on top of|on|in|at|inside|within|from",
+    "next to|close to|in front of|under|near|by|beside|around|behind",
 )
+PREPOSITIONS = f"{NOT_AT}|{AT}"
 _ARTICLES = re.compile(
     r"^(?:(?:the|a|an|my|your|our|his|her|their|this|that|any|some|all|other|one of the) )+"
 )
@@ -38,7 +46,9 @@ def plain(text: str) -> str:
     words = re.sub(r"[\s_]+", " ", text.lower()).strip(" ?!.,")
     if len(words) > 1 and words[0] == words[-1] and words[0] in "'\"`":
         words = words[1:-1].strip()
-    return _ARTICLES.sub("", words)
+    words = _ARTICLES.sub("", words)
+    # "everything red" are red things.
+    return re.sub(r"^(?:every|any|some)thing (?:that is )?(?!in\b|on\b|at\b)(\w+)$", r"\1 things", words)
 
 
 def spoken(world: Recall, place: str) -> str:
@@ -55,15 +65,75 @@ def name_of(place: str) -> str:
 
 
 def described(world: Recall, object_id: str) -> str:
-    """ "cup-3 (red)"."""
+    """ "cup-3 (red)", of a person whose name is known "Anna (person-3)"."""
     item = world.item(object_id)
+    called = "" if item is None else name_of_person(item)
+    if called:
+        return f"{clean(called)} ({clean(object_id)})"
     colors = item.attributes.get("color", {}) if item is not None else {}
     best = max(colors, key=colors.__getitem__, default="")
     return f"{clean(object_id)} ({clean(best)})" if best and colors[best] >= 0.5 else clean(object_id)
 
 
-def place_named(world: Recall, words: str) -> str:
-    """Name of the place that words stand for. Raises NothingKnownError or AmbiguousError."""
+def name_of_person(item: WorldObject) -> str:
+    """What a person is called, as an attribute says, "" where nothing does."""
+    if item.most_probable("class") != PERSON:
+        return ""
+    for attribute in NAMES:
+        values = item.attributes.get(attribute, {})
+        best = max(values, key=values.__getitem__, default="")
+        if best and values[best] >= 0.5:
+            return str(best)
+    return ""
+
+
+def people(world: Recall) -> dict[str, list[str]]:
+    """Ids by the names of people, the newest first; of those with names whom the newest `MOST_PEOPLE` ids are."""
+    known = world.kept.get("people")
+    if isinstance(known, dict):
+        return known
+    ids = [name for name in world.epochs if world.kind(name) == PERSON]
+    numbered = sorted(ids, key=lambda name: -(parse_symbol(name) or ("", 0))[1])
+    found: dict[str, list[str]] = {}
+    for name in sorted(numbered[:MOST_PEOPLE], key=lambda name: name not in world.present):
+        item = world.item(name)
+        called = "" if item is None else name_of_person(item)
+        if called:
+            found.setdefault(called, []).append(name)
+    world.kept["people"] = found
+    return found
+
+
+def people_named(world: Recall, words: str) -> list[str]:
+    """Ids of the person with a name, the newest first; [] where nobody is called so."""
+    wanted = plain(words)
+    return next((ids for name, ids in people(world).items() if is_called(wanted, name)), [])
+
+
+def phrases(world: Recall) -> list[str]:
+    """Everything by which something is called: classes, places and their types, people, predicates."""
+    placed = [plain(text) for place in world.places for text in (place.name, place.type or "")]
+    values = {
+        value.lower()
+        for item in world.present.values()
+        for name, known in item.attributes.items()
+        if name != "class"
+        for value in known
+    }
+    named = [name.lower() for name in people(world)]
+    return [*classes(world), *placed, *named, *world.symbols.predicates, *sorted(values)]
+
+
+def place_named(world: Recall, words: str, beside: bool = False) -> str:
+    """Name of the place that words stand for. beside : also where they say near it, or in front of it.
+
+    Raises NothingKnownError or AmbiguousError.
+    """
+    around = re.match(rf"(?:{NOT_AT}) ", words.strip().lower())
+    if around and not beside:
+        raise NothingKnownError(
+            f'I know what is on or in a place, not what is "{clean(around[0].strip())}" it.'
+        )
     wanted = plain(re.sub(rf"^(?:{PREPOSITIONS}) ", "", words.strip().lower()))
     names = {plain(place.name): place.name for place in world.places}
     if words in world.places:
@@ -91,7 +161,7 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
     if exact:
         return Meant((exact,), words, by_name=True)
     wanted = plain(words)
-    within = re.search(rf" (?:that (?:is|was|are|were) )?(?:{PREPOSITIONS}) (?P<place>.+)$", wanted)
+    within = re.search(rf" (?:that (?:is|was|are|were) )?(?:{AT}) (?P<place>.+)$", wanted)
     place = ""
     if within:
         try:
@@ -100,8 +170,12 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
             if not _matching(world, wanted, past)[0]:
                 raise
         else:
-            wanted = wanted[: within.start()]
+            wanted = plain(wanted[: within.start()])
     ids, plural = _matching(world, wanted, past)
+    ids = ids or people_named(world, wanted)[:1]
+    if not ids and " and " in wanted:
+        several = [things_named(world, part, past).ids for part in re.split(r",? and |, ", wanted) if part]
+        return Meant(tuple(dict.fromkeys(name for found in several for name in found)), words, plural=True)
     if place:
         ids = [name for name in ids if _is_at(world, name, place)]
     if not ids:
@@ -162,7 +236,7 @@ def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
                 continue
             predicates = words[: len(words) - count]
             if general and not predicates:
-                break
+                return ([] if not said or not single else world.things()), True
             if all(_is_predicate(world, word) for word in predicates):
                 plural = single != said
                 return _of(world, kind, predicates, past), plural
