@@ -31,7 +31,7 @@ from world_model.questions.company import (
 )
 from world_model.questions.during import how_long_at, was_at, what_left, what_moved, what_was_at, when_last_at
 from world_model.questions.moments import Span, ahead, extract
-from world_model.questions.naming import PREPOSITIONS, people_named, phrases
+from world_model.questions.naming import PREPOSITIONS, is_person, phrases
 from world_model.questions.past import (
     history,
     how_long_there,
@@ -103,7 +103,7 @@ def _where(world: Recall, said: dict[str, str], span: Span | None, word: str) ->
     past = said.get("verb", "is") in ("was", "were", "had been", "did", "has been", "have been")
     if _is_past(world, span):
         then = _when(span, word)
-        if then is not None and people_named(world, _what(said)):
+        if then is not None and is_person(world, _what(said)):
             return where_was_person(world, _what(said), then)
         return where_was(world, _what(said), then)
     return where_was(world, _what(said)) if past and span is None else where_is(world, _what(said))

@@ -110,6 +110,14 @@ def people_named(world: Recall, words: str) -> list[str]:
     return next((ids for name, ids in people(world).items() if is_called(wanted, name)), [])
 
 
+def is_person(world: Recall, words: str) -> bool:
+    """Whether words are somebody's name; those with a class among them are not, which is soon seen."""
+    known = classes(world)
+    if any(single in known for word in plain(words).split() for single in singulars(word)):
+        return False
+    return not _exact(world, words) and bool(people_named(world, words))
+
+
 def phrases(world: Recall) -> list[str]:
     """Everything by which something is called: classes, places and their types, people, predicates."""
     placed = [plain(text) for place in world.places for text in (place.name, place.type or "")]
