@@ -468,11 +468,17 @@ def test_a_copy_without_what_lies_beside_the_store_is_looked_through_once(
         written = store.restore()
     shutil.copy(path, copy)
     looks = []
-    monkeypatch.setattr(store_file, "examine", lambda connection: looks.append(copy) or examine(connection))
+
+    def counted(connection: sqlite3.Connection) -> Examined:
+        looks.append(copy)
+        return examine(connection)
+
+    monkeypatch.setattr(store_file, "examine", counted)
     for _ in range(3):
         with Store(copy, read_only=True) as store:
             found = store.restore()
-            assert found is not None and written is not None
+            assert found is not None
+            assert written is not None
             assert [item.id for item in found.objects] == [item.id for item in written.objects]
             assert found.names == written.names
     assert len(looks) == 1
