@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
 from world_model.questions.recall import PERSON, Recall, singulars
-from world_model.questions.spelling import is_called
+from world_model.questions.spelling import is_called, respelled
 from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
@@ -110,6 +110,13 @@ def people_named(world: Recall, words: str) -> list[str]:
     return next((ids for name, ids in people(world).items() if is_called(wanted, name)), [])
 
 
+def in_known_words(world: Recall, words: str) -> str:
+    """The same in words that are known, "" where there are none, or where it may have been a slip."""
+    said = plain(words)
+    other, slips = respelled(said, phrases(world))
+    return other if other != said and not slips else ""
+
+
 def is_person(world: Recall, words: str) -> bool:
     """Whether words are somebody's name; those with a class among them are not, which is soon seen."""
     known = classes(world)
@@ -156,6 +163,9 @@ def place_named(world: Recall, words: str, beside: bool = False) -> str:
     if typed:
         shown = [name_of(name) for name in typed]
         raise AmbiguousError(f"Which one: {listed(shown, final='or')}?", shown)
+    other = in_known_words(world, wanted)
+    if other:
+        return place_named(world, other, beside)
     known = listed([name_of(place.name) for place in world.places], 20) or "none; give rooms and furniture"
     raise NothingKnownError(f'I know no place "{clean(words)}"; the places I know are {known}.')
 
@@ -187,6 +197,9 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
     if place:
         ids = [name for name in ids if _is_at(world, name, place)]
     if not ids:
+        other = in_known_words(world, words)
+        if other:
+            return things_named(world, other, past)
         raise NothingKnownError(_nothing(world, words, place))
     return Meant(tuple(ids), words, plural)
 
@@ -231,24 +244,40 @@ def _exact(world: Recall, words: str) -> str:
     return next((by_lower[key] for key in (bare.lower(), plainly, joined) if key in by_lower), "")
 
 
-def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
-    """Objects of a class, with predicates before it."""
+@dataclass(frozen=True)
+class Sort:
+    """What sort of object words speak of. kind : class, None for any. predicates : of it. plural : several."""
+
+    kind: str | None
+    predicates: tuple[str, ...]
+    plural: bool = False
+
+
+def sort_of(world: Recall, words: str) -> Sort | None:
+    """A class that is known with predicates before it, or predicates alone; None for other words."""
     kinds = classes(world)
-    words = wanted.split()
-    for count in range(len(words), -1, -1):  # the last `count` words are the class
-        said = " ".join(words[len(words) - count :])
+    parts = plain(words).split()
+    for count in range(len(parts), -1, -1):  # the last `count` words are the class
+        said = " ".join(parts[len(parts) - count :])
         for single in singulars(said) if said else [""]:
             kind = kinds.get(single)
             general = single in _OBJECTS or not said
-            if kind is None and not general:
+            predicates = tuple(parts[: len(parts) - count])
+            if (kind is None and not general) or not (said or predicates):
                 continue
-            predicates = words[: len(words) - count]
-            if general and not predicates:
-                return ([] if not said or not single else world.things()), True
             if all(_is_predicate(world, word) for word in predicates):
-                plural = single != said
-                return _of(world, kind, predicates, past), plural
-    return [], False
+                return Sort(kind, predicates, single != said or (general and not predicates))
+    return None
+
+
+def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
+    """Objects of a class, with predicates before it."""
+    sort = sort_of(world, wanted)
+    if sort is None:
+        return [], False
+    if sort.kind is None and not sort.predicates:
+        return world.things(), True
+    return _of(world, sort.kind, list(sort.predicates), past), sort.plural
 
 
 def classes(world: Recall) -> dict[str, str]:
