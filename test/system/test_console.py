@@ -38,6 +38,7 @@ from whereabouts_msgs.msg import Target as TargetMessage
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 
 TOKEN = "secret"
+EVIL = "<img src=x onerror='window.broken=1'></script><script>window.broken=1</script>"
 
 
 def cup(x: float) -> WorldState:
@@ -197,6 +198,12 @@ def test_a_browser_shows_it_and_comes_back_after_a_lost_connection(graph: Graph,
             browser.run("document.querySelector('#question').value = 'where?'")
             browser.run("document.querySelector('#ask').requestSubmit()")
             graph.until(lambda: "--store" in text(), "the answer is shown")
+            named = cup(1.0)
+            named.objects = [*named.objects, ObjectMessage(id=EVIL, existence_probability=0.9)]
+            suite.world.publish(named)
+            graph.until(lambda: EVIL in text(), "a name is only a name")
+            browser.run("document.querySelector('#things button:last-child').click()")
+            assert browser.run("typeof window.broken") == "undefined"
             # The token is not left in the address, which people send to each other.
             assert TOKEN not in browser.run("location.href")
         graph.until(lambda: browser.run("!document.querySelector('#banner').hidden"), "it says it is cut off")

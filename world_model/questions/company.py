@@ -73,7 +73,7 @@ def who_was_here(
     )
     probability = 0.97 if visits else 0.95
     if visits:
-        sentence = f"{_people(visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
+        sentence = f"{_people(world, visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
     else:
         nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
         sentence = f"I have {nobody} {at} {period}, {told(probability)}."
@@ -191,8 +191,13 @@ def present_at(world: Recall, move: Change) -> list[str]:
     return found
 
 
-def _people(visits: list[Visit]) -> str:
-    count = len({visit.person for visit in visits})
+def _people(world: Recall, visits: list[Visit]) -> str:
+    """How many: one with a name is one under all ids."""
+    names = set()
+    for visit in visits:
+        item = world.item(visit.person)
+        names.add((item is not None and name_of_person(item)) or visit.person)
+    count = len(names)
     return f"{count} {'person was' if count == 1 else 'people were'}"
 
 
