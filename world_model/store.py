@@ -377,6 +377,8 @@ class Store(Records):
         self._next_row = 1 + (self._execute("SELECT max(row) FROM history").fetchone()[0] or 0)
         self._kept_places = self._places_row()
         self._written = {}
+        if self.read_only:
+            return
         rows = self._execute(
             f"SELECT c.key, o.id, c.mark, {COLUMNS} FROM current c JOIN objects o ON o.key = c.key ORDER BY c.key"
         ).fetchall()

@@ -116,9 +116,10 @@ class StoreFile:
     def _known(self, pages: Pages) -> bool:
         """Whether exactly this was found whole before."""
         try:
+            digest = pages.digest  # now, so that `_is_still` can tell whether the file has changed since
             with Path(f"{self.path}.lock").open("rb") as beside:
                 beside.seek(_WHOLE)
-                return beside.read() == pages.digest
+                return beside.read() == digest
         except OSError:
             return False
 
@@ -129,7 +130,7 @@ class StoreFile:
     def _note_whole(self, pages: Pages) -> None:
         """Remember beside the file that it is whole as it is; not where that cannot be written."""
         try:
-            beside = os.open(f"{self.path}.lock", os.O_WRONLY | os.O_CLOEXEC)
+            beside = os.open(f"{self.path}.lock", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError:
             return
         try:

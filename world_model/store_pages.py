@@ -5,6 +5,7 @@ For files that SQLite refuses, or reads only in part. The formats are those of s
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from collections import Counter
@@ -26,6 +27,8 @@ FRAME = FRAME_HEAD + PAGE
 LOG_MAGIC = 0x377F0682.to_bytes(4, "big")
 """Of logs with checksums over words of small-endian machines, the only ones there are."""
 LARGEST_ROW = 1 << 20
+PIECE = 1 << 18
+"""Bytes that are read at once, where all are looked at once."""
 LOCAL = PAGE - 35
 LEAST_LOCAL = (PAGE - 12) * 32 // 255 - 23
 SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)
@@ -41,24 +44,41 @@ class Pages:
     """A file and the log beside it. `problems` : what is wrong with the log. `log_size` : bytes of it."""
 
     def __init__(self, path: Path) -> None:
-        self._content = path.read_bytes()
+        self._path = path
+        with path.open("rb", buffering=0) as file:
+            self._head = file.read(PAGE)
+            size = os.fstat(file.fileno()).st_size
         beside = Path(f"{path}-wal")
         log = beside.read_bytes() if beside.exists() else b""
         self._over, self.problems = read_log(log)
         self.log_size = len(log)
         self._log = sha256(log).digest()
-        self.count = max(-(-len(self._content) // PAGE), *self._over, 0)
+        self.count = max(-(-size // PAGE), *self._over, 0)
+
+    @cached_property
+    def _content(self) -> bytes:
+        return self._path.read_bytes()
 
     @cached_property
     def digest(self) -> bytes:
-        """Of all that is in the file and its log, 32 bytes: the same only where every bit is."""
-        return sha256(self._log + self._content).digest()
+        """Of all that is in the file and its log, 32 bytes: the same only where every bit is.
+
+        Read piece by piece: a file that is whole need not be in memory.
+        """
+        found, piece = sha256(self._log), bytearray(PIECE)
+        view = memoryview(piece)
+        with self._path.open("rb", buffering=0) as file:
+            while count := file.readinto(piece):
+                found.update(view[:count])
+        return found.digest()
 
     def __getitem__(self, number: int) -> bytes:
         """Page from 1 on; what is missing of it is zero."""
         over = self._over.get(number)
         if over is not None:
             return over
+        if number == 1 and len(self._head) == PAGE:
+            return self._head
         page = self._content[(number - 1) * PAGE : number * PAGE]
         return page if len(page) == PAGE else page.ljust(PAGE, b"\0")
 

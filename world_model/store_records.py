@@ -91,7 +91,7 @@ class Records:
             if parsed is not None:
                 numbers[parsed[0]] = max(numbers.get(parsed[0], 0), parsed[1])
         stamp = -float("inf") if self._stamp is None else self._stamp
-        return Memory(tuple(known.row for known in self._written.values()), stamp, self._epoch, numbers)
+        return Memory(tuple(self.present()), stamp, self._epoch, numbers)
 
     def places(self, stamp: float = float("inf")) -> Places:
         """Rooms and furniture as they were at `stamp`, s; the first ones before that. Empty where none were kept."""

@@ -82,6 +82,17 @@ async def reading(client: Client) -> None:
     assert not nothing["ok"]
     assert "cup" in nothing["sentence"]
     assert not (await called(client, "what_changed", since="when pigs fly"))["ok"]
+    for tool, given, sentence in (
+        ("where_is", {}, "where_is: name is missing."),
+        ("where_is", {"name": 5}, "where_is: name must be a valid string."),
+        ("ask", {"question": "x" * 501}, "ask: question "),
+        ("fly", {}, "There is no tool fly; there are "),
+    ):
+        result = await client.call_tool(tool, given)
+        [said] = [part.text for part in result.content]
+        assert result.is_error
+        assert said.startswith(sentence), said
+        assert "pydantic" not in said
     for tool in ACTING:
         given = {"name": "cup-1", "class": "bowl"} if tool == "relabel" else {"name": "cup-1"}
         told = await called(client, tool, **given)

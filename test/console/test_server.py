@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
+import socket
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import uvicorn
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
+from websockets.sync.client import connect
 
+import whereabouts.console.server
 from whereabouts.console.server import Console
 from whereabouts.console.shown import Shown, empty
 from whereabouts.console.sources import ConsoleError, StoreSource
@@ -149,6 +156,48 @@ def test_all_who_look_are_told_what_is_new(client: TestClient, source: Source) -
         for socket in (first, second):
             assert json.loads(socket.receive_text())["stamp"] == 16.0
     assert client.get("/api/state").json()["stamp"] == 16.0
+
+
+@contextmanager
+def listening(console: Console) -> Iterator[int]:
+    """The console at a port of its own."""
+    config = uvicorn.Config(console.app(), port=0, log_level="error", timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    try:
+        while not server.started:
+            thread.join(0.01)
+        yield server.servers[0].sockets[0].getsockname()[1]
+    finally:
+        server.should_exit = True
+        thread.join()
+
+
+def test_a_viewer_that_takes_nothing_is_given_up_and_others_are_told(
+    source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(whereabouts.console.server, "STALLED", 0.2)
+    # More than what lies between two sockets.
+    source.now = {**empty(), "things": [{"id": "x" * 1000}] * 8000}
+    console = Console(source, TOKEN)
+    with listening(console) as port, socket.create_connection(("127.0.0.1", port)) as stalled:
+        key = base64.b64encode(bytes(16)).decode()
+        stalled.sendall(
+            f"GET /api/live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+        )
+        with connect(f"ws://localhost:{port}/api/live", max_size=None) as viewer:
+            viewer.recv(timeout=60.0)
+            seen: set[int] = set()
+            while console.viewers != 1 or len(seen) < 2:
+                source.version += 1
+                viewer.recv(timeout=60.0)
+                seen.add(console.viewers)
+            source.now = {**empty(), "stamp": 7.0}
+            source.version += 1
+            while json.loads(viewer.recv(timeout=60.0))["stamp"] != 7.0:
+                pass
 
 
 def state(step: int) -> WorldState:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,21 +11,34 @@ from pathlib import Path
 
 import pytest
 import uvicorn
-from geometry_msgs.msg import TransformStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point, PoseStamped, TransformStamped, Vector3
 from harness import Graph
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.serialization import serialize_message
 from tf2_msgs.msg import TFMessage
 
 from evaluation.browser import CHROMIUM, Browser
+from whereabouts.console.heard import TOPICS, Heard
 from whereabouts.console.server import Console
 from whereabouts.console.sources import ConsoleError
 from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.console_source import LiveSource
-from whereabouts_msgs.msg import DiscreteDistribution, TargetArray, WorldState
+from whereabouts.nodes.console_source import LiveSource, reader_of
+from whereabouts_msgs.msg import (
+    Attribute,
+    DiscreteDistribution,
+    PredictedPath,
+    PredictedPathArray,
+    PredictedPoint,
+    TargetArray,
+    VerificationTask,
+    WorldState,
+)
 from whereabouts_msgs.msg import Target as TargetMessage
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 
 TOKEN = "secret"
+EVIL = "<img src=x onerror='window.broken=1'></script><script>window.broken=1</script>"
 
 
 def cup(x: float) -> WorldState:
@@ -100,6 +114,48 @@ def test_what_the_suite_says_is_shown_and_what_cannot_be_done_is_said(graph: Gra
             source.ask("where is the cup?")
 
 
+def test_messages_are_read_as_ros_reads_them() -> None:
+    world = cup(1.5)
+    [item] = world.objects
+    item.lost, item.place, item.place_probability = True, "counter", 0.25
+    item.last_seen.sec, item.last_seen.nanosec = 4, 500_000_000
+    item.pose.covariance[7] = 0.04
+    item.properties = [
+        Attribute(name="color", discrete=DiscreteDistribution(values=["réd"], probabilities=[0.9]))
+    ]
+    people = person(7)
+    [target] = people.targets
+    target.position, target.velocity, target.occluded = Point(x=1.0, y=2.0), Vector3(x=0.5), True
+    path = PredictedPath(
+        label=7,
+        goals=[Point(x=3.0)],
+        goal_probabilities=[0.75],
+        points=[PredictedPoint(position=Point(y=-1.0))],
+    )
+    paths = PredictedPathArray(paths=[path], header=people.header)
+    moved = TransformStamped(child_frame_id="odom", header=world.header)
+    moved.transform.translation.x, moved.transform.rotation.w = 2.0, 1.0
+    status = DiagnosticStatus(
+        name="/tracker", hardware_id="whereabouts", level=DiagnosticStatus.WARN, message="late"
+    )
+    task = VerificationTask(header=world.header, object_id="cup-1", reason="not seen for long")
+    told = [
+        ("tf", TFMessage(transforms=[moved])), ("map", grid()), ("world_state", world), ("targets", people),
+        ("predicted_paths", paths), ("verification_tasks", task),
+        ("odometry", Odometry(header=people.header, child_frame_id="base_link")),
+        ("search_goal", PoseStamped(header=world.header)), ("/diagnostics", DiagnosticArray(status=[status])),
+    ]  # fmt: skip
+    ours, theirs = Heard(), Heard()
+    for topic, message in told:
+        theirs.take(topic, message)
+        ours.take(topic, reader_of(TOPICS[topic])(serialize_message(message)))
+    shown = ours.world()
+    assert shown["health"][0]["level"] == "warning"
+    assert shown["people"][0]["goals"] == [[5.0, 0.0, 0.75]]
+    assert json.dumps(shown) == json.dumps(theirs.world())
+    assert ours.picture == theirs.picture
+
+
 @contextmanager
 def served(source: LiveSource, port: int = 0) -> Iterator[int]:
     """The page at a port of its own."""
@@ -142,6 +198,12 @@ def test_a_browser_shows_it_and_comes_back_after_a_lost_connection(graph: Graph,
             browser.run("document.querySelector('#question').value = 'where?'")
             browser.run("document.querySelector('#ask').requestSubmit()")
             graph.until(lambda: "--store" in text(), "the answer is shown")
+            named = cup(1.0)
+            named.objects = [*named.objects, ObjectMessage(id=EVIL, existence_probability=0.9)]
+            suite.world.publish(named)
+            graph.until(lambda: EVIL in text(), "a name is only a name")
+            browser.run("document.querySelector('#things button:last-child').click()")
+            assert browser.run("typeof window.broken") == "undefined"
             # The token is not left in the address, which people send to each other.
             assert TOKEN not in browser.run("location.href")
         graph.until(lambda: browser.run("!document.querySelector('#banner').hidden"), "it says it is cut off")

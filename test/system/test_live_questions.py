@@ -41,6 +41,11 @@ def test_the_live_world_is_asked_and_told(
         assert ask(known, "where is the red cup?").value == "kitchen_table"
         [cup] = [item.id for item in known.present.values() if item.most_probable("color") == "red"]
         assert goal_for(cup, known).object_id == cup
+        [other] = {item.id for item in known.present.values()} - {cup}
+        assert goal_for("the cup on the counter", known).object_id == other
+        for words in ("red mugs", "the red cup"):
+            goal = goal_for(words, known)
+            assert (goal.object_id, goal.class_name, list(goal.predicates)) == ("", "cup", ["red"])
     assert forget(client, cup).ok
 
     def forgotten() -> bool:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness import START, Graph, room
+from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
@@ -177,6 +178,29 @@ def test_message_in_the_hands_of_a_killed_node_is_counted(bag: Path, tmp_path: P
     run.on_message = stop_then_kill
     account = run_suite(run)
     assert account.unanswered["/scan_registration"] == 1
+    assert account.published["/scan"] == SCANS
+
+
+def test_somebody_else_who_speaks_on_a_topic_of_the_bag_stops_nobody(
+    graph: Graph, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("whereabouts.nodes.replayer.PATIENCE", 3.0)
+    other = graph.node.create_publisher(Odometry, "/wheel_odom", 10)
+    run = suite_run(bag, tmp_path)
+    spoken = 0
+
+    def speak(message: RawMessage) -> None:
+        nonlocal spoken
+        if message.name == "/wheel_odom" and spoken < 2 and other.get_subscription_count():
+            assert run.replayer is not None
+            spoken += 1
+            run.replayer.note("/wheel_odom")
+            other.publish(bytes(message.data))
+
+    run.on_message = speak
+    account = run_suite(run)
+    assert spoken == 2
+    assert account.unanswered.total() == 0
     assert account.published["/scan"] == SCANS
 
 

@@ -458,6 +458,32 @@ def test_what_was_found_whole_is_not_looked_through_again_until_a_bit_of_it_chan
     assert len(looks) == before + 1
 
 
+def test_a_copy_without_what_lies_beside_the_store_is_looked_through_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, copy = tmp_path / "world.sqlite", tmp_path / "copy.sqlite"
+    with Store(path) as store:
+        for step in range(20):
+            store.record(marching(step))
+        written = store.restore()
+    shutil.copy(path, copy)
+    looks = []
+
+    def counted(connection: sqlite3.Connection) -> Examined:
+        looks.append(copy)
+        return examine(connection)
+
+    monkeypatch.setattr(store_file, "examine", counted)
+    for _ in range(3):
+        with Store(copy, read_only=True) as store:
+            found = store.restore()
+            assert found is not None
+            assert written is not None
+            assert [item.id for item in found.objects] == [item.id for item in written.objects]
+            assert found.names == written.names
+    assert len(looks) == 1
+
+
 def test_a_writer_that_was_killed_leaves_nothing_that_is_taken_for_whole(tmp_path: Path) -> None:
     path, copy = tmp_path / "world.sqlite", tmp_path / "copy.sqlite"
     with Store(path) as store:

@@ -12,14 +12,15 @@ from inspect import signature
 from typing import Annotated, Any
 
 from mcp.server.mcpserver import Context, MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
 from mcp_types import ToolAnnotations
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError
 
 from estimation.errors import WhereaboutsError
 from whereabouts.agents.knowledge import Knowledge
 from world_model import questions
 from world_model.questions import Answer, Recall, answered
-from world_model.questions.answers import clean, iso
+from world_model.questions.answers import clean, iso, listed
 from world_model.questions.naming import one_named
 
 INSTRUCTIONS = (
@@ -84,15 +85,42 @@ def refused(sentence: str) -> Told:
     return Told(sentence=sentence, ok=False, probability=0.0, stamp="")
 
 
+class Server(MCPServer[Any]):
+    """Says in a sentence what is wrong with a call."""
+
+    async def call_tool(
+        self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
+    ) -> Any:
+        try:
+            return await super().call_tool(name, arguments, context)
+        except ToolError as error:
+            why = error.__cause__
+            if isinstance(why, ValidationError):
+                raise ToolError(_misused(name, why)) from why
+            known = [tool.name for tool in await self.list_tools()]
+            if name not in known:
+                raise ToolError(f"There is no tool {clean(name)}; there are {listed(known, 20)}.") from error
+            raise
+
+
+def _misused(tool: str, error: ValidationError) -> str:
+    """What is wrong with the arguments of a tool."""
+    parts = []
+    for each in error.errors(include_url=False):
+        argument = ".".join(map(str, each["loc"])) or "the arguments"
+        missing = each["type"] == "missing"
+        said = each["msg"].removeprefix("Input ").replace("should", "must", 1)
+        parts.append(f"{argument} is missing" if missing else f"{argument} {said}")
+    return f"{tool}: {clean('; '.join(parts), 400)}."
+
+
 def server_of(knowledge: Knowledge) -> MCPServer[Any]:
     """The server, with all tools and resources, whatever is allowed."""
     try:
         release = version("whereabouts")
     except PackageNotFoundError:
         release = "0"
-    server: MCPServer[Any] = MCPServer(
-        "whereabouts", instructions=INSTRUCTIONS, version=release, log_level="WARNING"
-    )
+    server = Server("whereabouts", instructions=INSTRUCTIONS, version=release, log_level="WARNING")
     _questions(server, knowledge)
     _actions(server, knowledge)
     _resources(server, knowledge)

@@ -58,6 +58,12 @@ def demo(
     seed: Annotated[
         int, typer.Option("--seed", min=0, help="With --live and --weeks: which day or month.")
     ] = 0,
+    days: Annotated[
+        int,
+        typer.Option(
+            "--days", min=1, max=100, help="With --live: so many days, from --seed on, and a table of them."
+        ),
+    ] = 1,
     recorded: Annotated[
         str | None,
         typer.Option(
@@ -96,8 +102,10 @@ def demo(
     if live:
         if rate is not None:
             raise InputError("--live: the day is made while it runs, in lock-step; leave --rate out")
-        _live(out, seed, json_file)
+        _live(out, range(seed, seed + days), json_file)
         return
+    if days != 1:
+        raise InputError("--days goes with --live")
     if bag is None:
         _apartment(out, rate, json_file)
         return
@@ -189,8 +197,30 @@ def _apartment(out: Path, rate: float | None, json_file: Path | None) -> None:
     typer.echo(f"report: {page}")
 
 
-def _live(out: Path, seed: int, json_file: Path | None) -> None:
-    """The robot acts; beside it the same day with a robot that patrols and searches directly."""
+def _live(out: Path, seeds: range, json_file: Path | None) -> None:
+    """One day, or several, each in a folder of its own; ends with 1 where the wrong thing was fetched, or none."""
+    if len(seeds) == 1:
+        write_figures(json_file, _live_day(out, seeds[0]))
+        return
+    found = []
+    for seed in seeds:
+        typer.echo(f"day {seed}")
+        found.append(_live_day(out / f"day-{seed}", seed))
+    right = sum(day["right"] for day in found)
+    write_figures(json_file, {"days": found, "days_right": right})
+    for day in found:
+        typer.echo(
+            f"  day {day['seed']}: asked for the {day['asked']}, fetched {day['fetched'] or 'nothing'} after "
+            f"{day.get('search_m', 0.0):.0f} m; wrong beliefs {day['wrong_beliefs']:.2f} (libraries "
+            f"{day['library_wrong']:.2f}, patrol {day['naive_wrong']:.2f})"
+        )
+    typer.echo(f"the right thing was fetched on {right} of {len(found)} days")
+    if right < len(found):
+        raise typer.Exit(1)
+
+
+def _live_day(out: Path, seed: int) -> dict[str, Any]:
+    """The robot acts; beside it the same day with a robot that patrols and searches directly. Returns the figures."""
     from time import monotonic
 
     from whereabouts.demo.live import run_live
@@ -217,13 +247,13 @@ def _live(out: Path, seed: int, json_file: Path | None) -> None:
     naive = run_naive(seed, library.metres, script.maintained, script.timeout)
     told = Told(story, day, robot.map, library, naive, wall)
     page = write(out, told)
-    write_figures(json_file, figures(told))
     for sentence in sentences(told):
         typer.echo(f"  {sentence}")
     for row in summary(told):
         wanted = f" (wanted: {row.wanted})" if row.wanted else ""
         typer.echo(f"  {row.name}: {row.value}{wanted}")
     typer.echo(f"report: {page}")
+    return figures(told)
 
 
 def _weeks(out: Path, weeks: int, seed: int, json_file: Path | None) -> None:

@@ -39,7 +39,7 @@ _CSP = "default-src 'self'; style-src 'self' 'unsafe-inline'; script-src 'self' 
 class Console:
     """Answers the page.
 
-    token : what a page needs to change anything. open_to_all : whether others may look without it.
+    token : what a page needs to change anything. open_to_all : whether others may look without it. viewers : who look.
     """
 
     def __init__(self, source: Source, token: str, open_to_all: bool = True) -> None:
@@ -47,7 +47,7 @@ class Console:
         self._token = token
         self._open = open_to_all
         self._said: tuple[int, str] = (-1, "")
-        self._viewers = 0
+        self.viewers = 0
         self._news: asyncio.Event
         self._page = (files("whereabouts.console") / "page.html").read_text(encoding="utf-8")
 
@@ -145,7 +145,7 @@ class Console:
             while True:
                 await asyncio.sleep(PERIOD)
                 before = self._said[1]
-                if self._viewers and await run_in_threadpool(self._newest) is not before:
+                if self.viewers and await run_in_threadpool(self._newest) is not before:
                     waiting, self._news = self._news, asyncio.Event()
                     waiting.set()
 
@@ -161,7 +161,7 @@ class Console:
             return
         await socket.accept()
         ended = asyncio.ensure_future(_until_closed(socket))
-        self._viewers += 1
+        self.viewers += 1
         try:
             said = await run_in_threadpool(self._newest)
             while not ended.done():
@@ -173,7 +173,7 @@ class Console:
         except (WebSocketDisconnect, TimeoutError, RuntimeError):
             pass
         finally:
-            self._viewers -= 1
+            self.viewers -= 1
             ended.cancel()
             with contextlib.suppress(Exception):
                 await socket.close()

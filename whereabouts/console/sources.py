@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from estimation.errors import WhereaboutsError
 from whereabouts.console.shown import Shown, empty, thing
+from world_model.questions import Recall, recall
 from world_model.store import Store
+
+T = TypeVar("T")
 
 
 class ConsoleError(WhereaboutsError):
@@ -84,6 +88,11 @@ class StoreSource:
 
         with self._lock:
             return ask(self._store, question).to_dict()
+
+    def told(self, call: Callable[[Recall], T]) -> T:
+        """What a call makes of all that the store remembers."""
+        with self._lock:
+            return call(recall(self._store))
 
     def act(self, name: str, arguments: dict[str, Any]) -> str:
         raise ConsoleError("this page shows a store; to act, start the console beside the running suite")

@@ -6,6 +6,8 @@ import contextlib
 import threading
 import time
 from collections import Counter, deque
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +22,10 @@ from rclpy.serialization import deserialize_message
 from whereabouts.console.heard import EVERY_ONE, TOPICS, Heard
 from whereabouts.console.shown import Shown
 from whereabouts.console.sources import ConsoleError, StoreSource
+from whereabouts.messages.cdr import UnreadableTypeError, reader
 from whereabouts.nodes.executor import NodeExecutor
-from whereabouts.nodes.interfaces import message_class
+from whereabouts.nodes.interfaces import definition, message_class
+from whereabouts.nodes.live_actions import goal_for
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import SaveMap
 
@@ -50,15 +54,16 @@ class LiveSource:
         self._heard = Heard(namespace)
         self._waiting: deque[tuple[str, bytes]] = deque(maxlen=10_000)
         self._newest: dict[str, bytes] = {}
-        self._kinds = {topic: message_class(name) for topic, name in TOPICS.items()}
         self._lock = threading.Lock()
         self._count = 0
         self._search: Shown | None = None
         self._goal: Any = None
         self._ended = threading.Event()
         self.unusable: Counter[str] = Counter()
-        for topic, kind in self._kinds.items():
-            self._node.create_subscription(kind, topic, self._keep(topic), _qos(topic), raw=True)
+        for topic, name in TOPICS.items():
+            self._node.create_subscription(
+                message_class(name), topic, self._keep(topic), _qos(topic), raw=True
+            )
         self._find = ActionClient(self._node, FindObject, "find_object")
         self._save = self._node.create_client(SaveMap, "loop_closure/save_map")
         self._thread = threading.Thread(target=self._spin, name="console", daemon=True)
@@ -135,7 +140,7 @@ class LiveSource:
         last = [item for item in every_one if not item[0].startswith("tf")]
         for topic, data in first + newest + last:
             try:
-                self._heard.take(topic, deserialize_message(bytes(data), self._kinds[topic]))
+                self._heard.take(topic, reader_of(TOPICS[topic])(bytes(data)))
             except Exception as error:
                 # Whatever is published: the page goes on with all the others.
                 self.unusable[f"{topic}: {error}"] += 1
@@ -147,7 +152,7 @@ class LiveSource:
         if not self._find.server_is_ready():
             raise ConsoleError("the search does not run: `whereabouts run object_search` starts it")
         known = any(item["id"] == name for item in self.world()["things"])
-        goal = FindObject.Goal(object_id=name) if known else FindObject.Goal(class_name=name)
+        goal = FindObject.Goal(object_id=name) if known else self._goal_for(name)
         self._search = {"name": name, "text": "asked", "done": False}
         sent = self._find.send_goal_async(goal, feedback_callback=lambda said: self._told(name, said))
         self._goal = self._answer(sent, "the search")
@@ -156,6 +161,11 @@ class LiveSource:
             raise ConsoleError("the search refused; it may be busy")
         self._goal.get_result_async().add_done_callback(lambda done: self._found(name, done.result()))
         return f"searching for {name}"
+
+    def _goal_for(self, name: str) -> FindObject.Goal:
+        if self._past is None:
+            return goal_for(name, None)
+        return self._past.told(lambda world: goal_for(name, world))
 
     def _told(self, name: str, said: Any) -> None:
         self._search = {"name": name, "text": str(said.feedback.reason), "done": False}
@@ -193,6 +203,15 @@ class LiveSource:
         with contextlib.suppress(Exception):
             return future.result()
         raise ConsoleError(f"{who} does not answer: {future.exception()}")
+
+
+@cache
+def reader_of(type_name: str) -> Callable[[bytes], Any]:
+    """Decodes messages of a type; by rclpy, which takes several times as long, where its definition is not at hand."""
+    try:
+        return reader(type_name, definition(type_name))
+    except UnreadableTypeError:
+        return lambda data: deserialize_message(data, message_class(type_name))
 
 
 def _qos(topic: str) -> QoSProfile:

@@ -21,7 +21,8 @@ from whereabouts_msgs.srv import (
     TriggerVerification,
 )
 from world_model.questions import Recall
-from world_model.questions.naming import PREPOSITIONS, plain, things_named
+from world_model.questions.answers import clean
+from world_model.questions.naming import PREPOSITIONS, in_known_words, plain, sort_of, things_named
 
 LONGEST = 24 * 3600.0
 
@@ -38,21 +39,38 @@ class Done:
 
 
 def goal_for(name: str, world: Recall | None) -> FindObject.Goal:
-    """A goal from words: an id that is known, else a class with predicates before it. Raises InputError for none."""
+    """A goal from words: an object that they name, also by where it is, else a class with predicates before it.
+
+    Raises InputError for none.
+    """
     words = plain(name)
     if not words:
         raise InputError("an object to find must have a name, a class at least")
     if world is not None:
-        try:
-            meant = things_named(world, name)
-        except InputError:
-            meant = None
-        if meant is not None and meant.by_name:
-            return FindObject.Goal(object_id=meant.ids[0])
+        known = _known(name, world)
+        if known is not None:
+            return known
     *predicates, kind = words.split()
     if kind in PREPOSITIONS.split("|"):
         raise InputError(f'"{words}" is no name of an object')
     return FindObject.Goal(class_name=kind, predicates=predicates)
+
+
+def _known(name: str, world: Recall) -> FindObject.Goal | None:
+    """A goal from words of which something is known."""
+    try:
+        meant = things_named(world, name)
+    except InputError:
+        meant = None
+    words = plain(name)
+    sort = sort_of(world, words) or sort_of(world, in_known_words(world, words))
+    if sort is not None and sort.kind is not None and not (meant and meant.by_name):
+        return FindObject.Goal(class_name=sort.kind, predicates=list(sort.predicates))
+    if meant is not None and (meant.by_name or len(meant.ids) == 1):
+        return FindObject.Goal(object_id=meant.ids[0])
+    if meant is not None:
+        raise InputError(f"which one: {' or '.join(map(clean, meant.ids[:8]))}?")
+    return None
 
 
 def find(

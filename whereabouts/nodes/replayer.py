@@ -114,6 +114,9 @@ class Replayer:
         self._publishers: dict[str, Any] = {}
         self._latched: set[str] = set()
         self._sent: Counter[str] = Counter()
+        # What others have sent on topics of the bag, and how many messages who listens will have received with it.
+        self._foreign: Counter[str] = Counter()
+        self._expected: dict[tuple[str, str], int] = {}
         self._answers: dict[tuple[str, str], Processed] = {}
         self._consumers: dict[str, list[str]] = {}
         self._flow = Flow(self._consumers_of, lambda topic: self._sent[topic])
@@ -158,6 +161,10 @@ class Replayer:
         def keep(message: Processed, info: dict[str, Any]) -> None:
             if self._is_of_the_dead(watched, info):
                 return
+            before = self._answers.get((watched, message.topic))
+            if before is not None and self._foreign[message.topic]:
+                # Publishers number their messages each for itself; ours are more.
+                message.sequence = max(message.sequence, before.sequence)
             self._answers[watched, message.topic] = message
             published = dict(zip(message.output_topics, message.output_counts, strict=True))
             self._turns.note(watched, published)
@@ -245,7 +252,8 @@ class Replayer:
                 on_message(message)
             if self._noted and self._rate is None:
                 self._noted = False
-                self._wait_while(self._flow.behind)
+                self._wait_while(lambda: self._untold() or self._flow.behind())
+                self._expected.clear()
                 self._give_turns()
             self.on_settled()
         self._settle()
@@ -281,6 +289,13 @@ class Replayer:
         """Somebody else is about to send a message or a goal (by its name) that the nodes have to be done with."""
         self._sent[name] += 1
         self._noted = True
+        if name in {self._name_of(topic) for topic in self._publishers}:
+            self._foreign[name] += 1
+            for node in self._consumers_of(name):
+                answer = self._answers.get((node, name))
+                if answer is not None:
+                    before = self._expected.get((node, name), 0)
+                    self._expected[node, name] = max(before, int(answer.received)) + 1
 
     def _wait_for_answers(self, topic: Topic) -> None:
         """Until every watched subscriber is done with this topic's latest message and with what followed from it."""
@@ -331,8 +346,16 @@ class Replayer:
             self._consumers.clear()
             self._flow.forgive()
 
+    def _untold(self) -> list[str]:
+        """Who has yet to receive what others have sent on topics of the bag."""
+        return [key[0] for key, count in self._expected.items() if self._answers[key].received < count]
+
+    def _own(self, name: str) -> int:
+        """The number of our last message on a topic."""
+        return self._sent[name] - self._foreign[name]
+
     def _behind(self, name: str) -> list[str]:
-        number = self._sent[name]
+        number = self._own(name)
         direct = [node for node in self._consumers_of(name) if self._answered(node, name) < number]
         return direct or self._flow.behind()
 
@@ -450,7 +473,7 @@ class Replayer:
                 for topic in self._log.topics
                 if topic.name in self._publishers
                 for node in self._consumers_of(self._name(topic))
-                if self._answered(node, self._name(topic)) < self._sent[self._name(topic)]
+                if self._answered(node, self._name(topic)) < self._own(self._name(topic))
             ] + self._flow.behind()
             if not behind:
                 return

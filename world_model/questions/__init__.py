@@ -8,7 +8,15 @@ and times in words or s; they raise NothingKnownError and AmbiguousError, which 
 """
 
 from world_model.questions.answers import AmbiguousError, Answer, NothingKnownError, NotUnderstoodError
-from world_model.questions.company import who_was_here
+from world_model.questions.company import what_was_carried, who_is_here, who_moved, who_was_here
+from world_model.questions.during import (
+    how_long_at,
+    was_at,
+    what_left,
+    what_moved,
+    what_was_at,
+    when_last_at,
+)
 from world_model.questions.grammar import CAN_BE_ASKED, answered, ask
 from world_model.questions.moments import Span, moment
 from world_model.questions.past import (
@@ -20,7 +28,12 @@ from world_model.questions.past import (
     when_moved,
 )
 from world_model.questions.recall import Recall, recall
-from world_model.questions.usual import what_is_needed_next, what_is_usually_here
+from world_model.questions.usual import (
+    is_at_usual_place,
+    what_is_needed_next,
+    what_is_usually_here,
+    where_will_be,
+)
 from world_model.questions.where import (
     how_many,
     is_at,
@@ -30,6 +43,7 @@ from world_model.questions.where import (
     where_to_look,
     where_usually,
     where_was,
+    which_room,
 )
 
 __all__ = [
@@ -43,22 +57,34 @@ __all__ = [
     "answered",
     "ask",
     "history",
+    "how_long_at",
     "how_long_there",
     "how_many",
     "how_often",
     "is_at",
+    "is_at_usual_place",
     "moment",
     "recall",
+    "was_at",
     "what_changed",
     "what_is_at",
     "what_is_missing",
     "what_is_needed_next",
     "what_is_usually_here",
+    "what_left",
+    "what_moved",
+    "what_was_at",
+    "what_was_carried",
+    "when_last_at",
     "when_last_seen",
     "when_moved",
     "where_is",
     "where_to_look",
     "where_usually",
     "where_was",
+    "where_will_be",
+    "which_room",
+    "who_is_here",
+    "who_moved",
     "who_was_here",
 ]

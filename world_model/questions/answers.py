@@ -99,7 +99,7 @@ def hedged(probability: float, verb: str = "is") -> str:
         return verb
     if probability >= LIKELY:
         return f"{verb} probably"
-    return "may have been" if verb == "was" else "may be"
+    return "may have been" if verb in ("was", "were") else "may be"
 
 
 def listed(parts: Iterable[str], most: int = 12, final: str = "and") -> str:

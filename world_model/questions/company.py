@@ -9,14 +9,26 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.places import Place
-from world_model.questions.answers import Answer, clean, clock, iso, listed, told
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span
-from world_model.questions.naming import place_named, spoken
+from world_model.questions.naming import (
+    described,
+    name_of_person,
+    one_named,
+    people,
+    people_named,
+    place_named,
+    spoken,
+)
 from world_model.questions.past import Change, changes_of, since_when, told_change
-from world_model.questions.recall import PERSON, Recall
+from world_model.questions.recall import DAY, PERSON, Recall
 
 BESIDE = 1.0
 """m: who is that close to a piece of furniture is at it."""
+NOW = 300.0
+"""s: who was seen within it is taken to be there."""
+AROUND_MOVE = 30.0
+"""s before and after a move in which somebody who was there may have moved it."""
 PAUSE = 900.0
 """s: who is back within it has not been away."""
 
@@ -30,14 +42,18 @@ class Visit:
     end: float
 
 
-def who_was_here(world: Recall, place: str = "", since: str | float | Span | None = None) -> Answer:
+def who_was_here(
+    world: Recall, place: str = "", since: str | float | Span | None = None, person: str = ""
+) -> Answer:
     """Who was at a place, or anywhere, since a moment (default: of the last day), and what was moved meanwhile.
 
-    value : [[person, from, until, [objects]], ...]. Raises NothingKnownError, AmbiguousError, InputError.
+    person : only this one, by id or name. value : [[person, from, until, [objects]], ...].
+    Raises NothingKnownError, AmbiguousError, InputError.
     """
+    only = _ids(world, person)
     span = since_when(world, since if since is not None else Span(world.now - 86400.0, world.now))
-    where = place_named(world, place) if place and place != "here" else ""
-    visits = visits_of(world, where, span)
+    where = place_named(world, place, beside=True) if place and place != "here" else ""
+    visits = [visit for visit in visits_of(world, where, span) if not person or visit.person in only]
     changes = _changes(world, where, span)
     value: list[list[Any]] = []
     parts, evidence = [], []
@@ -45,7 +61,9 @@ def who_was_here(world: Recall, place: str = "", since: str | float | Span | Non
         during = [change for change in changes if change.start <= visit.end and change.end >= visit.start]
         value.append([visit.person, iso(visit.start), iso(visit.end), [change.object for change in during]])
         with_what = f" ({listed(told_change(world, change) for change in during)})" if during else ""
-        parts.append(f"{clean(visit.person)} from {clock(visit.start)} to {clock(visit.end)[11:]}{with_what}")
+        parts.append(
+            f"{described(world, visit.person)} from {clock(visit.start)} to {clock(visit.end)[11:]}{with_what}"
+        )
         evidence.append({"object": visit.person, "event": "seen", "place": where, "stamp": iso(visit.start)})
     at = spoken(world, where) if where else "here"
     period = (
@@ -55,14 +73,131 @@ def who_was_here(world: Recall, place: str = "", since: str | float | Span | Non
     )
     probability = 0.97 if visits else 0.95
     if visits:
-        sentence = f"{_people(visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
+        sentence = f"{_people(world, visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
     else:
-        sentence = f"I have seen nobody {at} {period}, {told(probability)}."
+        nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
+        sentence = f"I have {nobody} {at} {period}, {told(probability)}."
     return Answer(sentence, "who_was_here", probability, iso(span.start), value, tuple(evidence[-8:]))
 
 
-def _people(visits: list[Visit]) -> str:
-    count = len({visit.person for visit in visits})
+def who_is_here(world: Recall, place: str = "") -> Answer:
+    """Who is at a place, or anywhere, now: seen there within `NOW`. value as of `who_was_here`.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where = place_named(world, place, beside=True) if place else ""
+    visits = visits_of(world, where, Span(world.now - NOW, world.now))
+    at = spoken(world, where) if where else "here"
+    names = [described(world, name) for name in dict.fromkeys(visit.person for visit in visits)]
+    probability = 0.9
+    if names:
+        sentence = f"{listed(names)} {'is' if len(names) == 1 else 'are'} {at}, {told(probability)}."
+    else:
+        sentence = f"I have seen nobody {at} in the last {duration(NOW)}, {told(probability)}."
+    value = [[visit.person, iso(visit.start), iso(visit.end), []] for visit in visits]
+    return Answer(sentence, "who_was_here", probability, iso(world.now), value)
+
+
+def who_moved(world: Recall, what: str, since: str | float | Span | None = None, person: str = "") -> Answer:
+    """Who was there when an object was moved: last, or each time of a span. Nobody is known to have moved it.
+
+    person : whether it was this one. value : ids of people. Raises NothingKnownError, AmbiguousError.
+    """
+    only = _ids(world, person)
+    name = one_named(world, what)
+    span = since_when(world, since)
+    line = world.latest(name) if since is None else world.since(name, span.start)
+    moves = [each for each in changes_of(line, span.start, span.end) if each.before not in (None, each.after)]
+    if not moves:
+        sentence = f"{described(world, name)} was not moved in that time, as far as I know."
+        return Answer(sentence, "who_moved", 0.9, iso(world.now), [])
+    parts, value = [], []
+    for move in moves if since is not None else moves[-1:]:
+        there = [each for each in present_at(world, move) if not person or each in only]
+        value += [each for each in there if each not in value]
+        nobody = f"I did not see {_called(world, person)} there" if person else "I saw nobody there"
+        said = f"{listed(described(world, each) for each in there)} was there" if there else nobody
+        parts.append(f"{said} when {told_change(world, move)}")
+    probability = 0.7 if value else 0.6
+    sentence = f"{'; '.join(parts[-8:])}, {told(probability)}."
+    return Answer(sentence, "who_moved", probability, iso(moves[-1].end), value)
+
+
+def what_was_carried(world: Recall, person: str, since: str | float | Span | None = None) -> Answer:
+    """What was moved where a person was just then: probably by that person. value : ids of objects.
+
+    Raises NothingKnownError.
+    """
+    only = _ids(world, person)
+    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
+    moves = [move for move in _changes(world, "", span) if set(only) & set(present_at(world, move))]
+    period, called = f"between {clock(span.start)} and {clock(span.end)}", _called(world, person)
+    probability = 0.7 if moves else 0.6
+    if moves:
+        told_of = "; ".join(told_change(world, move) for move in moves[-8:])
+        sentence = f"Where {called} was {period}: {told_of}, {told(probability)}."
+    else:
+        sentence = f"I know of nothing that was moved where {called} was {period}, {told(probability)}."
+    value = list(dict.fromkeys(move.object for move in moves))
+    return Answer(sentence, "what_was_carried", probability, iso(span.start), value)
+
+
+def where_was_person(world: Recall, person: str, when: Span) -> Answer:
+    """Where somebody was seen during a span, or within `NOW` of a moment. value : the last such place, or None.
+
+    Raises NothingKnownError.
+    """
+    only = set(_ids(world, person))
+    wide = Span(when.start - NOW, min(when.end, world.now) + NOW)
+    found: dict[str, float] = {}
+    for name in [each for each in _persons(world, wide) if each in only]:
+        stamps, positions = _track(world, name, wide)
+        for stamp, place in zip(stamps.tolist(), world.words(positions), strict=True):
+            found.setdefault(place, stamp)
+    told_of = [f"{spoken(world, place)} at {clock(stamp)}" for place, stamp in found.items()]
+    said = listed(told_of) if told_of else f"not seen between {clock(wide.start)} and {clock(wide.end)}"
+    best = max(found, key=found.__getitem__, default=None)
+    return Answer(f"{_called(world, person)} was {said}.", "where_was", 0.85, iso(when.start), best)
+
+
+def _called(world: Recall, person: str) -> str:
+    """A person's name as it is written."""
+    item = world.item(_ids(world, person)[0])
+    return clean((item is not None and name_of_person(item)) or person)
+
+
+def _ids(world: Recall, person: str) -> list[str]:
+    """Ids of a person. Raises NothingKnownError."""
+    if not person:
+        return []
+    if person in world.epochs and world.kind(person) == PERSON:
+        return [person]
+    ids = people_named(world, person)
+    if not ids:
+        known = listed(map(clean, people(world)), 20) or "nobody by name"
+        raise NothingKnownError(f'I know nobody called "{clean(person)}"; I know {known}.')
+    return ids
+
+
+def present_at(world: Recall, move: Change) -> list[str]:
+    """People who were at the place that an object left, or that it came to, when it was moved."""
+    span = Span(move.start - AROUND_MOVE, move.end + AROUND_MOVE)
+    places = [place for place in (move.before, move.after) if place]
+    found = []
+    for name in _persons(world, span):
+        _, positions = _track(world, name, span)
+        if len(positions) and any(bool(_at(world.places[place], positions).any()) for place in places):
+            found.append(name)
+    return found
+
+
+def _people(world: Recall, visits: list[Visit]) -> str:
+    """How many: one with a name is one under all ids."""
+    names = set()
+    for visit in visits:
+        item = world.item(visit.person)
+        names.add((item is not None and name_of_person(item)) or visit.person)
+    count = len(names)
     return f"{count} {'person was' if count == 1 else 'people were'}"
 
 

@@ -7,15 +7,23 @@ from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
 from world_model.questions.recall import PERSON, Recall, singulars
+from world_model.questions.spelling import is_called, respelled
+from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
 LEAST = 0.3
 """Probability of class and colours from which on an object is meant."""
 MOST_PAST = 60
 """Objects of a class that are no longer there, among which one is looked for."""
-PREPOSITIONS = (
-    "on top of|next to|close to|in front of|on|in|at|inside|under|near|by|beside|within|around|from"
+NAMES = ("name", "identity")
+"""Attributes that say what a person is called."""
+MOST_PEOPLE = 200
+"""Ids of people among whom one with a name is looked for."""
+AT, NOT_AT = (
+    "on top of|on|in|at|inside|within|from",
+    "next to|close to|in front of|under|near|by|beside|around|behind",
 )
+PREPOSITIONS = f"{NOT_AT}|{AT}"
 _ARTICLES = re.compile(
     r"^(?:(?:the|a|an|my|your|our|his|her|their|this|that|any|some|all|other|one of the) )+"
 )
@@ -38,7 +46,9 @@ def plain(text: str) -> str:
     words = re.sub(r"[\s_]+", " ", text.lower()).strip(" ?!.,")
     if len(words) > 1 and words[0] == words[-1] and words[0] in "'\"`":
         words = words[1:-1].strip()
-    return _ARTICLES.sub("", words)
+    words = _ARTICLES.sub("", words)
+    # "everything red" are red things.
+    return re.sub(r"^(?:every|any|some)thing (?:that is )?(?!in\b|on\b|at\b)(\w+)$", r"\1 things", words)
 
 
 def spoken(world: Recall, place: str) -> str:
@@ -55,15 +65,90 @@ def name_of(place: str) -> str:
 
 
 def described(world: Recall, object_id: str) -> str:
-    """ "cup-3 (red)"."""
+    """ "cup-3 (red)", of a person whose name is known "Anna (person-3)"."""
     item = world.item(object_id)
+    called = "" if item is None else name_of_person(item)
+    if called:
+        return f"{clean(called)} ({clean(object_id)})"
     colors = item.attributes.get("color", {}) if item is not None else {}
     best = max(colors, key=colors.__getitem__, default="")
     return f"{clean(object_id)} ({clean(best)})" if best and colors[best] >= 0.5 else clean(object_id)
 
 
-def place_named(world: Recall, words: str) -> str:
-    """Name of the place that words stand for. Raises NothingKnownError or AmbiguousError."""
+def name_of_person(item: WorldObject) -> str:
+    """What a person is called, as an attribute says, "" where nothing does."""
+    if item.most_probable("class") != PERSON:
+        return ""
+    for attribute in NAMES:
+        values = item.attributes.get(attribute, {})
+        best = max(values, key=values.__getitem__, default="")
+        if best and values[best] >= 0.5:
+            return str(best)
+    return ""
+
+
+def people(world: Recall) -> dict[str, list[str]]:
+    """Ids by the names of people, the newest first; of those with names whom the newest `MOST_PEOPLE` ids are."""
+    known = world.kept.get("people")
+    if isinstance(known, dict):
+        return known
+    ids = [name for name in world.epochs if world.kind(name) == PERSON]
+    numbered = sorted(ids, key=lambda name: -(parse_symbol(name) or ("", 0))[1])
+    found: dict[str, list[str]] = {}
+    for name in sorted(numbered[:MOST_PEOPLE], key=lambda name: name not in world.present):
+        item = world.item(name)
+        called = "" if item is None else name_of_person(item)
+        if called:
+            found.setdefault(called, []).append(name)
+    world.kept["people"] = found
+    return found
+
+
+def people_named(world: Recall, words: str) -> list[str]:
+    """Ids of the person with a name, the newest first; [] where nobody is called so."""
+    wanted = plain(words)
+    return next((ids for name, ids in people(world).items() if is_called(wanted, name)), [])
+
+
+def in_known_words(world: Recall, words: str) -> str:
+    """The same in words that are known, "" where there are none, or where it may have been a slip."""
+    said = plain(words)
+    other, slips = respelled(said, phrases(world))
+    return other if other != said and not slips else ""
+
+
+def is_person(world: Recall, words: str) -> bool:
+    """Whether words are somebody's name; those with a class among them are not, which is soon seen."""
+    known = classes(world)
+    if any(single in known for word in plain(words).split() for single in singulars(word)):
+        return False
+    return not _exact(world, words) and bool(people_named(world, words))
+
+
+def phrases(world: Recall) -> list[str]:
+    """Everything by which something is called: classes, places and their types, people, predicates."""
+    placed = [plain(text) for place in world.places for text in (place.name, place.type or "")]
+    values = {
+        value.lower()
+        for item in world.present.values()
+        for name, known in item.attributes.items()
+        if name != "class"
+        for value in known
+    }
+    named = [name.lower() for name in people(world)]
+    return [*classes(world), *placed, *named, *world.symbols.predicates, *sorted(values)]
+
+
+def place_named(world: Recall, words: str, beside: bool = False) -> str:
+    """Name of the place that words stand for. beside : also where they say near it, or in front of it.
+
+    Raises NothingKnownError or AmbiguousError.
+    """
+    around = re.match(rf"(?:{NOT_AT}) ", words.strip().lower())
+    if around and not beside:
+        raise NothingKnownError(
+            f'I know what is on or in a place, not what is "{clean(around[0].strip())}" it.'
+        )
     wanted = plain(re.sub(rf"^(?:{PREPOSITIONS}) ", "", words.strip().lower()))
     names = {plain(place.name): place.name for place in world.places}
     if words in world.places:
@@ -78,6 +163,9 @@ def place_named(world: Recall, words: str) -> str:
     if typed:
         shown = [name_of(name) for name in typed]
         raise AmbiguousError(f"Which one: {listed(shown, final='or')}?", shown)
+    other = in_known_words(world, wanted)
+    if other:
+        return place_named(world, other, beside)
     known = listed([name_of(place.name) for place in world.places], 20) or "none; give rooms and furniture"
     raise NothingKnownError(f'I know no place "{clean(words)}"; the places I know are {known}.')
 
@@ -91,7 +179,7 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
     if exact:
         return Meant((exact,), words, by_name=True)
     wanted = plain(words)
-    within = re.search(rf" (?:that (?:is|was|are|were) )?(?:{PREPOSITIONS}) (?P<place>.+)$", wanted)
+    within = re.search(rf" (?:that (?:is|was|are|were) )?(?:{AT}) (?P<place>.+)$", wanted)
     place = ""
     if within:
         try:
@@ -100,11 +188,18 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
             if not _matching(world, wanted, past)[0]:
                 raise
         else:
-            wanted = wanted[: within.start()]
+            wanted = plain(wanted[: within.start()])
     ids, plural = _matching(world, wanted, past)
+    ids = ids or people_named(world, wanted)[:1]
+    if not ids and " and " in wanted:
+        several = [things_named(world, part, past).ids for part in re.split(r",? and |, ", wanted) if part]
+        return Meant(tuple(dict.fromkeys(name for found in several for name in found)), words, plural=True)
     if place:
         ids = [name for name in ids if _is_at(world, name, place)]
     if not ids:
+        other = in_known_words(world, words)
+        if other:
+            return things_named(world, other, past)
         raise NothingKnownError(_nothing(world, words, place))
     return Meant(tuple(ids), words, plural)
 
@@ -149,24 +244,40 @@ def _exact(world: Recall, words: str) -> str:
     return next((by_lower[key] for key in (bare.lower(), plainly, joined) if key in by_lower), "")
 
 
-def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
-    """Objects of a class, with predicates before it."""
+@dataclass(frozen=True)
+class Sort:
+    """What sort of object words speak of. kind : class, None for any. predicates : of it. plural : several."""
+
+    kind: str | None
+    predicates: tuple[str, ...]
+    plural: bool = False
+
+
+def sort_of(world: Recall, words: str) -> Sort | None:
+    """A class that is known with predicates before it, or predicates alone; None for other words."""
     kinds = classes(world)
-    words = wanted.split()
-    for count in range(len(words), -1, -1):  # the last `count` words are the class
-        said = " ".join(words[len(words) - count :])
+    parts = plain(words).split()
+    for count in range(len(parts), -1, -1):  # the last `count` words are the class
+        said = " ".join(parts[len(parts) - count :])
         for single in singulars(said) if said else [""]:
             kind = kinds.get(single)
             general = single in _OBJECTS or not said
-            if kind is None and not general:
+            predicates = tuple(parts[: len(parts) - count])
+            if (kind is None and not general) or not (said or predicates):
                 continue
-            predicates = words[: len(words) - count]
-            if general and not predicates:
-                break
             if all(_is_predicate(world, word) for word in predicates):
-                plural = single != said
-                return _of(world, kind, predicates, past), plural
-    return [], False
+                return Sort(kind, predicates, single != said or (general and not predicates))
+    return None
+
+
+def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
+    """Objects of a class, with predicates before it."""
+    sort = sort_of(world, wanted)
+    if sort is None:
+        return [], False
+    if sort.kind is None and not sort.predicates:
+        return world.things(), True
+    return _of(world, sort.kind, list(sort.predicates), past), sort.plural
 
 
 def classes(world: Recall) -> dict[str, str]:

@@ -64,7 +64,7 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
     certain = 1.0
     if where:
         count = len(_visits(world, line, where, span))
-        said = f"was {spoken(world, where)} {_times(count)}"
+        said = f"was {spoken(world, where)} {_times(count)}" if count else f"was never {spoken(world, where)}"
     else:
         moves = [change for change in changes_of(line, span.start, span.end) if change.before is not None]
         moves = [change for change in moves if change.after not in (None, change.before)]
@@ -73,13 +73,15 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
             # It has gone from where it was, to where nobody has looked yet, or out of the house.
             out = elsewhere(world, line).out
             count, certain = count + (out < 0.5), max(out, 1.0 - out)
-        said = f"was moved {_times(count)}"
+        said = f"was moved {_times(count)}" if count else "was not moved"
     first = line.stays[0].since if line.stays else world.now
     begin = max(span.start, first)
     until = "" if span.end >= world.now - 1.0 else f" until {clock(span.end)}"
     there = max(line.at(world.now)[0].values(), default=1.0) if span.end >= world.now - 1.0 else 1.0
     probability = max(0.97 * 0.995**count * there * certain, 0.3)
-    sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}."
+    gone = line.stays[-1].left_by if line.lost and line.stays else None
+    missing = f"; it is missing since {clock(gone)}" if gone and begin < gone <= span.end else ""
+    sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}{missing}."
     evidence = evidence_of(world, line, span.start, span.end)
     options = ({"value": count + 1, "probability": (1.0 - probability) / 2},)
     return Answer(sentence, "how_often", probability, iso(begin), count, evidence, options)
@@ -109,7 +111,7 @@ def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[Stay]
 
 
 def _times(count: int) -> str:
-    return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 def how_long_there(world: Recall, what: str, place: str = "") -> Answer:
@@ -181,12 +183,14 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     )
 
 
-def when_moved(world: Recall, what: str) -> Answer:
-    """When an object was moved last, from where to where. value : ISO 8601, None where never.
+def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
+    """When an object was moved last, from where to where; during : in that span. value : ISO 8601, None where never.
 
     Raises NothingKnownError.
     """
     name = one_named(world, what)
+    if during is not None:
+        return _moved_during(world, name, during)
     line = world.latest(name)
     moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
     if not moves and line.cut:
@@ -207,6 +211,18 @@ def when_moved(world: Recall, what: str) -> Answer:
         iso(last.end),
         evidence_of(world, line, last.start, last.end),
     )
+
+
+def _moved_during(world: Recall, name: str, span: Span) -> Answer:
+    line = world.since(name, span.start)
+    moves = [each for each in changes_of(line, span.start, span.end) if each.before is not None]
+    then = f"between {clock(span.start)} and {clock(span.end)}"
+    if not moves:
+        return Answer(f"{described(world, name)} was not moved {then}, {told(0.9)}.", "when_moved", 0.9)
+    parts = "; ".join(told_change(world, each) for each in moves[-8:])
+    last = moves[-1]
+    evidence = evidence_of(world, line, last.start, last.end)
+    return Answer(f"{parts}, {told(0.95)}.", "when_moved", 0.95, iso(last.end), iso(last.end), evidence)
 
 
 def told_change(world: Recall, change: Change) -> str:

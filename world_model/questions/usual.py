@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from world_model.questions.answers import Answer, NothingKnownError, clock, duration, iso, listed, told
+from world_model.questions.answers import (
+    LIKELY,
+    SURE,
+    Answer,
+    NothingKnownError,
+    clean,
+    clock,
+    duration,
+    iso,
+    listed,
+    told,
+)
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, place_named, spoken
+from world_model.questions.naming import described, one_named, place_named, spoken
 from world_model.questions.presence import presence_of
 from world_model.questions.recall import DAY, Recall
+from world_model.questions.where import is_at, where_usually
 from world_model.routines import FORMAT, VERSION, Routines, RoutinesConfig
 
 WEEKS = 28 * DAY
@@ -88,6 +101,39 @@ def what_is_needed_next(world: Recall, when: str | float | Span | None = None) -
     options = tuple({"object": n, "place": told_moves[n][0], "probability": told_moves[n][1]} for n in order)
     value = {name: told_moves[name][0] for name in order}
     return Answer(sentence, "what_is_needed_next", probability, iso(world.now), value, (), options)
+
+
+def where_will_be(world: Recall, what: str, when: Span) -> Answer:
+    """Where an object is expected at a coming moment, by its routines. value : name of the place.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    name = one_named(world, what)
+    stamp = when.middle
+    if stamp < world.now:
+        raise NothingKnownError(
+            f"{clock(stamp)} is not in the future: the newest moment is {clock(world.now)}."
+        )
+    chances = learned(world).where(name, stamp)
+    if not chances:
+        raise NothingKnownError(f"I know no routines of {clean(name)}.")
+    order = sorted(chances, key=lambda place: -chances[place])
+    best, p = order[0], chances[order[0]]
+    verb = "will be" if p >= SURE else "will probably be" if p >= LIKELY else "may be"
+    others = [
+        f"{spoken(world, place)} ({told(chances[place])})" for place in order[1:3] if chances[place] > 0.1
+    ]
+    rest = f"; else {listed(others, final='or')}" if others else ""
+    sentence = f"{described(world, name)} {verb} {spoken(world, best)} at {clock(stamp)}, {told(p)}{rest}."
+    options = tuple({"object": name, "place": place, "probability": chances[place]} for place in order[1:4])
+    return Answer(sentence, "where_will_be", p, iso(stamp), best, (), options)
+
+
+def is_at_usual_place(world: Recall, what: str) -> Answer:
+    """Whether an object is where it is most of the time. value : bool. Raises NothingKnownError, AmbiguousError."""
+    usual = where_usually(world, what)
+    answer = is_at(world, what, str(usual.value))
+    return replace(answer, sentence=f"{answer.sentence} {usual.sentence}")
 
 
 def learned(world: Recall) -> Routines:

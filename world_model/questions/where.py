@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,7 +23,7 @@ from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.presence import course_of
-from world_model.questions.recall import BELIEVED, Recall, Stay, Timeline
+from world_model.questions.recall import BELIEVED, PERSON, Recall, Stay, Timeline
 
 MONTH = 28 * 86400.0
 TWIN, SWAPPED = 0.85, 0.5
@@ -73,7 +74,7 @@ def where_was(world: Recall, what: str, when: str | float | Span | None = None) 
     name = meant.ids[0]
     if when is None:
         return when_last_seen(world, what)
-    span = _span(world, when)
+    span = within(world, when)
     if len(meant.ids) > 1:
         known = [each for each in meant.ids if _line_at(world, each, span.end).at(span.end)[1] is not None]
         if len(known) > 1:
@@ -93,7 +94,8 @@ def _line_at(world: Recall, name: str, stamp: float) -> Timeline:
     return world.latest(name) if stamp >= world.now else world.glimpse(name, stamp)
 
 
-def _span(world: Recall, when: str | float | Span) -> Span:
+def within(world: Recall, when: str | float | Span) -> Span:
+    """A time as a span that ends now at the latest. Raises NothingKnownError for the future, InputError for no time."""
     span = when if isinstance(when, Span) else moment(when, world.now)
     if span.start > world.now:
         raise NothingKnownError(
@@ -225,6 +227,11 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
 
 def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
     """It is not where it was: where it probably went, or what looks like it and came since."""
+    if world.kind(name) == PERSON:
+        seen = f"was seen last {spoken(world, stay.place)} at {clock(stay.until)}"
+        sentence = f"{described(world, name)} {seen}, {duration(stamp - stay.until)} ago."
+        evidence = evidence_of(world, line, stay.since, stamp)
+        return Answer(sentence, "where_is", 0.9, iso(stay.until), None, evidence)
     back = [other for other in world.alike(name) if _began(world, other) >= stay.until]
     may = elsewhere(world, line)
     last = f"it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, and is no longer there"
@@ -293,19 +300,47 @@ def where_usually(world: Recall, what: str) -> Answer:
     )  # fmt: skip
 
 
-def when_last_seen(world: Recall, what: str) -> Answer:
-    """When an object was seen last, and where. value : ISO 8601. Raises NothingKnownError."""
+def which_room(world: Recall, what: str, when: str | float | Span | None = None) -> Answer:
+    """In which room an object is or was. value : name of the room, or of the place where that is in none.
+
+    Raises NothingKnownError.
+    """
+    found = where_is(world, what) if when is None else where_was(world, what, when)
+    rooms = [
+        place.name
+        for place in world.places
+        if place.kind == "room" and isinstance(found.value, str) and world.contains(place.name, found.value)
+    ]
+    if len(rooms) != 1 or rooms[0] == found.value:
+        return found
+    verb = "is" if found.kind == "where_is" else "was"
+    return replace(found, value=rooms[0], sentence=f"{found.sentence} That {verb} {spoken(world, rooms[0])}.")
+
+
+def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answer:
+    """When an object was seen last, and where; during : last within that span. value : ISO 8601.
+
+    Raises NothingKnownError.
+    """
     meant = things_named(world, what, past=True)
-    lines = [world.latest(name) for name in meant.ids]
+    if during is None:
+        lines = [world.latest(name) for name in meant.ids]
+    else:
+        lines = [_cut(world.window(name, during.start, during.end), during) for name in meant.ids]
     lines = [line for line in lines if line.stays]
+    if not lines and during is not None:
+        then = f"between {clock(during.start)} and {clock(during.end)}"
+        return Answer(f"{clean(what)} was not seen {then}.", "when_last_seen", 0.9, iso(during.start))
     if not lines:
         raise NothingKnownError(f'"{clean(what)}" was never seen for certain.')
     line = max(lines, key=lambda each: each.stays[-1].until)
     stay = line.stays[-1]
-    missing = ", and is missing since" if line.lost else ""
+    missing = ", and is missing since" if line.lost and world.kind(line.id) != PERSON else ""
+    others = sorted((each for each in lines if each is not line), key=lambda each: -each.stays[-1].until)
+    also = "".join(f"; {described(world, each.id)} at {clock(each.stays[-1].until)}" for each in others[:3])
     sentence = (
         f"{described(world, line.id)} was seen last at {clock(stay.until)}, {duration(world.now - stay.until)} ago, "
-        f"{spoken(world, stay.place)}{missing}."
+        f"{spoken(world, stay.place)}{missing}{also}."
     )
     options = tuple(
         {
@@ -322,6 +357,16 @@ def when_last_seen(world: Recall, what: str) -> Answer:
         sentence, "when_last_seen", probability, iso(stay.until), iso(stay.until),
         evidence_of(world, line, stay.since, stay.until), options,
     )  # fmt: skip
+
+
+def _cut(line: Timeline, span: Span) -> Timeline:
+    """The part of a timeline within a span."""
+    stays = [
+        replace(stay, until=min(stay.until, span.end), left_by=None)
+        for stay in line.stays
+        if stay.since <= span.end and stay.until >= span.start
+    ]
+    return replace(line, stays=tuple(stays), lost=False)
 
 
 def evidence_of(world: Recall, line: Timeline, start: float, end: float) -> tuple[Mapping[str, Any], ...]:
@@ -368,12 +413,12 @@ def _chances(world: Recall, line: Timeline, stamp: float) -> dict[str, float]:
 
 
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
-    """What is, or was, at a place; near an object where it is named. value : ids.
+    """What is, or was, at a place at a moment. value : ids.
 
     Raises NothingKnownError, AmbiguousError.
     """
     where = place_named(world, place)
-    stamp = world.now if when is None else _span(world, when).middle
+    stamp = world.now if when is None else within(world, when).middle
     chances = at_place(world, where, stamp)
     there = sorted((name for name in chances if chances[name] >= BELIEVED), key=lambda name: -chances[name])
     verb = ("is", "are") if when is None else ("was", "were")
@@ -405,7 +450,7 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
     where = place_named(world, place)
     past = when is not None
     meant = things_named(world, what, past)
-    stamp = world.now if when is None else _span(world, when).middle
+    stamp = world.now if when is None else within(world, when).middle
     chances = at_place(world, where, stamp, meant.ids)
     if meant.by_name:
         chances = {name: p * (TWIN if world.alike(name) else 1.0) for name, p in chances.items()}
@@ -416,16 +461,28 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
         for name in sorted(chances, key=lambda name: -chances[name])
         if chances[name] > 0.5
     ]
-    verb = "was" if past else "is"
+    verb, many = ("was", "were") if past else ("is", "are")
     then = f" at {clock(stamp)}" if past else ""
     yes = p >= 0.5
     if yes:
-        sentence = f"Yes, {listed(there or [clean(what)])} {hedged(p, verb)} {spoken(world, where)}{then}, {told(p)}."
+        is_or_are = many if len(there) > 1 else verb
+        them = listed(there or [clean(what)])
+        sentence = f"Yes, {them} {hedged(p, is_or_are)} {spoken(world, where)}{then}, {told(p)}."
     else:
-        known = [
-            f"{described(world, name)} {verb} {_elsewhere(world, name, stamp)}" for name in meant.ids[:3]
-        ]
-        sentence = f"No, {clean(plain(what))} {verb} not {spoken(world, where)}{then}: {listed(known)}, {told(1 - p)}."
+        one = clean(re.sub("^(any|some|every)thing$", "thing that I know of", plain(what)))
+        known = (
+            [f"{described(world, name)} {verb} {_elsewhere(world, name, stamp)}" for name in meant.ids[:3]]
+            if "thing" not in one
+            else []
+        )
+        found = (
+            f"No, {described(world, meant.ids[0])} {verb} not"
+            if len(meant.ids) == 1
+            else f"No, there {many if meant.plural and one.endswith('s') else verb} no {one}"
+        )
+        sentence = (
+            f"{found} {spoken(world, where)}{then}{f': {listed(known)}' if known else ''}, {told(1 - p)}."
+        )
     options = tuple({"object": name, "place": where, "probability": q} for name, q in chances.items())
     evidence = evidence_of(world, world.glimpse(meant.ids[0], stamp), stamp, stamp)
     return Answer(sentence, "is_at", max(p, 1.0 - p), iso(stamp), yes, evidence, options)
@@ -444,7 +501,7 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     Raises NothingKnownError, AmbiguousError.
     """
     where = place_named(world, place) if place else ""
-    stamp = world.now if when is None else _span(world, when).middle
+    stamp = world.now if when is None else within(world, when).middle
     everything = plain(what).rstrip("s") in ("thing", "object", "item")
     ids = tuple(world.things()) if everything else things_named(world, what, when is not None).ids
     if where:

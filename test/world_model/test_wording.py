@@ -1,0 +1,190 @@
+"""Questions as different people say them, about a home whose truth is written down beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from estimation.places import Places
+from world_model import WorldObject, WorldState, ask
+from world_model.questions import moment
+from world_model.questions.moments import ahead
+from world_model.questions.spelling import slip_of
+from world_model.store import Store
+
+HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
+SPOTS = {
+    "table": (2.0, 1.6, 0.9),
+    "counter": (3.0, 0.3, 1.1),
+    "desk": (1.0, 8.0, 1.0),
+    "sofa": (8.0, 0.6, 0.6),
+}
+HOUR, DAY = 3600.0, 86400.0
+MONDAY = datetime(2026, 11, 16).timestamp()
+NOW = MONDAY + 2 * DAY + 20 * HOUR
+"""Wednesday, eight in the evening."""
+
+
+def thing(name: str, place: str, stamp: float, **attributes: str) -> WorldObject:
+    known = {"class": {name.rpartition("-")[0]: 1.0}}
+    known |= {attribute: {value: 0.97} for attribute, value in attributes.items()}
+    position = np.array(SPOTS[place])
+    return WorldObject(name, position, np.zeros(3), 1e-4 * np.eye(3), known, 0.99, False, stamp, MONDAY)
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    """Three days, every ten minutes. The red cup is on the desk from nine to eleven, else on the counter, where the
+    blue one stays; the laptop is on the desk by day, from 8:30 to 18:00, else on the sofa; the bag is gone since 14:00
+    of wednesday. Jürgen is at the counter at eleven, for twenty minutes, and Anna on the sofa at 18:00."""
+    with Store(tmp_path_factory.mktemp("home") / "home.sqlite") as store:
+        store.keep_places(HOME)
+        for step in range(round((NOW - MONDAY) / 600.0) + 1):
+            stamp = MONDAY + 600.0 * step
+            day, hour = divmod((stamp - MONDAY) / HOUR, 24.0)
+            seen = [
+                thing("cup-1", "desk" if 9 <= hour < 11 else "counter", stamp, color="red"),
+                thing("cup-2", "counter", stamp, color="blue"),
+                thing("laptop-1", "desk" if 8.5 <= hour < 18 else "sofa", stamp),
+            ]
+            if day < 2 or hour < 14:
+                seen.append(thing("bag-1", "sofa", stamp, color="red"))
+            for number, (begin, place, name) in enumerate(
+                ((11, "counter", "Jürgen"), (18, "sofa", "Anna")), 1
+            ):
+                if begin <= hour < begin + 0.4:
+                    person = thing(f"person-{2 * int(day) + number}", place, stamp, identity=name)
+                    seen.append(replace(person, first_seen=MONDAY + day * DAY + begin * HOUR))
+            store.record(WorldState(tuple(seen), 1.0, float(len(seen)), stamp))
+        yield store
+
+
+@pytest.mark.parametrize(
+    ("question", "value"),
+    [
+        ("have you seen my laptop?", "sofa"),
+        ("I can't find the red cup", "counter"),
+        ("hey, could you please tell me where the red cup is?", "counter"),
+        ("wheres teh red cup", "counter"),
+        ("I'm looking for the blue mug", "counter"),
+        ("which room is the laptop in?", "living_room"),
+        ("where was the laptop on 17 November at 3pm", "desk"),
+        ("where was the red cup yesterday at half past nine", "desk"),
+        ("where was the laptop yesterday morning at ten to eleven", "desk"),
+        ("where was the red cup at nine this morning", "desk"),
+        ("where will the laptop be at 10 tomorrow", "desk"),
+        ("is the red cup in its usual place?", True),
+        ("was the red cup on the desk this morning?", True),
+        ("was there a cup on the sofa yesterday?", False),
+        ("what was on the desk yesterday?", ["laptop-1", "cup-1"]),
+        ("is anything on the desk?", []),
+        ("what is on the couch?", ["laptop-1"]),
+        ("how many cups do we have?", 2),
+        ("list all the cups", ["cup-1", "cup-2"]),
+        ("which things have disappeared since yesterday?", ["bag-1"]),
+        ("what is no longer on the desk", {"cup-1": "counter", "laptop-1": "sofa"}),
+        ("how long was the laptop on the desk yesterday?", pytest.approx(9.5 * HOUR, abs=600.0)),
+        ("who moved the laptop?", ["person-6"]),
+        ("what did Anna carry yesterday?", ["laptop-1"]),
+        ("did Juergen move the laptop today?", []),
+        ("what did Jurgen carry today", ["cup-1"]),
+    ],
+)
+def test_what_people_say_is_answered_as_it_is_meant(home: Store, question: str, value: object) -> None:
+    answer = ask(home, question)
+    assert answer.value == value, answer.sentence
+
+
+@pytest.mark.parametrize(
+    ("question", "kind", "words"),
+    [
+        ("where did I leave my mug?", "choices", ["cup-1", "cup-2"]),
+        ("where is the cup and the laptop", "where_is", ["cup-1", "cup-2", "laptop-1"]),
+        ("where is Jürgen", "where_is", ["Jürgen", "seen last", "counter", "11:20"]),
+        ("when was Anna here last?", "when_last_seen", ["18:20"]),
+        ("has anybody been in the kitchen since ten?", "who_was_here", ["Jürgen"]),
+        ("who was here yesterday between noon and seven?", "who_was_here", ["Anna"]),
+        ("was Anna here yesterday?", "who_was_here", ["Anna"]),
+        (
+            "who was in the living room since monday?",
+            "who_was_here",
+            ["1 person was", "person-2", "person-6"],
+        ),
+        ("is anybody home?", "who_was_here", ["nobody", "last 5 min"]),
+        ("when was the red cup last on the desk?", "when_last_seen", ["10:50"]),
+        ("what happened in the kitchen today?", "what_moved", ["cup-1", "09:00", "11:00"]),
+        ("has the bag been moved today?", "how_often", ["missing", "14:00"]),
+        ("where's the lapotp", "where_is", ['"lapotp"', '"laptop"', "sofa"]),
+    ],
+)
+def test_what_the_sentence_tells(home: Store, question: str, kind: str, words: list[str]) -> None:
+    answer = ask(home, question)
+    assert answer.kind == kind, answer.sentence
+    assert all(word in answer.sentence for word in words), answer.sentence
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "where is the cup not?", "is the red cup not on the desk?", "what is under the sofa?", "where is the cap",
+        "what is usually on the desk in the morning?", "where is the cup next to the sofa", "where is Peter",
+        "what happened while I was away?", "where was the red cup tomorrow", "where will the red cup be yesterday",
+        "is the laptop on the desk or the sofa", "what's not on the desk", "who am I", "where is the grey lap top",
+        "what did Peter carry today",
+    ],
+)  # fmt: skip
+def test_what_is_not_known_is_not_made_up(home: Store, question: str) -> None:
+    answer = ask(home, question)
+    assert answer.kind in ("unknown", "not_understood"), answer.sentence
+    assert answer.value is None
+
+
+@pytest.mark.parametrize(
+    ("words", "start", "end"),
+    [
+        ("two days ago", 0.0, DAY),
+        ("two days ago at noon", 0.5 * DAY, 0.5 * DAY),
+        ("an hour and a half ago", 2 * DAY + 18.5 * HOUR, 2 * DAY + 18.5 * HOUR),
+        ("quarter of an hour ago", 2 * DAY + 19.75 * HOUR, 2 * DAY + 19.75 * HOUR),
+        ("in the last twenty-five minutes", NOW - MONDAY - 1500.0, NOW - MONDAY),
+        ("at ten past nine", 2 * DAY + 9 * HOUR + 600.0, 2 * DAY + 9 * HOUR + 600.0),
+        ("at eight last night", DAY + 20 * HOUR, DAY + 20 * HOUR),
+        ("last night at two", 2 * DAY + 2 * HOUR, 2 * DAY + 2 * HOUR),
+        ("the 17th", DAY, 2 * DAY),
+        ("nov 16th", 0.0, DAY),
+        ("last weekend", -2 * DAY, 0.0),
+        ("this week", 0.0, NOW - MONDAY),
+        ("last week", -7 * DAY, 0.0),
+        ("last month", -46 * DAY, -15 * DAY),
+    ],
+)
+def test_more_times_in_words(words: str, start: float, end: float) -> None:
+    span = moment(words, NOW)
+    assert (span.start - MONDAY, span.end - MONDAY) == (start, end)
+
+
+@pytest.mark.parametrize(
+    ("question", "rest", "start"),
+    [
+        ("where will it be at 8 tomorrow", "where will it be", 3 * DAY + 8 * HOUR),
+        ("where will it be in two hours", "where will it be", 2 * DAY + 22 * HOUR),
+        ("where will it be on friday at nine", "where will it be", 4 * DAY + 9 * HOUR),
+        ("where will it be at 9", "where will it be", 3 * DAY + 9 * HOUR),
+    ],
+)
+def test_times_ahead(question: str, rest: str, start: float) -> None:
+    text, span = ahead(question, NOW)
+    assert span is not None
+    assert (text, span.start - MONDAY) == (rest, start)
+
+
+def test_only_what_cannot_be_another_word_is_a_slip() -> None:
+    known = ["cup", "book", "bottle", "laptop", "glass"]
+    assert slip_of("botle", known) == "bottle"
+    assert slip_of("lapptop", known) == "laptop"
+    assert [slip_of(word, known) for word in ("cap", "boot", "grass", "battle", "lap")] == [""] * 5

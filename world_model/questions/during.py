@@ -1,0 +1,190 @@
+"""What was at a place at any time of a span, for how long, when last, and what has left it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from world_model.questions.answers import Answer, clean, clock, duration, iso, listed, told
+from world_model.questions.moments import Span
+from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
+from world_model.questions.past import changes_of, since_when, told_change
+from world_model.questions.recall import DAY, Recall, Timeline
+from world_model.questions.where import evidence_of, within
+
+FOUND, NOT_FOUND = 0.96, 0.9
+"""That something was where it was seen at some time; that it was nowhere else between the looks."""
+
+
+def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None = None) -> dict[str, float]:
+    """Share of a span that each object was at a place, of those that were; of all things where `ids` is None."""
+    names = world.things() if ids is None else ids
+    found = {}
+    for name in names:
+        seconds = _spent(world, world.window(name, span.start, span.end), place, span)
+        if seconds > 0.0:
+            found[name] = seconds / max(span.end - span.start, 1.0)
+    return found
+
+
+def _spent(world: Recall, line: Timeline, place: str, span: Span) -> float:
+    """s of a span at a place; between two looks half of the time."""
+    spent = 0.0
+    for stay, after in zip(line.stays, [*line.stays[1:], None], strict=True):
+        until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
+        if after is None and stay.left_by is None:
+            until = span.end
+        if world.contains(place, stay.place):
+            spent += max(min(until, span.end) - max(stay.since, span.start), 0.0)
+    return spent
+
+
+def what_was_at(world: Recall, place: str, when: Span) -> Answer:
+    """What was at a place at any time of a span. value : ids, what was longest there first.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where, span = place_named(world, place), within(world, when)
+    shares = shares_at(world, where, span)
+    there = sorted(shares, key=lambda name: -shares[name])
+    named = [described(world, name) + _part(shares[name]) for name in there]
+    then = f"between {clock(span.start)} and {clock(span.end)}"
+    verb = "was" if len(there) == 1 else "were"
+    probability = 0.97 * 0.99 ** len(there) if there else NOT_FOUND
+    told_of = f"{listed(named, 20)} {verb}" if there else "Nothing that I know of was"
+    sentence = f"{told_of} {spoken(world, where)} {then}, {told(probability)}."
+    options = tuple({"object": name, "place": where, "share": shares[name]} for name in there)
+    return Answer(sentence, "what_is_at", probability, iso(span.start), there, (), options)
+
+
+def _part(share: float) -> str:
+    return "" if share >= 0.95 else f" ({max(100.0 * share, 1.0):.0f} % of the time)"
+
+
+def was_at(world: Recall, what: str, place: str, when: Span) -> Answer:
+    """Whether an object, or one of a class, was at a place at any time of a span. value : bool.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where, span = place_named(world, place), within(world, when)
+    meant = things_named(world, what, past=True)
+    shares = shares_at(world, where, span, meant.ids)
+    then = f"between {clock(span.start)} and {clock(span.end)}"
+    if shares:
+        names = [
+            f"{described(world, name)} was {spoken(world, where)}{_part(shares[name])}"
+            for name in sorted(shares, key=lambda name: -shares[name])
+        ]
+        sentence = f"Yes, {listed(names)} {then}"
+    else:
+        sentence = f"No, I know of no {clean(plain(what))} that was {spoken(world, where)} {then}"
+    probability = FOUND if shares else NOT_FOUND
+    best = max(shares, key=shares.__getitem__, default=meant.ids[0])
+    evidence = evidence_of(world, world.window(best, span.start, span.end), span.start, span.end)
+    return Answer(
+        f"{sentence}, {told(probability)}.", "is_at", probability, iso(span.start), bool(shares), evidence
+    )
+
+
+def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
+    """How long of a span an object was at a place, or anywhere. value : s.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    name, span = one_named(world, what), within(world, when)
+    where = place_named(world, place) if place else ""
+    line = world.window(name, span.start, span.end)
+    if where:
+        long = _spent(world, line, where, span)
+        said = f"{described(world, name)} was {spoken(world, where)} for {duration(long)}"
+    else:
+        places = dict.fromkeys(stay.place for stay in line.stays)
+        by_place = {each: _spent(world, line, each, span) for each in places}
+        by_place = {each: seconds for each, seconds in by_place.items() if seconds > 0.0}
+        long = sum(by_place.values())
+        parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
+        said = f"{described(world, name)} was {listed(parts) or 'not seen'}"
+    then = f"between {clock(span.start)} and {clock(span.end)}"
+    evidence = evidence_of(world, line, span.start, span.end)
+    return Answer(f"{said} {then}, {told(0.9)}.", "how_long_there", 0.9, iso(span.start), long, evidence)
+
+
+def when_last_at(world: Recall, what: str, place: str) -> Answer:
+    """When an object was at a place last. value : ISO 8601, None where never. Raises NothingKnownError."""
+    name, where = one_named(world, what), place_named(world, place)
+    line = world.latest(name)
+    if line.cut and not any(world.contains(where, stay.place) for stay in line.stays):
+        line = world.timeline(name)
+    stays = [stay for stay in line.stays if world.contains(where, stay.place)]
+    if not stays:
+        first = clock(line.stays[0].since) if line.stays else "the beginning"
+        sentence = (
+            f"{described(world, name)} was never {spoken(world, where)} since {first}, {told(NOT_FOUND)}."
+        )
+        return Answer(sentence, "when_last_seen", NOT_FOUND, iso(world.now))
+    last = stays[-1]
+    is_there = last is line.stays[-1] and not line.lost
+    until = f"is {spoken(world, where)} since" if is_there else f"was {spoken(world, where)} last until"
+    stamp = last.since if is_there else last.until
+    sentence = f"{described(world, name)} {until} {clock(stamp)}, {told(FOUND)}."
+    seen = iso(world.now if is_there else stamp)
+    evidence = evidence_of(world, line, last.since, last.until)
+    return Answer(sentence, "when_last_seen", FOUND, iso(stamp), seen, evidence)
+
+
+def what_moved(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
+    """Every move within a span, or of the last day, also of what is back where it was; to or from a place.
+
+    value : [[object, from, to, stamp], ...], None for nowhere. Raises NothingKnownError, AmbiguousError, InputError.
+    """
+    where = place_named(world, place) if place else ""
+    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
+    moves = []
+    for name in world.heads(world.active(span.start, span.end)):
+        for change in changes_of(world.since(name, span.start), span.start, span.end):
+            ends = [end for end in (change.before, change.after) if end is not None]
+            if change.before not in (None, change.after) and (
+                not where or any(world.contains(where, end) for end in ends)
+            ):
+                moves.append(change)
+    moves.sort(key=lambda change: change.end)
+    at = f" {spoken(world, where)}" if where else ""
+    period = f"between {clock(span.start)} and {clock(span.end)}"
+    probability = 0.97 * 0.99 ** len(moves)
+    before = f"{len(moves) - 12} moves before; " if len(moves) > 12 else ""
+    parts = "; ".join(told_change(world, move) for move in moves[-12:])
+    told_of = (
+        f"Moved{at} {period}: {before}{parts}" if moves else f"Nothing that I know of was moved{at} {period}"
+    )
+    value = [[move.object, move.before, move.after, iso(move.end)] for move in moves]
+    return Answer(f"{told_of}, {told(probability)}.", "what_moved", probability, iso(span.start), value)
+
+
+def what_left(world: Recall, place: str, since: str | float | Span | None = None) -> Answer:
+    """What was at a place at the beginning of a span, or at any time of the last day, and is no longer there.
+
+    value : {id: place where it is, None where nobody knows}. Raises NothingKnownError, AmbiguousError.
+    """
+    where = place_named(world, place)
+    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
+    parts, value = [], {}
+    for name in world.heads(world.active(span.start, span.end)):
+        line = world.since(name, span.start)
+        left = [
+            change
+            for change in changes_of(line, span.start, span.end)
+            if change.before is not None and world.contains(where, change.before)
+            and (change.after is None or not world.contains(where, change.after))
+        ]  # fmt: skip
+        stay = line.stays[-1] if line.stays else None
+        here = stay is not None and not line.lost and world.contains(where, stay.place)
+        if left and not here:
+            value[name] = None if line.lost or stay is None else stay.place
+            parts.append(told_change(world, left[-1]))
+    period = f"since {clock(span.start)}"
+    probability = 0.97 * 0.99 ** len(parts)
+    sentence = (
+        f"No longer {spoken(world, where)}, {period}: {listed(parts)}"
+        if parts
+        else f"Nothing that I know of has left the place {spoken(world, where)} {period}"
+    )
+    return Answer(f"{sentence}, {told(probability)}.", "what_left", probability, iso(span.start), value)

@@ -1,0 +1,119 @@
+"""How people say the same thing: a question without politeness, contractions and fillers, in the order of a question.
+
+What is done here is about English, not about what can be asked: "I can't find my mug" asks where it is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from world_model.questions.answers import clean
+
+_ANYBODY = r"(?:you|we|i|anyone|anybody|somebody|someone|one)"
+_ASKING = r"(?:where|whereabouts|what|who|when|how|which|whether|if|since when)"
+_NOUN = r"(?:the|my|our|your|his|her|their|any|a|an|that|this) .+?"
+_LIES = (
+    r"(?:lying|laying|laid|sitting|standing|placed|stored|located|situated|hidden|hiding|resting|put|kept)"
+)
+_HOME = r"(?:in|at|around|inside) (?:the|our|my|your|this) (?:whole |entire )?(?:house|home|flat|apartment)"
+FUNCTION_WORDS = (  # noqa: SIM905
+    "where what who when which how is are was were has have did does the my in on at of since there with from "
+    "yesterday today morning evening night last usually missing changed moved seen between"
+).split()
+"""Words in which letters that changed places are put right."""
+_SHORT = (
+    (r"\b(where|what|who|when|how)['`]?s\b|\b(that|it|there)'s\b", r"\1\2 is"), (r"\b(\w+)'re\b", r"\1 are"),
+    (r"\b(where|what|who|when|how)'d\b", r"\1 did"), (r"\b(i|you|we)'d\b", r"\1 would"),
+    (r"\b(\w+)'ve\b", r"\1 have"), (r"\bi'?m\b", "i am"), (r"\bca(?:n't|nt|nnot)\b", "can not"),
+    (r"\b(is|are|was|were|has|have|do|does|did|could|would)n'?t\b", r"\1 not"),
+)  # fmt: skip
+_AROUND = (
+    (r"[?!.\s]+$", ""),
+    (r"^(?:please|hey|hello|hi|ok|okay|robot|so|and|well|sorry|excuse me|thanks)\b[, ]+", ""),
+    (r"(?:,? (?:please|thanks|thank you|exactly|by any chance|for me|any ?more|robot)|, then)$", ""),
+    (
+        rf"^(?:can|could|would|will) {_ANYBODY} (?:please |maybe )?(?:tell|show|say|find out|check|remember)"
+        rf"(?: to)?(?: me| us)? (?={_ASKING}\b)",
+        "",
+    ),
+    (r"^(?:can|could|would|will) you (?:please )?(?=(?:find|locate|show|list|look|search|tell)\b)", ""),
+    (rf"^(?:do|does|did) {_ANYBODY} (?:happen to |still )?(?:know|remember|recall) (?={_ASKING}\b)", ""),
+    (rf"^(?:i|we) (?:would like|want|need|have|wish) to know (?={_ASKING}\b)", ""),
+    (rf"^(?:i|we) (?:do not|can not) (?:know|remember|recall) (?={_ASKING}\b)", ""),
+    (
+        rf"^(?:i wonder|tell me|remind me|i forgot|i have forgotten|(?:do you have |have you )?any idea),? "
+        rf"(?={_ASKING}\b)",
+        "",
+    ),
+)  # fmt: skip
+_ORDER = (
+    # What somebody looks for is asked for.
+    (rf"^(?:have|has|had|did) {_ANYBODY} seen? (?=(?:anybody|anyone|somebody|someone|people)\b)", "was "),
+    (rf"^(?:have|has|had|did) {_ANYBODY} (?:seen?|find|found|spotted?) (?=\w)", "where is "),
+    (r"^(?:i|we) (?:can|could|do) not (?:find|see|locate) (.+?)(?: anywhere)?$", r"where is \1"),
+    (r"^(?:i am |we are )?(?:looking|searching|hunting) for (.+)$", r"where is \1"),
+    (r"^(?:i|we) (?:have )?(?:lost|misplaced|mislaid) (.+)$", r"where is \1"),
+    (r"^(?:i|we) (?:need|want|am missing|are missing) (?!to\b)(.+)$", r"where is \1"),
+    # The verb behind its subject, as after "do you know".
+    (
+        rf"^(where|whereabouts|when|how often|how many times|how long|since when) ({_NOUN}) "
+        r"(is|are|was|were|has been|have been|has|have)\b(.*)$",
+        r"\1 \3 \2\4",
+    ),
+    (
+        rf"^(?:if|whether) ({_NOUN}|there|anybody|anyone|somebody|someone|anything|something) "
+        r"(is|are|was|were|has|have)\b(.*)$",
+        r"\2 \1\3",
+    ),
+    (
+        r"\b(is|are|was|were|has|have|been|did) (?:actually|really|exactly|ever|already|also|still|currently|just|"
+        r"possibly|probably)\b",
+        r"\1",
+    ),
+    (rf"\b(is|are|was|were|been|be|there) {_LIES}\b", r"\1"),
+    (rf"^(where (?:is|are|was|were) .+) {_LIES}$", r"\1"),
+    (rf"\b{_HOME}\b", "here"),
+)  # fmt: skip
+
+
+def plainly(text: str, longest: int) -> str:
+    """A question in the order and the words that the patterns want, case as it was."""
+    said = clean(text, longest).replace("’", "'").replace("‘", "'").replace("“", '"').replace("”", '"')
+    said = " ".join(said.split())
+    said = _each(_SHORT, said)
+    before = ""
+    while before != said:  # "hey, can you please tell me"
+        before, said = said, _each(_AROUND, said).strip(" ,")
+    return said if re.search(r"['\"`]", said) else " ".join(_each(_ORDER, said).split())
+
+
+def _each(rules: Iterable[tuple[str, str]], text: str) -> str:
+    for pattern, other in rules:
+        text = re.sub(pattern, other, text, flags=re.IGNORECASE)
+    return text
+
+
+def spelled(word: str) -> str:
+    """A word of the grammar in which two letters have changed places, put right: "teh", "wehre".
+
+    Only for a question that is not understood as it is: "three" is no slip.
+    """
+    low = word.lower()
+    if len(low) < 3 or low in FUNCTION_WORDS:
+        return word
+    for known in FUNCTION_WORDS:
+        if len(known) == len(low) and sorted(known) == sorted(low) and is_swapped(low, known):
+            return known
+    return word
+
+
+def is_swapped(word: str, other: str) -> bool:
+    """Whether two neighbouring letters are all in which two words of one length differ."""
+    apart = [index for index, (a, b) in enumerate(zip(word, other, strict=True)) if a != b]
+    return (
+        len(apart) == 2
+        and apart[1] == apart[0] + 1
+        and word[apart[0]] == other[apart[1]]
+        and word[apart[1]] == other[apart[0]]
+    )
