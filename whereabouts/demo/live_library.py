@@ -186,7 +186,7 @@ class LibraryRobot:
                 self._go_to(found, asked, end)
                 if out.fetched is None:
                     out.failures.append(f"{found.id} was not where it was believed to be")
-                    self._missed(found.id)
+                    self._missed(found.id, found.position)
             elif not next(finder, False):
                 out.failures.append("nothing is left to try")
                 break
@@ -195,7 +195,7 @@ class LibraryRobot:
 
     def _go_to(self, found: WorldObject, asked: str, end: float) -> None:
         name, begun = found.id, self.day.time
-        going = partial(self._is_believed, name)
+        going = partial(self._is_believed, name, found.position)
         goal = np.array([*found.position[:2], self._towards(found.position)])
         self.drive(goal, going, end - begun, ARM)
         arrived = self.day.time
@@ -209,9 +209,9 @@ class LibraryRobot:
             self.outcome.reached = self.day.away(spot)
         self.outcome.fetched = self.day.take(known.position)
 
-    def _missed(self, name: str) -> None:
-        """The arm finds nothing: tell the world model, unless it knows."""
-        if self._is_believed(name):
+    def _missed(self, name: str, place: Array) -> None:
+        """The arm finds nothing at a place (3,): tell the world model, unless it knows."""
+        if self._is_believed(name, place):
             self.state = self.model.report(name, "not_found", self.day.time)
         self.wait(1.0)
 
@@ -290,10 +290,13 @@ class LibraryRobot:
                 return item
         return None
 
-    def _is_believed(self, name: str) -> bool:
+    def _is_believed(self, name: str, place: Array | None = None) -> bool:
+        """Whether there is an object by all that is known, within an arm's length of a place (3,) if one is given."""
         item = None if self.state is None else self.state.find(name)
-        sure = item is not None and item.existence >= self._search.belief
-        return sure and item is not None and not item.lost and MOVED_ON not in item.predicates
+        if item is None or item.lost or MOVED_ON in item.predicates:
+            return False
+        near = place is None or float(np.linalg.norm(item.position - place)) < ARM
+        return near and item.existence >= self._search.belief
 
     def _towards(self, spot: Array) -> float:
         offset = spot[:2] - self.day.robot.pose[:2]

@@ -12,7 +12,7 @@ from whereabouts.demo.beliefs import Beliefs, judged
 from whereabouts.nodes.live_robot import Goal, LiveRobot, Search
 from whereabouts.simulation.apartment_bag import START
 from whereabouts.simulation.apartment_day import MOVED, THINGS, TICKS
-from whereabouts.simulation.live_apartment import ASKED, GLANCE, REACH, STARE, LiveDay, tour
+from whereabouts.simulation.live_apartment import ARM, ASKED, GLANCE, REACH, STARE, LiveDay, tour
 from world_model import WorldObject
 
 Array = NDArray[np.float64]
@@ -164,30 +164,27 @@ class Teller:
             if search is None:
                 return
             found = search.result.object[0].id
-            yield from self._go_to(found)
-            if story.fetched is not None:
-                return
-            story.failures.append(f"{found} was not where it was believed to be")
-            if self._object(found) is not None:
-                self._robot.miss(found)
+            known = self._object(found)
+            if known is not None:
+                yield from self._go_to(found, known.position)
+                if story.fetched is not None:
+                    return
+                story.failures.append(f"{found} was not where it was believed to be")
+                # What is believed to be elsewhere by now the arm has not looked for.
+                if self._is_at(found, known.position):
+                    self._robot.miss(found)
             yield from self._wait(1.0)
             if self._day.time > until:
                 return
 
-    def _go_to(self, name: str) -> Iterator[bool]:
-        """Drive to an object as long as it is believed in, and take it once it has been seen from there."""
-        first = self._object(name)
-        if first is None:
-            return
+    def _go_to(self, name: str, place: Array) -> Iterator[bool]:
+        """Drive to an object as long as it is believed there, and take it once it has been seen from there."""
         began = self._day.time
-        goal = np.array([*first.position[:2], np.nan])
-        yield from self._drive("fetch", goal, f"fetch {name}", lambda: self._object(name) is not None)
+        goal = np.array([*place[:2], np.nan])
+        yield from self._drive("fetch", goal, f"fetch {name}", lambda: self._is_at(name, place))
         until, arrived = self._day.time + STARE, self._day.time
         yield from self._while(
-            lambda: (
-                self._day.time < until
-                and (self._seen(name) < arrived - 1.0 and self._object(name) is not None)
-            )
+            lambda: self._day.time < until and self._seen(name) < arrived - 1.0 and self._is_at(name, place)
         )
         known = self._object(name)
         if known is None or self._seen(name) < began:
@@ -205,6 +202,11 @@ class Teller:
         state = self._robot.world
         item = None if state is None else state.find(name)
         return None if item is None or item.lost or item.existence < 0.5 else item
+
+    def _is_at(self, name: str, place: Array) -> bool:
+        """Whether an object is believed to be within an arm's length of a place (3,)."""
+        item = self._object(name)
+        return item is not None and float(np.linalg.norm(item.position - place)) < ARM
 
     def _seen(self, name: str) -> float:
         """s of the day at which an object was seen last."""
