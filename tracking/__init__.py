@@ -1,6 +1,5 @@
 """Extended-target PHD filters, people in laser scans, motion prediction. Knows no ROS."""
 
-from tracking.cluster_tracker import ClusterTracker
 from tracking.people import PeopleTracker, Person
 from tracking.people_config import PeopleConfig
 from tracking.phd import ExtendedTargetPhd, PhdHealth, PointTargetPhd
@@ -9,7 +8,6 @@ from tracking.scan_filters import PointsTracker, tracker_of
 from tracking.target import Target
 
 __all__ = [
-    "ClusterTracker",
     "ExtendedTargetPhd",
     "PeopleConfig",
     "PeopleTracker",

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from registration.scan import Scan
@@ -17,17 +18,21 @@ from tracking.background import Background
 from tracking.components import Components, IntArray
 from tracking.legs import FEATURES, Clusters, clusters_of
 from tracking.occlusion import WEIGHTS, seen_shares
+from tracking.people_config import PeopleConfig
 from tracking.people_middle import depths
 from tracking.people_shape import ShapeModel
 from tracking.people_sweep import Sweep
 from tracking.phd_models import ConstantVelocityMotion, Sight
 
-# Density of clusters in passing that belong to nothing, 1/m²; where something always stood e to this power more.
-CLUTTER, STOOD = 0.003, 4.0
+STOOD = 4.0  # e to this power is the clutter denser where something always stood
+BoolArray = npt.NDArray[np.bool_]
+
 # Speed of a walk, m/s; probability that who stands is about to walk; and seconds over which a velocity persists.
 WALKS, STARTS, PERSISTS = 0.3, 0.05, 3.0
 SHAPE = 2.0  # most that the shape of a cluster says against clutter, or for it, nat
 WIDEST = 0.9  # m, of a cluster that can be a target
+MOST_CLUSTERS = 400  # of a scan, the nearest; for speed
+MOVING = 0.8  # how surely a beam lies where it was empty that registration says moves
 FREE, FREER = FEATURES.index("jump_least"), FEATURES.index("jump_most")
 OUTSTANDS = 0.05  # m by which a target stands in front of its surroundings on one side at least
 
@@ -38,7 +43,8 @@ class ClusterScan:
 
     places (K, 2) : middles, m. log_clutter (K,) : of the density of clutter there, 1/m². shape (K,) : log-likelihood
     ratio person : other. fresh, old (K,) : share that lies where it was empty, where something stood. widths (K,) m.
-    free (K,) : m by which each stands in front of its surroundings. index (K,) : of each among `clusters`.
+    free (K,) : m by which each stands in front of its surroundings. counts (K,) : returns. index (K,) : of each
+    among `clusters`. thinned : whether there were more than are looked at.
     """
 
     places: FloatArray
@@ -49,8 +55,10 @@ class ClusterScan:
     widths: FloatArray
     free: FloatArray
     ranges: FloatArray
+    counts: IntArray
     index: IntArray
     clusters: Clusters
+    thinned: bool
 
     @classmethod
     def of(
@@ -59,14 +67,15 @@ class ClusterScan:
         sweep: Sweep,
         background: Background,
         model: ShapeModel,
-        join: float,
-        max_range: float,
-        own: np.ndarray,
+        config: PeopleConfig,
+        own: BoolArray,
+        moving: BoolArray,
     ) -> ClusterScan:
-        """The measurements of a scan; beams of `own` (N,) hit the robot."""
-        clusters = clusters_of(scan, join, max_range, own)
+        """The measurements of a scan; beams of `own` (N,) hit the robot, of `moving` (N,) what moves."""
+        clusters = clusters_of(scan, config.join_distance, config.max_range, own)
         inside = clusters.labels >= 0
         fresh, old = background.evidence(sweep.points(inside), 0.05 + 0.02 * scan.ranges[inside])
+        fresh = np.maximum(fresh, MOVING * moving[inside])
         names, counts = clusters.labels[inside], np.maximum(clusters.counts, 1)
         fresh = np.bincount(names, fresh, len(clusters)) / counts
         old = np.bincount(names, old, len(clusters)) / counts
@@ -74,6 +83,9 @@ class ClusterScan:
         free, freer = clusters.features[:, FREE], clusters.features[:, FREER]
         enough = (clusters.counts >= 3) | ((clusters.counts == 2) & (spacing > 0.03)) | (spacing > 0.08)
         chosen = np.flatnonzero(enough & (clusters.widths < WIDEST) & (freer > OUTSTANDS))
+        thinned = len(chosen) > MOST_CLUSTERS
+        if thinned:
+            chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
         shape = model.evidence(clusters)[chosen]
         ranges = clusters.ranges[chosen]
         behind = depths(clusters, free > 0.0, spacing)[chosen]
@@ -81,15 +93,17 @@ class ClusterScan:
         middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
         return cls(
             sweep.placed(places, middles),
-            np.log(CLUTTER) + STOOD * old[chosen] - np.clip(shape, -SHAPE, SHAPE),
+            np.log(config.clutter) + STOOD * old[chosen] - np.clip(shape, -SHAPE, SHAPE),
             shape,
             fresh[chosen],
             old[chosen],
             clusters.widths[chosen],
             free[chosen],
             ranges,
+            clusters.counts[chosen],
             chosen,
             clusters,
+            thinned,
         )
 
 

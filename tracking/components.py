@@ -54,3 +54,13 @@ class Components:
         return Components(
             *(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Components))
         )
+
+
+def shift_components(components: Components, motion: FloatArray) -> None:
+    """Moves components with their frame, by x, y and yaw (3,)."""
+    c, s = np.cos(motion[2]), np.sin(motion[2])
+    turn = np.array([[c, -s], [s, c]])
+    both = np.kron(np.eye(2), turn)
+    components.means = components.means @ both.T + np.array([*motion[:2], 0.0, 0.0])
+    components.covariances = both @ components.covariances @ both.T
+    components.spread = turn @ components.spread @ turn.T

@@ -71,6 +71,31 @@ def connected(rows: Any, label: Any, labels: int, births: Any, narrow: Any, poin
 
 
 @njit(cache=True)
+def single_linkage(points: Any, distance: float) -> Any:
+    """Names (N,) of the groups of points (N, 2) that steps of at most `distance` join, from 0 on."""
+    n = len(points)
+    parent = np.arange(n)
+    square = distance * distance
+    for i in range(n):
+        for j in range(i):
+            x, y = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
+            if x * x + y * y <= square:
+                a, b = _root(parent, i), _root(parent, j)
+                parent[max(a, b)] = min(a, b)
+    names = np.empty(n, np.int64)
+    count = 0
+    for i in range(n):
+        # The root of a group is its first point.
+        root = _root(parent, i)
+        if root == i:
+            names[i] = count
+            count += 1
+        else:
+            names[i] = names[root]
+    return names
+
+
+@njit(cache=True)
 def _distance(a: Any, b: Any, P: Any, limit: float) -> float:
     """Squared Mahalanobis distance of states (4,) under P (4, 4), by Gaussian elimination; stops above `limit`."""
     d = b - a

@@ -1,15 +1,13 @@
-"""People in planar laser scans (item 5 of the tracker): clusters, what is behind them, and who they belong to.
+"""People and whatever else stands free in laser scans: the mixture with the measurement model `clusters`.
 
-Every cluster of returns may be a leg, both legs or a trunk. Potential people are Bernoulli components with a label:
-an existence probability that knows about occlusion, a constant-velocity state, and two kinds of evidence that it is a
-person: the shape of its clusters, averaged, and that it walked to where the laser had seen nothing before. A person
-who once walked stays one while standing. All clusters and potential people are associated jointly.
+The core is `tracking.pmbm`, as for points. Which targets are people is a part of each target's state: a log-odds that a
+learned model gives from all that was seen of it (`tracking.person_class`), no rule about speed, company or history.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -21,42 +19,38 @@ from estimation.poses import between, compound, inverse
 from estimation.uncertain_frame import state_through_uncertain_pose
 from registration.scan import Scan
 from tracking.background import Background
-from tracking.legs import FEATURES, Clusters, clusters_of
-from tracking.occlusion import seen_shares
-from tracking.people_association import WIDE, Seen, associate
-from tracking.people_changes import Changes, Past
-from tracking.people_company import Company
+from tracking.cluster_model import ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people_config import PeopleConfig
 from tracking.people_mask import OwnBody
-from tracking.people_middle import CUT, depths
-from tracking.people_parts import parts_of_people
-from tracking.people_returns import come_back
+from tracking.people_middle import WIDE
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
-from tracking.people_tracks import SURE, BoolArray, IntArray, Tracks
-from tracking.people_update import Moment, learn, update
-from tracking.people_walking import Walking
+from tracking.person_class import ClassModel, Evidence, class_model
+from tracking.phd_config import PhdConfig
+from tracking.phd_models import Detection
+from tracking.pmbm import PmbmRecursion
 from tracking.target import Target
 
-LARGEST = 0.9  # metres, a cluster wider than that is no person
-LEAST_JUMP = 0.05  # metres, or twice the radians, that a pose must change by to have jumped
-DOUBLE, DOUBLED = 0.55, 0.5  # metres and seconds for which two with a leg each are taken for two
-APART = 0.5  # how much less a scan in which they may be two tells: legs that pass each other have different speeds
-STRIDE, ABREAST = 0.9, 0.3  # metres between the legs of a long stride, and off the way they walk
-SAME = 0.4  # metres, two potential people closer than that are one
-WELL_LOCATED = 1.0  # m; an estimate farther off says no more than that there is somebody
-GONE = 0.25  # probability of being there below which somebody reported no longer is
-HELD = (
-    1.0  # seconds without a guessed pose after which the surroundings are known: as late as they are entered
-)
-MOST_CLUSTERS = 400
-LEAST_JUMP_COLUMN = FEATURES.index("jump_least")
-JUMP_COLUMNS = [FEATURES.index("jump_left"), FEATURES.index("jump_right")]
+PERIOD = 0.1  # s, of a scan as the settings mean it
+OPPOSITE = -0.8  # correlation of where both legs are about the middle
+EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
+CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
+BIRTHS, REACH = 0.02, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
+SPEED = 0.7  # m/s, deviation of a new target's velocity
+LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
+HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
+BELONGS = 0.45  # m from a target to the clusters that tell its class
+# Two targets whose way from one to the other is on average shorter than that, m, over that many seconds are the legs of
+# one: legs pass each other, people do not. Set on people who walk among pillars, seed 500.
+LEGS, STRIDES = 0.3, 1.0
+NEIGHBOURS = 1.0  # m between the legs of one person at most
+HELD = 1.0  # s without a guessed pose after which the surroundings are known: as late as they are entered
+LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
 
 @dataclass(frozen=True)
 class Person(Target):
-    """A tracked person.
+    """A tracked target with its class.
 
     person : probability that it is one. occluded : hidden now, kept by prediction. last_seen : stamp, s.
     """
@@ -69,7 +63,7 @@ class Person(Target):
 @dataclass
 class PeopleHealth:
     """late : scans skipped for their stamp. restarts : new runs. thinned : scans of more clusters than are looked at.
-    jumps : poses that jumped. potential : potential people after the last scan."""
+    jumps : poses that jumped. potential : targets of any class after the last scan."""
 
     late: int = 0
     restarts: int = 0
@@ -79,44 +73,57 @@ class PeopleHealth:
 
 
 class PeopleTracker:
-    """Tracks people from scans and the robot's pose; see the module."""
+    """Tracks people, and all else that stands free, from scans and the robot's pose; see the module."""
 
-    def __init__(self, config: PeopleConfig | None = None) -> None:
+    def __init__(self, config: PeopleConfig | None = None, classes: ClassModel | None = None) -> None:
+        """classes : instead of the shipped ones."""
         self.config = config or PeopleConfig()
+        self.shape, self.classes = shape_model(), classes or class_model()
         self.health = PeopleHealth()
-        self._shape = shape_model()
-        self._given = 0
-        self._named = 0
-        self._numbers: dict[int, int] = {}
+        self._phd = PhdConfig(
+            surveillance=((-REACH, REACH), (-REACH, REACH)),
+            clutter_rate=1.0,
+            detection_probability=self.config.detection_probability,
+            survival_probability=math.exp(-PERIOD / self.config.memory),
+            measurement_noise=self.config.leg_noise,
+            process_noise=self.config.acceleration,
+            measurement_rate=CLUSTERS,
+            births=[],
+            spawn=None,
+            scan_period=PERIOD,
+            distance_probabilities=(0.3, LINK),
+            max_hypotheses=HYPOTHESES,
+            hypothesis_margin=MARGIN,
+        )
+        self._sight = self._detection()
+        detection: Detection = self._sight
+        self.recursion = PmbmRecursion(self._phd, detection)
+        self.recursion.motion = StandingOrWalking(self._phd)
+        self.recursion.correlation = OPPOSITE
         self.reset()
 
+    def _detection(self) -> ScanDetection:
+        """Where p_D comes from."""
+        return ScanDetection(self.config.detection_probability, self.config.max_range)
+
     def reset(self) -> None:
-        """Forget everybody and the surroundings; labels go on counting."""
-        self.tracks = Tracks.none()
+        """Forgets all targets and the surroundings; labels go on counting."""
+        self.recursion.reset()
         self.background = Background()
+        self.evidence: dict[int, Evidence] = {}
+        self.targets: list[Target] = []
+        self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
         self._own = OwnBody()
-        self._walking = Walking()
-        self._changes = Changes()
         self.stamp: float | None = None
         self._late: float | None = None  # stamp of the scan before, if it was late
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
-        self._held = math.inf
-        self.company = Company()
-
-    @property
-    def _steady(self) -> bool:
-        """Whether the frame has held for so long that the surroundings are known in it."""
-        return self._held >= HELD
+        self._held = math.inf  # s for which the pose has been known
 
     @property
     def expected_count(self) -> float:
-        """Expected number of people, counting undecided ones."""
-        return float(self.tracks.exists @ self._person(self.tracks))
-
-    def _person(self, tracks: Tracks) -> FloatArray:
-        """Probability of each being a person, (T,)."""
-        return tracks.person(self.company.prior(tracks, self.config.prior))
+        """Expected number of people."""
+        return float(sum(t.weight * t.person for t in self.targets if isinstance(t, Person)))
 
     def step(
         self,
@@ -127,68 +134,46 @@ class PeopleTracker:
         pose_covariance: npt.ArrayLike | None = None,
         pose_known: bool = True,
     ) -> list[Target]:
-        """People after a scan.
+        """People after a scan; `targets` has everything, of any class.
 
-        pose : (3,) x, y, yaw of the scanner, metres and radians; people are in its frame. stamp : seconds.
+        pose : (3,) x, y, yaw of the scanner, metres and radians; targets are in its frame. stamp : seconds.
         labels : (N,) per beam, > 0 moving, 0 static, < 0 unknown, by scan registration; None without.
-        pose_covariance : (3, 3) of `pose`, m and rad; None takes the pose for exact. People are followed relative to
+        pose_covariance : (3, 3) of `pose`, m and rad; None takes the pose for exact. Targets are followed relative to
         the robot, as its error is the same for all of them and from scan to scan; it is in what is reported.
-        pose_known : False where `pose` is a guess: what moves in its frame then need not walk.
+        pose_known : False where `pose` is a guess: what was seen empty in its frame then says nothing.
 
         Raises InputError for other shapes, for a pose or stamp that is not finite and an indefinite covariance.
         """
-        place, beams = _checked(scan, pose, stamp, labels)
+        place, moving = _checked(scan, pose, stamp, labels)
         self._uncertain = None if pose_covariance is None else _checked_covariance(pose_covariance)
         dt = self._interval(float(stamp))
         if dt is None:
-            return self._reported()
-        self.tracks.predict(dt, self.config.acceleration, self.config.memory)
-        before, self._pose = self._pose, place
-        self._walking.drive(place, before, dt, pose_known)
-        sweep = Sweep.of(scan, place, before, dt)
-        own = self._own.mask(scan, place)
-        clusters, seen = self._look(scan, sweep, own, beams)
+            return self._people()
         self._held = self._held + dt if pose_known else 0.0
-        owners, scores = self._associate(seen, place, before)
-        shares, places = self._shares(scan, place)
-        names = self.tracks.names
-        moment = Moment(float(stamp), dt, self._steady, self._walking.times)
-        update(self.tracks, seen, owners, scores, shares, places, moment, self.config)
-        now = Past.of(scan, sweep, place, float(stamp))
-        self._walk(now, clusters, seen, owners, dt)
-        self._find_doubles(seen, owners, dt)
-        whose = self._start(seen, owners, moment)
-        self.company.meet(self.tracks, dt)
-        self._tidy()
-        self._remember(scan, sweep, float(stamp), clusters, seen, owners, names, own)
-        self._changes.remember(now.given(clusters, seen, whose))
-        return self._reported()
-
-    def _associate(
-        self, seen: Seen, pose: FloatArray, before: FloatArray | None
-    ) -> tuple[IntArray, FloatArray]:
-        """Owners and scores of the clusters.
-
-        Odometry that lost its way jumps. If those who were in view are not found where they should be by the pose, but
-        are as seen from the scanner, it was the frame that jumped, and everybody is taken along.
-        """
-        tracks = self.tracks
-        owners, scores = associate(tracks, seen, self.config, self._steady)
-        sure = np.flatnonzero(tracks.shown & (tracks.hidden == 0.0))
-        if before is None or not len(sure):
-            return owners, scores
-        step = between(before, pose)
-        lost = np.setdiff1d(sure, owners)
-        if 2 * len(lost) <= len(sure) or np.hypot(step[0], step[1]) + 2.0 * abs(step[2]) < LEAST_JUMP:
-            return owners, scores
-        moved = tracks.select(np.arange(len(tracks)))
-        moved.shift(compound(pose, inverse(before)))
-        others, other_scores = associate(moved, seen, self.config, self._steady)
-        if len(np.setdiff1d(sure, others)) >= len(lost):
-            return owners, scores
-        self.tracks = moved
-        self.health.jumps += 1
-        return others, other_scores
+        if self._held < HELD:
+            self.background.clear()
+        sweep = Sweep.of(scan, place, self._pose, dt)
+        own = self._own.mask(scan, place)
+        seen = ClusterScan.of(scan, sweep, self.background, self.shape, self.config, own, moving)
+        if self._jumped(seen, place, dt):
+            self.background.clear()
+            seen = ClusterScan.of(scan, sweep, self.background, self.shape, self.config, own, moving)
+        self.health.thinned += seen.thinned
+        self._sight.scan = scan
+        spread = np.diag([REACH**2, REACH**2, SPEED**2, SPEED**2])
+        self._phd.births = [(BIRTHS, np.array([*place[:2], 0.0, 0.0]), spread)]
+        exactness = np.where(seen.widths > WIDE, EXACTER, 1.0)
+        self.recursion.update(seen.places, dt, place, seen.log_clutter, exactness)
+        self.stamp, self._pose = float(stamp), place
+        found = self.recursion.targets()
+        gone = self._unite(found, dt)
+        self._classify([target for target in found if target.label not in gone], seen, place, dt)
+        # What is followed as a target is no clutter, whatever its class.
+        mine = np.zeros(len(seen.clusters) + 1, dtype=bool)
+        mine[seen.index[self._of_targets(seen)]] = True
+        self.background.add(sweep, stamp, own | mine[seen.clusters.labels])
+        self.health.potential = len(self.targets)
+        return self._people()
 
     def _interval(self, stamp: float) -> float | None:
         """Seconds to predict over; None for a late scan.
@@ -207,295 +192,128 @@ class PeopleTracker:
             self.health.restarts += 1
             self.reset()
             last = None
-        self.stamp = stamp
-        return 0.1 if last is None else stamp - last
+        return PERIOD if last is None else stamp - last
 
-    def _look(
-        self, scan: Scan, sweep: Sweep, own: BoolArray, labels: IntArray | None
-    ) -> tuple[Clusters, Seen]:
-        """Clusters of the scan, and those that may be of people in the frame of the tracks."""
-        fresh, old = self._against_background(scan, sweep)
-        clusters = clusters_of(scan, self.config.join_distance, self.config.max_range, own)
-        parts = parts_of_people(self.tracks, sweep, clusters, old)
-        if parts is not None:
-            clusters = clusters_of(scan, self.config.join_distance, self.config.max_range, own, parts)
-        if labels is not None:
-            fresh = np.maximum(fresh, np.where(labels > 0, 0.8, 0.0))
-        names = clusters.labels[clusters.labels >= 0]
-        inside = clusters.labels >= 0
-        counts = np.maximum(clusters.counts, 1)
-        cluster_fresh = np.bincount(names, fresh[inside], len(clusters)) / counts
-        cluster_old = np.bincount(names, old[inside], len(clusters)) / counts
-        spacing = clusters.ranges * abs(scan.angle_increment)
-        enough = (clusters.counts >= 3) | ((clusters.counts == 2) & (spacing > 0.03)) | (spacing > 0.08)
-        chosen = np.flatnonzero(enough & (clusters.widths < LARGEST))
-        if len(chosen) > MOST_CLUSTERS:
-            self.health.thinned += 1
-            chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
-        evidence = self._shape.evidence(clusters)[chosen]
-        ranges, widths = clusters.ranges[chosen], clusters.widths[chosen]
-        behind = depths(clusters, clusters.features[:, LEAST_JUMP_COLUMN] > 0.0, spacing)[chosen]
-        places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 0.1))[:, None]
-        middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
-        placed = sweep.placed(places, middles)
-        sights = placed - sweep.origins[middles]
-        return clusters, Seen(
-            placed,
-            widths,
-            ranges,
-            evidence,
-            cluster_fresh[chosen],
-            cluster_old[chosen],
-            clusters.counts[chosen],
-            clusters.features[chosen, LEAST_JUMP_COLUMN],
-            behind,
-            sights / np.maximum(np.linalg.norm(sights, axis=1), 0.05)[:, None],
-            clusters.features[chosen][:, JUMP_COLUMNS] < CUT,
-            1.0 if scan.angle_increment > 0.0 else -1.0,
-            chosen,
-        )
+    def _jumped(self, seen: ClusterScan, pose: FloatArray, dt: float) -> bool:
+        """Whether the frame jumped, as odometry does that lost its way: everybody is then taken along.
 
-    def _against_background(self, scan: Scan, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Per beam (N,): how surely its return lies where it was empty, and where something stood."""
-        valid = scan.valid & (np.where(scan.valid, scan.ranges, np.inf) < self.config.max_range)
-        fresh, old = np.zeros(len(scan)), np.zeros(len(scan))
-        ranges = scan.ranges[valid]
-        fresh[valid], old[valid] = self.background.evidence(sweep.points(valid), 0.05 + 0.02 * ranges)
-        return fresh, old
-
-    def _shares(self, scan: Scan, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How much of each track the scan could show (T, S) at places (T, S, 2) about where it is expected."""
-        tracks = self.tracks
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        turn = np.array([[c, s], [-s, c]])
-        centres = (tracks.means[:, :2] - pose[:2]) @ turn.T
-        spreads = turn @ tracks.covariances[:, :2, :2] @ turn.T
-        shares, places = seen_shares(scan, centres, spreads, self.config.max_range)
-        return shares, places @ turn
-
-    def _walk(self, now: Past, clusters: Clusters, seen: Seen, owners: IntArray, dt: float) -> None:
-        """What those seen now say about walking."""
-        tracks = self.tracks
-        moved = np.zeros(len(tracks))
-        if self._walking.due(dt) and math.isfinite(self._walking.robot):
-            wall = np.append(clusters.widths > LARGEST, False)[clusters.labels]
-            given = now.given(clusters, seen, _names_of(tracks, owners))
-            unsure = (tracks.hidden == 0.0) & ~(tracks.shown & (tracks.motion >= SURE))
-            moved[unsure] = self._changes.walking(tracks.names[unsure], given, wall, self._walking.robot)
-            # A leg of somebody who is known walks, too.
-            gaps = np.linalg.norm(tracks.means[:, None, :2] - tracks.means[None, tracks.shown, :2], axis=2)
-            moved[~tracks.shown & (gaps < STRIDE).any(1)] = 0.0
-        free, old = _of_owners(seen, owners, len(tracks))
-        self._walking.learn(tracks, free, old, len(seen), now.stamp, dt, moved)
-
-    def _find_doubles(self, seen: Seen, owners: IntArray, dt: float) -> None:
-        """Two that walk together with one leg each are one person; of two people one now and then shows both legs."""
-        tracks = self.tracks
-        legs = np.bincount(owners[owners >= 0], np.where(seen.widths > WIDE, 2, 1)[owners >= 0], len(tracks))
-        lone = np.flatnonzero(legs == 1).tolist()
-        alone = np.ones(len(tracks), dtype=bool)
-        for k, a in enumerate(lone):
-            for b in lone[k + 1 :]:
-                if _one_leg_each(tracks, a, b):
-                    younger = b if _older(tracks, a) > _older(tracks, b) else a
-                    tracks.doubled[younger] += dt
-                    alone[younger] = False
-        tracks.doubled[alone & (legs > 0)] = np.maximum(tracks.doubled[alone & (legs > 0)] - APART * dt, 0.0)
-
-    def _start(self, seen: Seen, owners: IntArray, moment: Moment) -> IntArray:
-        """New potential people from clusters that are nobody's, two near ones being one person; whose each is now."""
-        whose = _names_of(self.tracks, owners)
-        free = np.flatnonzero((owners < 0) & (seen.shape > -3.0) & (seen.old < 0.7))
-        taken = np.zeros(len(seen), dtype=bool)
-        groups = []
-        if len(free):
-            gaps = np.linalg.norm(seen.places[free][:, None] - seen.places[free][None], axis=2)
-            gaps[np.tril_indices(len(free))] = np.inf
-            gaps[seen.widths[free] > WIDE] = np.inf
-            gaps[:, seen.widths[free] > WIDE] = np.inf
-            near = np.argwhere(gaps < 0.7)
-            for a, b in near[np.argsort(gaps[near[:, 0], near[:, 1]], kind="stable")].tolist():
-                if not taken[free[a]] and not taken[free[b]]:
-                    taken[free[a]] = taken[free[b]] = True
-                    groups.append([int(free[a]), int(free[b])])
-            groups += [[int(k)] for k in free if not taken[k]]
-        # Close to somebody who is known, an odd cluster is a part of him, or of what is next to him.
-        places = np.array([seen.places[group].mean(0) for group in groups]).reshape(-1, 2)
-        sure = self.tracks.means[self.tracks.shown, :2]
-        if len(sure) and len(places):
-            clear = np.linalg.norm(places[:, None] - sure[None], axis=2).min(1) > SAME
-            places = places[clear]
-            groups = [group for group, keep in zip(groups, clear, strict=True) if keep]
-        if not groups:
-            return whose
-        n = len(groups)
-        means = np.hstack((places, np.zeros((n, 2))))
-        variances = np.array([0.1 if len(group) == 2 else self.config.leg_noise for group in groups]) ** 2
-        covariances = np.zeros((n, 4, 4))
-        covariances[:, 0, 0] = covariances[:, 1, 1] = variances
-        covariances[:, 2, 2] = covariances[:, 3, 3] = 0.7**2
-        born = Tracks.born(np.arange(self._named, self._named + n), means, covariances, moment.stamp)
-        self._named += n
-        first = len(self.tracks)
-        self.tracks = self.tracks.joined(born)
-        for k, group in enumerate(groups):
-            learn(self.tracks, first + k, seen, np.array(group), replace(moment, dt=0.1))
-            self.tracks.oldness[first + k] = seen.old[group].mean()
-            whose[group] = born.names[k]
-        return whose
-
-    def _tidy(self) -> None:
-        """Drop what is not there, join what is one person, and decide who is reported."""
-        tracks = self.tracks.select(~come_back(self.tracks))
-        person = self._person(tracks)
-        keep = tracks.existence > np.where(tracks.public >= 0, -3.0, -1.5)
-        keep &= tracks.doubled < DOUBLED
-        order = np.lexsort((tracks.names, -tracks.existence * person, ~tracks.shown))
-        for rank, a in enumerate(order):
-            if not keep[a]:
-                continue
-            for b in order[rank + 1 :]:
-                if not keep[b] or tracks.shown[b]:
-                    continue
-                apart = tracks.means[a] - tracks.means[b]
-                if np.hypot(*apart[:2]) < SAME and np.hypot(*apart[2:]) < 0.8 and tracks.hidden[a] < 0.3:
-                    keep[b] = False
-        self.tracks = tracks = tracks.select(keep)
-        exists, person = tracks.exists, self._person(tracks)
-        tracks.shown = np.where(
-            tracks.shown,
-            (exists > GONE) & (person > self.config.keep),
-            (exists > self.config.report) & (person > self.config.report) & (tracks.doubled == 0.0),
-        )
-        for t in np.flatnonzero(tracks.shown & (tracks.public < 0)):
-            tracks.public[t] = self._number(int(tracks.names[t]))
-        present = set(tracks.names.tolist())
-        self._numbers = {name: number for name, number in self._numbers.items() if name in present}
-        self.health.potential = len(tracks)
-
-    def _remember(
-        self,
-        scan: Scan,
-        sweep: Sweep,
-        stamp: float,
-        clusters: Clusters,
-        seen: Seen,
-        owners: IntArray,
-        names: IntArray,
-        own: BoolArray,
-    ) -> None:
-        """Enter the scan into the background, without people and the robot itself."""
-        people = np.zeros(len(clusters) + 1, dtype=bool)
-        ours = owners >= 0
-        maybe = self.company.maybe(self.tracks, self.config.prior)
-        people[seen.index[ours][np.isin(names[owners[ours]], self.tracks.names[maybe])]] = True
-        ignore = own | people[clusters.labels]
-        self.background.add(sweep, stamp, ignore)
-
-    def _number(self, name: int) -> int:
-        """The label of a track, given when it is first told of, as a person or as anything."""
-        if name not in self._numbers:
-            self._numbers[name] = self._given
-            self._given += 1
-        return self._numbers[name]
-
-    @property
-    def targets(self) -> list[Target]:
-        """Everything that stands free or moves, people among it, after the last scan; `person` says which.
-
-        States and units as of what `step` returns, which are those of these that are told of as people. What begins to
-        look like a person keeps its label.
+        It did if those who were in view are not found where they should be by the pose, but are as seen from the
+        scanner.
         """
-        tracks = self.tracks
-        there = (tracks.exists > self.config.report) & (tracks.doubled == 0.0) & (tracks.hidden == 0.0)
-        return self._told(np.flatnonzero(there | self._people()))
-
-    def _people(self) -> BoolArray:
-        """Who is told of as a person, (T,)."""
-        tracks = self.tracks
-        near = tracks.within(WELL_LOCATED)
-        return np.asarray(tracks.shown & ((tracks.hidden == 0.0) | (near > self.config.located)))
-
-    def _reported(self) -> list[Target]:
-        return self._told(np.flatnonzero(self._people()))
-
-    def _told(self, chosen: IntArray) -> list[Target]:
-        """Tracks as targets, by label."""
-        tracks = self.tracks
-        weights = tracks.exists
-        person = self._person(tracks)
-        found: list[Target] = [
-            Person(
-                int(tracks.public[t]) if tracks.public[t] >= 0 else self._number(int(tracks.names[t])),
-                *self._located(tracks.means[t], tracks.covariances[t]),
-                float(weights[t]),
-                tracks.extents[t].copy(),
-                float(tracks.rates[t]),
-                float(person[t]),
-                bool(tracks.hidden[t] > 0.0),
-                float(tracks.last_seen[t]),
-            )
-            for t in chosen.tolist()
-        ]
-        return sorted(found, key=lambda target: target.label)
-
-    def _located(self, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of a state in the frame of the poses, with the error of the robot's own."""
-        if self._uncertain is None or self._pose is None:
-            return mean.copy(), covariance.copy()
-        return state_through_uncertain_pose(mean, covariance, self._pose[:2], self._uncertain)
-
-
-def _older(tracks: Tracks, t: int) -> tuple[bool, int]:
-    """For comparing: who was reported, or was first."""
-    return bool(tracks.public[t] >= 0), -int(tracks.names[t])
-
-
-def _one_leg_each(tracks: Tracks, a: int, b: int) -> bool:
-    """Whether two that show one leg each may be one person: near each other, or a long stride apart as they walk."""
-    apart = tracks.means[a] - tracks.means[b]
-    gap, relative = math.hypot(apart[0], apart[1]), math.hypot(apart[2], apart[3])
-    if gap < DOUBLE and relative < 1.2:
+        before = self._pose
+        if before is None:
+            return False
+        step = between(before, pose)
+        sure = [t for t in self.targets if isinstance(t, Person) and t.last_seen == self.stamp]
+        if np.hypot(step[0], step[1]) + 2.0 * abs(step[2]) < LEAST_JUMP or not sure:
+            return False
+        shift = compound(pose, inverse(before))
+        spots = np.array([target.mean[:2] + dt * target.mean[2:] for target in sure])
+        lost, others = _missed(spots, seen), _missed(_moved(spots, shift), seen)
+        if 2 * lost <= len(sure) or others >= lost:
+            return False
+        self.recursion.shift(shift)
+        for evidence in self.evidence.values():
+            evidence.shift(shift)
+        c, s = math.cos(shift[2]), math.sin(shift[2])
+        turn = np.array([[c, -s], [s, c]])
+        self._between = {key: (seconds, turn @ way) for key, (seconds, way) in self._between.items()}
+        self.health.jumps += 1
         return True
-    if gap > STRIDE:
-        return False
-    way = 0.5 * (tracks.means[a, 2:] + tracks.means[b, 2:])
-    speed = math.hypot(way[0], way[1])
-    # Legs take turns: while one stands the other swings, at up to twice the speed of the person.
-    if speed < 0.2 or relative > 3.0 * speed:
-        return False
-    return abs(apart[0] * way[1] - apart[1] * way[0]) < ABREAST * speed
+
+    def _unite(self, found: list[Target], dt: float) -> set[int]:
+        """Of two targets that are the legs of one person, the younger goes, and its label is returned; see `LEGS`."""
+        means = np.array([target.mean for target in found]).reshape(-1, 4)
+        ways = means[None] - means[:, None]
+        near = np.argwhere(np.triu(np.hypot(ways[..., 0], ways[..., 1]) < NEIGHBOURS, 1))
+        share = min(dt / STRIDES, 1.0)
+        between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
+        moved: dict[int, FloatArray] = {}
+        gone: set[int] = set()
+        # Targets come by label, the elder first.
+        for a, b in near.tolist():
+            elder, younger = found[a].label, found[b].label
+            seconds, mean = self._between.get((elder, younger), (0.0, ways[a, b, :2]))
+            mean = mean + share * (ways[a, b, :2] - mean)
+            between[elder, younger] = seconds + dt, mean
+            if seconds + dt > STRIDES and math.hypot(*mean) < LEGS and elder not in gone:
+                gone.add(younger)
+                moved[elder] = 0.5 * ways[a, b]
+        self._between = between
+        if gone:
+            self.recursion.forget(gone, moved)
+        return gone
+
+    def _of_targets(self, seen: ClusterScan) -> npt.NDArray[np.bool_]:
+        """Which clusters (K,) are of a target."""
+        spots = np.array([target.mean[:2] for target in self.targets]).reshape(-1, 2)
+        gaps = np.linalg.norm(seen.places[:, None] - spots[None], axis=2)
+        return np.asarray(gaps.min(axis=1, initial=np.inf) < BELONGS)
+
+    def _classify(self, found: list[Target], seen: ClusterScan, pose: FloatArray, dt: float) -> None:
+        """What this scan says of the class of each target, and all targets with it."""
+        spots = np.array([target.mean[:2] for target in found]).reshape(-1, 2)
+        gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2).reshape(
+            len(found), len(seen.places)
+        )
+        nearest = gaps.argmin(0) if len(found) else np.zeros(len(seen.places), dtype=int)
+        stamp, posed = float(self.stamp or 0.0), self._held >= HELD
+        for t, target in enumerate(found):
+            evidence = self.evidence.setdefault(target.label, Evidence(target.mean[:2].copy()))
+            whose = np.flatnonzero((nearest == t) & (gaps[t] < BELONGS))
+            around = int(((gaps[t] < 1.5) & (nearest != t)).sum())
+            evidence.look(seen, whose, target, pose, around, dt, stamp, posed)
+        present = {target.label for target in found}
+        self.evidence = {label: item for label, item in self.evidence.items() if label in present}
+        odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
+        self.targets = []
+        for target, value in zip(found, odds.tolist(), strict=True):
+            last = self.evidence[target.label].last_seen
+            deviation = math.sqrt(0.5 * (target.covariance[0, 0] + target.covariance[1, 1]))
+            if deviation < self.config.located:
+                person = 1.0 / (1.0 + math.exp(-min(max(value, -30.0), 30.0)))
+                known = vars(target) | self._located(target)
+                known["rate"] = self.evidence[target.label].returns
+                self.targets.append(Person(**known, person=person, occluded=last < stamp, last_seen=last))
+
+    def _located(self, target: Target) -> dict[str, FloatArray]:
+        """Mean and covariance of a target in the frame of the poses, with the error of the robot's own."""
+        if self._uncertain is None or self._pose is None:
+            return {}
+        mean, P = state_through_uncertain_pose(
+            target.mean, target.covariance, self._pose[:2], self._uncertain
+        )
+        return {"mean": mean, "covariance": P}
+
+    def _people(self) -> list[Target]:
+        return [t for t in self.targets if isinstance(t, Person) and t.person > self.config.report]
 
 
-def _names_of(tracks: Tracks, owners: IntArray) -> IntArray:
-    """Names of the tracks that own clusters, (K,); -1 of those that are nobody's."""
-    return np.where(owners >= 0, tracks.names[owners] if len(tracks) else -1, -1)
+def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:
+    """Places (T, 2) after a motion (3,) of their frame."""
+    c, s = math.cos(shift[2]), math.sin(shift[2])
+    return np.asarray(spots @ np.array([[c, s], [-s, c]]) + shift[:2])
 
 
-def _of_owners(seen: Seen, owners: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """How free what is seen of each track stands, nan where nothing is, and how old it is; (T,) each."""
-    free, old = np.full(count, np.nan), np.zeros(count)
-    for k in np.flatnonzero(owners >= 0).tolist():
-        t = owners[k]
-        free[t] = np.fmin(free[t], seen.free[k])
-        old[t] = max(old[t], seen.old[k])
-    return free, old
+def _missed(spots: FloatArray, seen: ClusterScan) -> int:
+    """How many of the places (T, 2) nothing was seen at."""
+    gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2)
+    return int((gaps.min(axis=1, initial=np.inf) > BELONGS).sum())
 
 
 def _checked(
     scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None
-) -> tuple[FloatArray, IntArray | None]:
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """The pose (3,), and which beams (N,) are known to move."""
     place = as_finite("pose", pose)
     if place.shape != (3,):
         raise InputError(f"pose must have shape (3,), not {place.shape}")
     if not np.isfinite(stamp):
         raise InputError(f"stamp must be finite, not {stamp!r}")
-    if labels is None:
-        return place, None
-    beams = np.asarray(labels)
+    beams = np.zeros(len(scan)) if labels is None else np.asarray(labels)
     if beams.shape != (len(scan),):
         raise InputError(f"labels must have shape ({len(scan)},), one per beam, not {beams.shape}")
-    return place, beams.astype(np.int64)
+    return place, np.asarray(beams > 0)
 
 
 def _checked_covariance(pose_covariance: npt.ArrayLike) -> FloatArray:

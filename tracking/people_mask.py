@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.poses import between
 from registration.scan import Scan
-from tracking.people_tracks import BoolArray
 
 NEAR = 0.9  # metres; farther away nothing is a part of the robot
 STEADY = 0.03  # metres a reading may change
@@ -22,7 +22,7 @@ class OwnBody:
         self._travel: FloatArray = np.zeros(0)
         self._pose: FloatArray | None = None
 
-    def mask(self, scan: Scan, pose: FloatArray) -> BoolArray:
+    def mask(self, scan: Scan, pose: FloatArray) -> npt.NDArray[np.bool_]:
         """Beams (N,) that end on the robot itself."""
         ranges = np.where(scan.valid, scan.ranges, np.inf)
         if self._ranges is None or len(self._ranges) != len(ranges) or self._pose is None:

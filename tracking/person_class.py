@@ -65,6 +65,7 @@ COURSE = (
     "moved_fast",
     "walked",
     "turned",
+    "posed",
 )
 NAMES = (*AVERAGED, *VARYING, *COURSE)
 FIRST = 0.5  # s in which it shows whether something stands where it was empty before
@@ -83,8 +84,8 @@ class Evidence:
 
     origin (2,) : where it was first, m. last_seen : stamp, s. looks : s it was seen for. means (len(AVERAGED),);
     squares (2,) : means of width² and shape². pairs (3,) : seconds with two clusters, and their gap and gap² by them.
-    place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh : of
-    the last half second. behind (2,) : where it was a while ago, m. views : directions it was seen from, rad.
+    place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh,
+    returns : of the last half second. behind (2,) : where it was a while ago, m. views : it was seen from, rad.
     """
 
     origin: FloatArray
@@ -95,6 +96,7 @@ class Evidence:
     pairs: FloatArray = field(default_factory=lambda: np.zeros(3))
     place: FloatArray = field(default_factory=lambda: np.zeros(2))
     spread: float = 0.0
+    returns: float = 0.0
     now: float = 0.0
     fresh: float = 0.0
     pair: float = 0.0
@@ -107,6 +109,7 @@ class Evidence:
     moved: float = 0.0
     fast: float = 0.0
     walked: float = 0.0
+    posed: float = 1.0
     views: list[float] = field(default_factory=list)
 
     def look(
@@ -118,6 +121,7 @@ class Evidence:
         around: int,
         dt: float,
         stamp: float,
+        posed: bool = True,
     ) -> None:
         """Takes in a scan in which the clusters `whose` are the target's, taken from `pose` (3,); none: not seen."""
         if not len(whose):
@@ -130,6 +134,7 @@ class Evidence:
         shape, width, fresh, old = row[0], row[2], row[5], row[6]
         whole = dt / (self.looks + dt)
         self.means += whole * (row - self.means)
+        self.posed += whole * (float(posed) - self.posed)
         self.squares += whole * (np.array([width * width, shape * shape]) - self.squares)
         middle = seen.places[whose].mean(0) - self.origin
         self.place += whole * (middle - self.place)
@@ -143,6 +148,7 @@ class Evidence:
             self.stood += whole * (old - self.stood)
         share = 1.0 - math.exp(-dt / SHORT) if self.looks > 0.0 else 1.0
         self.now += share * (shape - self.now)
+        self.returns += share * (float(seen.counts[whose].sum()) - self.returns)
         self.fresh += share * (fresh - self.fresh)
         self.looks += dt
         if self.looks > SHORT:
@@ -151,6 +157,14 @@ class Evidence:
         view = math.atan2(pose[1] - target.mean[1], pose[0] - target.mean[0])
         if not self.views or abs((view - self.views[-1] + math.pi) % (2.0 * math.pi) - math.pi) > 0.1:
             self.views.append(view)
+
+    def shift(self, motion: FloatArray) -> None:
+        """Takes what was seen along with its frame, which moved by (3,) x, y, yaw."""
+        c, s = math.cos(motion[2]), math.sin(motion[2])
+        turn = np.array([[c, -s], [s, c]])
+        self.origin, self.behind = turn @ self.origin + motion[:2], turn @ self.behind + motion[:2]
+        self.place = turn @ self.place
+        self.views = [view + motion[2] for view in self.views]
 
     @staticmethod
     def _row(seen: ClusterScan, whose: IntArray, target: Target, around: int) -> FloatArray:
@@ -211,6 +225,7 @@ class Evidence:
             self.fast,
             min(self.walked, FARTHEST),
             float(min(len(self.views), VIEWS)),
+            self.posed,
         ]
         return [*means.tolist(), *varying, *course]
 

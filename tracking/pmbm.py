@@ -18,9 +18,9 @@ from scipy.special import chdtri
 from estimation.checks import FloatArray
 from estimation.gaussians import repair_covariance
 from tracking import association_kernels as kernels
-from tracking.components import Components, IntArray
+from tracking.components import Components, IntArray, shift_components
 from tracking.hypotheses import Alternative, Hypotheses
-from tracking.hypothesis_kernels import connected, squares
+from tracking.hypothesis_kernels import connected, single_linkage, squares
 from tracking.phd_config import PhdConfig
 from tracking.phd_models import ConstantVelocityMotion, Detection, Labels, Sight, detect
 from tracking.reduction import Reducer
@@ -40,6 +40,8 @@ MOST_UNSEEN = 50
 NARROW = 3.0
 # Seeds for new targets per group of returns at most.
 MOST_SEEDS = 8
+# Returns, fractional ones, below which a target gave but one.
+LONE = 1.5
 # A track that can split off others exists at least this probably.
 CAN_SPAWN = 0.1
 
@@ -99,6 +101,7 @@ class PmbmRecursion:
         self.hypotheses = Hypotheses.empty()
         self.unseen = Components.empty()
         self.log_clutter = float(np.log(config.clutter_rate / config.area))
+        self.correlation = 0.0
         self.gate = float(chdtri(2, 1.0 - config.gate_probability))
         self.link = config.measurement_noise * float(
             np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1]))
@@ -127,14 +130,35 @@ class PmbmRecursion:
         """The targets of the likeliest hypotheses."""
         return self.extractor.extract(self.hypotheses)
 
+    def shift(self, motion: FloatArray) -> None:
+        """Takes everything along with its frame, which moved by (3,) x, y, yaw."""
+        for components in (self.hypotheses.tracks, self.unseen):
+            shift_components(components, motion)
+
+    def forget(self, gone: set[int], moved: dict[int, FloatArray]) -> None:
+        """Drops targets by the labels they are reported by, and moves the states of others by (4,)."""
+        inner = {name: label for label, name in self.extractor.labels.public.items()}
+        tracks = self.hypotheses.tracks
+        tracks.weights = np.where(np.isin(tracks.labels, [inner[name] for name in gone]), 0.0, tracks.weights)
+        for name, way in moved.items():
+            tracks.means[tracks.labels == inner[name]] += way
+
     def update(
-        self, points: FloatArray, dt: float, pose: FloatArray | None, log_clutter: FloatArray | None = None
+        self,
+        points: FloatArray,
+        dt: float,
+        pose: FloatArray | None,
+        log_clutter: FloatArray | None = None,
+        exactness: FloatArray | None = None,
     ) -> None:
-        """One scan (N, 2), dt seconds after the last; log_clutter (N,) where clutter is not uniform."""
+        """One scan (N, 2), dt seconds after the last; log_clutter (N,) where clutter is not uniform.
+
+        exactness (N,) : by how much the variance of a return is smaller than usual, if it is all there is of a target.
+        """
         predicted = self._predict(points, dt, pose)
         clutter = np.full(len(points), self.log_clutter) if log_clutter is None else log_clutter
         updates = self._associate(predicted, points, clutter)
-        tracks = self._corrected(predicted, updates)
+        tracks = self._corrected(predicted, updates, points, exactness)
         hypotheses = Hypotheses.of(tracks, updates.groups)
         hypotheses.tracks.covariances = self._sound(hypotheses.tracks.covariances)
         config = self.config
@@ -285,15 +309,12 @@ class PmbmRecursion:
 
     def _clusters(self, points: FloatArray) -> list[FloatArray]:
         """Centres of clusters of returns, at two distances, the largest clusters first."""
-        from scipy.cluster.hierarchy import fcluster, linkage
-
         if len(points) == 1:
             return [points[0]]
-        tree = linkage(points)
         found: dict[bytes, tuple[int, FloatArray]] = {}
         for distance in (self.link, 0.5 * self.link):
-            names = fcluster(tree, distance, "distance")
-            for name in range(1, names.max() + 1):
+            names = single_linkage(points, distance)
+            for name in range(names.max() + 1):
                 inside = names == name
                 found[inside.tobytes()] = int(inside.sum()), points[inside].mean(0)
         return [centre for _, centre in sorted(found.values(), key=lambda item: -item[0])]
@@ -370,7 +391,9 @@ class PmbmRecursion:
             self.thinned += 1
         return sorted(alternatives, key=lambda item: -item[0])[:count], expansions, spawning
 
-    def _corrected(self, predicted: Predicted, updates: Updates) -> Components:
+    def _corrected(
+        self, predicted: Predicted, updates: Updates, points: FloatArray, exactness: FloatArray | None
+    ) -> Components:
         """The tracks after the scan: missed ones less probable, detected ones updated by (10)."""
         index = np.array(updates.source, dtype=np.int64)
         tracks = predicted.sources.select(index)
@@ -390,7 +413,12 @@ class PmbmRecursion:
         n = cells[:, kernels.N]
         P = tracks.covariances[seen]
         X = _matrices(table[:, kernels.XXX], table[:, kernels.XXY], table[:, kernels.XYY])
-        R = X * (1.0 / n + 1.0 - predicted.sight.share[index[seen]])[:, None, None]
+        # The mean of returns that lie to either side of the middle, as legs do, is nearer to it than by chance.
+        spread = np.maximum(1.0 + (n - 1.0) * self.correlation, 0.1) / n
+        if exactness is not None:
+            gaps = np.linalg.norm(cells[:, [kernels.ZX, kernels.ZY]][:, None] - points[None], axis=2)
+            spread = np.where(n < LONE, spread / exactness[gaps.argmin(1)], spread)
+        R = X * (spread + 1.0 - predicted.sight.share[index[seen]])[:, None, None]
         PHt = P[:, :, :2]
         gain = PHt @ np.linalg.inv(P[:, :2, :2] + R)
         innovation = cells[:, [kernels.ZX, kernels.ZY]] - tracks.means[seen][:, :2]

@@ -14,8 +14,9 @@ from estimation.checks import FloatArray, as_finite
 from estimation.errors import InputError
 from registration.scan import Scan
 from tracking.background import Background
+from tracking.cluster_model import WIDEST
 from tracking.legs import clusters_of
-from tracking.people import LARGEST, PeopleHealth, PeopleTracker, Person
+from tracking.people import PeopleHealth, PeopleTracker, Person
 from tracking.people_config import PeopleConfig
 from tracking.people_sweep import Sweep
 from tracking.phd import ExtendedTargetPhd
@@ -126,7 +127,7 @@ class PointsTracker:
     def _measurements(self, scan: Scan, sweep: Sweep) -> FloatArray:
         """Returns (N, 2), or middles of clusters, m in the frame of the poses."""
         clusters = clusters_of(scan, self.config.join_distance, self.config.max_range)
-        narrow = np.append(clusters.widths < LARGEST, False)[clusters.labels]
+        narrow = np.append(clusters.widths < WIDEST, False)[clusters.labels]
         points = sweep.points(narrow)
         _, old = self.background.evidence(points, 0.05 + 0.02 * scan.ranges[narrow])
         free, names = points[old < STOOD], clusters.labels[narrow][old < STOOD]
@@ -156,10 +157,7 @@ class PointsTracker:
 
 
 def tracker_of(name: str = "mixture", config: PeopleConfig | None = None) -> PeopleTracker | PointsTracker:
-    """The tracker of a name: "mixture", "phd" or "gmphd"; raises InputError for another.
-
-    "mixture" is the people tracker until the mixture with the clusters' measurement model is as good.
-    """
+    """The tracker of a name: "mixture", "phd" or "gmphd"; raises InputError for another."""
     if name not in FILTERS:
         raise InputError(f"filter must be one of {FILTERS}, not {name!r}")
     return PeopleTracker(config) if name == "mixture" else PointsTracker(name, config)

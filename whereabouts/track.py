@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from estimation.poses import between, compound
 from registration.scan import Scan
-from tracking.cluster_tracker import ClusterTracker
 from tracking.people import PeopleTracker
 from tracking.people_config import PeopleConfig
 from tracking.scan_filters import PointsTracker
@@ -46,7 +45,7 @@ def track_people(
     config: PeopleConfig | None = None,
     topic: str | None = None,
     use_wheels: bool = True,
-    tracker: PeopleTracker | PointsTracker | ClusterTracker | None = None,
+    tracker: PeopleTracker | PointsTracker | None = None,
     every_class: bool = False,
 ) -> Iterator[TrackedScan]:
     """People in the scans of a log, one result per scan; with `every_class` targets of any class.

@@ -10,11 +10,7 @@ from typing import Any
 import numpy as np
 
 from evaluation.experiments.people_judging import (
-    SCENE,
     SceneJudgement,
-    figures_of_scenes,
-    judge_everybody,
-    judge_scene,
 )
 from evaluation.experiments.people_marked import MARKED, without
 from evaluation.experiments.people_training import examples
@@ -25,19 +21,13 @@ from evaluation.experiments.people_yardsticks import (
     nobody_recorded,
     nobody_there,
 )
-from evaluation.nearest_neighbour import NearestNeighbour
 from evaluation.report import Options, Report, Table
 from tracking.people import PeopleTracker
 from whereabouts.progress import track
 from whereabouts.simulation.occlusion_scenes import (
-    LAYOUTS,
-    MOTIONS,
-    OcclusionKind,
-    occlusions,
     one_hardly_moves,
-    to_and_fro,
 )
-from whereabouts.simulation.people_scenes import Scene, crowded_room, empty_floor, peopled_floor
+from whereabouts.simulation.people_scenes import Scene, empty_floor, peopled_floor
 
 Judge = Callable[[Scene, np.random.Generator, Any], SceneJudgement]
 
@@ -131,47 +121,6 @@ def one_stands(options: Options, report: Report) -> None:
     )
 
 
-def everything_else(options: Options, report: Report) -> None:
-    """The scenes of the other parts, by the people tracker and the mixture."""
-    few = options.share(5, 2)
-
-    def driven(rng: np.random.Generator, drives: bool) -> Scene:
-        kind = OcclusionKind(str(rng.choice(LAYOUTS)), str(rng.choice(MOTIONS)), "legs", drives)
-        return occlusions(rng, kind)
-
-    kinds: dict[str, tuple[int, Judge, Callable[[np.random.Generator], Scene]]] = {
-        "room, robot stands": (2, judge_scene, lambda rng: crowded_room(rng, 4, False)),
-        "room, robot drives": (2, judge_scene, lambda rng: crowded_room(rng, 4, True)),
-        "to and fro, pillars": (5, judge_everybody, lambda rng: to_and_fro(rng, "pillars", "legs")),
-        "to and fro, walls": (5, judge_everybody, lambda rng: to_and_fro(rng, "walls", "legs")),
-        "occlusions, robot stands": (4, judge_everybody, lambda rng: driven(rng, False)),
-        "occlusions, robot drives": (4, judge_everybody, lambda rng: driven(rng, True)),
-    }
-    rows: list[list[Any]] = []
-    for scene, (number, judge, draw) in kinds.items():
-        for name, make in ((key, make) for key, make in TRACKERS.items() if make is not NearestNeighbour):
-            judged = []
-            for k in track(range(few), f"{scene}, {name}"):
-                rng = np.random.default_rng([options.seed, number, k])
-                judged.append(judge(draw(rng), rng, make()))
-            rows.append([scene, name, *figures_of_scenes(judged)])
-    note = (
-        "The protocols are those of the parts `rooms`, `to and fro` and `occlusions`. OSPA with c = 1 m, p = 1; label "
-        "changes per person and minute."
-    )
-    report.tables.append(
-        Table(
-            "The mixture where the people tracker is judged",
-            ["scene", "tracker", "OSPA, m ↓", *SCENE],
-            rows,
-            note,
-            "else",
-            data="simulated",
-            samples=few,
-        )
-    )
-
-
 def phantom_benchmark(options: Options, report: Report) -> None:
     """People told of where there is nobody; recordings that trained the shape model are left out of a new one."""
     assert options.data is not None
@@ -188,14 +137,14 @@ def phantom_benchmark(options: Options, report: Report) -> None:
     for file, (name, topic) in track(list(BUILDINGS.items())[: 1 if options.quick else None], "buildings"):
         tracker = PeopleTracker()
         if sources is not None and file != CSAIL:
-            tracker._shape = without(sources, file.rpartition("/")[2].partition(".")[0])
+            tracker.shape = without(sources, file.rpartition("/")[2].partition(".")[0])
         others = {key: make() for key, make in TRACKERS.items() if make is not PeopleTracker}
         found = nobody_recorded(options.data / file, tracker, others, topic, most)
         rows.append([name, *(found[key] if key in found else found[""] for key in TRACKERS)])
     note = (
         f"People told of per scan, over the first {most} scans. The simulated rooms hold nobody, the offices hardly "
-        "anybody. The people tracker's shape model was trained anew without the recording that judges; the classes of "
-        "the mixture were trained with parts of all recordings but mit-csail, which was looked at meanwhile. "
+        "anybody. The shape model was trained anew without the recording that judges; the classes were trained with "
+        "parts of all recordings but mit-csail, which was looked at meanwhile. "
         "Learned detectors on empty floors have 1.4 to 1.9."
     )
     report.tables.append(

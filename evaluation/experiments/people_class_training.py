@@ -18,10 +18,12 @@ import numpy.typing as npt
 
 from estimation.errors import InputError
 from estimation.gradient_boosting import GradientBoosting
-from estimation.poses import compound
+from estimation.poses import compound, inverse
 from evaluation.experiments.people_training import marks_of
-from tracking.cluster_tracker import ClusterTracker
+from registration.scan import Scan
+from tracking.people import PeopleTracker
 from tracking.person_class import CARD, MODEL, NAMES, ClassModel
+from tracking.target import Target
 from whereabouts.datasets import data_directory
 from whereabouts.logs import open_log
 from whereabouts.progress import track
@@ -54,9 +56,9 @@ class _Undecided(ClassModel):
         return np.full(len(features), -9.0)
 
 
-def undecided() -> ClusterTracker:
+def undecided() -> PeopleTracker:
     """A tracker that follows everything and calls nothing a person."""
-    return ClusterTracker(classes=_Undecided(GradientBoosting(), (), 1.0, 0.0))
+    return PeopleTracker(classes=_Undecided(GradientBoosting(), (), 1.0, 0.0))
 
 
 @dataclass
@@ -82,7 +84,7 @@ class _Collector:
         self.rows: list[list[float]] = []
         self.whose: list[tuple[int, int, bool]] = []
 
-    def take(self, tracker: ClusterTracker, people: Array | None, part: int, unmarked: bool = False) -> None:
+    def take(self, tracker: PeopleTracker, people: Array | None, part: int, unmarked: bool = False) -> None:
         """Targets seen in the last scan; people (P, 2), or None where nobody is. `unmarked` : others may be people."""
         for target in tracker.targets:
             evidence = tracker.evidence[target.label]
@@ -111,24 +113,44 @@ class _Collector:
 
 
 def simulated(
-    name: str, draw: Callable[[int], Scene], count: int, seeds: tuple[int, int], wrong: tuple[int, ...]
+    name: str,
+    draw: Callable[[int], Scene],
+    count: int,
+    seeds: tuple[int, int],
+    wrong: tuple[int, ...],
+    lost: bool = False,
 ) -> Examples:
-    """Targets in `count` simulated scenes; those whose number modulo 4 is in `wrong` are seen from wrong poses."""
+    """Targets in `count` simulated scenes; those whose number modulo 4 is in `wrong` are seen from wrong poses.
+
+    lost : nobody knows where the scanner is, which is taken to stand.
+    """
     found = _Collector()
     for k in track(range(count), name):
         rng, scene, tracker = np.random.default_rng([seeds[0], seeds[1] + k]), draw(k), undecided()
         errors = disturbed(rng, scene.rate, int(scene.duration * scene.rate) + 2) * float(k % 4 in wrong)
         for number, (scan, error) in enumerate(zip(scene.scans(rng), errors, strict=False)):
+            if lost:
+                error = inverse(scan.pose)
             c, s = np.cos(error[2]), np.sin(error[2])
-            tracker.step(scan.scan, compound(error, scan.pose), scan.scan.stamp)
+            tracker.step(scan.scan, compound(error, scan.pose), scan.scan.stamp, pose_known=not lost)
             if number % EVERY == 0:
                 found.take(tracker, scan.people @ np.array([[c, s], [-s, c]]) + error[:2], k)
     return found.examples(name)
 
 
-def recorded(path: Path, topic: str | None, most: int, marks: dict[float, Array] | None = None) -> Examples:
+class _Lost(PeopleTracker):
+    """A scanner that is taken to stand, whatever its pose."""
+
+    def step(self, scan: Scan, pose: npt.ArrayLike, stamp: float, *_: object, **__: object) -> list[Target]:
+        return super().step(scan, np.zeros(3), stamp, pose_known=False)
+
+
+def recorded(
+    path: Path, topic: str | None, most: int, marks: dict[float, Array] | None = None, lost: bool = False
+) -> Examples:
     """Targets in a recording without people, or those near marked legs; `marks` (M, 2) by stamp, m, of the scanner."""
-    found, tracker = _Collector(), undecided()
+    found = _Collector()
+    tracker = _Lost(classes=undecided().classes) if lost else undecided()
     with open_log(path) as log:
         for k, tracked in enumerate(track_people(log, topic=topic, tracker=tracker)):
             if k >= most:
@@ -138,9 +160,11 @@ def recorded(path: Path, topic: str | None, most: int, marks: dict[float, Array]
                     found.take(tracker, None, 0)
                 continue
             legs = marks.get(round(tracked.stamp, 3), np.zeros((0, 2)))
-            c, s = np.cos(tracked.pose[2]), np.sin(tracked.pose[2])
-            found.take(tracker, legs @ np.array([[c, s], [-s, c]]) + tracked.pose[:2], 0, unmarked=True)
-    return found.examples(f"{path.stem}/{topic}" if topic else path.stem, real=True)
+            place = np.zeros(3) if lost else tracked.pose
+            c, s = np.cos(place[2]), np.sin(place[2])
+            found.take(tracker, legs @ np.array([[c, s], [-s, c]]) + place[:2], 0, unmarked=True)
+    named = f"{path.stem}/{topic}" if topic else path.stem
+    return found.examples(f"{named}/pose withheld" if lost else named, real=True)
 
 
 def drawn(seed: int = SEED) -> list[Examples]:
@@ -174,6 +198,11 @@ def drawn(seed: int = SEED) -> list[Examples]:
         simulated(
             "crowded rooms", lambda k: crowded_room(rng(400 + k), 4, k % 2 == 1), 12, (seed, 2400), seldom
         ),
+        simulated(
+            "varied, pose withheld", lambda k: varied_floor(rng(700 + k), k % 4), 12, (seed, 2700), (), True
+        ),
+        simulated("floors, pose withheld", lambda k: walking(20 + k), 8, (seed, 2800), (), True),
+        simulated("empty, pose withheld", lambda k: empty_floor(rng(150 + k)), 6, (seed, 2900), (), True),
     ]
 
 
@@ -187,10 +216,14 @@ def of_recordings(folder: Path) -> list[Examples]:
             recorded(legs / "negative_2.bag", topic, 1500)
             for topic in ("left_scan", "rear_scan", "right_scan")
         ),
+        recorded(folder / "carmen" / "fr079.clf.bz2", None, 1500, lost=True),
+        recorded(folder / "carmen" / "intel.clf.bz2", None, 1500, lost=True),
+        recorded(legs / "negative_2.bag", "left_scan", 1500, lost=True),
     ]
     for name in ("positive_1", "positive_2", "positive_3", "positive_4", "positive_6"):
         marks = {round(scan.stamp, 3): spots for scan, spots in marks_of(legs / f"{name}_extracted.bag")}
         found.append(recorded(legs / f"{name}.bag", None, 1500, marks))
+        found.append(recorded(legs / f"{name}.bag", None, 1500, marks, lost=True))
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from scipy.optimize import linear_sum_assignment
 
 from estimation.metrics import ospa
 from estimation.poses import compound
-from tracking.cluster_tracker import ClusterTracker
+from tracking.cluster_model import ScanDetection
+from tracking.components import Components
 from tracking.people import PeopleTracker, Person
+from tracking.phd_models import Sight
 from whereabouts.logs import Log, MessageRecord, Record, ScanRecord, open_log
 from whereabouts.simulation.apartment_day import LASER_MOUNT, SCAN_RATE, Day
 from whereabouts.simulation.people_scenes import PeopleScan, Scene
@@ -36,9 +38,17 @@ SCENE = ["error, m ↓", "missed, /scan ↓", "false, /scan ↓", "label changes
 class Constant(PeopleTracker):
     """The tracker with a constant detection probability: it knows nothing of occlusion."""
 
-    def _shares(self, *given: Any) -> tuple[Array, Array]:
-        shares, places = super()._shares(*given)
-        return np.ones_like(shares), places
+    def _detection(self) -> ScanDetection:
+        return _Always(self.config.detection_probability, self.config.max_range)
+
+
+class _Always(ScanDetection):
+    """Nothing is ever in the way."""
+
+    def in_scene(
+        self, components: Components, weights: Array, tracks: int, sensor_pose: Array | None
+    ) -> Sight:
+        return Sight.plain(self(components.means, sensor_pose), components)
 
 
 @dataclass
@@ -63,7 +73,7 @@ class Judgement:
 
 
 def follow_person(
-    path: Path, scans: str, labels: str, most: int | None = None, tracker: ClusterTracker | None = None
+    path: Path, scans: str, labels: str, most: int | None = None, tracker: PeopleTracker | None = None
 ) -> Judgement:
     """One labelled person, labels in the scanner's frame; each belongs to the scan recorded before it."""
     truth: dict[float, Array] = {}
@@ -102,13 +112,10 @@ def follow_person(
     return judged
 
 
-def phantoms(path: Path, topic: str, left: bool = False) -> float:
-    """People per scan where there are none; `left` : somebody has just walked out of sight, and does not come back."""
-    tracker = PeopleTracker()
-    if left:
-        tracker.company.most = tracker.company.recent = 1.0
+def phantoms(path: Path, topic: str) -> float:
+    """People per scan where there are none."""
     with open_log(path) as log:
-        tracks = track_people(log, topic=topic, tracker=tracker)
+        tracks = track_people(log, topic=topic)
         return float(np.mean([len(tracked.targets) for tracked in tracks]))
 
 

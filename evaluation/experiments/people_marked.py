@@ -67,7 +67,7 @@ def marked_legs(options: Options, report: Report) -> None:
         twin = folder / f"{name}_extracted.bag"
         marks = {round(scan.stamp, 3): legs for scan, legs in marks_of(twin)} if twin.exists() else {}
         tracker = PeopleTracker()
-        tracker._shape = without(sources, twin.stem)
+        tracker.shape = without(sources, twin.stem)
         judged = judge_marks(folder / f"{name}.bag", marks, tracker)
         rows.append([name, *_cells(judged)])
         samples[name] = judged.marks or judged.scans

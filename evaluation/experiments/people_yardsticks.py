@@ -19,7 +19,6 @@ from estimation.metrics import ospa
 from evaluation.experiments.people_judging import RETURNS
 from evaluation.nearest_neighbour import NearestNeighbour
 from registration.scan import Scan
-from tracking.cluster_tracker import ClusterTracker
 from tracking.people import PeopleTracker
 from tracking.target import Target
 from whereabouts.logs import open_log
@@ -44,7 +43,6 @@ class Tracker(Protocol):
 
 TRACKERS: dict[str, Callable[[], Any]] = {
     "people tracker": PeopleTracker,
-    "mixture of clusters": ClusterTracker,
     "plain nearest neighbour": NearestNeighbour,
 }
 

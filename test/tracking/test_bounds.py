@@ -8,7 +8,6 @@ import pytest
 from registration.scan import Scan
 from tracking.background import Background
 from tracking.occlusion import _shares, seen_shares
-from tracking.people_changes import _through
 
 
 def test_a_scan_of_one_beam_shows_what_it_shows() -> None:
@@ -21,7 +20,6 @@ def test_a_scan_of_one_beam_shows_what_it_shows() -> None:
 def test_steps_above_a_turn_divide_by_nothing(step: float) -> None:
     place = np.array([[2.0, 0.0]])
     assert np.isfinite(_shares(np.array([5.0]), 0.0, step, 20.0, place[None])).all()
-    assert len(_through(place, np.zeros(2), 0.0, step, np.array([5.0]))) == 1
 
 
 def test_a_place_that_nobody_knows_is_neither_fresh_nor_old() -> None:

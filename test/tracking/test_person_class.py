@@ -31,6 +31,7 @@ def looks(count: int, dt: float, rng: np.random.Generator) -> tuple[Evidence, li
             fresh=rng.uniform(0.0, 1.0, 2),
             old=rng.uniform(0.0, 0.2, 2),
             ranges=np.full(2, x),
+            counts=np.array([7, 5]),
             index=np.array([3, 1]),
             clusters=SimpleNamespace(features=rng.uniform(0.0, 1.0, (5, len(FEATURES)))),
         )

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.cluster.hierarchy import fcluster, linkage
 
 from evaluation.experiments.phd_monte_carlo import crossing_kept, scored
 from evaluation.experiments.phd_recorded import config_of
@@ -13,6 +14,7 @@ from tracking import ExtendedTargetPhd, PhdConfig
 from tracking.components import Components
 from tracking.evaluation import Score, clear_mot, labels_kept
 from tracking.hypotheses import Hypotheses
+from tracking.hypothesis_kernels import single_linkage
 from tracking.phd_models import ConstantVelocityMotion, Labels
 from tracking.pmbm import PmbmRecursion
 from whereabouts.datasets import recording
@@ -191,3 +193,48 @@ def test_recorded_scans(name: str, limit: float) -> None:
     assert np.mean([score.mean_ospa for score in scores]) <= limit
     assert abs(np.mean([score.count_bias for score in scores])) <= 0.1
     assert abs(np.mean([score.expected_bias for score in scores])) <= 0.1
+
+
+def test_single_linkage_is_that_of_scipy() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        points, distance = rng.uniform(0.0, 3.0, (rng.integers(2, 30), 2)), rng.uniform(0.05, 1.0)
+        found, expected = single_linkage(points, distance), fcluster(linkage(points), distance, "distance")
+        np.testing.assert_array_equal(found[:, None] == found, expected[:, None] == expected)
+        assert sorted(set(found.tolist())) == list(range(found.max() + 1))
+
+
+@pytest.mark.parametrize("correlation", [0.0, -0.5, -0.8])
+def test_returns_to_either_side_of_the_middle_tell_it_better(correlation: float) -> None:
+    """Against the deviation of the mean of drawn pairs whose offsets are correlated like that."""
+    config = PhdConfig(
+        births=[], spawn=None, detection_probability=0.99, measurement_noise=0.2, measurement_rate=2.0
+    )
+    recursion = PmbmRecursion(config, _Always())
+    recursion.correlation = correlation
+    known = tracks(np.array([[0.0, 0.0, 0.0, 0.0]]), np.array([1.0]), [0])
+    recursion.hypotheses = Hypotheses.of(known, [[(0.0, (0,))]])
+    recursion.update(np.array([[0.0, 0.15], [0.0, -0.15]]), 0.0, None, np.full(2, -30.0))
+    X = 0.2**2 * np.array([[1.0, correlation], [correlation, 1.0]])
+    drawn = np.random.default_rng(1).multivariate_normal([0.0, 0.0], X, 200_000).mean(1)
+    expected = 1.0 / (1.0 + 1.0 / drawn.var())
+    assert recursion.hypotheses.tracks.covariances[0, 0, 0] == pytest.approx(expected, rel=0.03)
+
+
+class _Always:
+    """Everything is seen."""
+
+    def __call__(self, means: np.ndarray, sensor_pose: np.ndarray | None) -> np.ndarray:
+        return np.full(len(means), 0.99)
+
+
+@pytest.mark.parametrize("exactness", [1.0, 4.0])
+def test_a_return_that_is_known_better_tells_more(exactness: float) -> None:
+    config = PhdConfig(
+        births=[], spawn=None, detection_probability=0.99, measurement_noise=0.2, measurement_rate=1.0
+    )
+    recursion = PmbmRecursion(config, _Always())
+    recursion.hypotheses = Hypotheses.of(tracks(np.zeros((1, 4)), np.array([1.0]), [0]), [[(0.0, (0,))]])
+    recursion.update(np.array([[0.1, 0.0]]), 0.0, None, np.array([-30.0]), np.array([exactness]))
+    P = recursion.hypotheses.tracks.covariances[0]
+    assert P[0, 0] == pytest.approx(1.0 / (1.0 + exactness / 0.2**2), rel=1e-3)

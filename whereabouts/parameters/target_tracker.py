@@ -22,13 +22,14 @@ class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
 
     public = (
         "scan_topic", "odom_frame", "filter", "max_range", "detection_probability", "clutter", "report",
-        "keep", "memory", "use_segments", "trail",
+        "located", "memory", "use_segments", "trail",
     )  # fmt: skip
 
     filter: Literal["mixture", "phd", "gmphd"] = setting(
         "mixture",
-        "mixture: the people tracker; phd: the reference's filter on single returns; gmphd: its filter for points, on "
-        "clusters. The last two know no classes and report everything that stands free or moves",
+        "mixture: everything that stands free, with its class; phd: the reference's filter on single returns; gmphd: "
+        "its filter for points, on clusters. The last two know no classes and report everything that stands free or "
+        "moves",
         fixed=True,
     )
     scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)

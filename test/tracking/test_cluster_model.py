@@ -12,8 +12,9 @@ from estimation.gradient_boosting import GradientBoosting
 from evaluation.experiments.people_yardsticks import measure
 from registration.scan import Scan
 from tracking.background import Background
-from tracking.cluster_model import ClusterScan, ScanDetection, StandingOrWalking
-from tracking.cluster_tracker import ClusterTracker
+from tracking.cluster_model import MOVING, ClusterScan, ScanDetection, StandingOrWalking
+from tracking.people import PeopleTracker
+from tracking.people_config import PeopleConfig
 from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
 from tracking.person_class import NAMES, ClassModel
@@ -42,14 +43,14 @@ class Everybody(ClassModel):
         return np.full(len(features), 9.0)
 
 
-def everybody() -> ClusterTracker:
-    return ClusterTracker(classes=Everybody(GradientBoosting(), (), 1.0, 0.0))
+def everybody() -> PeopleTracker:
+    return PeopleTracker(classes=Everybody(GradientBoosting(), (), 1.0, 0.0))
 
 
 def seen_of(scan: Scan, background: Background | None = None) -> ClusterScan:
     sweep = Sweep.of(scan, np.zeros(3), None, 0.1)
     own = np.zeros(len(scan), dtype=bool)
-    return ClusterScan.of(scan, sweep, background or Background(), shape_model(), 0.1, 10.0, own)
+    return ClusterScan.of(scan, sweep, background or Background(), shape_model(), PeopleConfig(), own, own)
 
 
 def test_legs_are_measurements_at_their_middles_and_walls_are_none() -> None:
@@ -58,6 +59,16 @@ def test_legs_are_measurements_at_their_middles_and_walls_are_none() -> None:
     seen = seen_of(LIDAR.scan(world, np.zeros(3), np.random.default_rng(0)).scan)
     assert len(seen.places) == 2
     np.testing.assert_allclose(seen.places[np.argsort(-seen.places[:, 1])], legs, atol=0.03)
+
+
+def test_what_registration_says_moves_came_from_somewhere() -> None:
+    world = joined([box(10.0, 8.0), circle(2.0, 0.5, 0.06), circle(2.0, -0.5, 0.06)])
+    scan = LIDAR.scan(world, np.zeros(3), np.random.default_rng(0)).scan
+    sweep, none = Sweep.of(scan, np.zeros(3), None, 0.1), np.zeros(len(scan), dtype=bool)
+    moving = scan.bearings > 0.0
+    seen = ClusterScan.of(scan, sweep, Background(), shape_model(), PeopleConfig(), none, moving)
+    assert seen.fresh[seen.places[:, 1] > 0.0] == pytest.approx([MOVING])
+    assert seen.fresh[seen.places[:, 1] < 0.0].tolist() == [0.0]
 
 
 def test_what_always_stood_somewhere_is_dense_in_clutter_there() -> None:
@@ -176,7 +187,7 @@ def test_the_shipped_classes_tell_somebody_who_stands_from_a_pole() -> None:
     person = Walker(np.array([[3.0, 1.2]]), build=Build("legs"))
     drive = Drive([(0.0, 0.0), (2.0, 0.0)], 0.4)
     scene = Scene(box(14.0, 9.0), [person], 5.0, LIDAR, drive, things=circle(3.0, -1.2, 0.04))
-    tracker, odds = ClusterTracker(), []
+    tracker, odds = PeopleTracker(), []
     for scan in scene.scans(np.random.default_rng(4)):
         tracker.step(scan.scan, scan.pose, scan.scan.stamp)
         near = {
