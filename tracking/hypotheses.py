@@ -108,16 +108,17 @@ class Hypotheses:
     def reduced(self, limit: float, margin: float, most: int, least: float) -> Hypotheses:
         """Fewer hypotheses that say nearly the same.
 
-        Those that agree on every target up to `limit` in squared Mahalanobis distance are merged with their moments
-        kept; those `margin` below the best in log-weight, beyond `most`, and tracks less probable than `least` go.
+        Those that agree on every target up to `limit` in squared Mahalanobis distance, whatever its label, are merged
+        with their moments kept; those `margin` below the best in log-weight, beyond `most`, and tracks less probable than `least` go.
         """
         if len(self) == 0:
             return self
-        leader, target = merge_plan(
+        leader, target, labels = merge_plan(
             self.group,
             self.log_weights,
             self.starts,
             self.tracks.labels,
+            self.tracks.weights,
             self.tracks.means,
             self.tracks.covariances,
             limit,
@@ -125,7 +126,10 @@ class Hypotheses:
         owner = leader[np.repeat(np.arange(len(self)), np.diff(self.starts))]
         weights = np.exp(self.log_weights)
         totals = np.bincount(leader, weights, len(self))
-        tracks = _moments(self.tracks, self.track_weights, target)
+        weight_of = np.where(target >= 0, self.track_weights, 0.0)
+        target = np.where(target >= 0, target, np.arange(len(target)))
+        tracks = _moments(self.tracks, weight_of, target)
+        tracks.labels = labels
         tracks.weights /= np.maximum(totals[owner], 1e-300)
         kept = (target == np.arange(len(target))) & (tracks.weights > least)
         members: dict[int, list[int]] = {}

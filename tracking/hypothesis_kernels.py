@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+# Two places of one target tell hypotheses apart where it exists at both at least this probably.
+LIKELY = 0.5
+
 
 @njit(cache=True)
 def squares(points: Any, means: Any, xx: Any, xy: Any, yy: Any) -> Any:
@@ -123,18 +126,78 @@ def _distance(a: Any, b: Any, P: Any, limit: float) -> float:
 
 
 @njit(cache=True)
+def _matched(labels: Any, means: Any, covariances: Any, ours: Any, theirs: Any, limit: float) -> Any:
+    """Index into the rows `ours` of the one nearest in state to each of the rows `theirs`, -1 where none is.
+
+    Nearest by the larger of the squared Mahalanobis distances under either's covariance, up to `limit`; those that
+    bear the same label are paired first.
+    """
+    match = np.full(len(theirs), -1)
+    taken = np.zeros(len(ours), np.bool_)
+    for anybody in range(2):
+        for i in range(len(theirs)):
+            r = theirs[i]
+            nearest, best = limit, -1
+            for j in range(len(ours)):
+                q = ours[j]
+                if match[i] >= 0 or taken[j] or (anybody == 0 and labels[q] != labels[r]):
+                    continue
+                gap = _distance(means[q], means[r], covariances[q], nearest)
+                if gap <= nearest:
+                    gap = max(gap, _distance(means[q], means[r], covariances[r], nearest))
+                if gap <= nearest:
+                    nearest, best = gap, j
+            if best >= 0:
+                taken[best] = True
+                match[i] = best
+    return match
+
+
+@njit(cache=True)
+def _renamed(name: int, labels: Any, ours: Any, theirs: Any, match: Any) -> tuple[int, int]:
+    """The label of a target that only `theirs` have in the names of `ours`, and the row there that bears it, or -1.
+
+    Where the one of ours who bears its label is somebody else of theirs, it bears the label of that one.
+    """
+    for _ in range(len(theirs) + 1):
+        bearer = -1
+        for j in range(len(ours)):
+            if labels[ours[j]] == name:
+                bearer = j
+        if bearer < 0:
+            return name, -1
+        partner = -1
+        for i in range(len(theirs)):
+            if match[i] == bearer:
+                partner = i
+        if partner < 0:
+            return name, ours[bearer]
+        name = labels[theirs[partner]]
+    return name, -1
+
+
+@njit(cache=True)
 def merge_plan(
-    group: Any, log_weights: Any, starts: Any, labels: Any, means: Any, covariances: Any, limit: float
-) -> tuple[Any, Any]:
-    """Which hypothesis each is merged into, (H,), and which row takes up each row, (N,).
+    group: Any,
+    log_weights: Any,
+    starts: Any,
+    labels: Any,
+    existence: Any,
+    means: Any,
+    covariances: Any,
+    limit: float,
+) -> tuple[Any, Any, Any]:
+    """Which hypothesis each is merged into, (H,), which row takes up each row, (N,), -1 for none, and labels (N,).
 
     Hypotheses are ordered by group and by falling weight within; hypothesis h has the rows starts[h] to
-    starts[h + 1]. Two become one where every target of the same label, and every pair of targets without, that can be
-    matched are within `limit`, in squared Mahalanobis distance; targets only one of them has are kept.
+    starts[h + 1]. Two say the same where their targets, paired by state whatever their labels, are within `limit`;
+    targets that only one of them has are kept, by the names of the likelier. They say different things where both
+    have a target of that name, at places of its own, that rather exists at both; else the first place stays.
     """
     H, n = len(group), len(labels)
     leader = np.arange(H)
     target = np.arange(n)
+    named = labels.copy()
     # Rows of a leader grow by those only its followers have.
     extra = np.full(n, -1)
     for h in range(H):
@@ -145,38 +208,28 @@ def merge_plan(
                 break
             if leader[other] != other:
                 continue
-            match = np.full(starts[other + 1] - starts[other], -1)
+            theirs = np.arange(starts[other], starts[other + 1])
+            inside = extra == h
+            inside[starts[h] : starts[h + 1]] = True
+            ours = np.flatnonzero(inside)
+            match = _matched(named, means, covariances, ours, theirs, limit)
+            names, rivals = np.full(len(theirs), -1), np.full(len(theirs), -1)
             fine = True
-            for r in range(starts[other], starts[other + 1]):
-                for q in range(n):
-                    if not (starts[h] <= q < starts[h + 1]) and extra[q] != h:
-                        continue
-                    if labels[q] == labels[r]:
-                        if _distance(means[q], means[r], covariances[q], limit) > limit:
-                            fine = False
-                        match[r - starts[other]] = q
-                        break
-                if not fine:
-                    break
+            for i in range(len(theirs)):
+                if match[i] < 0:
+                    names[i], rivals[i] = _renamed(labels[theirs[i]], named, ours, theirs, match)
+                    if rivals[i] >= 0 and min(existence[theirs[i]], existence[rivals[i]]) >= LIKELY:
+                        fine = False
             if not fine:
                 continue
-            for r in range(starts[other], starts[other + 1]):
-                if match[r - starts[other]] >= 0:
-                    continue
-                # The same target under another label?
-                for q in range(starts[h], starts[h + 1]):
-                    taken = False
-                    for s in range(len(match)):
-                        if match[s] == q:
-                            taken = True
-                    if not taken and _distance(means[q], means[r], covariances[q], limit) <= limit:
-                        match[r - starts[other]] = q
-                        break
             leader[other] = h
-            for r in range(starts[other], starts[other + 1]):
-                q = match[r - starts[other]]
-                if q >= 0:
-                    target[r] = q
+            for i in range(len(theirs)):
+                r = theirs[i]
+                if match[i] >= 0:
+                    target[r] = ours[match[i]]
+                elif rivals[i] >= 0:
+                    target[r] = -1
                 else:
                     extra[r] = h
-    return leader, target
+                    named[r] = names[i]
+    return leader, target, named

@@ -108,6 +108,34 @@ def test_hypotheses_that_differ_stay_and_are_capped() -> None:
     assert np.exp(hypotheses.reduced(1.0, 1.0, 10, 1e-3).log_weights).sum() == pytest.approx(1.0)
 
 
+def test_the_same_target_under_two_labels_is_one() -> None:
+    # Somebody at 0 m is 7 by one hypothesis and 8 by the other, and each has a ghost of the other label elsewhere.
+    means = np.array([[0.0, 0, 0, 0], [9.0, 0, 0, 0], [0.1, 0, 0, 0], [-9.0, 0, 0, 0]])
+    made = tracks(means, np.array([1.0, 0.2, 1.0, 0.2]), [7, 8, 8, 7])
+    group = [(np.log(0.52), (0, 1)), (np.log(0.48), (2, 3))]
+    reduced = Hypotheses.of(made, [group]).reduced(1.0, 20.0, 10, 1e-3)
+    assert len(reduced) == 1
+    assert reduced.tracks.labels.tolist() == [7, 8]
+    np.testing.assert_allclose(reduced.tracks.weights, [1.0, 0.52 * 0.2])
+
+
+def test_hypotheses_that_put_one_target_at_two_places_are_two() -> None:
+    means = np.array([[0.0, 0, 0, 0], [9.0, 0, 0, 0], [0.1, 0, 0, 0], [-9.0, 0, 0, 0]])
+    made = tracks(means, np.array([1.0, 0.9, 1.0, 0.9]), [7, 8, 8, 7])
+    group = [(np.log(0.52), (0, 1)), (np.log(0.48), (2, 3))]
+    assert len(Hypotheses.of(made, [group]).reduced(1.0, 20.0, 10, 1e-3)) == 2
+
+
+def test_a_target_of_the_less_likely_hypothesis_goes_by_the_names_of_the_likelier() -> None:
+    # 7 and 8 have changed places in the second, which alone has a third target; there it is called 8.
+    means = np.array([[0.0, 0, 0, 0], [0.1, 0, 0, 0], [5.0, 0, 0, 0]])
+    made = tracks(means, np.array([1.0, 1.0, 0.5]), [7, 9, 7])
+    group = [(np.log(0.6), (0,)), (np.log(0.4), (1, 2))]
+    reduced = Hypotheses.of(made, [group]).reduced(1.0, 20.0, 10, 1e-3)
+    assert reduced.tracks.labels.tolist() == [7, 9]
+    np.testing.assert_allclose(reduced.tracks.weights, [1.0, 0.4 * 0.5])
+
+
 def test_groups_divide_by_marginals_and_join_by_products() -> None:
     means = np.arange(16.0).reshape(4, 4) * 100
     made = tracks(means, np.ones(4), [7, 8, 7, 9])
