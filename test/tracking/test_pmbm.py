@@ -97,7 +97,7 @@ def test_hypotheses_that_agree_are_merged_with_their_moments() -> None:
 
 def test_hypotheses_that_differ_stay_and_are_capped() -> None:
     means = np.array(
-        [[0.0, 0, 0, 0], [50, 0, 0, 0], [50.0, 0, 0, 0], [0, 0, 0, 0], [9, 0, 0, 0], [90, 0, 0, 0]]
+        [[0.0, 0, 0, 0], [50, 0, 0, 0], [50.0, 0, 0, 0], [20, 0, 0, 0], [9, 0, 0, 0], [90, 0, 0, 0]]
     )
     made = tracks(means, np.ones(6), [7, 8, 7, 8, 7, 8])
     group = [(np.log(0.6), (0, 1)), (np.log(0.39), (2, 3)), (np.log(0.01), (4, 5))]
