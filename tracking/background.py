@@ -41,9 +41,11 @@ class Background:
         self._scans = 0
         self._waiting: deque[tuple[float, FloatArray]] = deque()
         self._last: float | None = None
+        self.forgot = False
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Forget everything; `forgot` until scans count again."""
+        self.forgot = True
         self.owner[:] = np.iinfo(np.int64).min
         self._waiting.clear()
         self._last = None
@@ -61,13 +63,14 @@ class Background:
             self._last = then
             keep = math.exp(-dt / self.tuning.memory)
             self._scans += 1
+            self.forgot = False
             grid = self.counts, self.owner, self.seen
             _insert(*grid, self._scans, old, self.tuning.cell, self.tuning.reach, keep)
 
-    def evidence(self, points: FloatArray, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How surely each point (M, 2) lies where it was empty, and where something stood; both (M,) in [0, 1].
+    def evidence(self, points: FloatArray, slack: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """How surely each point (M, 2) lies where it was empty, where something stood, and where nobody has looked.
 
-        slack : (M,) metres, how well the place of a point is known.
+        slack : (M,) metres, how well the place of a point is known. All (M,) in [0, 1].
         """
         return _evidence(self.counts, self.owner, points, slack, self.tuning.cell)
 
@@ -113,19 +116,20 @@ def _insert(counts, owner, seen, scan, rays, cell, reach, keep):  # type: ignore
 
 @njit(cache=True)
 def _evidence(counts, owner, points, slack, cell):  # type: ignore[no-untyped-def]
-    fresh, old = np.zeros(len(points)), np.zeros(len(points))
+    fresh, old, unseen = np.zeros(len(points)), np.zeros(len(points)), np.ones(len(points))
     size = owner.shape[0]
     for k in range(len(points)):
         i, j = math.floor(points[k, 0] / cell), math.floor(points[k, 1] / cell)
         # What is known no better than this could be anywhere, and looking there takes for ever.
         rings = math.ceil(min(max(slack[k] / cell, 1.0), size / 8.0))
-        empty, most = 0.0, 0.0
+        empty, most, looked = 0.0, 0.0, 0.0
         for di in range(-rings, rings + 1):
             for dj in range(-rings, rings + 1):
                 a, b = (i + di) & (size - 1), (j + dj) & (size - 1)
                 if owner[a, b] != (((i + di) << 32) ^ ((j + dj) & 0xFFFFFFFF)):
                     continue
                 passes, hits = counts[a, b, 0], counts[a, b, 1]
+                looked = max(looked, passes + hits)
                 if hits > 0.0:
                     # One return against many beams through the cell is an edge or dust, not a thing that stands.
                     most = max(most, (hits / (hits + passes)) * min(1.0, hits / 4.0))
@@ -134,4 +138,5 @@ def _evidence(counts, owner, points, slack, cell):  # type: ignore[no-untyped-de
         share = min(1.0, empty / 5.0)
         fresh[k] = share * max(0.0, 1.0 - most / 0.08)
         old[k] = min(1.0, most / 0.5)
-    return fresh, old
+        unseen[k] = max(0.0, 1.0 - looked / 5.0)
+    return fresh, old, unseen

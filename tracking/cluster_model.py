@@ -24,7 +24,9 @@ from tracking.people_shape import ShapeModel
 from tracking.people_sweep import Sweep
 from tracking.phd_models import ConstantVelocityMotion, Sight
 
-STOOD = 4.0  # e to this power is the clutter denser where something always stood
+# e to this power is the clutter denser where something always stood, and thinner where nobody has looked before: what
+# comes into view with its surroundings was there all the time, it did not come up this instant.
+STOOD, UNKNOWN = 4.0, 5.0
 BoolArray = npt.NDArray[np.bool_]
 
 # Speed of a walk, m/s; probability that who stands is about to walk; and seconds over which a velocity persists.
@@ -74,11 +76,12 @@ class ClusterScan:
         """The measurements of a scan; beams of `own` (N,) hit the robot, of `moving` (N,) what moves."""
         clusters = clusters_of(scan, config.join_distance, config.max_range, own)
         inside = clusters.labels >= 0
-        fresh, old = background.evidence(sweep.points(inside), 0.05 + 0.02 * scan.ranges[inside])
+        fresh, old, unseen = background.evidence(sweep.points(inside), 0.05 + 0.02 * scan.ranges[inside])
         fresh = np.maximum(fresh, MOVING * moving[inside])
         names, counts = clusters.labels[inside], np.maximum(clusters.counts, 1)
         fresh = np.bincount(names, fresh, len(clusters)) / counts
         old = np.bincount(names, old, len(clusters)) / counts
+        unseen = np.bincount(names, unseen, len(clusters)) / counts
         spacing = clusters.ranges * abs(scan.angle_increment)
         free, freer = clusters.features[:, FREE], clusters.features[:, FREER]
         enough = (clusters.counts >= 3) | ((clusters.counts == 2) & (spacing > 0.03)) | (spacing > 0.08)
@@ -86,6 +89,9 @@ class ClusterScan:
         thinned = len(chosen) > MOST_CLUSTERS
         if thinned:
             chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
+        known = STOOD * old[chosen]
+        if not background.forgot:
+            known -= UNKNOWN * unseen[chosen]
         shape = model.evidence(clusters)[chosen]
         ranges = clusters.ranges[chosen]
         behind = depths(clusters, free > 0.0, spacing)[chosen]
@@ -93,7 +99,7 @@ class ClusterScan:
         middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
         return cls(
             sweep.placed(places, middles),
-            np.log(config.clutter) + STOOD * old[chosen] - np.clip(shape, -SHAPE, SHAPE),
+            np.log(config.clutter) + known - np.clip(shape, -SHAPE, SHAPE),
             shape,
             fresh[chosen],
             old[chosen],

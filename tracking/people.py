@@ -35,7 +35,7 @@ PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
 EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
-BIRTHS, REACH = 0.02, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
+BIRTHS, REACH = 0.002, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
 SPEED = 0.7  # m/s, deviation of a new target's velocity
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
 HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
@@ -45,6 +45,10 @@ BELONGS = 0.45  # m from a target to the clusters that tell its class
 LEGS, STRIDES = 0.3, 1.0
 NEIGHBOURS = 1.0  # m between the legs of one person at most
 HELD = 1.0  # s without a guessed pose after which the surroundings are known: as late as they are entered
+# How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its cluster
+# is, m, but for a share that is not found at all.
+JUMPS, LEARNED = 0.001, 10.0
+FOUND, UNFOUND = 0.15, 0.02
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
 
@@ -119,6 +123,7 @@ class PeopleTracker:
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
         self._held = math.inf  # s for which the pose has been known
+        self._jumps = JUMPS  # probability that the frame jumps from one scan to the next
 
     @property
     def expected_count(self) -> float:
@@ -197,21 +202,23 @@ class PeopleTracker:
     def _jumped(self, seen: ClusterScan, pose: FloatArray, dt: float) -> bool:
         """Whether the frame jumped, as odometry does that lost its way: everybody is then taken along.
 
-        It did if those who were in view are not found where they should be by the pose, but are as seen from the
-        scanner.
+        The odds that it did: how much better all that was in view before, of any class, is found where it was as seen
+        from the scanner than where it was by the poses, times how often this frame jumps.
         """
         before = self._pose
         if before is None:
             return False
         step = between(before, pose)
         sure = [t for t in self.targets if isinstance(t, Person) and t.last_seen == self.stamp]
+        self._jumps += min(dt / LEARNED, 1.0) * (JUMPS - self._jumps)
         if np.hypot(step[0], step[1]) + 2.0 * abs(step[2]) < LEAST_JUMP or not sure:
             return False
         shift = compound(pose, inverse(before))
         spots = np.array([target.mean[:2] + dt * target.mean[2:] for target in sure])
-        lost, others = _missed(spots, seen), _missed(_moved(spots, shift), seen)
-        if 2 * lost <= len(sure) or others >= lost:
+        better = _fit(_moved(spots, shift), seen) - _fit(spots, seen)
+        if better + math.log(self._jumps / (1.0 - self._jumps)) <= 0.0:
             return False
+        self._jumps += min(dt / LEARNED, 0.5) * (1.0 - self._jumps)
         self.recursion.shift(shift)
         for evidence in self.evidence.values():
             evidence.shift(shift)
@@ -295,10 +302,10 @@ def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:
     return np.asarray(spots @ np.array([[c, s], [-s, c]]) + shift[:2])
 
 
-def _missed(spots: FloatArray, seen: ClusterScan) -> int:
-    """How many of the places (T, 2) nothing was seen at."""
-    gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2)
-    return int((gaps.min(axis=1, initial=np.inf) > BELONGS).sum())
+def _fit(spots: FloatArray, seen: ClusterScan) -> float:
+    """Log-likelihood of targets at the places (T, 2), by how far the nearest cluster is from each."""
+    gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2).min(axis=1, initial=np.inf)
+    return float(np.log(np.exp(-0.5 * (gaps / FOUND) ** 2) + UNFOUND).sum())
 
 
 def _checked(
