@@ -35,7 +35,7 @@ PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
 EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
-BIRTHS, REACH = 0.002, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
+BIRTHS, REACH = 0.003, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
 SPEED = 0.7  # m/s, deviation of a new target's velocity
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
 HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
@@ -47,7 +47,7 @@ NEIGHBOURS = 1.0  # m between the legs of one person at most
 HELD = 1.0  # s without a guessed pose after which the surroundings are known: as late as they are entered
 # How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its cluster
 # is, m, but for a share that is not found at all.
-JUMPS, LEARNED = 0.001, 10.0
+JUMPS, LEARNED = 0.001, 30.0
 FOUND, UNFOUND = 0.15, 0.02
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
