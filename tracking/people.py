@@ -48,7 +48,7 @@ HELD = 1.0  # s without a guessed pose after which the surroundings are known: a
 # How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its cluster
 # is, m, but for a share that is not found at all.
 JUMPS, LEARNED = 0.001, 30.0
-FOUND, UNFOUND = 0.15, 0.02
+FOUND, UNFOUND = 0.15, 0.0001
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
 

@@ -21,9 +21,11 @@ from evaluation.experiments.people_judging import (
 from registration import Scan
 from tracking import PeopleConfig, PeopleTracker
 from tracking.background import Background
+from tracking.cluster_model import UNKNOWN, ClusterScan
 from tracking.legs import clusters_of
 from tracking.occlusion import PLACES, WEIGHTS, seen_shares
 from tracking.people_middle import depths
+from tracking.people_shape import shape_model
 from tracking.people_sweep import Sweep
 from whereabouts.datasets import recording
 from whereabouts.simulation import Lidar, circle
@@ -115,13 +117,35 @@ def test_background_tells_what_came_from_what_stood() -> None:
         scan = scan_of(with_leg(wall(), 2.0, 1.0), 0.1 * k)
         background.add(Sweep.of(scan, pose, None, 0.1), 0.1 * k, ignore)
     points = np.array([[1.93, 0.97], [2.5, -1.0], [8.0, 0.0], [-3.0, 0.0]])
-    fresh, old = background.evidence(points, np.full(4, 0.1))
+    fresh, old, unseen = background.evidence(points, np.full(4, 0.1))
     assert old[0] > 0.9  # the leg
     assert fresh[0] == 0.0
     assert fresh[1] == 1.0  # seen empty all the time
     assert old[1] == 0.0
     assert fresh[2:].tolist() == [0.0, 0.0]  # never seen
     assert old[2:].tolist() == [0.0, 0.0]
+    assert unseen.tolist() == [0.0, 0.0, 1.0, 1.0]
+
+
+def test_clutter_is_thin_where_nobody_has_looked() -> None:
+    # The same leg before the same wall: on a floor that was empty till now, and in sight for the first time.
+    config, model = PeopleConfig(), shape_model()
+    pose, free = np.zeros(3), np.zeros(361, dtype=bool)
+    scan = scan_of(with_leg(wall(), 2.0, 1.0))
+    sweep = Sweep.of(scan, pose, None, 0.1)
+
+    def density(background: Background) -> float:
+        seen = ClusterScan.of(scan, sweep, background, model, config, free, free)
+        near = np.linalg.norm(seen.places - [2.0, 1.0], axis=1).argmin()
+        return float(seen.log_clutter[near])
+
+    known = Background()
+    for k in range(40):
+        known.add(Sweep.of(scan_of(wall(), 0.1 * k), pose, None, 0.1), 0.1 * k, free)
+    forgotten = Background()
+    forgotten.clear()
+    assert density(known) - density(Background()) == pytest.approx(UNKNOWN)
+    assert density(forgotten) == pytest.approx(density(known))
 
 
 def test_somebody_who_walks_is_found_where_he_is() -> None:
