@@ -109,7 +109,8 @@ class Hypotheses:
         """Fewer hypotheses that say nearly the same.
 
         Those that agree on every target up to `limit` in squared Mahalanobis distance, whatever its label, are merged
-        with their moments kept; those `margin` below the best in log-weight, beyond `most`, and tracks less probable than `least` go.
+        with their moments kept; those `margin` below the best in log-weight, beyond `most`, and tracks less probable
+        than `least` go.
         """
         if len(self) == 0:
             return self

@@ -45,8 +45,8 @@ BELONGS = 0.45  # m from a target to the clusters that tell its class
 LEGS, STRIDES = 0.3, 1.0
 NEIGHBOURS = 1.0  # m between the legs of one person at most
 HELD = 1.0  # s without a guessed pose after which the surroundings are known: as late as they are entered
-# How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its cluster
-# is, m, but for a share that is not found at all.
+# How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its
+# cluster is, m, but for a share that is not found at all.
 JUMPS, LEARNED = 0.001, 30.0
 FOUND, UNFOUND = 0.15, 0.0001
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped

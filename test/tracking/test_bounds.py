@@ -23,7 +23,9 @@ def test_steps_above_a_turn_divide_by_nothing(step: float) -> None:
 
 
 def test_a_place_that_nobody_knows_is_neither_fresh_nor_old() -> None:
-    fresh, old, unseen = Background().evidence(np.array([[1.0, 1.0], [1e19, -1e19]]), np.array([1e12, np.inf]))
+    fresh, old, unseen = Background().evidence(
+        np.array([[1.0, 1.0], [1e19, -1e19]]), np.array([1e12, np.inf])
+    )
     assert fresh.tolist() == [0.0, 0.0]
     assert old.tolist() == [0.0, 0.0]
     assert unseen.tolist() == [1.0, 1.0]
