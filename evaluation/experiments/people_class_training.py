@@ -9,7 +9,7 @@ mit-csail, positive_7, the outdoor recording and the home take no part.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,19 +117,17 @@ def simulated(
     draw: Callable[[int], Scene],
     count: int,
     seeds: tuple[int, int],
-    wrong: Sequence[int],
+    wrong: tuple[int, ...],
     lost: bool = False,
-    jumps: float = 0.0,
 ) -> Examples:
     """Targets in `count` simulated scenes; those whose number modulo 4 is in `wrong` are seen from wrong poses.
 
-    lost : nobody knows where the scanner is, which is taken to stand. jumps : of wrong poses, per second.
+    lost : nobody knows where the scanner is, which is taken to stand.
     """
     found = _Collector()
     for k in track(range(count), name):
         rng, scene, tracker = np.random.default_rng([seeds[0], seeds[1] + k]), draw(k), undecided()
-        errors = disturbed(rng, scene.rate, int(scene.duration * scene.rate) + 2, jumps)
-        errors *= float(k % 4 in wrong)
+        errors = disturbed(rng, scene.rate, int(scene.duration * scene.rate) + 2) * float(k % 4 in wrong)
         for number, (scan, error) in enumerate(zip(scene.scans(rng), errors, strict=False)):
             if lost:
                 error = inverse(scan.pose)
@@ -204,8 +202,6 @@ def drawn(seed: int = SEED) -> list[Examples]:
             "varied, pose withheld", lambda k: varied_floor(rng(700 + k), k % 4), 12, (seed, 2700), (), True
         ),
         simulated("floors, pose withheld", lambda k: walking(20 + k), 8, (seed, 2800), (), True),
-        simulated("varied, pose jumps", lambda k: varied(100 + k), 10, (seed, 3000), range(4), jumps=0.5),
-        simulated("floors, pose jumps", lambda k: walking(40 + k), 6, (seed, 3100), range(4), jumps=0.5),
         simulated("empty, pose withheld", lambda k: empty_floor(rng(150 + k)), 6, (seed, 2900), (), True),
     ]
 

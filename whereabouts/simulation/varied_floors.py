@@ -42,20 +42,14 @@ def varied_floor(
     return with_people(rng, scene, middles, most, standing) if most else scene
 
 
-def disturbed(rng: np.random.Generator, rate: float, count: int, jumps: float = 0.0) -> Array:
-    """Errors (count, 3) m and rad of a scanner's poses at `rate` Hz: jitter of each, and drift of what adds up.
-
-    jumps : per second, by decimetres, as of odometry that loses its way for a moment.
-    """
+def disturbed(rng: np.random.Generator, rate: float, count: int) -> Array:
+    """Errors (count, 3) m and rad of a scanner's poses at `rate` Hz: jitter of each, and drift of what adds up."""
     jitter, drift = rng.uniform(0.0, 0.012), rng.uniform(0.0, 0.02)
     size = np.array([1.0, 1.0, 0.35])
     walk = np.cumsum(rng.standard_normal((count, 3)), axis=0) * drift / np.sqrt(rate)
     # Now and then a scan is placed a few centimetres off for a while.
     slips = rng.random(count) < 0.05 / rate
     slip = np.cumsum(np.where(slips[:, None], 0.04 * rng.standard_normal((count, 3)), 0.0), axis=0)
-    if jumps > 0.0:
-        jumped = rng.random(count) < jumps / rate
-        slip += np.cumsum(np.where(jumped[:, None], 0.15 * rng.standard_normal((count, 3)), 0.0), axis=0)
     return np.asarray(size * (jitter * rng.standard_normal((count, 3)) + walk + slip))
 
 
