@@ -9,7 +9,7 @@ import pytest
 
 from evaluation.experiments import questions as experiment
 from evaluation.report import Options
-from world_model.questions import Answer
+from world_model.questions import Answer, recall
 
 DAY, HOUR = 86400.0, 3600.0
 
@@ -57,3 +57,17 @@ def test_nothing_wrong_is_told_as_sure(kind: str) -> None:
     ghosts, swaps, asked = experiment._puzzle(kind, 7)
     assert (ghosts, swaps) == (0, 0)
     assert asked >= 4
+
+
+@pytest.mark.parametrize("kind", experiment.KINDS)
+def test_every_question_whose_time_is_taken_is_understood(tmp_path: Path, kind: str) -> None:
+    rng = np.random.default_rng(2)
+    costs = experiment.Costs(experiment.year(tmp_path / "days.sqlite", rng, 2), rng)
+    before = costs.now
+    for form in experiment.KINDS[kind]:
+        times = costs.of(experiment.worded(form, costs.now, rng))
+        assert all(each > 0.0 for each in times)
+    assert costs.now > before
+    costs.reader.recalled = None
+    assert recall(costs.reader).now == costs.now, "messages between questions are in the file"
+    costs.close()
