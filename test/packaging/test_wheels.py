@@ -155,7 +155,8 @@ def install(venv: Path, dist: Path, *what: object) -> None:
     """From the package index, and what `make wheels` builds; in the versions of the lock file."""
     versions = venv.parent / "constraints.txt"
     versions.write_text("".join(f"{name}=={version}\n" for name, version in pinned().items()))
-    options = ["-q", "--constraint", versions, "--find-links", dist]
+    # Modules that are imported are compiled then; most never are.
+    options = ["-q", "--no-compile", "--constraint", versions, "--find-links", dist]
     run(venv.parent, venv / "bin/pip", "install", *options, *what)
     run(venv.parent, venv / "bin/pip", "check")
 
