@@ -6,15 +6,13 @@ import base64
 import json
 import math
 import socket
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import uvicorn
+from serving import served
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from websockets.sync.client import connect
@@ -158,22 +156,6 @@ def test_all_who_look_are_told_what_is_new(client: TestClient, source: Source) -
     assert client.get("/api/state").json()["stamp"] == 16.0
 
 
-@contextmanager
-def listening(console: Console) -> Iterator[int]:
-    """The console at a port of its own."""
-    config = uvicorn.Config(console.app(), port=0, log_level="error", timeout_graceful_shutdown=1)
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    try:
-        while not server.started:
-            thread.join(0.01)
-        yield server.servers[0].sockets[0].getsockname()[1]
-    finally:
-        server.should_exit = True
-        thread.join()
-
-
 def test_a_viewer_that_takes_nothing_is_given_up_and_others_are_told(
     source: Source, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,7 +163,7 @@ def test_a_viewer_that_takes_nothing_is_given_up_and_others_are_told(
     # More than what lies between two sockets.
     source.now = {**empty(), "things": [{"id": "x" * 1000}] * 8000}
     console = Console(source, TOKEN)
-    with listening(console) as port, socket.create_connection(("127.0.0.1", port)) as stalled:
+    with served(console) as port, socket.create_connection(("127.0.0.1", port)) as stalled:
         key = base64.b64encode(bytes(16)).decode()
         stalled.sendall(
             f"GET /api/live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

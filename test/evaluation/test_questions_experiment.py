@@ -9,7 +9,7 @@ import pytest
 
 from evaluation.experiments import questions as experiment
 from evaluation.report import Options
-from world_model.questions import Answer
+from world_model.questions import Answer, ask, during, recall
 
 DAY, HOUR = 86400.0, 3600.0
 
@@ -57,3 +57,31 @@ def test_nothing_wrong_is_told_as_sure(kind: str) -> None:
     ghosts, swaps, asked = experiment._puzzle(kind, 7)
     assert (ghosts, swaps) == (0, 0)
     assert asked >= 4
+
+
+@pytest.mark.parametrize("kind", experiment.KINDS)
+def test_every_question_whose_time_is_taken_is_understood(tmp_path: Path, kind: str) -> None:
+    rng = np.random.default_rng(2)
+    costs = experiment.Costs(experiment.year(tmp_path / "days.sqlite", rng, 2), rng)
+    before = costs.now
+    for form in experiment.KINDS[kind]:
+        times = costs.of(experiment.worded(form, costs.now, rng))
+        assert all(each > 0.0 for each in times)
+    assert costs.now > before
+    costs.reader.recalled = None
+    assert recall(costs.reader).now == costs.now, "messages between questions are in the file"
+    costs.close()
+
+
+@pytest.mark.parametrize("since", ["2026-11-03", "2026-11-20", "2026-11-30", "yesterday"])
+def test_what_has_left_is_the_same_however_much_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, since: str
+) -> None:
+    told = []
+    with experiment.year(tmp_path / "days.sqlite", np.random.default_rng(3), 30) as store:
+        for first in (0.5 * DAY, np.inf):
+            monkeypatch.setattr(during, "AT_FIRST", first)
+            store.recalled = None
+            told += [[ask(store, f"what has left the {place} since {since}") for place in ("desk", "sofa")]]
+    assert told[0] == told[1]
+    assert all(answer.kind == "what_left" and answer.value for answer in told[0])

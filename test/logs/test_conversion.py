@@ -26,6 +26,11 @@ def command():
     return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+def convert_to(source, target, **options):
+    convert_log(source, target, **options)
+    return target
+
+
 def read(path):
     """(topic, log time, message) by rosbags."""
     with AnyReader([path]) as reader:
@@ -57,6 +62,19 @@ def test_a_carmen_log(tmp_path, lines):
     scan = found[2][2]
     assert stamp_of(scan) == pytest.approx(10.1)
     assert len(scan.ranges) == 180
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "out"])
+def test_only_the_beginning(tmp_path, lines, name):
+    source = tmp_path / "a.clf"
+    source.write_text("".join(lines.flaser(RANGES, stamp=100.0 + 0.25 * i) for i in range(20)))
+    whole = read(convert_to(source, tmp_path / "whole.mcap"))
+    begun = read(convert_to(source, tmp_path / name, seconds=1.5))
+    assert [stamp_of(m) for topic, _, m in begun if topic == "/scan"] == [100.0 + 0.25 * i for i in range(7)]
+    again = read(convert_to(tmp_path / "whole.mcap", tmp_path / f"bag-{name}", seconds=1.5))
+    assert [(topic, at) for topic, at, _ in again] == [(topic, at) for topic, at, _ in whole][: len(begun)]
+    with pytest.raises(InputError, match="seconds: positive number"):
+        convert_log(source, tmp_path / name, seconds=0.0)
 
 
 def test_odometry_of_the_scans_where_the_log_has_none_of_its_own(tmp_path, lines):

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,14 @@ def build_wheel(source: Path, folder: Path) -> None:
     """A wheel of a folder with a setup.py or pyproject.toml."""
     options = ["--no-deps", "--no-build-isolation", "-q", "-w", str(folder)]
     checked([sys.executable, "-m", "pip", "wheel", *options, str(source)])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_else() -> Iterator[None]:
+    """A path that somebody has set would put the checkout before what is installed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("PYTHONPATH", raising=False)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import email
+import json
 import os
 import re
 import subprocess
@@ -133,34 +134,67 @@ def test_the_lock_file_has_what_the_requirements_name_with_hashes() -> None:
     assert all("--hash=sha256:" in entry for entry in entries)
 
 
+ENVIRONMENT = {
+    key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "_ROS", "AMENT"))
+}
+
+
+def attempt(folder: Path, *command: object) -> subprocess.CompletedProcess[str]:
+    """A command in a folder, with nothing of this environment."""
+    return subprocess.run([*map(str, command)], capture_output=True, text=True, cwd=folder, env=ENVIRONMENT)
+
+
+def run(folder: Path, *command: object) -> str:
+    """What a command writes that has to succeed."""
+    answer = attempt(folder, *command)
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    return answer.stdout
+
+
+def install(venv: Path, dist: Path, *what: object) -> None:
+    """From the package index, and what `make wheels` builds; in the versions of the lock file."""
+    versions = venv.parent / "constraints.txt"
+    versions.write_text("".join(f"{name}=={version}\n" for name, version in pinned().items()))
+    # Modules that are imported are compiled then; most never are.
+    options = ["-q", "--no-compile", "--constraint", versions, "--find-links", dist]
+    run(venv.parent, venv / "bin/pip", "install", *options, *what)
+    run(venv.parent, venv / "bin/pip", "check")
+
+
 @pytest.mark.timeout(1200)
-def test_the_product_maps_in_an_empty_environment(dist: Path, tmp_path: Path) -> None:
-    """Nothing but the wheel and what its metadata names, from the package index."""
+def test_the_product_runs_in_an_empty_environment(dist: Path, tmp_path: Path) -> None:
+    """Nothing but the wheels and what their metadata name, from the package index."""
     (wheel,) = dist.glob("whereabouts-*.whl")
     venv, bag, out = tmp_path / "venv", tmp_path / "drive.mcap", tmp_path / "drive.tum"
+    command, settings = venv / "bin/whereabouts", tmp_path / "robot.yaml"
     truth = record(bag, duration=20.0)
-    versions = tmp_path / "constraints.txt"
-    versions.write_text("".join(f"{name}=={version}\n" for name, version in pinned().items()))
-    env = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "_ROS", "AMENT"))}
-
-    def run(*command: object) -> str:
-        answer = subprocess.run([*map(str, command)], capture_output=True, text=True, cwd=tmp_path, env=env)
-        assert answer.returncode == 0, answer.stdout + answer.stderr
-        return answer.stdout
-
-    run(sys.executable, "-m", "venv", venv)
-    run(venv / "bin/pip", "install", "-q", "--constraint", versions, wheel)
-    run(venv / "bin/pip", "check")
-    command = venv / "bin/whereabouts"
-    assert run(command, "--version").startswith("whereabouts ")
-    run(command, "setup", bag, "--out", tmp_path / "robot.yaml")
-    run(
-        command, "slam", bag, "--params", tmp_path / "robot.yaml", "--out", out, "--map", tmp_path / "map.png"
-    )
+    run(tmp_path, sys.executable, "-m", "venv", venv)
+    install(venv, dist, wheel)
+    assert run(tmp_path, command, "--version").startswith("whereabouts ")
+    run(tmp_path, command, "setup", bag, "--out", settings)
+    run(tmp_path, command, "slam", bag, "--params", settings, "--out", out, "--map", tmp_path / "map.png")
     expected = np.array([between(truth[0, 1:], row[1:])[:2] for row in truth])
     assert np.abs(read_tum(out).se2()[:, :2] - expected).max() < 0.05
-    run(command, "track", bag, "--out", tmp_path / "tracks.csv")
-    assert "not installed" in run(command, "doctor", bag), "there is no ROS there"
+    run(tmp_path, command, "track", bag, "--out", tmp_path / "tracks.csv")
+    assert "not installed" in run(tmp_path, command, "doctor", bag), "there is no ROS there"
+
+    install(venv, dist, f"{wheel}[ros,evaluation]")
+    figures, report = tmp_path / "demo.json", tmp_path / "report"
+    demo = (command, "demo", "--seconds", 12, "--out", report, "--json", figures)
+    run(tmp_path, *demo)
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert found["bag_s"] == 12.0
+    assert found["nodes_heard"] == 8
+    assert (found["lost"], found["unanswered"]) == (0, 0)
+    assert found["loops_closed_rmse_m"] < 0.05
+    assert found["things_right"] >= 2
+    assert "target_tracker" in (report / "index.html").read_text(encoding="utf-8")
+
+    (node,) = venv.glob("lib/python*/site-packages/whereabouts/nodes/verifier_node.py")
+    node.unlink()
+    without = attempt(tmp_path, *demo)
+    assert without.returncode != 0
+    assert "verifier" in without.stderr
 
 
 def test_nobody_is_told_to_install_the_other_project_of_this_name() -> None:

@@ -2,14 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from harness import Graph
 
+from whereabouts.nodes import supervisor
 from whereabouts.nodes.domain import free_domain, release_domain
+from whereabouts.nodes.host import Forked, Host
 from whereabouts.resources import config_file
+
+
+class Lent:
+    """The host that all tests of this process fork their nodes from: they are imported and loaded once."""
+
+    def __init__(self, log: Path) -> None:
+        self._log = log
+        self._host: Host | None = None
+        self._broken: OSError | None = None
+
+    def lend(self, log: Path) -> Lent:
+        """In place of a host of one's own."""
+        return self
+
+    @property
+    def pid(self) -> int | None:
+        return None if self._host is None else self._host.pid
+
+    def start(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Forked:
+        """Raises OSError where there is no host, or no longer; nodes then start alone."""
+        if self._broken is not None:
+            raise self._broken
+        if command[1] != "-m":
+            raise OSError("only modules are forked")
+        try:
+            self._host = self._host or Host(self._log)
+            return self._host.start(command, log, environment)
+        except OSError as error:
+            self._broken = error
+            raise
+
+    def end(self) -> None:
+        """Whoever borrows it does not end it."""
+
+    def close(self) -> None:
+        if self._host is not None:
+            with suppress(OSError):
+                self._host.end()
+
+
+@pytest.fixture(scope="session")
+def lent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lent]:
+    host = Lent(tmp_path_factory.mktemp("host") / "host.log")
+    yield host
+    host.close()
+
+
+@pytest.fixture(autouse=True)
+def one_host(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, lent: Lent) -> None:
+    """Nodes are forked from one host, but where tests are about the host itself."""
+    if request.path.name != "test_host.py":
+        monkeypatch.setattr(supervisor, "Host", lent.lend)
 
 
 @pytest.fixture(autouse=True)

@@ -51,7 +51,7 @@ class Graph:
         self.executor = NodeExecutor(self.context)
         self.executor.add_node(self.node)
         self.events: list[str] = []
-        self.supervisor = Supervisor(logs, restart=False, on_event=self.events.append)
+        self.supervisor = Supervisor(logs, restart=False, on_event=self.events.append, hosted=True)
         self._publishers: dict[str, Any] = {}
         self._connections: dict[str, Connections] = {}
         self._collected: Counter[str] = Counter()

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import json
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
 import pytest
-import uvicorn
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, PoseStamped, TransformStamped, Vector3
 from harness import Graph
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.serialization import serialize_message
+from serving import served
 from tf2_msgs.msg import TFMessage
 
 from evaluation.browser import CHROMIUM, Browser
@@ -156,24 +153,6 @@ def test_messages_are_read_as_ros_reads_them() -> None:
     assert ours.picture == theirs.picture
 
 
-@contextmanager
-def served(source: LiveSource, port: int = 0) -> Iterator[int]:
-    """The page at a port of its own."""
-    config = uvicorn.Config(
-        Console(source, TOKEN).app(), port=port, log_level="error", timeout_graceful_shutdown=1
-    )
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    try:
-        while not server.started:
-            thread.join(0.01)
-        yield server.servers[0].sockets[0].getsockname()[1]
-    finally:
-        server.should_exit = True
-        thread.join()
-
-
 @pytest.mark.skipif(CHROMIUM is None, reason="no browser here: install Debian's chromium")
 def test_a_browser_shows_it_and_comes_back_after_a_lost_connection(graph: Graph, tmp_path: Path) -> None:
     suite = Suite(graph)
@@ -187,7 +166,7 @@ def test_a_browser_shows_it_and_comes_back_after_a_lost_connection(graph: Graph,
             suite.tell(next(labels))
             return "cup (cup-1)" in text() and "person" in text()
 
-        with served(source) as port:
+        with served(Console(source, TOKEN)) as port:
             browser.open(f"http://127.0.0.1:{port}/#token={TOKEN}")
             graph.until(shown, "the page shows the cup and the person")
             assert browser.run("document.querySelector('#find').disabled") is True
@@ -207,5 +186,5 @@ def test_a_browser_shows_it_and_comes_back_after_a_lost_connection(graph: Graph,
             # The token is not left in the address, which people send to each other.
             assert TOKEN not in browser.run("location.href")
         graph.until(lambda: browser.run("!document.querySelector('#banner').hidden"), "it says it is cut off")
-        with served(source, port):
+        with served(Console(source, TOKEN), port):
             graph.until(lambda: browser.run("document.querySelector('#banner').hidden"), "it is back")

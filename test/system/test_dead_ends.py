@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 
 from harness import Graph
@@ -43,7 +44,7 @@ def test_a_node_that_says_farewell_leaves_none(graph: Graph) -> None:
         "the node is found",
     )
     process = graph.supervisor.nodes[spec.full_name].process
-    process.terminate()
+    process.send_signal(signal.SIGTERM)
     process.wait()
     graph.until(lambda: not graph.node.count_subscribers("/scan"), "its farewell has come")
     ends.bury(spec.full_name)

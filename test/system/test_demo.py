@@ -35,6 +35,7 @@ def test_an_excerpt_of_the_apartment_becomes_a_report(tmp_path: Path) -> None:
     }  # fmt: skip
     assert all(20.0 < usage.resident < 1000.0 for usage in run.usage.values())
     found = figures(judged)
+    assert found["nodes_heard"] == 8
     assert found["loops_closed_rmse_m"] < 0.05 < found["wheels_max_m"]
     assert found["things_right"] >= 2
     assert found["things_extra"] == []

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -76,6 +78,29 @@ def test_where_children_of_children_cannot_be_adopted_nodes_start_alone(
         node = supervisor.start(NodeSpec("verifier"))
         watch(supervisor, lambda: node.was_active)
     assert "cannot be adopted" in events[0]
+
+
+ADOPTED = """
+import ctypes, os, time
+from whereabouts.nodes.host import PR_SET_CHILD_SUBREAPER, _wait_for_parent
+ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+supervisor = os.getpid()
+if os.fork() == 0:
+    if os.fork() == 0:
+        before = os.getppid()
+        _wait_for_parent(supervisor)
+        print(before == supervisor, os.getppid() == supervisor)
+    else:
+        time.sleep(0.5)
+    os._exit(0)
+else:
+    os.wait(), os.wait()
+"""
+
+
+def test_a_node_begins_only_once_its_supervisor_is_its_parent() -> None:
+    answer = subprocess.run([sys.executable, "-u", "-c", ADOPTED], capture_output=True, text=True, check=True)
+    assert answer.stdout == "False True\n"
 
 
 def test_wrong_parameters_are_told_as_by_a_process_of_its_own(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from mcp.client.stdio import stdio_client
 from rclpy.action.server import ActionServer, CancelResponse
 from test_world_model import ON_COUNTER, ON_TABLE, World, seen
 
+from whereabouts.nodes import live_actions
 from whereabouts.nodes.live_actions import find, forget, goal_for
 from whereabouts.nodes.live_world import Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
@@ -61,7 +62,11 @@ def test_without_a_node_it_is_said(client: Client) -> None:
         pass
 
 
-def test_a_search_tells_its_steps_and_is_cancelled(graph: Graph, client: Client) -> None:
+def test_a_search_tells_its_steps_and_is_cancelled(
+    graph: Graph, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Who answers is spun by this thread, too: there is nothing to wait for.
+    monkeypatch.setattr(live_actions, "PATIENCE", 0.2)
     cancelled: list[bool] = []
 
     async def search(handle: Any) -> FindObject.Result:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,7 @@ def test_a_node_that_ends_gives_its_segment_back_and_a_killed_one_has_it_removed
         pytest.skip("the middleware uses no shared memory here")
     remove_orphans()
     assert all(path.exists() for paths in held.values() for path in paths)
-    ended.terminate()
+    ended.send_signal(signal.SIGTERM)
     ended.wait()
     assert not any(path.exists() for path in held[ended.pid])
     graph.kill(specs[1])

@@ -50,6 +50,10 @@ def convert(
             "stamps are zero, rounded or outside of what ROS can express.",
         ),
     ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option("--seconds", min=0.001, help="Convert only so many seconds from the beginning."),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Convert a robot log to a rosbag2 recording in MCAP, for `ros2 bag`.
@@ -76,6 +80,7 @@ def convert(
             max_range,
             rate,
             lambda share: bar.update(task, completed=round(100 * share)),
+            seconds,
         )
     for line in result.summary.lines():
         typer.echo(line, err=True)

@@ -47,6 +47,12 @@ def demo(
             help="Multiple of the recorded speed. Default: as fast as possible.",
         ),
     ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--seconds", min=1.0, help="Replay only so many seconds from the beginning of the recording."
+        ),
+    ] = None,
     json_file: JsonFile = None,
     live: Annotated[
         bool,
@@ -93,11 +99,13 @@ def demo(
     ]
     if len(chosen) > 1:
         raise InputError(f"{' and '.join(chosen)} exclude each other")
+    if seconds is not None and (live or weeks is not None):
+        raise InputError("--seconds goes with a recording")
     if weeks is not None:
         _weeks(out, weeks, seed, json_file)
         return
     if recorded is not None:
-        _recorded(recorded, out, json_file)
+        _recorded(recorded, out, seconds, json_file)
         return
     if live:
         if rate is not None:
@@ -107,7 +115,7 @@ def demo(
     if days != 1:
         raise InputError("--days goes with --live")
     if bag is None:
-        _apartment(out, rate, json_file)
+        _apartment(out, rate, seconds, json_file)
         return
     from whereabouts.logs import read_g2o
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, prepare_environment, run_suite
@@ -123,6 +131,7 @@ def demo(
 
         graph = read_g2o(graph_file(typer.echo))
     out.mkdir(parents=True, exist_ok=True)
+    path = _excerpt(path, out, seconds)
     recording = out / "recording.mcap"
     given = node_parameters(path)
     specs = [
@@ -167,7 +176,7 @@ def demo(
     typer.echo(f"report: {page}")
 
 
-def _apartment(out: Path, rate: float | None, json_file: Path | None) -> None:
+def _apartment(out: Path, rate: float | None, seconds: float | None, json_file: Path | None) -> None:
     """The shipped bag through all nodes; where it is not there it is made first."""
     from whereabouts.demo.replay import replay
     from whereabouts.demo.report import figures, judge, summary, write
@@ -176,7 +185,7 @@ def _apartment(out: Path, rate: float | None, json_file: Path | None) -> None:
 
     prepare_environment(private=True)
     out.mkdir(parents=True, exist_ok=True)
-    path = apartment_bag(out)
+    path = apartment_bag(out, seconds)
     typer.echo(f"replaying {path} through eight nodes over DDS")
     with progress_bar() as bar:
         task = bar.add_task("replaying", total=100)
@@ -276,14 +285,14 @@ def _weeks(out: Path, weeks: int, seed: int, json_file: Path | None) -> None:
     typer.echo(f"report: {page}")
 
 
-def _recorded(name: str, out: Path, json_file: Path | None) -> None:
+def _recorded(name: str, out: Path, seconds: float | None, json_file: Path | None) -> None:
     """A real recording through the nodes that need a laser alone."""
     from whereabouts.demo.recorded import bag_of, figures, run_recorded, write
     from whereabouts.nodes.suite import prepare_environment
     from whereabouts.progress import progress_bar
 
     prepare_environment(private=True)
-    bag = bag_of(name, out)
+    bag = _excerpt(bag_of(name, out), out, seconds)
     given = node_parameters(bag)
     typer.echo(f"replaying {bag} through four nodes over DDS")
     with progress_bar() as bar:
@@ -300,18 +309,29 @@ def _recorded(name: str, out: Path, json_file: Path | None) -> None:
     typer.echo(f"report: {page}")
 
 
-def apartment_bag(out: Path) -> Path:
-    """The apartment's bag: the checkout's, else made in `out`."""
+def apartment_bag(out: Path, seconds: float | None = None) -> Path:
+    """The apartment's bag: the checkout's, else made in `out`. seconds : only so many from its beginning."""
     from whereabouts.simulation.apartment_bag import record
 
     shipped = Path(__file__).resolve().parents[2] / "bags" / "apartment.mcap"
     if shipped.exists():
-        return shipped
-    made = out / "apartment.mcap"
+        return _excerpt(shipped, out, seconds)
+    made = out / ("apartment.mcap" if seconds is None else f"apartment-{seconds:g}s.mcap")
     if not made.exists():
         typer.echo(f"making {made}")
-        record(made)
+        record(made, seconds)
     return made
+
+
+def _excerpt(bag: Path, out: Path, seconds: float | None) -> Path:
+    """The beginning of a bag, in `out`; itself where it is wanted whole."""
+    from whereabouts.logs import convert_log
+
+    if seconds is None:
+        return bag
+    target = out / f"{bag.name.split('.')[0]}-{seconds:g}s.mcap"
+    convert_log(bag, target, seconds=seconds)
+    return target
 
 
 def node_parameters(path: Path) -> dict[str, dict[str, Any]]:

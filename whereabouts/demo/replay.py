@@ -11,7 +11,7 @@ from whereabouts.demo.suite import BESIDE, RECORDED, parameters, shipped_paramet
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.demo_director import Director
 from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
-from whereabouts.nodes.supervisor import NodeSpec
+from whereabouts.nodes.supervisor import NodeSpec, SuiteError
 from whereabouts.process_usage import UsageMeter
 from whereabouts.simulation.apartment_bag import START
 from whereabouts.simulation.apartment_day import MOVED, THINGS, stop
@@ -46,7 +46,8 @@ def replay(
 ) -> tuple[Path, Run]:
     """The apartment's bag through all nodes; returns the recording of what they said, and an account.
 
-    rate : multiple of the recorded speed, None for lock-step. Raises SuiteError and LogError.
+    rate : multiple of the recorded speed, None for lock-step. Nothing is told of what was asked where the bag ends
+    before it. Raises LogError, and SuiteError, also where a node took in nothing.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("world.sqlite*"):
@@ -92,4 +93,8 @@ def replay(
 
         run.on_message = between
         account = run_suite(run)
-    return recording, Run(account, director.account, meter.usage)
+    silent = [spec.full_name for spec in specs if not account.processed[spec.full_name]]
+    if silent:
+        raise SuiteError(f"{', '.join(silent)} took in nothing of {bag}; the logs say why: {folder / 'logs'}")
+    asked = director.account.verified_at is not None or director.account.started is not None
+    return recording, Run(account, director.account if asked else None, meter.usage)

@@ -108,6 +108,7 @@ def figures(judged: Judged) -> dict[str, Any]:
         "messages": account.published.total(),
         "lost": account.total_lost,
         "unanswered": account.unanswered.total(),
+        "nodes_heard": sum(account.processed[name] > 0 for name in run.usage),
         "closures": len(judged.said.replayed.closures),
         "ospa_m": _mean(people.ospa),
         "people_missed_per_scan": _mean(people.missed),

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from typing import TypeVar
 
 from estimation.errors import InputError
 from whereabouts.log_errors import NothingRecognisedError
@@ -31,6 +32,7 @@ WHEEL_TOPIC = "wheel_odom"
 ODOMETRY_WITHIN = 500
 PROGRESS_EVERY = 256
 Report = Callable[[float], None]
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ def convert_log(
     max_range: float | None = None,
     rate: float | None = None,
     report: Report | None = None,
+    seconds: float | None = None,
 ) -> Conversion:
     """Write `source` as a rosbag2 recording: a bare file where `target` ends in .mcap, else a directory.
 
@@ -62,6 +65,7 @@ def convert_log(
     max_range : metres from which a reading is a no-return, for text logs whose lines do not say it.
     rate : scans per second, to stamp the scans of a text log anew from 0 on; None keeps its stamps.
     report : called now and then with the share read, 0 to 1.
+    seconds : only so many from the first message on; None for all.
 
     Raises
     ------
@@ -69,17 +73,34 @@ def convert_log(
     """
     if rate is not None and not rate > 0.0:
         raise InputError(f"rate: positive number of scans per second expected, got {rate}")
+    if seconds is not None and not seconds > 0.0:
+        raise InputError(f"seconds: positive number expected, got {seconds}")
     form, _ = detect(Path(source))
     if form in ("rosbag1", "rosbag2"):
-        return _convert_bag(Path(source), Path(target), topics, report)
-    return _convert_text(Path(source), Path(target), topics, max_range, rate, report)
+        return _convert_bag(Path(source), Path(target), topics, report, seconds)
+    return _convert_text(Path(source), Path(target), topics, max_range, rate, report, seconds)
+
+
+def _begun(items: Iterable[Item], stamp: Callable[[Item], float], span: float | None) -> Iterator[Item]:
+    """Those whose stamps are within a span from the first one's, up to the first that is later."""
+    first = None
+    for item in items:
+        first = stamp(item) if first is None else first
+        if span is not None and stamp(item) - first > span:
+            return
+        yield item
 
 
 def _convert_bag(
-    source: Path, target: Path, topics: Iterable[str] | None, report: Report | None
+    source: Path,
+    target: Path,
+    topics: Iterable[str] | None,
+    report: Report | None,
+    seconds: float | None,
 ) -> Conversion:
+    span = None if seconds is None else 1e9 * seconds
     with open_raw(source, topics) as log, McapWriter(target) as writer:
-        for number, message in enumerate(log):
+        for number, message in enumerate(_begun(log, lambda message: message.log_time, span)):
             writer.write_raw(_absolute(message.topic), message.data, message.log_time)
             if report is not None and number % PROGRESS_EVERY == 0:
                 report(log.progress)
@@ -100,12 +121,13 @@ def _convert_text(
     max_range: float | None,
     rate: float | None,
     report: Report | None,
+    seconds: float | None,
 ) -> Conversion:
     chosen = None if topics is None else list(topics)
     with open_log(source, chosen, max_range) as log, McapWriter(target) as writer:
         records = _with_odometry(log) if rate is None else _at_rate(log, rate)
         sink = _TextSink(writer, log)
-        for number, record in enumerate(records):
+        for number, record in enumerate(_begun(records, lambda record: record.stamp, seconds)):
             sink.write(record)
             if report is not None and number % PROGRESS_EVERY == 0:
                 report(log.progress)

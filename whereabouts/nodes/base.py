@@ -36,6 +36,7 @@ from whereabouts.nodes.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.footprint import keep_packed, release, settle
+from whereabouts.nodes.host import SUPERVISOR_VARIABLE
 from whereabouts.nodes.inputs import HEARD_LATCHED, Frames, Handler, Input
 from whereabouts.nodes.outcomes import decline
 from whereabouts.nodes.outputs import QUIET, Output
@@ -50,10 +51,6 @@ from whereabouts_msgs.srv import Reset
 WARNING_PERIOD = 5.0
 MOST_SILENCED = 1000  # kinds of complaints that are remembered
 HOUSEKEEPING_PERIOD = 0.2
-# s between two reports of connections in which nothing has changed.
-REPORT_PERIOD = 1.0
-# Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself.
-SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 # A file that a node makes once it is active: from then on its death is no failure to start.
 ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -96,8 +93,6 @@ class SuiteNode(LifecycleNode):
         self.transforms = TransformBuffer()
         self.processed = self.create_publisher(Processed, "~/processed", 100, event_callbacks=QUIET)
         self._connections = self.create_publisher(Connections, "~/connections", 1, event_callbacks=QUIET)
-        self._report_due = 0.0
-        self._reported_subscribers: list[int] = []
         self.reported_counts: list[int] = []  # of the outputs, as listeners to ~/processed know them
         self._diagnostics = DiagnosticsPublisher(self)
         self._bonding = Bonding(self)
@@ -438,10 +433,9 @@ class SuiteNode(LifecycleNode):
             raise KeyboardInterrupt
 
     def _report_connections(self) -> None:
-        """Say who is connected and what went through, unless that is known."""
+        """Say who is connected and what went through: who replays or tests waits for it."""
         if not (self.settings.report_processed and self.active):
             return
-        now = time.monotonic()
         counts = [*self.put_out.values()]
         turns = self.turns if self.replayed else None
         subscribers = [output.subscribers for output in self.outputs]
@@ -449,14 +443,7 @@ class SuiteNode(LifecycleNode):
             subscribers += map(turns.listeners, turns.counts)
         came = {item.topic: item.counts.received for item in self.inputs}
         came |= {} if turns is None else turns.received
-        if (
-            now < self._report_due
-            and counts == self.reported_counts
-            and subscribers == self._reported_subscribers
-        ):
-            return
-        self._report_due = now + REPORT_PERIOD
-        self.reported_counts, self._reported_subscribers = counts, subscribers
+        self.reported_counts = counts
         message = Connections(
             inputs=[*came],
             received=[*came.values()],

@@ -26,6 +26,9 @@ PR_SET_NAME, PR_SET_CHILD_SUBREAPER = 15, 36
 READY_WITHIN = 60.0
 """s for imports and compiled functions; a host that takes longer is given up, and nodes start by themselves."""
 LONGEST = 1 << 20
+ADOPTED_WITHIN = 5.0
+SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
+"""Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself."""
 
 
 class Forked:
@@ -140,9 +143,17 @@ def _load() -> None:
             part()
 
 
+def _wait_for_parent(supervisor: int) -> None:
+    """Until the process between has ended: a node whose parent is another takes its supervisor for gone."""
+    until = time.monotonic() + ADOPTED_WITHIN
+    while supervisor and os.getppid() != supervisor and time.monotonic() < until:
+        time.sleep(0.001)
+
+
 def _become(request: dict[str, Any]) -> None:
     """This process is the node from now on; never returns."""
     try:
+        _wait_for_parent(int(request["environment"].get(SUPERVISOR_VARIABLE, 0)))
         os.setsid()
         out = os.open(request["log"], os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         os.dup2(out, 1)

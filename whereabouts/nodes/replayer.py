@@ -59,6 +59,7 @@ class ReplayAccount:
 
     published : messages per topic. skipped : topics that could not be published, and why.
     unanswered : messages per node that it did not report as processed in time (lock-step only).
+    processed : messages per node that it reported as processed.
     lost : messages per node and topic that were sent and, by the node's count, did not arrive.
     deaf : nodes that nothing was sent to, and the topics they listen to.
     """
@@ -66,6 +67,7 @@ class ReplayAccount:
     published: Counter[str] = field(default_factory=Counter)
     skipped: dict[str, str] = field(default_factory=dict)
     unanswered: Counter[str] = field(default_factory=Counter)
+    processed: Counter[str] = field(default_factory=Counter)
     lost: dict[str, int] = field(default_factory=dict)
     deaf: dict[str, list[str]] = field(default_factory=dict)
     bag_seconds: float = 0.0
@@ -485,6 +487,7 @@ class Replayer:
     def _count_losses(self) -> None:
         losses: dict[str, int] = defaultdict(int)
         for (node, topic), answer in self._answers.items():
+            self.account.processed[node] += int(answer.received)
             if answer.lost:
                 losses[f"{node} {topic}"] = int(answer.lost)
         self.account.lost = dict(losses)

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from estimation.errors import WhereaboutsError
-from whereabouts.nodes.base import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE
-from whereabouts.nodes.host import Host
+from whereabouts.nodes.base import ACTIVE_VARIABLE
+from whereabouts.nodes.host import SUPERVISOR_VARIABLE, Host
 from whereabouts.nodes.shared_memory import remove_orphans
 from whereabouts.resources import config_file
 

@@ -7,12 +7,14 @@ from collections.abc import Iterable
 from world_model.questions.answers import Answer, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
-from world_model.questions.past import changes_of, since_when, told_change
+from world_model.questions.past import Change, changes_of, since_when, told_change
 from world_model.questions.recall import DAY, Recall, Timeline
 from world_model.questions.where import evidence_of, within
 
 FOUND, NOT_FOUND = 0.96, 0.9
 """That something was where it was seen at some time; that it was nowhere else between the looks."""
+AT_FIRST = 4.0 * DAY
+"""s: of the end of a span, in which it is looked for first when something left a place."""
 
 
 def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None = None) -> dict[str, float]:
@@ -168,18 +170,12 @@ def what_left(world: Recall, place: str, since: str | float | Span | None = None
     span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
     parts, value = [], {}
     for name in world.heads(world.active(span.start, span.end)):
-        line = world.since(name, span.start)
-        left = [
-            change
-            for change in changes_of(line, span.start, span.end)
-            if change.before is not None and world.contains(where, change.before)
-            and (change.after is None or not world.contains(where, change.after))
-        ]  # fmt: skip
+        line, last = _last_leaving(world, name, where, span)
         stay = line.stays[-1] if line.stays else None
         here = stay is not None and not line.lost and world.contains(where, stay.place)
-        if left and not here:
+        if last is not None and not here:
             value[name] = None if line.lost or stay is None else stay.place
-            parts.append(told_change(world, left[-1]))
+            parts.append(told_change(world, last))
     period = f"since {clock(span.start)}"
     probability = 0.97 * 0.99 ** len(parts)
     sentence = (
@@ -188,3 +184,23 @@ def what_left(world: Recall, place: str, since: str | float | Span | None = None
         else f"Nothing that I know of has left the place {spoken(world, where)} {period}"
     )
     return Answer(f"{sentence}, {told(probability)}.", "what_left", probability, iso(span.start), value)
+
+
+def _last_leaving(world: Recall, name: str, where: str, span: Span) -> tuple[Timeline, Change | None]:
+    """The last time within a span that an object left a place, and its timeline from before that on.
+
+    It is looked for from the end: of a year most often only days are read.
+    """
+    long = AT_FIRST
+    while True:
+        start = max(span.start, span.end - long)
+        line = world.since(name, start)
+        left = [
+            change
+            for change in changes_of(line, start, span.end)
+            if change.before is not None and world.contains(where, change.before)
+            and (change.after is None or not world.contains(where, change.after))
+        ]  # fmt: skip
+        if left or start <= max(span.start, 0.0):
+            return line, left[-1] if left else None
+        long *= 8.0
