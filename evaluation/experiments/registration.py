@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from estimation.metrics import anees_bounds
 from estimation.poses import wrap_angle
@@ -216,6 +217,9 @@ def _spatial(options: Options, report: Report) -> None:
             turn = _about_vertical(rng.uniform(-np.pi, np.pi))
             found = align_globally(moving @ turn[:3, :3].T, still)
             runs.append(("globally, turned", found, expected @ turn.T))
+        for _ in range(1 if options.quick else 5):
+            start = expected @ _nearby(rng)
+            runs.append(("ndt, from 0.3 m and 5° away", align(moving, still, start, method="ndt"), expected))
         for how, found, wanted in runs:
             off = np.linalg.inv(wanted) @ found.transform
             angle = np.rad2deg(np.linalg.norm(_skew_part(off)))
@@ -223,6 +227,15 @@ def _spatial(options: Options, report: Report) -> None:
             rows.append([name, how, round(away, 3), round(float(angle), 5), found.converged, found.fitness])
     columns = ["clouds", "from", "off, mm ↓", "turned, ° ↓", "accepted", "fitness ↑"]
     report.tables.append(Table("Clouds", columns, rows, "", "clouds", data="left out", samples=1))
+
+
+def _nearby(rng: np.random.Generator) -> np.ndarray:
+    """A motion (4, 4) of 0.3 m and 5° any way."""
+    way, axis = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_rotvec(np.deg2rad(5.0) * axis).as_matrix()
+    motion[:3, 3] = 0.3 * way
+    return motion
 
 
 def _about_vertical(yaw: float) -> np.ndarray:
