@@ -83,7 +83,8 @@ def among_outliers(cell: float) -> float:
 def derivatives(grids: list[Gaussians], placed: Array, width: float = 1.0) -> tuple[float, Array, Array]:
     """Score of points (N, D) in the target's frame; gradient and curvature of its negative by a motion of them.
 
-    width : d of the score. The motion is (x, y, turn) or (x, y, z, turn about x, y, z), in the target's frame and about its origin.
+    The motion is (x, y, turn) or (x, y, z, turn about x, y, z), in the target's frame and about its origin.
+    width : d of the score.
     """
     size = 3 if placed.shape[1] == 2 else 6
     score, g, H = 0.0, np.zeros(size), np.zeros((size, size))
