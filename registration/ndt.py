@@ -20,7 +20,6 @@ LEAST = {2: 3, 3: 5}  # points of a cell, by dimension
 FLATTEST = {2: 1e-3, 3: 1e-2}  # share of a cell's largest variance that every other has at least
 OUTLIERS = 0.55  # share of a point's likelihood that is not its cell's, Magnusson's value
 CELLS = (60.0, 30.0, 15.0)  # edges of a cell in space, in units of the finest voxel, from coarse to fine
-POINTS = 4000  # of the source that are used in space
 ITERATIONS = 60
 STEP = 1e-4  # metres and radians below which the iterations have settled
 
@@ -122,15 +121,15 @@ def newton(grids: list[Gaussians], placed: Array, width: float = 1.0) -> Array |
 def ndt_clouds(source: Array, target: Array, start: Array, leaf: float) -> tuple[Array, bool]:
     """Transform (4, 4) of `source` (N, 3) onto `target` (M, 3) from `start`, and whether it settled.
 
+    Both evenly dense: where a scanner crowds points around itself, its own place is all they speak for.
     leaf : metres, the finest voxel; cells are multiples of it.
     """
     transform, settled = start.copy(), False
-    points = source[:: max(1, len(source) // POINTS)]
     for size in CELLS:
         grids, width = grids_of(target, size * leaf), among_outliers(size * leaf)
         settled = False
         for _ in range(ITERATIONS):
-            move = newton(grids, points @ transform[:3, :3].T + transform[:3, 3], width)
+            move = newton(grids, source @ transform[:3, :3].T + transform[:3, 3], width)
             if move is None:
                 return transform, False
             step = np.eye(4)

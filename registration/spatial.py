@@ -16,6 +16,7 @@ from registration.result import Registration
 LEAST_POINTS = 100
 OPEN_VARIANCE = 1.0  # m² and rad²
 LEAST_FITNESS = 0.4
+EVEN = 5.0  # edge of the voxels that NDT has one point of each, in units of the finest
 # Ways from a guess to the end: voxel edges in units of the finest, and metres within which points correspond.
 SCHEDULES = (
     ((8.0, 2.0), (4.0, 1.0), (1.0, 1.0)),
@@ -77,7 +78,8 @@ def align_clouds_ndt(source: Array, target: Array, start: Array) -> Registration
     if refusal is not None:
         return refusal
     leaf = leaf_size(still)
-    transform, settled = ndt_clouds(moving, still, start, leaf)
+    even = [_thin(cloud, EVEN * leaf) for cloud in (moving, still)]
+    transform, settled = ndt_clouds(*even, start, leaf)
     # One look at the surfaces around the outcome gives its information; the pose stays what the method found.
     look = _gicp(moving, still, transform, leaf, 1.0, most=1)
     return _judged(moving, still, look, leaf, settled, transform)

@@ -175,7 +175,7 @@ def _globally(options: Options, report: Report) -> None:
             room = random_room(rng)
             poses = [free_pose(room, rng, 2.5) for _ in range(2)]
             target, source = (lidar.scan(room, pose, rng) for pose in poses)
-            pairs.append(Pair(source, target, relative(*poses)))
+            pairs.append(Pair(target, source, relative(*poses)))
         for method in track(GLOBAL, f"global, {label}"):
             tally = measure(lambda a, b, method=method: align_globally(a, b, method), pairs)  # type: ignore[misc]
             success, _, milliseconds, wrong = tally.row()
