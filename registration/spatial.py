@@ -78,8 +78,8 @@ def align_clouds_ndt(source: Array, target: Array, start: Array) -> Registration
     if refusal is not None:
         return refusal
     leaf = leaf_size(still)
-    even = [_thin(cloud, EVEN * leaf) for cloud in (moving, still)]
-    transform, settled = ndt_clouds(*even, start, leaf)
+    edge = EVEN * leaf
+    transform, settled = ndt_clouds(_thin(moving, edge), _thin(still, edge), start, leaf)
     # One look at the surfaces around the outcome gives its information; the pose stays what the method found.
     look = _gicp(moving, still, transform, leaf, 1.0, most=1)
     return _judged(moving, still, look, leaf, settled, transform)
