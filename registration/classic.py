@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from estimation.poses import compound, rotation_2d, transform_points, wrap_angle
+from estimation.poses import compound, transform_points, wrap_angle
 from registration.motion import Array
 from registration.ndt import grids_of, newton
 from registration.prepared import PreparedScan
 from registration.refine import TUKEY, Refined, refine
+from registration.rigid import rigid_motion
 
 REACH = 1.0  # metres within which points correspond
 ITERATIONS = 60
@@ -35,11 +36,7 @@ def icp(moving: PreparedScan, still: PreparedScan, start: Array) -> Refined:
         near = np.isfinite(distance)
         if near.sum() < 3:
             return None
-        a, b = placed[near], target[index[near]]
-        da, db = a - a.mean(axis=0), b - b.mean(axis=0)
-        yaw = np.arctan2((da[:, 0] * db[:, 1] - da[:, 1] * db[:, 0]).sum(), (da * db).sum())
-        shift = b.mean(axis=0) - rotation_2d(yaw) @ a.mean(axis=0)
-        return np.array([*shift, yaw])
+        return np.asarray(rigid_motion(placed[near], target[index[near]]))
 
     return _iterate(moving, still, start, step)
 

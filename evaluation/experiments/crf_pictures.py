@@ -17,7 +17,7 @@ from registration.scan import Scan
 from whereabouts.simulation.labelled_pairs import LabelledPair
 
 SHADES = ("lightgray", "darkgray", "dimgray", "tab:blue")  # of scans, the latest in blue
-MARGIN = 1.0  # metres around the object that is magnified
+MARGIN = 1.0  # metres around the movers that are magnified
 SPAN = 24.0  # metres of the place that are shown around it
 
 
@@ -51,7 +51,7 @@ def draw_associations(
     ]
     figure = Figure(figsize=(3.2 * len(found), 6.4), layout="constrained")
     rows = figure.subplots(2, len(found))
-    low, high = _around_object(run, placed)
+    low, high = _around_movers(run, placed)
     middle = 0.5 * (low + high)
     for column, (name, partners) in enumerate(found.items()):
         for axes in rows[:, column]:
@@ -68,10 +68,9 @@ def draw_associations(
     return _saved(figure, folder, "figure-3-associations.png")
 
 
-def _around_object(run: Sequence[LabelledPair], placed: Sequence[Array]) -> tuple[Array, Array]:
-    """Corners (2,) of what is magnified: the mover on the most beams that are seen again."""
-    owner = np.bincount(run[0].owners[run[0].moving & (run[0].associations >= 0)]).argmax()
-    own = np.concatenate([points[pair.owners == owner] for points, pair in zip(placed, run, strict=False)])
+def _around_movers(run: Sequence[LabelledPair], placed: Sequence[Array]) -> tuple[Array, Array]:
+    """Corners (2,) of what is magnified: what moves and is seen again."""
+    own = np.concatenate([points[pair.clusters > 0] for points, pair in zip(placed, run, strict=False)])
     return np.min(own, axis=0) - MARGIN, np.max(own, axis=0) + MARGIN
 
 

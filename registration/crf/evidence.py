@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimation.sight import AGREES, HIDDEN, THROUGH, UNSEEN
-from registration.crf.beams import CLEAR, Beams, ends_of, moved, nearness, point_at, sighted
+from registration.crf.beams import Beams, ends_of, moved, nearness, point_at, sighted
 from registration.crf.setup import Start
 from registration.motion import Array
+from registration.outline import CLEAR
 
 NAMES = (
     # Of the point: how b sees it, and what is around it on its piece.

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.poses import between, compound, inverse, inverse_jacobian
-from registration.crf.beams import prepared
 from registration.crf.estimate import UNKNOWN, JointEstimate
 from registration.crf.expected import near_expected
 from registration.crf.model import JointModel
-from registration.crf.pace import Duration
 from registration.crf.window import FARTHEST, decide, mean_probability
 from registration.motion import Array
+from registration.pace import Duration
+from registration.prepared import prepared
 from registration.scan import Scan
 
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
