@@ -18,11 +18,13 @@ from estimation.metrics import anees_bounds
 from estimation.poses import wrap_angle
 from evaluation.experiments.registration_data import read_3dtk, read_ply
 from evaluation.experiments.registration_others import extruded_gicp, kiss_icp, open3d_point_to_plane
+from evaluation.experiments.registration_pictures import draw_cloud, draw_icp, draw_uncertainty
 from evaluation.report import Options, Part, Report, Table, slug
 from registration import Registration, Scan, align, align_globally
 from registration.align_globally import METHODS as GLOBAL
 from whereabouts.progress import track
 from whereabouts.simulation import Lidar, corridor, random_room
+from whereabouts.simulation.labelled_pairs import random_labelled_pairs
 from whereabouts.simulation.pairs import CROWDED, EASY, HARD, Pair, free_pose, random_pair
 from whereabouts.simulation.robot import relative
 
@@ -252,9 +254,22 @@ def _skew_part(motion: np.ndarray) -> np.ndarray:
     )
 
 
+def _pictures(options: Options, report: Report) -> None:
+    """Figures of chapter 2 of the licentiate thesis, on simulated scans."""
+    rng = np.random.default_rng(options.seed)
+    (street,) = random_labelled_pairs(rng, "street", 1)
+    pair = random_pair(rng, LIDARS["1081 beams, 270°"], EASY)
+    report.pictures += [
+        draw_uncertainty(options.out),
+        draw_cloud(options.out, street.scan_b),
+        draw_icp(options.out, pair.source.scan, pair.target.scan),
+    ]
+
+
 PARTS = {
     "pairs": Part(_pairs),
     "covariances": Part(_honesty),
     "without a guess": Part(_globally),
     "clouds": Part(_spatial, random=False, needs=("scans_3d/**/*",)),
+    "pictures": Part(_pictures, random=False),
 }
