@@ -30,7 +30,7 @@ NAMES = (
     # Of the cluster it is in, -1 without.
     "cluster agreeing", "cluster seen through",
     # Of both scans: how much goes on.
-    "scan seen through", "scan hidden", "scan new", "objects", "range", "noise",
+    "scan seen through", "scan hidden", "scan new",
 )  # fmt: skip
 FAR = 2.0  # metres at which distances and depths are cut off
 LONG = 8.0  # metres, of a piece, likewise
@@ -76,17 +76,14 @@ def evidence(begun: Start, clusters: NDArray[np.int64]) -> Array:
 
 
 def _of_scans(begun: Start, seen: dict[str, Array]) -> dict[str, Array]:
-    """What is the same for all points, but for the range."""
-    a, n = begun.a, len(begun.a)
+    """What is the same for all points."""
     new = (begun.fresh == THROUGH) | (begun.fresh == CLEAR)
-    of_all = {
+    shares = {
         "scan seen through": seen["seen through"].mean(),
         "scan hidden": seen["hidden"].mean(),
         "scan new": new.mean() if len(new) else 0.0,
-        "objects": float(len(begun.found)),
-        "noise": begun.noise,
     }
-    return {name: np.full(n, value) for name, value in of_all.items()} | {"range": a.ranges[a.beams]}
+    return {name: np.full(len(begun.a), share) for name, share in shares.items()}
 
 
 def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
