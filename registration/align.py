@@ -23,9 +23,10 @@ from registration.prepared import PreparedScan, prepare
 from registration.refine import Refined, refine
 from registration.result import Registration
 from registration.scan import Scan
-from registration.spatial import align_clouds
+from registration.spatial import align_clouds, align_clouds_ndt
 
 METHODS = ("robust", "icp", "point_to_line", "ndt")
+CLOUDS = {"robust": align_clouds, "ndt": align_clouds_ndt}
 REACH = 0.8  # metres around the guess that are searched
 TURN = np.deg2rad(50.0)  # radians around the guess that are searched
 CANDIDATES = 3
@@ -46,7 +47,7 @@ def align(
         Scans are judged better than bare points: they also say where nothing was. What is not finite is dropped.
     guess : expected pose of the source in the target frame, (3,) or (4, 4); none means the same place.
         The robust method searches 0.8 m and 50° around it; for the others it has to be close.
-    method : "robust"; for planar data the text's "icp" (point to point), "point_to_line" and "ndt".
+    method : "robust"; the text's "ndt", for planar data also its "icp" (point to point) and "point_to_line".
 
     Returns
     -------
@@ -61,9 +62,9 @@ def align(
     if is_cloud(source) or is_cloud(target):
         if not (is_cloud(source) and is_cloud(target)):
             raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
-        if method != "robust":
-            raise InputError(f"method: clouds are registered by 'robust' only, got {method!r}")
-        return align_clouds(np.asarray(source), np.asarray(target), as_guess(guess, (4, 4), np.eye(4)))
+        if method not in CLOUDS:
+            raise InputError(f"method: clouds are registered by {' or '.join(CLOUDS)}, got {method!r}")
+        return CLOUDS[method](np.asarray(source), np.asarray(target), as_guess(guess, (4, 4), np.eye(4)))
     start = as_guess(guess, (3,), np.zeros(3))
     moving, still = prepare("source", source), prepare("target", target)
     if method != "robust":

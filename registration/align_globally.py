@@ -2,11 +2,13 @@
 
 In the plane every rotation and translations of several metres are searched by correlation with bounds; the best
 candidates are refined and scored by overlap and free-space violation, and two places that fit equally well are no
-answer. In space KISS-Matcher finds the rough transform and small_gicp refines it.
+answer. The text's own way, histograms refined by ICP, stays selectable. In space KISS-Matcher finds the rough
+transform and small_gicp refines it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +17,11 @@ from numpy.typing import ArrayLike
 from estimation.errors import InputError
 from estimation.poses import between
 from registration.align import agreements, is_cloud, keep_open, settle
+from registration.classic import icp
 from registration.consistency import Agreement
 from registration.correlative import candidates
 from registration.feature_matching import match_features
+from registration.histograms import histogram_candidates
 from registration.judgement import GUESS_SIGMA, Asked, judged
 from registration.motion import Array
 from registration.prepared import PreparedScan, prepare
@@ -40,12 +44,15 @@ TURNED = 0.3  # rad by which that place has to be turned; along a wall, places n
 ASKED = Asked(fitness=0.75, merit=0.39)
 
 
-def align_globally(source: Scan | ArrayLike, target: Scan | ArrayLike) -> Registration:
+def align_globally(
+    source: Scan | ArrayLike, target: Scan | ArrayLike, method: str = "correlation"
+) -> Registration:
     """Motion that lays `source` on `target`, from anywhere: any rotation, in the plane up to 6 m apart in x and y.
 
     Parameters
     ----------
     source, target : both planar, each a `Scan` or points (N, 2), or both clouds (N, 3); metres, sensor frames.
+    method : "correlation"; for planar data also the text's "histogram".
 
     Returns
     -------
@@ -53,23 +60,44 @@ def align_globally(source: Scan | ArrayLike, target: Scan | ArrayLike) -> Regist
 
     Raises
     ------
-    InputError : wrong shapes, a planar with a spatial argument.
+    InputError : wrong shapes, a planar with a spatial argument, an unknown method.
     """
+    if method not in METHODS:
+        raise InputError(f"method: one of {', '.join(METHODS)} expected, got {method!r}")
     if is_cloud(source) or is_cloud(target):
         if not (is_cloud(source) and is_cloud(target)):
             raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
+        if method != "correlation":
+            raise InputError(f"method: clouds are registered by 'correlation' only, got {method!r}")
         return _clouds(np.asarray(source), np.asarray(target))
-    return _outlines(prepare("source", source), prepare("target", target))
+    return _outlines(prepare("source", source), prepare("target", target), METHODS[method])
 
 
-def _outlines(moving: PreparedScan, still: PreparedScan) -> Registration:
-    start = np.zeros(3)
+def _by_correlation(moving: PreparedScan, still: PreparedScan) -> Iterator[Refined]:
     found = candidates(
-        moving.surface.points, still.surface.points, start, REACH, np.pi, levels=4, keep=KEEP, most=CANDIDATES
-    )
-    ranked: list[tuple[float, Refined, tuple[Agreement, Agreement]]] = []
+        moving.surface.points, still.surface.points, np.zeros(3), REACH, np.pi, levels=4, keep=KEEP,
+        most=CANDIDATES,
+    )  # fmt: skip
     for candidate in found:
-        refined = refine(moving.surface, still.target, candidate[1:].copy(), 0.2)
+        yield refine(moving.surface, still.target, candidate[1:].copy(), 0.2)
+
+
+def _by_histograms(moving: PreparedScan, still: PreparedScan) -> Iterator[Refined]:
+    for candidate in histogram_candidates(moving.surface, still.surface, CANDIDATES):
+        yield icp(moving, still, candidate)
+
+
+METHODS = {"correlation": _by_correlation, "histogram": _by_histograms}
+
+
+def _outlines(
+    moving: PreparedScan,
+    still: PreparedScan,
+    found: Callable[[PreparedScan, PreparedScan], Iterator[Refined]],
+) -> Registration:
+    start = np.zeros(3)
+    ranked: list[tuple[float, Refined, tuple[Agreement, Agreement]]] = []
+    for refined in found(moving, still):
         views = agreements(moving, still, refined.pose)
         ranked.append((_merit(views), refined, views))
     if not ranked:

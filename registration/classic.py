@@ -12,10 +12,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from estimation.poses import compound, rotation_2d, transform_points, wrap_angle
+from estimation.poses import compound, transform_points, wrap_angle
 from registration.motion import Array
+from registration.ndt import grids_of, newton
 from registration.prepared import PreparedScan
 from registration.refine import TUKEY, Refined, refine
+from registration.rigid import rigid_motion
 
 REACH = 1.0  # metres within which points correspond
 ITERATIONS = 60
@@ -34,11 +36,7 @@ def icp(moving: PreparedScan, still: PreparedScan, start: Array) -> Refined:
         near = np.isfinite(distance)
         if near.sum() < 3:
             return None
-        a, b = placed[near], target[index[near]]
-        da, db = a - a.mean(axis=0), b - b.mean(axis=0)
-        yaw = np.arctan2((da[:, 0] * db[:, 1] - da[:, 1] * db[:, 0]).sum(), (da * db).sum())
-        shift = b.mean(axis=0) - rotation_2d(yaw) @ a.mean(axis=0)
-        return np.array([*shift, yaw])
+        return np.asarray(rigid_motion(placed[near], target[index[near]]))
 
     return _iterate(moving, still, start, step)
 
@@ -67,64 +65,8 @@ def point_to_line(moving: PreparedScan, still: PreparedScan, start: Array) -> Re
 def ndt(moving: PreparedScan, still: PreparedScan, start: Array) -> Refined:
     """Normal distributions transform (Biber and Strasser): four overlapping grids of Gaussians."""
     points = moving.surface.points
-    grids = [_Gaussians(still.surface.points, shift) for shift in ((0, 0), (0.5, 0), (0, 0.5), (0.5, 0.5))]
-
-    def step(pose: Array) -> Array | None:
-        placed = transform_points(pose, points)
-        H, g = np.zeros((3, 3)), np.zeros(3)
-        for grid in grids:
-            inside, offset, inverse = grid.at(placed)
-            a = placed[inside]
-            if not len(a):
-                continue
-            pull = np.einsum("nij,nj->ni", inverse, offset)
-            weight = np.exp(-0.5 * np.minimum(np.einsum("ni,ni->n", offset, pull), 80.0))
-            jacobian = np.zeros((len(a), 2, 3))
-            jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
-            jacobian[:, 0, 2], jacobian[:, 1, 2] = -a[:, 1], a[:, 0]
-            g += np.einsum("n,nik,ni->k", weight, jacobian, pull)
-            H += np.einsum("n,nik,nij,njl->kl", weight, jacobian, inverse, jacobian)
-        if H[2, 2] <= 0.0:
-            return None
-        return np.asarray(-np.linalg.lstsq(H, g, rcond=1e-9)[0])
-
-    return _iterate(moving, still, start, step)
-
-
-class _Gaussians:
-    """Mean and inverse covariance of the points in each cell that holds three or more."""
-
-    def __init__(self, points: Array, shift: tuple[float, float]) -> None:
-        self._shift = np.array(shift)
-        cells, which = np.unique(self._cells(points), axis=0, return_inverse=True)
-        which = which.ravel()
-        count = np.bincount(which, minlength=len(cells))
-        sums = np.column_stack([np.bincount(which, points[:, k], len(cells)) for k in range(2)])
-        mean: Array = sums / np.maximum(count, 1)[:, None]
-        offset = points - mean[which]
-        covariance = np.empty((len(cells), 2, 2))
-        for i in range(2):
-            for j in range(2):
-                products = np.bincount(which, offset[:, i] * offset[:, j], len(cells))
-                covariance[:, i, j] = products / np.maximum(count - 1, 1)
-        values, vectors = np.linalg.eigh(covariance)
-        # Biber and Strasser keep the smaller eigenvalue above a thousandth of the larger.
-        values = np.maximum(values, np.maximum(1e-3 * values[:, 1:], 1e-6))
-        inverse = np.einsum("nij,nj,nkj->nik", vectors, 1.0 / values, vectors)
-        self._known = {tuple(cell): k for k, cell in enumerate(cells) if count[k] >= 3}
-        self._mean, self._inverse = mean, inverse
-
-    def _cells(self, points: Array) -> np.ndarray:
-        return np.floor(points / CELL + self._shift).astype(np.int64)
-
-    def at(self, points: Array) -> tuple[np.ndarray, Array, Array]:
-        """Which points lie in a known cell, their offsets from its mean and its inverse covariance."""
-        index = np.array(
-            [self._known.get(tuple(cell), -1) for cell in self._cells(points).tolist()], dtype=int
-        )
-        inside = np.flatnonzero(index >= 0)
-        index = index[inside]
-        return inside, points[inside] - self._mean[index], self._inverse[index]
+    grids = grids_of(still.surface.points, CELL) if len(still.surface) else []
+    return _iterate(moving, still, start, lambda pose: newton(grids, transform_points(pose, points)))
 
 
 def _iterate(

@@ -73,6 +73,16 @@ def _variance(H, slack, variance, prior):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _more(rest, whole):  # type: ignore[no-untyped-def]
+    """What `rest` (3, 3) is uncertain of beyond `whole`, positive semi-definite.
+
+    The two leave open directions that differ by milliradians: across, their plain difference is negative.
+    """
+    values, vectors = np.linalg.eigh(rest - whole)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+@njit(cache=True)
 def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyped-def]
     """Write what the piece the answer hangs on most adds to the covariance, if more than `added` (3, 3) has."""
     total, noise, pull = H.sum(axis=0), slack.sum(axis=0), g.sum(axis=0)
@@ -90,7 +100,7 @@ def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyp
         shift = -rest @ (pull - g[p]) / variance
         # What is not known can be anywhere within the doubt, not farther.
         shift *= min(1.0, math.sqrt(prior) / max(math.sqrt(shift @ shift), 1e-9))
-        doubt = rest - whole + np.outer(shift, shift)
+        doubt = _more(rest, whole) + np.outer(shift, shift)
         grown = 0.0
         for a in range(3):
             grown = max(
@@ -102,6 +112,8 @@ def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyp
 
 def borrowed(refined: Refined, source: Surface, target: Surface, noise: float, prior: float) -> Array:
     """Covariance (3, 3) of x, y, yaw to add because the answer hangs on one small piece; zero where it does not.
+
+    Positive semi-definite, so that what it is added to stays a covariance.
 
     noise : metres, that the kernel of `refine` ended with. prior : m², variance of what nothing determines.
     """

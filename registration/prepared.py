@@ -6,8 +6,11 @@ saw in each direction (`View`), and, when something is to be laid on it, the has
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, wraps
+from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,3 +93,26 @@ def prepare(name: str, measurement: Scan | ArrayLike) -> PreparedScan:
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError(f"{name}: Scan or array (N, 2) or (N, 3) expected, got shape {points.shape}")
     return PreparedScan(points_surface(points[np.isfinite(points).all(axis=1)], NOISE), NOTHING_SEEN)
+
+
+Of = TypeVar("Of")
+Made = TypeVar("Made")
+
+
+def once(make: Callable[[Of], Made]) -> Callable[[Of], Made]:
+    """`make`, asked once in the life of a scan, which is compared with several others; not to be written to."""
+    known: WeakKeyDictionary[Of, Made] = WeakKeyDictionary()
+
+    @wraps(make)
+    def made(scan: Of) -> Made:
+        if scan not in known:
+            known[scan] = make(scan)
+        return known[scan]
+
+    return made
+
+
+@once
+def prepared(scan: Scan) -> PreparedScan:
+    """`PreparedScan` of a scan."""
+    return prepare_scan(scan)

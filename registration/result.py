@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from registration.motion import Array
+
+UNKNOWN = np.diag([1.0, 1.0, 1.0])  # m², rad²: of a motion nothing is known about
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Registration of clouds by small_gicp: generalised ICP from a guess, coarse to fine."""
+"""Registration of clouds from a guess, coarse to fine: generalised ICP by small_gicp, or the text's 3D NDT."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from scipy.spatial import cKDTree
 
 from estimation.errors import InputError
 from registration.motion import Array
+from registration.ndt import ndt_clouds
 from registration.result import Registration
 
 LEAST_POINTS = 100
 OPEN_VARIANCE = 1.0  # m² and rad²
 LEAST_FITNESS = 0.4
+EVEN = 5.0  # edge of the voxels that NDT has one point of each, in units of the finest
 # Ways from a guess to the end: voxel edges in units of the finest, and metres within which points correspond.
 SCHEDULES = (
     ((8.0, 2.0), (4.0, 1.0), (1.0, 1.0)),
@@ -66,21 +68,43 @@ def align_clouds(source: Array, target: Array, start: Array, close: bool = False
         if best is None or score > best[0]:
             best = score, outcome
     assert best is not None
-    outcome = best[1]
-    transform = np.asarray(outcome.T_target_source)
+    return _judged(moving, still, best[1], leaf, best[1].converged)
+
+
+def align_clouds_ndt(source: Array, target: Array, start: Array) -> Registration:
+    """As `align_clouds` by the normal distributions transform, which the paper has in its place."""
+    moving, still = checked_cloud("source", source), checked_cloud("target", target)
+    refusal = too_few(moving, still, start)
+    if refusal is not None:
+        return refusal
+    leaf = leaf_size(still)
+    edge = EVEN * leaf
+    transform, settled = ndt_clouds(_thin(moving, edge), _thin(still, edge), start, leaf)
+    # One look at the surfaces around the outcome gives its information; the pose stays what the method found.
+    look = _gicp(moving, still, transform, leaf, 1.0, most=1)
+    return _judged(moving, still, look, leaf, settled, transform)
+
+
+def _judged(
+    moving: Array, still: Array, outcome: Any, leaf: float, settled: bool, transform: Array | None = None
+) -> Registration:
+    """What an `outcome` of small_gicp amounts to, or a `transform` (4, 4) near which it is."""
+    if transform is None:
+        transform = np.asarray(outcome.T_target_source)
     covariance, opened = _covariance(outcome, transform)
     fitness = overlap(moving, still, transform, 3.0 * leaf)
     reason = ""
-    if not outcome.converged:
+    if not settled:
         reason = "the iterations did not settle"
     elif fitness < LEAST_FITNESS:
         reason = f"only {fitness:.0%} of the source overlaps the target"
-    elif opened:
-        reason = "the clouds leave a direction of motion open"
-    return Registration(transform, covariance, fitness, not reason or opened, reason)
+    if reason or not opened:
+        return Registration(transform, covariance, fitness, not reason, reason)
+    reason = "the clouds leave a direction of motion open"
+    return Registration(transform, covariance, fitness, True, reason)
 
 
-def _gicp(source: Array, target: Array, start: Array, leaf: float, near: float) -> Any:
+def _gicp(source: Array, target: Array, start: Array, leaf: float, near: float, most: int = 60) -> Any:
     # Imported here: planar registration needs neither the library nor the time to load it.
     import small_gicp
 
@@ -91,7 +115,7 @@ def _gicp(source: Array, target: Array, start: Array, leaf: float, near: float) 
         registration_type="GICP",
         downsampling_resolution=leaf,
         max_correspondence_distance=near,
-        max_iterations=60,
+        max_iterations=most,
         translation_epsilon=1e-4,
         rotation_epsilon=1e-4,
     )

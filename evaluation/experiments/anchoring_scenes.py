@@ -150,13 +150,14 @@ def scenes(seed: int) -> dict[str, ObjectScene]:
 @dataclass(frozen=True)
 class AntRun:
     """mixed : ants that have another identity at the end than at the beginning. counts (K, 3) : expected, detected
-    and true number over time."""
+    and true number over time. paths : (k, 2) estimated positions of each identity, m."""
 
     mixed: int
     corrected: int
     merged: int
     mean_ms: float
     counts: np.ndarray
+    paths: dict[str, list[np.ndarray]]
 
 
 def ants(scene: AntScene, looks: int) -> AntRun:
@@ -186,6 +187,7 @@ def ants(scene: AntScene, looks: int) -> AntRun:
     now: dict[int, str] = {}
     changes = merged = 0
     times, counts = [], []
+    paths: dict[str, list[np.ndarray]] = {}
     for index, seen in enumerate(scene.looks(looks)):
         begin = process_time()
         state = model.update(seen.evidence, seen.stamp)
@@ -195,6 +197,8 @@ def ants(scene: AntScene, looks: int) -> AntRun:
         true = np.array(list(seen.truth.values()))
         apart = np.linalg.norm(true[:, None] - true[None], axis=2) + np.eye(len(true))
         found = np.array([item.position for item in state.objects]).reshape(-1, 3)
+        for item in state.objects:
+            paths.setdefault(item.id, []).append(item.position[:2])
         if index < 10 or not len(found):
             continue
         off = np.linalg.norm(true[:, None] - found[None], axis=2)
@@ -206,4 +210,4 @@ def ants(scene: AntScene, looks: int) -> AntRun:
                 first.setdefault(int(ant), name)
                 now[int(ant)] = name
     mixed = sum(now[ant] != first[ant] for ant in first)
-    return AntRun(mixed, changes - mixed, merged, float(np.mean(times[5:])), np.array(counts))
+    return AntRun(mixed, changes - mixed, merged, float(np.mean(times[5:])), np.array(counts), paths)

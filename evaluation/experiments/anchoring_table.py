@@ -2,103 +2,116 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from evaluation.experiments.anchoring_blobs import Blob, detection
 from evaluation.experiments.anchoring_scenes import known
 from whereabouts.simulation.objects import ObjectScene, Thing
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 
 TABLE = ((-1.0, 1.0), (-1.0, 1.0), (0.0, 1.2))
 SEES_ALL: dict[str, Any] = {"pose": (-1.5, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0 * np.pi}
-SIGMA = np.sqrt(0.0008)
 
 
-def blob(rng: np.random.Generator, x: float, y: float, color: str, size: str, shape: str) -> ObjectEvidence:
-    """A detection of the blob detector: each symbol with probability 0.8 (section 2.6.1)."""
-    values = {
-        "color": ("green", "red"),
-        "size": ("small", "medium", "large"),
-        "shape": ("square", "rectangle"),
-    }
-    attributes = {}
-    for name, said in (("color", color), ("size", size), ("shape", shape)):
-        others = [value for value in values[name] if value != said]
-        attributes[name] = {said: 0.8} | {value: 0.2 / len(others) for value in others}
-    position = np.array([x, y, 0.87]) + rng.normal(0.0, SIGMA, 3)
-    return ObjectEvidence(position, SIGMA**2 * np.eye(3), attributes)
+# Table 2.1, and the two boxes that touch as one blob.
+GREEN, RED = (40.0, 150.0, 120.0), (172.0, 176.0, 120.0)
+BOX = Blob(-0.5, 0.3, GREEN, 0.2, 0.09)
+SECOND_BOX = Blob(-0.5, -0.3, GREEN, 0.18, 0.08)
+CAN = Blob(0.0, -0.4, GREEN, 0.08, 0.09)
+TEA = Blob(0.5, 0.3, RED, 0.07, 0.07)
+CUP = Blob(0.4, -0.1, RED, 0.08, 0.085)
+BOTH = Blob(0.05, 0.3, GREEN, 0.38, 0.09)
 
 
-def dynamic_table(seed: int) -> list[tuple[str, str, bool]]:
-    """Section 2.6.1 in its three parts: a name, what the text's run does, and whether this one does."""
-    rng = np.random.default_rng(seed)
-    config = WorldModelConfig(
-        colors=("green", "red"),
-        region=TABLE,
-        detection_probability=0.9,
-        clutter_per_frame=0.05,
-        new_objects_per_second=0.005,
-        class_accuracy=0.8,
-        motion={"*": {"model": "static", "accel_sigma": 0.5, "moved_per_second": 0.05}},
-    )
-    model = WorldModel(config)
-    clock = 0.0
+@dataclass(frozen=True)
+class Shot:
+    """One moment of a run: what was detected, and what the model says then."""
 
-    def show(seconds: float, *things: Any, blocked: bool = False) -> WorldState:
-        nonlocal clock
+    evidence: list[ObjectEvidence]
+    state: WorldState
+
+
+@dataclass
+class _Table:
+    """A table in front of a camera, 20 images a second, and the model that is told of it."""
+
+    seed: int
+    fixed: bool
+    clock: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        config = WorldModelConfig(
+            colors=("green", "red"),
+            region=TABLE,
+            detection_probability=0.9,
+            clutter_per_frame=0.05,
+            new_objects_per_second=0.005,
+            class_accuracy=0.8,
+            motion={"*": {"model": "static", "accel_sigma": 0.5, "moved_per_second": 0.05}},
+        )
+        self._model = WorldModel(config)
+
+    def show(self, seconds: float, *things: Blob, blocked: bool = False) -> Shot:
+        """Things for a time, each missed in a tenth of the images; all of them where the view is `blocked`."""
+        seen: list[ObjectEvidence] = []
         for step in range(int(20 * seconds)):
-            seen = (
-                []
-                if blocked
-                else [blob(rng, *_at(thing, step / 20)) for thing in things if rng.random() < 0.9]
-            )
-            state = model.update(WorldEvidence(seen, None if blocked else SEES_ALL), clock)
-            clock += 0.05
-        return state
+            there = [thing for thing in things if self._rng.random() < 0.9]
+            seen = [detection(self._rng, thing.after(step / 20), self.fixed) for thing in there]
+            state = self._model.update(WorldEvidence(seen, None if blocked else SEES_ALL), self.clock)
+            self.clock += 0.05
+        return Shot(seen, state)
 
-    box, can = (-0.5, 0.3, "green", "medium", "rectangle"), (0.0, -0.4, "green", "small", "square")
-    tea = (0.5, 0.3, "red", "small", "square")
-    before = show(3.0, box, can, tea)
-    moved = show(3.0, (-0.5, 0.3, "green", "medium", "rectangle", 0.2), can, tea)
-    rows = [("moved", "one of three is moved at 0.2 m/s, all keep their identities", _same(before, moved))]
-    box = (0.1, 0.3, "green", "medium", "rectangle")
-    show(4.0, blocked=True)
-    cup = (0.4, -0.1, "red", "small", "square")
-    after = show(2.0, box, can, cup)
+
+def dynamic_table(seed: int, fixed: bool = True) -> tuple[list[tuple[str, str, bool]], dict[str, Shot]]:
+    """Section 2.6.1 in its three parts: rows of a name, what the text's run does, and whether this one does; moments.
+
+    fixed : each symbol has the text's probability, not its own.
+    """
+    table = _Table(seed, fixed)
+    shots = {"before": table.show(3.0, BOX, CAN, TEA)}
+    shots["moved"] = moved = table.show(3.0, replace(BOX, speed=0.2), CAN, TEA)
+    rows = [
+        (
+            "moved",
+            "one of three is moved at 0.2 m/s, all keep their identities",
+            _same(shots["before"], moved),
+        )
+    ]
+    box = BOX.at(0.1, 0.3)
+    table.show(4.0, blocked=True)
+    shots["at once"] = table.show(0.1, box, CAN, CUP)
+    shots["exchanged"] = after = table.show(1.9, box, CAN, CUP)
     said = "out of sight, a red box is exchanged for a red cup elsewhere, which takes its identity"
     rows.append(("exchanged", said, _same(moved, after)))
-    second = (-0.5, -0.3, "green", "medium", "rectangle")
-    with_second = show(2.0, box, can, cup, second)
-    added = len(with_second.objects) == len(after.objects) + 1
+    shots["second box"] = second = table.show(2.0, box, CAN, CUP, SECOND_BOX)
+    added = len(second.state.objects) == len(after.state.objects) + 1
     rows.append(("second box", "a second green box comes and is added", added))
-    touching = (0.0, 0.3, "green", "medium", "rectangle")
-    show(2.0, box, can, cup, touching)
-    large = (0.05, 0.3, "green", "large", "rectangle")
+    touching = SECOND_BOX.at(-0.09, 0.3)
+    shots["side by side"] = table.show(2.0, box, CAN, CUP, touching)
     for _ in range(6):
-        show(0.4, large, can, cup)
-        last = show(0.4, box, touching, can, cup)
-    ghost = any(item.most_probable("size") == "large" for item in last.objects)
+        shots["as one"] = table.show(0.4, BOTH, CAN, CUP)
+        shots["false box"] = table.show(0.4, box, touching, CAN, CUP)
+    ghost = any(item.most_probable("size") == "large" for item in shots["false box"].state.objects)
     said = "the two touch and are now and then detected as a large one, which is added"
     rows.append(("false box", said, ghost))
-    return rows
+    return rows, shots
 
 
-def _at(thing: tuple[Any, ...], seconds: float) -> tuple[Any, ...]:
-    x, y, *symbols = thing
-    speed = symbols.pop() if len(symbols) > 3 else 0.0
-    return (x + speed * seconds, y, *symbols)
-
-
-def _same(before: WorldState, after: WorldState) -> bool:
-    return {item.id for item in before.objects} == {item.id for item in after.objects}
+def _same(before: Shot, after: Shot) -> bool:
+    return {item.id for item in before.state.objects} == {item.id for item in after.state.objects}
 
 
 FIRST, SECOND = (0.0, 0.5), (0.2, -0.5)
 """m, places of the two cups of section 2.6.2."""
+MOMENTS = {"before": 90, "in part": 235, "in view": 299}
+"""Images: before all is hidden, while the second cup's place alone is in view, at the end."""
 
 
-def cups(often_new: bool, seed: int) -> list[WorldState]:
+def cups(often_new: bool, seed: int) -> list[Shot]:
     """Section 2.6.2: a cup, a can and a box; all hidden from 5 to 9 s, then a cup elsewhere, from 12 s on all.
 
     often_new : the first setting, with a high probability of new cups; otherwise the second, where cups are moved.
@@ -122,33 +135,35 @@ def cups(often_new: bool, seed: int) -> list[WorldState]:
         motion={"*": {"model": "static", "moved_per_second": 1e-5 if often_new else 0.01}},
     )
     model = WorldModel(config)
-    states = []
+    shots = []
     for seen in scene.looks(300):
         evidence = seen.evidence
         if 9.0 <= seen.stamp < 12.0:
             part = {"pose": (0.2, -2.0, 0.8, np.pi / 2.0), "range": 1.8, "angle": 0.6}
             evidence = WorldEvidence(evidence.objects, part)
-        states.append(model.update(evidence, seen.stamp))
-    return states
+        shots.append(Shot(list(evidence.objects), model.update(evidence, seen.stamp)))
+    return shots
 
 
-def ambiguous_cups(seed: int) -> list[tuple[str, str, bool]]:
-    """Section 2.6.2 in both settings: a name, what the text's run says, and whether this one does."""
+def ambiguous_cups(seed: int) -> tuple[list[tuple[str, str, bool]], dict[str, Shot]]:
+    """Section 2.6.2 in both settings: rows of a name, what the text's run says, and whether this one does; moments."""
+    runs = {"new cups likely": cups(True, seed), "new cups unlikely": cups(False, seed)}
+    shots = {f"{run}, {when}": runs[run][at] for run in runs for when, at in MOMENTS.items()}
+    likely, unlikely = ([shots[f"{run}, {when}"].state for when in MOMENTS] for run in runs)
+    one, other = (_named(states[0], FIRST) for states in (likely, unlikely))
     rows = []
-    likely, unlikely = cups(True, seed), cups(False, seed)
-    one, other = (_named(states[90], FIRST) for states in (likely, unlikely))
-    for when, at, said in (
-        ("in part", 235, "new cups likely, only the second cup's place in view: it is new"),
-        ("in view", -1, "new cups likely, all in view: it is new, as before"),
+    for when, state, said in (
+        ("in part", likely[1], "new cups likely, only the second cup's place in view: it is new"),
+        ("in view", likely[2], "new cups likely, all in view: it is new, as before"),
     ):
-        new = _named(likely[at], FIRST) == one and _named(likely[at], SECOND) not in (None, one)
+        new = _named(state, FIRST) == one and _named(state, SECOND) not in (None, one)
         rows.append((f"new cup {when}", said, new))
     said = "new cups unlikely, only the second cup's place in view: the first was moved there"
-    rows.append(("moved cup in part", said, _named(unlikely[235], SECOND) == other))
+    rows.append(("moved cup in part", said, _named(unlikely[1], SECOND) == other))
     said = "new cups unlikely, all in view: corrected, the first never moved and the other is new"
-    corrected = _named(unlikely[-1], FIRST) == other and _named(unlikely[-1], SECOND) not in (None, other)
+    corrected = _named(unlikely[2], FIRST) == other and _named(unlikely[2], SECOND) not in (None, other)
     rows.append(("moved cup in view", said, corrected))
-    return rows
+    return rows, shots
 
 
 def _named(state: WorldState, place: tuple[float, float]) -> str | None:

@@ -10,6 +10,7 @@ import numpy as np
 from evaluation.experiments.crf_baselines import free_space, icp_kmeans, matching_kmeans
 from evaluation.experiments.crf_filled import filled
 from evaluation.experiments.crf_metrics import Scores, f1_of, scores
+from evaluation.experiments.crf_pictures import busiest, draw_associations, draw_clusters
 from evaluation.experiments.crf_recordings import recordings
 from evaluation.experiments.crf_stages import NEAREST, stages
 from evaluation.report import Figure, Options, Part, Printed, Report, Table, heading
@@ -272,6 +273,30 @@ def _timing(options: Options, report: Report) -> None:
     )
 
 
+def _pictures(options: Options, report: Report) -> None:
+    """Figures 3 and 4 on the pairs of a street in which an object is on the most beams."""
+    run = busiest(protocol(options.seed), 3)
+    found: dict[tuple[str, str], list[JointEstimate]] = {}
+    for pair in run:
+        begun = start(pair.scan_a, pair.scan_b)
+        for (name, begin), infer in techniques().items():
+            estimate = infer(pair.scan_a, pair.scan_b, begun if begin == SAME else None)
+            found.setdefault((name, begin), []).append(estimate)
+    last = {"joint CRF, our start": found[PRINTED[3], SAME], HERE[2]: found[HERE[2], SAME]}
+    # CRF-Matching is the association of both techniques that have it.
+    of_text = dict(zip(("ICP", "CRF-Matching", "joint CRF"), (PRINTED[0], *PRINTED[2:]), strict=True))
+    matched = {name: found[key, BLIND] for name, key in of_text.items()} | last
+    clustered = {name: found[name, BLIND] for name in PRINTED} | last
+    partners = {name: [one.associations for one in every] for name, every in matched.items()}
+    partners["truth"] = [pair.associations for pair in run]
+    clusters = {name: every[-1].clusters for name, every in clustered.items()}
+    clusters["truth"] = run[-1].clusters
+    report.pictures += [
+        draw_associations(options.out, run, partners),
+        draw_clusters(options.out, run[-1], clusters),
+    ]
+
+
 PARTS = {
     "tables": Part(_tables, quick_seeds=3),
     "stages": Part(stages, quick_seeds=5),
@@ -280,4 +305,5 @@ PARTS = {
     "poses": Part(_poses),
     "recordings": Part(recordings, random=False, needs=("moving_objects/*.bag",)),
     "time": Part(_timing, quick_seeds=2),
+    "pictures": Part(_pictures, random=False),
 }

@@ -14,10 +14,11 @@ from estimation.sight import AGREES, THROUGH
 from registration.align import align
 from registration.crf.as_printed import PrintedCrf, k_means
 from registration.crf.beams import Beams, beams_of, moved, per_beam
-from registration.crf.estimate import UNKNOWN, JointEstimate
-from registration.crf.rigid import rigid_motion
+from registration.crf.estimate import JointEstimate
 from registration.crf.setup import Start
 from registration.motion import Array
+from registration.result import UNKNOWN
+from registration.rigid import rigid_motion
 from registration.scan import Scan
 
 GATE = 0.25  # metres within which ICP's nearest point is taken to be the same

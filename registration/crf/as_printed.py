@@ -28,11 +28,12 @@ from registration.crf.as_printed_messages import (
     log_score,
 )
 from registration.crf.beams import Beams, beams_of, moved, per_beam
-from registration.crf.estimate import UNKNOWN, JointEstimate, nothing, read_model
-from registration.crf.rigid import rigid_motion
+from registration.crf.estimate import JointEstimate, nothing, read_model
 from registration.crf.setup import Start
 from registration.crf.shape_features import NAMES, pair_features
 from registration.motion import Array
+from registration.result import UNKNOWN
+from registration.rigid import rigid_motion
 from registration.scan import Scan
 
 FORMAT, VERSION = "whereabouts.printed_crf", 1

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from estimation.poses import between
 from registration.align import agreements
-from registration.crf.beams import prepared
 from registration.judgement import LENIENT, judged
+from registration.prepared import prepared
 from registration.refine import refine
 from registration.result import Registration
 from registration.scan import Scan

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from estimation.sight import AGREES, THROUGH, UNSEEN, beam_at
-from registration.crf.beams import length, sight
-from registration.crf.rigid import SUMS, add_pair, motion_of
+from registration.outline import length, sight
+from registration.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements
 PER_METRE = 1.0 / CELL

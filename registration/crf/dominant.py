@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from estimation.poses import between, inverse
 from estimation.sight import AGREES
 from registration.align import among_movers
-from registration.crf.beams import TOUCHING, Beams, prepared, seen_by
+from registration.crf.beams import Beams, seen_by
 from registration.motion import Array
+from registration.outline import TOUCHING
+from registration.prepared import prepared
 from registration.result import Registration
 from registration.scan import Scan
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from registration.motion import Array
+from registration.result import UNKNOWN
 
 Model = TypeVar("Model")
 
@@ -64,9 +65,6 @@ def read_model(
         return made_of(content)
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"path: {path} is no complete {kind} model: {error}") from error
-
-
-UNKNOWN = np.diag([1.0, 1.0, 1.0])  # m², rad²: of a motion nothing is known about
 
 
 def nothing(beams: int, reason: str) -> JointEstimate:

@@ -1,8 +1,8 @@
 """What speaks for and against each point of a scan having moved, beside the groups that were found.
 
 A point alone says little: the flank of a cart agrees with where it was, and what a walker hides stands. Its piece says
-more: how much of it was seen through, hidden or still in place, its shape, what the scan beside it shows, and how well
-the best motion of an object that is near explains it.
+more: how much of it was seen through, hidden or still in place, its shape, what the scan beside it shows, and how much
+of it is in groups.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimation.sight import AGREES, HIDDEN, THROUGH, UNSEEN
-from registration.crf.beams import CLEAR, Beams, ends_of, moved, nearness, point_at, sighted
+from registration.crf.beams import Beams, ends_of, moved, nearness, point_at
 from registration.crf.setup import Start
 from registration.motion import Array
+from registration.outline import CLEAR
 
 NAMES = (
     # Of the point: how b sees it, and what is around it on its piece.
@@ -28,17 +29,13 @@ NAMES = (
     "extent", "chord", "bulge", "dent", "lower edge", "higher edge",
     # Of the cluster it is in, -1 without.
     "cluster agreeing", "cluster seen through",
-    # Of the motion that explains most of its piece, -1 without.
-    "piece agrees moved", "piece through moved", "piece in group",
-    "shift", "turn", "gain per point", "group agrees moved", "group through moved", "group stood",
     # Of both scans: how much goes on.
-    "scan seen through", "scan hidden", "scan new", "objects", "range", "noise",
+    "scan seen through", "scan hidden", "scan new",
 )  # fmt: skip
 FAR = 2.0  # metres at which distances and depths are cut off
 LONG = 8.0  # metres, of a piece, likewise
 WIDE = 2.0  # metres, of how far a piece bends off its chord, likewise
 MOST = 30.0  # points, of what is counted, likewise
-MARGIN = 0.5  # metres around a group within which its motion is considered
 AROUND = 6  # points of a piece to either side that are near
 NOTHING_BESIDE = -3.0  # in place of an edge, at the ends of a scan
 
@@ -74,22 +71,19 @@ def evidence(begun: Start, clusters: NDArray[np.int64]) -> Array:
     columns["points seen through"] = np.minimum(pieces.total(through), MOST)[a.pieces]
     columns |= _around(begun, seen, pieces) | _behind(begun, seen["hidden"], pieces)
     columns |= _of_groups(a, clusters, pieces) | _of_cluster(clusters, seen)
-    columns |= _of_motion(begun, seen, pieces) | _of_scans(begun, seen)
+    columns |= _of_scans(begun, seen)
     return np.column_stack([columns[name] for name in NAMES])
 
 
 def _of_scans(begun: Start, seen: dict[str, Array]) -> dict[str, Array]:
-    """What is the same for all points, but for the range."""
-    a, n = begun.a, len(begun.a)
+    """What is the same for all points."""
     new = (begun.fresh == THROUGH) | (begun.fresh == CLEAR)
-    of_all = {
+    shares = {
         "scan seen through": seen["seen through"].mean(),
         "scan hidden": seen["hidden"].mean(),
         "scan new": new.mean() if len(new) else 0.0,
-        "objects": float(len(begun.found)),
-        "noise": begun.noise,
     }
-    return {name: np.full(n, value) for name, value in of_all.items()} | {"range": a.ranges[a.beams]}
+    return {name: np.full(len(begun.a), share) for name, share in shares.items()}
 
 
 def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
@@ -177,74 +171,4 @@ def _of_cluster(clusters: NDArray[np.int64], seen: dict[str, Array]) -> dict[str
         f"cluster {name}": np.where(clusters > 0, (np.bincount(own, values) / count)[own], -1.0)
         for name, values in seen.items()
         if name != "hidden"
-    }
-
-
-def _of_motion(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
-    """How the motion that explains most of each piece explains it, and the group that it came from."""
-    first, end = NAMES.index("piece agrees moved"), NAMES.index("scan seen through")
-    n, objects = len(begun.a), len(begun.found)
-    columns = {name: np.full(n, -1.0) for name in NAMES[first:end]}
-    if objects == 0:
-        return columns
-    members = np.column_stack([group.members for group in begun.found])
-    active = near_groups(begun.a, members)
-    doubt = nearness(begun.a, begun.noise)
-    sight = np.column_stack(
-        [
-            sighted(begun.a, begun.b, group.motion, doubt, active[:, k])[0]
-            for k, group in enumerate(begun.found)
-        ]
-    )
-    agrees, through = (((sight == kind) & active).astype(np.float64) for kind in (AGREES, THROUGH))
-    votes = np.array(
-        [pieces.total(agrees[:, k] - through[:, k] + 2.0 * members[:, k]) for k in range(objects)]
-    )
-    near = np.array([pieces.total(active[:, k].astype(np.float64)) for k in range(objects)]) > 0.0
-    best = np.where(near, votes, -np.inf).argmax(axis=0)[begun.a.pieces]
-    told = np.asarray(near.any(axis=0))[begun.a.pieces]
-    point = np.arange(n)
-    found = {
-        "piece agrees moved": pieces.mean(agrees[point, best]),
-        "piece through moved": pieces.mean(through[point, best]),
-        "piece in group": pieces.mean(members[point, best].astype(np.float64)),
-    }
-    found |= {name: values[best] for name, values in _moves(begun, members, seen, agrees, through).items()}
-    for name, values in found.items():
-        columns[name][told] = values[told]
-    return columns
-
-
-def near_groups(a: Beams, members: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n, D) points around each group of `members` (n, D), and of its pieces."""
-    active = np.zeros_like(members)
-    for d in range(members.shape[1]):
-        points = a.points[members[:, d]]
-        if len(points):
-            low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
-            rooted = np.zeros(int(a.pieces.max()) + 1, dtype=bool)
-            rooted[a.pieces[members[:, d]]] = True
-            active[:, d] = ((a.points >= low) & (a.points <= high)).all(axis=1) | rooted[a.pieces]
-    return active
-
-
-def _moves(
-    begun: Start, members: NDArray[np.bool_], seen: dict[str, Array], agrees: Array, through: Array
-) -> dict[str, Array]:
-    """Of each group (D,): its displacement against the background, and what that explains of it."""
-    starts, background = members.astype(np.float64), begun.registration.transform
-    size = np.maximum(starts.sum(axis=0), 1.0)
-    middles = (starts.T @ begun.a.points) / size[:, None]
-    motions = np.array([group.motion for group in begun.found])
-    shifts = [
-        np.hypot(*(moved(middle[None], motion) - moved(middle[None], background))[0])
-        for middle, motion in zip(middles, motions, strict=True)
-    ]
-    return {
-        "shift": np.array(shifts),
-        "turn": np.abs(motions[:, 2] - background[2]),
-        "gain per point": np.array([group.gain for group in begun.found]) / size,
-        "group agrees moved": (starts * agrees).sum(axis=0) / size,
-        "group through moved": (starts * through).sum(axis=0) / size,
-        "group stood": starts.T @ seen["agreeing"] / size,
     }

@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 
 from estimation.sight import HIDDEN, THROUGH
-from registration.crf.beams import CLEAR, ends_of, length
+from registration.crf.beams import ends_of
+from registration.outline import CLEAR, length
 
 
 @njit(cache=True)

@@ -15,10 +15,11 @@ from scipy.spatial import cKDTree
 
 from estimation.poses import inverse
 from estimation.sight import AGREES, THROUGH
-from registration.crf.beams import CLEAR, Beams, moved, nearness, sighted
+from registration.crf.beams import Beams, moved, nearness, sighted
 from registration.crf.displacement import best_motion, claim
 from registration.crf.grouping import groups_of
 from registration.motion import Array
+from registration.outline import CLEAR
 
 LARGEST = 7.0  # metres, extent of what moves
 TURN_SIGMA = 0.12  # radians a thing may be expected to turn between the scans

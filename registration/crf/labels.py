@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 
 from estimation.sight import AGREES, UNSEEN
 from registration.crf.beams import Beams, moved, nearness, per_beam, point_at
-from registration.crf.estimate import UNKNOWN, JointEstimate
+from registration.crf.estimate import JointEstimate
 from registration.crf.setup import Start
 from registration.motion import Array
+from registration.result import UNKNOWN
 
 LEAST_MEMBERS = 3  # points of an object
 NEAR = 0.6  # of the distance between two beams on a surface, within which the nearest sees the same spot

@@ -89,8 +89,6 @@ class JointModel:
     ) -> JointEstimate:
         """As `infer`, for who wants labels of what moves and knows from elsewhere how the sensor moved.
 
-        The trees are asked only where something left its place.
-
         background : whether its motion is to be refined without what moves.
         known : what another pair said of scan_a; where this one shows nothing else to have left its place, it
             confirms that, and says nothing of motions.
@@ -101,9 +99,6 @@ class JointModel:
         begun = start(scan_a, scan_b, registration, True, None if known is None else known.moving)
         if begun.again is not None and known is not None:
             return confirmed(begun, begun.again, known)
-        if begun.registration.converged and not begun.found and not begun.gone:
-            labels = groups_as_labels(begun)
-            return estimate_of(begun, labels, np.where(labels == 0, 0.0, np.nan))
         return self.conclude(scan_a, scan_b, begun, background)
 
     def conclude(self, scan_a: Scan, scan_b: Scan, begun: Start, refined: bool = True) -> JointEstimate:

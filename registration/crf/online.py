@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from estimation.poses import between, compound, inverse, inverse_jacobian
-from registration.crf.beams import prepared
-from registration.crf.estimate import UNKNOWN, JointEstimate
-from registration.crf.expected import near_expected
+from estimation.poses import between, compound, inverse, inverse_covariance
+from registration.crf.estimate import JointEstimate
 from registration.crf.model import JointModel
-from registration.crf.pace import Duration
 from registration.crf.window import FARTHEST, decide, mean_probability
+from registration.expected import near_expected
 from registration.motion import Array
+from registration.pace import Duration
+from registration.prepared import prepared
+from registration.result import UNKNOWN
 from registration.scan import Scan
 
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
@@ -253,6 +254,5 @@ def _segment(
     label: int, motion: Array, covariance: Array, interval: float, probability: float
 ) -> MovingSegment:
     """`motion` takes this scan's points to the earlier scan; told is the way forward, in this scan's frame."""
-    jacobian = inverse_jacobian(motion)
-    forward = jacobian @ covariance @ jacobian.T
-    return MovingSegment(label, inverse(motion), 0.5 * (forward + forward.T), interval, probability)
+    forward = inverse_covariance(motion, covariance)
+    return MovingSegment(label, inverse(motion), forward, interval, probability)

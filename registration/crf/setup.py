@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from estimation.poses import inverse
 from estimation.sight import AGREES
 from registration.align import REACH, TURN, best_of
-from registration.crf.beams import TOUCHING, Beams, beams_of, first_look, prepared, seen_by
+from registration.crf.beams import Beams, beams_of, first_look, seen_by
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
 from registration.judgement import LENIENT, Asked, judged
 from registration.motion import Array
+from registration.outline import TOUCHING
+from registration.prepared import prepared
 from registration.result import Registration
 from registration.scan import Scan
 

@@ -12,8 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.crf.beams import Beams, length, once
+from registration.crf.beams import Beams
 from registration.motion import Array
+from registration.outline import length
+from registration.prepared import once
 
 NAMES = (
     "distance 1", "distance 3", "distance 5", "angle 1", "angle 3", "angle 5",

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from estimation.poses import between
 from registration.align import among_movers
-from registration.crf.beams import beams_of, prepared
+from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate
 from registration.crf.model import JointModel
 from registration.motion import Array
+from registration.prepared import prepared
 from registration.scan import Scan
 
 INTERVALS = (-1.0, -0.8, -0.6, -0.4, 0.4, 0.6, 0.8, 1.0)  # seconds to the scans compared with

@@ -8,9 +8,10 @@ import numpy as np
 
 from evaluation.experiments.crf import BLIND, PRINTED, SAME, judged, techniques
 from evaluation.experiments.crf_filled import filled
+from evaluation.experiments.crf_pictures import busiest, draw_associations, draw_clusters
 from evaluation.experiments.crf_stages import LENGTH, STAGES, judged_run
 from evaluation.report import Options, Report
-from whereabouts.simulation.labelled_pairs import random_labelled_pairs
+from whereabouts.simulation.labelled_pairs import protocol, random_labelled_pairs
 from whereabouts.simulation.lidar import Lidar
 
 
@@ -46,3 +47,19 @@ def test_a_scan_half_filled_by_a_mover_is_told_right_or_refused(tmp_path: Path) 
     )
     assert right >= 50
     assert wrong <= 0.08 * right
+
+
+def test_pictures_show_the_run_with_the_largest_object(tmp_path: Path) -> None:
+    pairs = protocol(0)
+    run = busiest(pairs, 3)
+    assert len({pair.sequence for pair in run}) == 1
+    least = min(pair.moving.sum() for pair in run)
+    for k in range(len(pairs) - 2):
+        if len({pair.sequence for pair in pairs[k : k + 3]}) == 1:
+            assert min(pair.moving.sum() for pair in pairs[k : k + 3]) <= least
+    draw_associations(tmp_path, run, {"truth": [pair.associations for pair in run], "none": []})
+    draw_clusters(tmp_path, run[0], {"truth": run[0].clusters, "again": run[0].clusters})
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "figure-3-associations.png",
+        "figure-4-clusters.png",
+    }

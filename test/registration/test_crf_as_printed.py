@@ -21,8 +21,8 @@ from evaluation.experiments.crf_learning import (
 from evaluation.experiments.crf_metrics import scores
 from registration.crf.as_printed import PrintedCrf, k_means
 from registration.crf.as_printed_messages import FEATURES, algorithm_1, log_score
-from registration.crf.rigid import rigid_motion
 from registration.crf.setup import start
+from registration.rigid import rigid_motion
 from whereabouts.simulation.labelled_pairs import protocol, random_labelled_pairs
 from whereabouts.simulation.lidar import Lidar
 

@@ -9,9 +9,10 @@ from numpy.testing import assert_allclose
 from estimation.sight import AGREES, HIDDEN, THROUGH, UNSEEN
 from evaluation.experiments.crf_metrics import edit_distance, renumbered
 from registration import Scan
-from registration.crf.beams import CLEAR, beams_of, first_look, seen_by
-from registration.crf.rigid import rigid_motion
+from registration.crf.beams import beams_of, first_look, seen_by
 from registration.crf.shape_features import NAMES, pair_features
+from registration.outline import CLEAR
+from registration.rigid import rigid_motion
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts.simulation.labelled_pairs import protocol, random_labelled_pairs
 

@@ -23,7 +23,8 @@ LIDAR = Lidar(361, 2.0 * np.pi * 360 / 361)
 
 def test_what_moves_is_what_the_whole_inference_says() -> None:
     model, counts = JointModel.load(), []
-    for pair in protocol(6):
+    # Of the second street, four pairs have movers that no group was found for.
+    for pair in [*protocol(6), *protocol(7)]:
         a, b = pair.scan_a, pair.scan_b
         registration = among_movers(prepare("a", a), prepare("b", b), np.zeros(3))
         assert registration.converged
@@ -44,7 +45,7 @@ def test_nothing_moves_in_a_room_where_nothing_does() -> None:
     assert not found.moving.any()
     assert np.mean(found.clusters[a.valid] == 0) > 0.8
     assert_allclose(found.motions, registration.transform[None])
-    assert np.nanmax(found.probabilities) == 0.0
+    assert np.nanmax(found.probabilities) < 0.5
 
 
 def test_too_few_returns_are_no_answer() -> None:

@@ -7,13 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness import START, Graph, Robot, room, scan_message
-from std_msgs.msg import Header
 
 from estimation.poses import between
-from registration.crf.online import MovingSegment, Segmented
 from whereabouts.logs import McapWriter, MessageRecord, OdometryRecord, ScanRecord, TransformRecord, open_log
-from whereabouts.nodes.conversions import segments_message
-from whereabouts.nodes.envelopes import envelope
 from whereabouts.nodes.stamps import NANOSECONDS
 from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
 from whereabouts.simulation import Drive, Lidar, Mover, joined, outlines
@@ -125,15 +121,3 @@ def test_a_deadline_that_cannot_be_kept_is_counted_and_the_robot_followed(graph:
         graph.until(lambda count=k + 1: len(robot.odometry) >= count, "odometry")
     graph.until(lambda: int(robot.figures().get("labels skipped", 0)) > 0, "skipped labels in diagnostics")
     assert np.hypot(*(robot.poses()[1.1] - robot.truth(1.1))[:2]) < 0.05
-
-
-def test_a_direction_that_is_open_is_told_as_a_covariance() -> None:
-    """What a node tells passes the envelope that all nodes put around what they hear."""
-    open_along = np.array([[5e-1, 9e-3, -1e-3], [9e-3, 6.6e-4, -7e-5], [-1e-3, -7e-5, -1e-5]])
-    assert np.linalg.eigvalsh(open_along)[0] < -1e-5
-    segment = MovingSegment(0, np.zeros(3), open_along, 0.5, 0.0)
-    segmented = Segmented(np.zeros(2, dtype=int), np.zeros(2), [segment])
-    message = segments_message(Header(), segmented)
-    envelope(ScanSegments).check(message)
-    told = np.array(message.segments[0].covariance).reshape(3, 3)
-    assert np.allclose(told, open_along, atol=5e-5)

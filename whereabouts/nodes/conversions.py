@@ -79,16 +79,10 @@ def segments_message(header: Header, segmented: Segmented, mirrored: bool = Fals
         seconds = round(segment.interval * 1e9)
         told = Segment(label=segment.label, probability=segment.probability)
         told.motion = sign * segment.motion
-        told.covariance = (sign[:, None] * _definite(segment.covariance) * sign).reshape(9)
+        told.covariance = (sign[:, None] * segment.covariance * sign).reshape(9)
         told.interval = Duration(sec=seconds // 1_000_000_000, nanosec=seconds % 1_000_000_000)
         message.segments.append(told)
     return message
-
-
-def _definite(covariance: Array) -> Array:
-    """The same (N, N) without negative variances: where one direction is open, small ones drown in rounding."""
-    values, axes = np.linalg.eigh(covariance)
-    return covariance if values[0] >= 0.0 else (axes * np.abs(values)) @ axes.T
 
 
 def array_of(code: str, values: NDArray[Any]) -> Any:

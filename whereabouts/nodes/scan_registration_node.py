@@ -27,9 +27,9 @@ from estimation.poses import (
     transform_points,
 )
 from registration.crf.online import ScanSegmenter, Segmented
-from registration.crf.pace import EARLY, LATE, Pace
 from registration.mounting import level_pose, seen_from_robot, upright
 from registration.odometry import Odometry
+from registration.pace import EARLY, LATE, Pace
 from registration.scan import Scan
 from registration.warm_up import warm_up, warm_up_segmenter
 from registration.wheels import WheelHistory

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from registration.crf.online import ScanSegmenter, SegmenterConfig
-from registration.crf.pace import DURATIONS, EARLY, Duration, Pace
+from registration.pace import DURATIONS, EARLY, Duration, Pace
 from whereabouts.simulation import Lidar
 from whereabouts.simulation.labelled_pairs import random_labelled_pairs
 

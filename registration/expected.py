@@ -8,12 +8,11 @@ import numpy as np
 
 from estimation.poses import between
 from registration.align import agreements, among_movers, keep_open, settle
-from registration.crf.estimate import UNKNOWN
 from registration.judgement import LENIENT, evidence, judged
 from registration.motion import Array
 from registration.prepared import PreparedScan
 from registration.refine import refine
-from registration.result import Registration
+from registration.result import UNKNOWN, Registration
 
 DOUBT = 0.15  # metres points may be off where odometry puts them
 MOST = np.array([0.15, 0.15, 0.1])  # m, m, rad the answer may be away from there

@@ -45,12 +45,14 @@ def motion_of(sums, prior_yaw, stiffness, motion):  # type: ignore[no-untyped-de
     return True
 
 
-def rigid_motion(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
+@njit(cache=True)
+def rigid_motion(source, target, weights=None):  # type: ignore[no-untyped-def]
     """Motion (3,) x, y, yaw with the least Σ w |R a + t - b|² from `source` (n, 2) to `target` (n, 2), equation (6)."""
-    sums = np.zeros(SUMS)
-    trust = np.ones(len(source)) if weights is None else weights
-    for (x, y), (u, v), weight in zip(source, target, trust, strict=True):
-        add_pair(sums, x, y, u, v, weight)
-    motion = np.zeros(3)
+    sums, motion = np.zeros(SUMS), np.zeros(3)
+    for k in range(len(source)):
+        weight = 1.0
+        if weights is not None:
+            weight = weights[k]
+        add_pair(sums, source[k, 0], source[k, 1], target[k, 0], target[k, 1], weight)
     motion_of(sums, 0.0, 0.0, motion)
     return motion

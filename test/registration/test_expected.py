@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from registration import expected
 from registration.align import among_movers
-from registration.crf import expected
-from registration.crf.estimate import UNKNOWN
-from registration.crf.expected import near_expected
+from registration.expected import near_expected
 from registration.prepared import PreparedScan, prepare
+from registration.result import UNKNOWN
 from whereabouts.simulation.labelled_pairs import random_labelled_pairs
 
 
