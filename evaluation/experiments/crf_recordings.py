@@ -103,8 +103,8 @@ def recordings(options: Options, report: Report) -> None:
             pooled[how] = pooled.get(how, np.zeros(3)) + counts
     rows += [["both", how, *f1_of([tuple(counts)])] for how, counts in pooled.items()]
     note = (
-        "Truth is from motion capture. No recording was used in training, but the windows of scans were chosen on "
-        "these two."
+        "Truth is from motion capture. No recording was used in training, but the windows of scans and what the trees "
+        "look at were chosen on these two."
     )
     report.tables.append(
         Table(
