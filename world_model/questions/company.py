@@ -54,7 +54,7 @@ def who_was_here(
     span = since_when(world, since if since is not None else Span(world.now - 86400.0, world.now))
     where = place_named(world, place, beside=True) if place and place != "here" else ""
     visits = [visit for visit in visits_of(world, where, span) if not person or visit.person in only]
-    changes = _changes(world, where, span)
+    changes = _changes(world, where, span) if visits else []
     value: list[list[Any]] = []
     parts, evidence = [], []
     for visit in visits:
@@ -258,7 +258,7 @@ def _changes(world: Recall, where: str, span: Span) -> list[Change]:
     """What was moved at a place within a span."""
     found = []
     for name in world.heads(world.active(span.start, span.end)):
-        for change in changes_of(world.since(name, span.start), span.start, span.end):
+        for change in changes_of(world.window(name, span.start, span.end), span.start, span.end):
             ends = [place for place in (change.before, change.after) if place is not None]
             if change.before not in (None, change.after) and (
                 not where or any(world.contains(where, place) for place in ends)

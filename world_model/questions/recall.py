@@ -393,6 +393,8 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines or not math.isfinite(start):
             return self.timeline(name)
+        if end + AROUND >= self.now:
+            return self.since(name, start)
         line = self._read(name, self.epoch, start - AROUND, end + AROUND)
         return line if line.stays and line.stays[0].since <= start else self.since(name, start)
 
