@@ -6,8 +6,10 @@ learned model gives from all that was seen of it (`tracking.person_class`), no r
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +30,8 @@ from tracking.people_sweep import Sweep
 from tracking.person_class import ClassModel, Evidence, class_model
 from tracking.phd_config import PhdConfig
 from tracking.phd_models import Detection
-from tracking.pmbm import PmbmRecursion
-from tracking.target import Target
+from tracking.pmbm import PmbmRecursion, State
+from tracking.target import LabelState, Target
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
@@ -49,6 +51,8 @@ HELD = 1.0  # s without a guessed pose after which the surroundings are known: a
 # cluster is, m, but for a share that is not found at all.
 JUMPS, LEARNED = 0.001, 30.0
 FOUND, UNFOUND = 0.15, 0.0001
+# What is as before again where a scan, more than so many s after the one before it, turns out to have a wrong stamp.
+GAP, KEPT = 0.5, ("background", "evidence", "targets", "_between")
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
 
@@ -119,6 +123,9 @@ class PeopleTracker:
         self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
         self._own = OwnBody()
         self.stamp: float | None = None
+        self._gap: tuple[float, State, LabelState, dict[str, Any]] | None = (
+            None  # what was before the last one
+        )
         self._late: float | None = None  # stamp of the scan before, if it was late
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
@@ -183,7 +190,8 @@ class PeopleTracker:
     def _interval(self, stamp: float) -> float | None:
         """Seconds to predict over; None for a late scan.
 
-        Two late ones that follow each other are not late: the stamp of the one before them was wrong.
+        Two late ones that follow each other are not late: the stamp of the one before them was wrong. Where that scan
+        came after a gap, all is again as it was before it: people in plain view were not where they had been long ago.
         """
         last, config = self.stamp, self.config
         before, self._late = self._late, None
@@ -192,12 +200,30 @@ class PeopleTracker:
             if before is None or not 0.0 < stamp - before <= config.max_gap:
                 self._late = stamp
                 return None
-            last = before
+            last = self._as_before_gap(stamp) or before
+        if last is not None and stamp < last:
+            last = self._as_before_gap(stamp) or last
         if last is not None and not 0.0 <= stamp - last <= config.max_gap:
             self.health.restarts += 1
             self.reset()
             last = None
+        self._gap = None
+        if last is not None and stamp - last > GAP:
+            kept = {name: getattr(self, name) for name in KEPT}
+            self._gap = copy.deepcopy((last, self.recursion.state(), self.recursion.extractor.state(), kept))
         return PERIOD if last is None else stamp - last
+
+    def _as_before_gap(self, stamp: float) -> float | None:
+        """Goes back to before the last gap and says when that was, s; None where `stamp` is not from soon after it."""
+        gap, self._gap = self._gap, None
+        if gap is None or not 0.0 < stamp - gap[0] <= self.config.max_gap:
+            return None
+        last, state, labels, kept = gap
+        self.recursion.restore(state)
+        self.recursion.extractor.restore(labels)
+        for name, value in kept.items():
+            setattr(self, name, value)
+        return last
 
     def _jumped(self, seen: ClusterScan, pose: FloatArray, dt: float) -> bool:
         """Whether the frame jumped, as odometry does that lost its way: everybody is then taken along.

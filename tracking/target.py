@@ -29,6 +29,9 @@ class Target:
     rate: float
 
 
+LabelState = tuple[dict[int, int], int]
+
+
 class PublicLabels:
     """Numbers targets in the order in which they are first reported."""
 
@@ -61,11 +64,11 @@ class Reporter:
         self.prior = config.measurement_noise**2 * np.eye(2), config.measurement_rate
         self.labels = PublicLabels()
 
-    def state(self) -> tuple[dict[int, int], int]:
+    def state(self) -> LabelState:
         """What `restore` takes."""
         return dict(self.labels.public), self.labels.given
 
-    def restore(self, state: tuple[dict[int, int], int]) -> None:
+    def restore(self, state: LabelState) -> None:
         """Back to an earlier state."""
         self.labels.public, self.labels.given = dict(state[0]), state[1]
 

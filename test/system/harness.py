@@ -145,7 +145,9 @@ class Graph:
         return str(self.until(known, f"{topic} has a type")[0])
 
     def log(self, spec: NodeSpec) -> str:
-        return self.supervisor.nodes[spec.full_name].log.read_text()
+        """What a node has written so far, nothing before it is there."""
+        path = self.supervisor.nodes[spec.full_name].log
+        return path.read_text() if path.exists() else ""
 
     def kill(self, spec: NodeSpec) -> None:
         process = self.supervisor.nodes[spec.full_name].process

@@ -221,6 +221,19 @@ def test_a_pose_that_jumps_loses_nobody() -> None:
     assert tracker.health.jumps == 1
 
 
+def test_a_scan_of_another_time_does_no_harm() -> None:
+    tracker, told = PeopleTracker(), PeopleTracker()
+    (before,) = walk(tracker, 30)
+    walk(told, 30)
+    # A scan of long ago with a stamp three seconds ahead; then everything goes on.
+    tracker.step(scan_of(wall()), np.zeros(3), 5.9)
+    (after,) = walk(tracker, 10, first=30)
+    (usual,) = walk(told, 10, first=30)
+    assert after.label == before.label
+    np.testing.assert_allclose(after.mean, usual.mean, atol=0.05)
+    assert tracker.health.restarts == 0
+
+
 def test_scans_without_returns_and_late_ones_are_survived() -> None:
     tracker = PeopleTracker()
     (before,) = walk(tracker, 30)
