@@ -26,7 +26,7 @@ from tracking.phd_models import ConstantVelocityMotion, Sight
 
 # e to this power is the clutter denser where something always stood, and thinner where nobody has looked before: what
 # comes into view with its surroundings was there all the time, it did not come up this instant.
-STOOD, UNKNOWN = 4.0, 5.0
+STOOD, UNKNOWN = 4.0, 4.0
 BoolArray = npt.NDArray[np.bool_]
 
 # Speed of a walk, m/s; probability that who stands is about to walk; and seconds over which a velocity persists.
