@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from whereabouts.interrupts import interrupts_kept
+from whereabouts.nodes import base
 from whereabouts.nodes.executor import NodeExecutor
 
 
@@ -36,3 +37,18 @@ def test_a_node_does_not_take_an_interrupt_for_a_defect() -> None:
     assert not defects
     survive(node, node, SystemError("broken"))
     assert len(defects) == 1
+
+
+@pytest.mark.parametrize("running", [False, True])
+def test_who_is_told_to_stop_by_two_at_once_ends_in_order(
+    running: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def shut_already() -> None:
+        raise RuntimeError("rcl_shutdown already called")
+
+    monkeypatch.setattr(base, "rclpy", SimpleNamespace(try_shutdown=shut_already, ok=lambda: running))
+    if running:
+        with pytest.raises(RuntimeError):
+            base._shut_down()
+    else:
+        base._shut_down()

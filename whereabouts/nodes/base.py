@@ -514,11 +514,20 @@ def run_node(node_type: type[NodeType]) -> int:
     finally:
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()  # type: ignore[attr-defined]
+        _shut_down()
         # The middleware gives its shared memory back once nothing refers to the node any more.
         del node
         release()
     return 0
+
+
+def _shut_down() -> None:
+    """Shut the context down, unless the thread that hears of signals comes first, at this very moment."""
+    try:
+        rclpy.try_shutdown()  # type: ignore[attr-defined]
+    except RuntimeError:
+        if rclpy.ok():  # type: ignore[attr-defined]
+            raise
 
 
 def _spin(node: SuiteNode) -> None:
