@@ -3,6 +3,8 @@
 from estimation.boosting import AdaBoost
 from loop_closure.comparison import PlaceDatabase, pair_features, pair_features_many
 from loop_closure.features import PlaceFeatures, features_2d, features_3d, scan_order
+from loop_closure.localization import Localizer, Located
+from loop_closure.map_file import read_map, write_map
 from loop_closure.outlines import LocalMap, Outline
 from loop_closure.place_model import PlaceModel
 from loop_closure.recognizer import PlaceRecognizer
@@ -14,6 +16,8 @@ __all__ = [
     "AdaBoost",
     "Closure",
     "LocalMap",
+    "Localizer",
+    "Located",
     "Outline",
     "PlaceDatabase",
     "PlaceFeatures",
@@ -26,6 +30,8 @@ __all__ = [
     "features_3d",
     "pair_features",
     "pair_features_many",
+    "read_map",
     "scan_order",
     "shipped_model",
+    "write_map",
 ]

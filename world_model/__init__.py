@@ -9,6 +9,8 @@ from world_model.relations import Relations
 from world_model.routines import Routines, RoutinesConfig
 from world_model.search import ObjectSearch, SearchConfig, SearchStep
 from world_model.state import WorldObject, WorldState
+from world_model.store import Store
+from world_model.symbols import Symbols
 from world_model.world import WorldModel
 
 __all__ = [
@@ -22,6 +24,8 @@ __all__ = [
     "SearchConfig",
     "SearchStep",
     "Sensor",
+    "Store",
+    "Symbols",
     "Trigger",
     "VerificationTask",
     "WorldEvidence",
