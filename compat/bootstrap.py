@@ -11,6 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -32,6 +33,48 @@ INTERFACE_PACKAGES = (
 # Their functions are compiled to machine code, which is kept beside the sources.
 COMPILED = ("estimation", "registration", "loop_closure", "tracking", "world_model")
 VERSION_QUERY = "import sys; print('%d.%d' % sys.version_info[:2])"
+
+
+# How much of a whole set-up each step is, for the share and the estimate that are shown; what is not named is little.
+SHARES = {"requirements": 30, "whereabouts_msgs": 20, "compat/": 8, "package": 2, "compiled functions": 30}
+EVERY = 15.0  # seconds between two lines while a step takes long
+
+
+class Progress:
+    """Says how far the set-up is, and how long it will take at the pace so far."""
+
+    def __init__(self):
+        self.started = time.monotonic()
+        self.done = {}
+        self.lock = threading.Lock()
+
+    def plan(self, names):
+        """Steps that are to come, with their shares."""
+        for name in names:
+            share = next((value for key, value in SHARES.items() if name.startswith(key)), 1)
+            self.done[name] = (share, False)
+
+    def finish(self, name):
+        """A step is done."""
+        with self.lock:
+            self.done[name] = (self.done.get(name, (1, False))[0], True)
+
+    def skip(self, name):
+        """A step had nothing to do: it says nothing of the pace."""
+        with self.lock:
+            self.done.pop(name, None)
+
+    def __str__(self):
+        whole = sum(share for share, _ in self.done.values())
+        part = sum(share for share, done in self.done.values() if done)
+        if not whole or not part:
+            return ""
+        passed = time.monotonic() - self.started
+        left = passed * (whole - part) / part
+        return f" ({100 * part // whole} %, about {left:.0f} s left)" if part < whole else ""
+
+
+PROGRESS = Progress()
 
 
 class SetUpError(Exception):
@@ -111,13 +154,28 @@ def step(name, sources, action, extra=""):
     stamp = STATE / (name.replace("/", "-") + ".stamp")
     wanted = digest(sources) + extra
     if stamp.exists() and stamp.read_text() == wanted:
+        PROGRESS.skip(name)
         return
     started = time.monotonic()
     say(f"{name} ...")
-    action()
+    over = threading.Event()
+    teller = threading.Thread(target=tell, args=(name, over), daemon=True)
+    teller.start()
+    try:
+        action()
+    finally:
+        over.set()
     stamp.parent.mkdir(parents=True, exist_ok=True)
     stamp.write_text(wanted)
-    say(f"{name} done in {time.monotonic() - started:.0f} s")
+    PROGRESS.finish(name)
+    say(f"{name} done in {time.monotonic() - started:.0f} s{PROGRESS}")
+
+
+def tell(name, over):
+    """Says now and then that a step is still at work; silence looks like a set-up that hangs."""
+    started = time.monotonic()
+    while not over.wait(EVERY):
+        say(f"{name}: {time.monotonic() - started:.0f} s so far")
 
 
 def create_environment():
@@ -207,15 +265,7 @@ def install_package():
     run(command, STATE / "package.log", clean_environment())
 
 
-def forget_compiled():
-    """numba looks for changes in a function's own file, not in those of the functions it is built from."""
-    for name in COMPILED:
-        for path in (ROOT / name).rglob("__pycache__/*.nb[ic]"):
-            path.unlink(missing_ok=True)
-
-
 def compile_functions():
-    forget_compiled()
     run([PYTHON, "-m", "whereabouts.compile"], STATE / "compile.log", clean_environment())
 
 
@@ -223,6 +273,14 @@ def main(names):
     started = time.monotonic()
     try:
         check_compilers()
+        PROGRESS.plan(
+            [
+                *("requirements-" + name for name in names),
+                *INTERFACE_PACKAGES,
+                "package",
+                "compiled functions",
+            ]
+        )
         create_environment()
         for name in names:
             step(
@@ -262,6 +320,9 @@ def main(names):
     except SetUpError as error:
         say(f"stopped: {error}")
         return 1
+    except KeyboardInterrupt:
+        say("interrupted: what is done is kept; the same command goes on from here")
+        return 130
     if time.monotonic() - started > 5.0:
         say("ready after %.0f s" % (time.monotonic() - started))
     return 0

@@ -1,7 +1,7 @@
 """Compiles what the nodes run, once per machine and change of the sources: `python -m whereabouts.compile`.
 
 A node that has to compile starts slowly and holds the compiler's memory as long as it runs; one that finds compiled
-functions beside the sources does not.
+functions beside the sources does not. After an edit, only what depends on it is compiled.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import loop_closure.warm_up
 import registration.warm_up
@@ -18,6 +19,7 @@ import world_model.maintenance_warm_up
 import world_model.warm_up
 from registration.crf.online import ScanSegmenter
 from tracking.intentions.model import IntentionModel
+from whereabouts.compiled_cache import forget_stale, keep_note
 
 
 def _registration() -> None:
@@ -51,11 +53,14 @@ PARTS: dict[str, Callable[[], None]] = {
 
 def main() -> int:
     """Compile all parts, two at a time."""
+    root = Path(__file__).resolve().parents[1]
+    print(f"compiling what depends on {forget_stale(root)} new or edited files", flush=True)
     with ProcessPoolExecutor(max_workers=2, mp_context=get_context("spawn")) as pool:
         running = {name: pool.submit(part) for name, part in PARTS.items()}
         for name, part in running.items():
             part.result()
             print(f"compiled: {name}", flush=True)
+    keep_note(root)
     return 0
 
 

@@ -94,25 +94,6 @@ def load_bootstrap() -> ModuleType:
     return bootstrap
 
 
-def test_what_was_compiled_from_older_sources_is_compiled_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A compiled function may hold another file's function as it was: numba does not notice that."""
-    bootstrap = load_bootstrap()
-    caches = [tmp_path / name / "part" / "__pycache__" for name in bootstrap.COMPILED]
-    for cache in caches:
-        cache.mkdir(parents=True)
-        for name in ("kernel.f-1.py311.nbi", "kernel.f-1.py311.1.nbc", "kernel.cpython-311.pyc"):
-            (cache / name).touch()
-    left: list[list[str]] = []
-    monkeypatch.setattr(bootstrap, "ROOT", tmp_path)
-    monkeypatch.setattr(
-        bootstrap, "run", lambda *_: left.extend(sorted(os.listdir(cache)) for cache in caches)
-    )
-    bootstrap.compile_functions()
-    assert left == [["kernel.cpython-311.pyc"]] * len(caches)
-
-
 def test_nothing_is_done_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """The environment of `make test` is set up: another call has nothing to run."""
     bootstrap = load_bootstrap()
@@ -125,6 +106,37 @@ def test_nothing_is_done_twice(monkeypatch: pytest.MonkeyPatch) -> None:
         # Raised, not recorded: a step that fails leaves no stamp.
         raise bootstrap.SetUpError(f"would run {command}")
 
-    monkeypatch.setattr(bootstrap, "forget_compiled", lambda: None)
     monkeypatch.setattr(bootstrap, "run", refuse)
     assert bootstrap.main(["test"]) == 0
+
+
+def test_what_is_left_is_estimated_from_the_pace_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    bootstrap = load_bootstrap()
+    now = [100.0]
+    monkeypatch.setattr(bootstrap.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(bootstrap, "SHARES", {"a": 10, "b": 30, "c": 60})
+    progress = bootstrap.Progress()
+    progress.plan(["a", "b", "c"])
+    assert str(progress) == ""
+    progress.skip("a")
+    now[0] += 20.0
+    progress.finish("b")
+    assert str(progress) == " (33 %, about 40 s left)"
+    progress.finish("c")
+    assert str(progress) == ""
+
+
+def test_an_interrupted_step_is_done_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bootstrap = load_bootstrap()
+    monkeypatch.setattr(bootstrap, "STATE", tmp_path)
+    monkeypatch.setattr(bootstrap, "create_environment", lambda: None)
+
+    def interrupted(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bootstrap, "install_requirements", interrupted)
+    assert bootstrap.main(["test"]) == 130
+    assert "goes on from here" in capsys.readouterr().out
+    assert list(tmp_path.glob("*.stamp")) == []
