@@ -5,12 +5,14 @@ A figure stands in a page between marks, and is written anew from `results/`:
     <!-- figure EXPERIMENT:KEY -->0.31 m<!-- end -->          `EXPERIMENT:KEY spread` with the spread
     <!-- results EXPERIMENT:TABLE -->...<!-- end -->          a whole table
     <!-- headlines -->...<!-- end -->                         the table of README.md
+    <!-- rooms -->...<!-- end -->                             every folder of sources, by its docstring
 
 A figure whose sources, models, recordings or pictures have changed since is marked.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Mapping
 from functools import cached_property
@@ -18,7 +20,7 @@ from pathlib import Path
 
 from estimation.errors import InputError
 from evaluation import commands, markdown
-from evaluation.digest import ROOT
+from evaluation.digest import PACKAGES, ROOT
 from evaluation.headlines import HEADLINES
 from evaluation.results import Result, read_all
 from evaluation.running import experiments
@@ -44,7 +46,7 @@ the data that judges it took part in any choice. These pages are written from th
 `whereabouts experiment compare OLD NEW` says which figures left their spread."""
 # A mark goes on to its end, whatever stands between; one that begins in code is none.
 MARK = re.compile(
-    r"```.*?```|<!-- (figure|results|headlines)\b ?([^>]*?) ?-->.*?<!-- end -->|`[^`\n]*`", re.DOTALL
+    r"```.*?```|<!-- (figure|results|headlines|rooms)\b ?([^>]*?) ?-->.*?<!-- end -->|`[^`\n]*`", re.DOTALL
 )
 
 
@@ -108,6 +110,16 @@ class Book:
         return markdown.pipes(["", "here (spread)", "beside it", "command"], rows)
 
 
+def rooms(root: Path = ROOT) -> str:
+    """A table of the folders that hold the product's sources, with the first sentence of each one's docstring."""
+    rows = []
+    for path in sorted(file for name in PACKAGES for file in (root / name).rglob("__init__.py")):
+        told = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        folder = path.parent.relative_to(root).as_posix()
+        rows.append([f"`{folder}/`", re.split(r"(?<=\.)\s", told)[0]])
+    return markdown.pipes(["folder", "what is in it"], rows)
+
+
 def filled(text: str, book: Book) -> str:
     """A page with every mark filled anew; what stands in code is left alone."""
 
@@ -117,6 +129,8 @@ def filled(text: str, book: Book) -> str:
             return match[0]
         if kind == "headlines":
             return f"<!-- headlines -->\n{book.headlines()}\n<!-- end -->"
+        if kind == "rooms":
+            return f"<!-- rooms -->\n\n{rooms()}\n\n<!-- end -->"
         if kind == "results":
             return f"<!-- results {reference} -->\n\n{book.table(reference)}\n\n<!-- end -->"
         key, _, how = reference.partition(" ")
