@@ -116,7 +116,14 @@ def demo(
         raise InputError("--days goes with --live")
     if bag is None:
         _apartment(out, rate, seconds, json_file)
-        return
+    else:
+        _laser_only(bag, out, rate, seconds, json_file)
+
+
+def _laser_only(
+    bag: str, out: Path, rate: float | None, seconds: float | None, json_file: Path | None
+) -> None:
+    """A bag or a log through registration and loop closure."""
     from whereabouts.logs import read_g2o
     from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, prepare_environment, run_suite
     from whereabouts.nodes.supervisor import NodeSpec, SuiteError
