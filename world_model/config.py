@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.checks import as_finite
 from estimation.errors import InputError
-from world_model.sensor_bias import CONSTANT, NAMES
+from world_model.calibration.sensor_bias import CONSTANT, NAMES
 from world_model.state import Box
 
 MODELS = ("static", "constant_velocity")

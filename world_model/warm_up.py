@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from world_model.anchoring import Anchoring
+from world_model.anchoring.anchoring import Anchoring
 from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence, checked
 from world_model.predictions import Path

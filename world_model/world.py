@@ -11,17 +11,17 @@ import numpy as np
 
 from estimation.errors import InputError
 from estimation.places import Places
-from world_model.anchoring import Anchoring
+from world_model.anchoring.anchoring import Anchoring
 from world_model.behaviors import motion_of
+from world_model.calibration.hindsight import FIRST_LOOKS, MOST_LOOKS
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
-from world_model.habits import Habits
-from world_model.hindsight import FIRST_LOOKS, MOST_LOOKS
-from world_model.household import SUFFIX, SURE, UNSEEN, Household
+from world_model.memory.habits import Habits
+from world_model.memory.household import SUFFIX, SURE, UNSEEN, Household
+from world_model.memory.store import Store
 from world_model.predictions import checked_predictions
 from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
-from world_model.store import Store
 from world_model.warm_up import warm_up
 
 # s that may have passed between two runs.

@@ -24,8 +24,8 @@ from whereabouts.simulation.recipe_rooms import (
     recipe_room,
     swept,
 )
-from world_model.relations import Relations
-from world_model.search import ObjectSearch, SearchConfig
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import ObjectSearch, SearchConfig
 
 Array = np.ndarray
 TARGET = "remote control"

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.contacts import contacts, group_weight, touching_groups
-from world_model.leaves import empty
-from world_model.touching import EDGES, Touching
-from world_model.walking import flow, walk
+from world_model.anchoring.contacts import contacts, group_weight, touching_groups
+from world_model.anchoring.leaves import empty
+from world_model.anchoring.touching import EDGES, Touching
+from world_model.anchoring.walking import flow, walk
 
 RATE, SIGMA, REACH = 30.0, 0.001, 0.008
 

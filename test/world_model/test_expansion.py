@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from world_model.expansion import expand
+from world_model.anchoring.expansion import expand
 
 THRESHOLD = 11.5
 

@@ -9,8 +9,8 @@ import pytest
 
 from estimation.errors import InputError
 from whereabouts.parameters.object_search import ObjectSearchParameters
-from world_model.relations import Relations
-from world_model.search import ObjectSearch
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import ObjectSearch
 
 FRAMES = [["cup", "table"], ["cup", "table", "chair"], ["table"], ["lamp", "table", "table"], ["lamp"]]
 

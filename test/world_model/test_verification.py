@@ -10,7 +10,7 @@ from estimation.grid import OccupancyGrid
 from estimation.poses import pose_to_matrix
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts.simulation.shapes import Shapes
-from world_model.verification import Box, Verification, look_with_cloud, look_with_scan
+from world_model.tasks.verification import Box, Verification, look_with_cloud, look_with_scan
 
 LIDAR = Lidar(720, 2.0 * np.pi * 719 / 720)
 SENSOR = pose_to_matrix(np.array([1.0, 0.5, 0.3, 0.0, 0.0, 0.7]))

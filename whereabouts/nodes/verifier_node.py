@@ -24,7 +24,7 @@ from whereabouts.nodes.world_reading import grid_from_message
 from whereabouts.parameters.verifier import VerifierParameters
 from whereabouts_msgs.action import VerifyObject
 from whereabouts_msgs.msg import ObjectEvidence, Region
-from world_model.verification import FOUND, Box, Frame, Verification, look_with_cloud, look_with_scan
+from world_model.tasks.verification import FOUND, Box, Frame, Verification, look_with_cloud, look_with_scan
 
 
 class VerifierNode(SuiteNode):
