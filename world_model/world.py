@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,14 @@ from estimation.errors import InputError
 from estimation.places import Places
 from world_model.anchoring.anchoring import Anchoring
 from world_model.behaviors import motion_of
+from world_model.calibration.corrections import Corrections
 from world_model.calibration.hindsight import FIRST_LOOKS, MOST_LOOKS
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
 from world_model.memory.habits import Habits
 from world_model.memory.household import SUFFIX, SURE, UNSEEN, Household
 from world_model.memory.store import Store
-from world_model.predictions import checked_predictions
+from world_model.predictions import Behavior, checked_predictions
 from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
 from world_model.warm_up import warm_up
@@ -35,8 +37,9 @@ class WorldModel:
     """Anchors, hypotheses and their probabilities.
 
     places : rooms and furniture, or None. store : memory, or the path of its file, or None; what it remembers is
-    where the model starts from. looks_back : whether thousands of looks are kept for `look_back`. `words` says where
-    objects are and which symbols hold of them.
+    where the model starts from. looks_back : whether thousands of looks are kept for `look_back`. behaviors : how
+    objects of a class go on, {class: behaviour}, see `world_model.predictions`. `words` says where objects are and
+    which symbols hold of them.
     """
 
     def __init__(
@@ -45,6 +48,7 @@ class WorldModel:
         places: Places | None = None,
         store: Store | str | Path | None = None,
         looks_back: bool = True,
+        behaviors: Mapping[str, Behavior] | None = None,
     ) -> None:
         self.config = config or WorldModelConfig()
         self.places = places
@@ -56,14 +60,18 @@ class WorldModel:
         self._furniture = {place.name for place in places or () if place.kind == "furniture"}
         self._earlier: list[WorldObject] = []
         self._taken_names: Mapping[str, int] = {}
-        self._anchors = Anchoring(self.config, MOST_LOOKS if looks_back else FIRST_LOOKS)
+        calibrated = partial(Corrections, most_looks=MOST_LOOKS if looks_back else FIRST_LOOKS)
+        self.anchoring = Anchoring(
+            self.config, calibrated if self.config.learn_sensor_bias else None, behaviors
+        )
+        self._anchors = self.anchoring.anchors
         self.habits = Habits(places or Places())
         if self.store is not None and places:
             self.store.keep_places(places)
         beside = None if self.store is None or self.store.read_only else routines_path(self.store.path)
         self.household = Household(places or Places(), beside)
         if places:
-            self._anchors.habits = self.habits
+            self.anchoring.recall.usual = self.habits
         warm_up()
         memory = None if self.store is None else self.store.restore()
         if self.store is not None:
@@ -100,8 +108,8 @@ class WorldModel:
         lag = max(self.stamp - stamp, 0.0)
         self.stamp = max(stamp, self.stamp)
         self._take_up()
-        self._anchors.guide(paths)
-        associations = self._anchors.look(measured, self.stamp, lag)
+        self.anchoring.guidance.guide(paths)
+        associations = self.anchoring.look(measured, self.stamp, lag)
         state = self._state(associations)
         if measured.view is not None and not measured.silent:
             said = [given.get("class", {}) for given in measured.attributes]
@@ -115,7 +123,7 @@ class WorldModel:
         explained together (`revision`), which takes as long as hundreds of updates. Places of resting objects and the
         errors of the sensor follow.
         """
-        corrected = self._anchors.look_back()
+        corrected = self.anchoring.calibration.look_back()
         if corrected:
             self._recorded(self._state())
         return corrected
@@ -203,11 +211,11 @@ class WorldModel:
             self.store.close()
 
     def _state(self, associations: tuple[str | None, ...] = ()) -> WorldState:
-        anchors = self._anchors
+        beliefs = self.anchoring.beliefs
         return WorldState(
-            self._with_habits(anchors.shown.values(), self.stamp),
-            float(anchors.probabilities()[0]),
-            anchors.expected_count,
+            self._with_habits(self._anchors.shown.values(), self.stamp),
+            float(beliefs.probabilities()[0]),
+            beliefs.expected_count,
             self.stamp,
             self.epoch,
             0,
@@ -216,12 +224,12 @@ class WorldModel:
 
     def hypotheses(self) -> list[WorldState]:
         """All hypotheses that are kept, the most probable first; their probabilities sum to one."""
-        count = self._anchors.expected_count
+        count = self.anchoring.beliefs.expected_count
         return [
             WorldState(
                 self._with_habits(objects, self.stamp), probability, count, self.stamp, self.epoch, index
             )
-            for index, (objects, probability) in enumerate(self._anchors.worlds())
+            for index, (objects, probability) in enumerate(self.anchoring.beliefs.worlds())
         ]
 
     def propagate(self, stamp: float) -> WorldState:
@@ -229,9 +237,11 @@ class WorldModel:
         stamp = float(stamp)
         if not np.isfinite(stamp):
             raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
-        objects = self._with_habits(self._anchors.predicted(stamp), stamp)
+        objects = self._with_habits(self.anchoring.presentation.predicted(stamp), stamp)
         expected = float(sum(item.existence for item in objects))
-        return WorldState(objects, float(self._anchors.probabilities()[0]), expected, stamp, self.epoch)
+        return WorldState(
+            objects, float(self.anchoring.beliefs.probabilities()[0]), expected, stamp, self.epoch
+        )
 
     def query(self, *, stamp: float | str | None = None, **request: Any) -> list[Answer]:
         """Which objects meet a request, the most probable first; see `world_model.queries.Request`.
@@ -260,7 +270,7 @@ class WorldModel:
         track = self._anchors.find(object_id)
         self.stamp = max(float(stamp), self.stamp)
         if outcome == "not_found":
-            self._anchors.lose(track, self.stamp, self._room_of(object_id))
+            self.anchoring.objects.lose(track, self.stamp, self._room_of(object_id))
         return self._recorded(self._state())
 
     def _room_of(self, object_id: str) -> Box | None:
@@ -276,7 +286,7 @@ class WorldModel:
 
     def forget(self, object_id: str) -> None:
         """Take an object out of the model for good. Raises InputError for an unknown id."""
-        self._anchors.remove(self._anchors.find(self._symbol(object_id)))
+        self.anchoring.objects.remove(self._anchors.find(self._symbol(object_id)))
         self._recorded(self._state())
 
     def relabel(self, object_id: str, class_name: str = "", new_object_id: str = "") -> None:
@@ -289,9 +299,9 @@ class WorldModel:
             # A class that was never seen is one of any names that are allowed.
             for name, value in self._anchors.vocabulary.check([{"class": {class_name: 1.0}}]):
                 self._anchors.learn_value(name, value)
-            self._anchors.set_class(track, class_name)
+            self.anchoring.objects.set_class(track, class_name)
         if new_object_id:
-            self._anchors.rename(track, new_object_id)
+            self.anchoring.objects.rename(track, new_object_id)
             if self.store is not None:
                 self.store.rename(object_id, new_object_id)
             self.household.rename(object_id, new_object_id)
@@ -309,15 +319,15 @@ class WorldModel:
 
         names : the highest number in use by class, so that no symbol is given twice.
         """
-        self._anchors.reset()
+        self.anchoring.reset()
         self.stamp, self.epoch = float(stamp), epoch
         for item in objects:
-            self._anchors.remember(item, self.stamp)
-        self._anchors.reserve(names or {})
+            self.anchoring.recall.remember(item, self.stamp)
+        self.anchoring.objects.reserve(names or {})
 
     def reset(self) -> None:
         """Forget all objects and start a new epoch."""
-        self._anchors.reset()
+        self.anchoring.reset()
         self.epoch += 1
         self.stamp, self.begun = -np.inf, np.inf
         self._earlier, self._taken_names = [], {}
@@ -334,10 +344,10 @@ class WorldModel:
             then = self.stamp + BETWEEN_RUNS
             self._earlier = [
                 replace(item, last_seen=item.last_seen - then, first_seen=item.first_seen - then)
-                for item in self._anchors.predicted(then)
+                for item in self.anchoring.presentation.predicted(then)
                 if not item.behaviors.get("constant_velocity", 0.0) > 0.5
             ]
-            self._taken_names = self._anchors.highest
+            self._taken_names = dict(self._anchors.names)
         earlier, names = self._earlier, self._taken_names
         self.reset()
         self._earlier, self._taken_names = earlier, names
@@ -349,9 +359,9 @@ class WorldModel:
             moved = replace(
                 item, last_seen=self.stamp + item.last_seen, first_seen=self.stamp + item.first_seen
             )
-            self._anchors.remember(moved, self.stamp)
+            self.anchoring.recall.remember(moved, self.stamp)
         if earlier:
-            self._anchors.reserve(self._taken_names)
+            self.anchoring.objects.reserve(self._taken_names)
         self.begun = min(self.begun, self.stamp)
 
     @property
@@ -363,12 +373,12 @@ class WorldModel:
     def sensor_bias(self) -> tuple[float, ...]:
         """What the sensor's systematic errors are found to be: offset (m), scale, depth, turn, lean (rad), stretch,
         bend (1/rad), delay (s)."""
-        return tuple(self._anchors.bias.values.tolist())
+        return tuple(self.anchoring.calibration.values.tolist())
 
     @property
     def health(self) -> dict[str, float]:
         """Figures for diagnostics: objects, anchors, hypotheses, leaves."""
-        return self._anchors.health()
+        return self.anchoring.presentation.health()
 
 
 def routines_path(store: Path) -> Path:

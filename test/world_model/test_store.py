@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from evaluation.store_damage import run
-from world_model import WorldObject, WorldState, store_file
+from world_model import WorldObject, WorldState
+from world_model.memory import store_file
 from world_model.memory.store import Store, StoreError
 from world_model.memory.store_file import StoreVersionError, is_store
 from world_model.memory.store_format import OBJECTS, VERSION

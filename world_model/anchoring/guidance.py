@@ -6,21 +6,19 @@ covariance step along with it, and what is measured decides between it and const
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping
 
 import numba
 import numpy as np
 
 from estimation.checks import FloatArray
+from world_model.anchoring.anchors import Anchors
 from world_model.anchoring.clusters import Track
 from world_model.anchoring.kernels import class_of, start_moving
 from world_model.anchoring.leaves import MOVING, NONE, REST
-from world_model.anchoring.single import SingleObjects
 from world_model.anchoring.walking import walk
-from world_model.predictions import Path
+from world_model.predictions import Behavior, Course
 
-SURE = 0.95
 DOUBT_SECONDS = 5.0
 """What was found out about who keeps to the predicted path is forgotten in this time."""
 
@@ -56,85 +54,86 @@ def lead(leaves, i, stamp, motion, removed, step, growth, velocity):  # type: ig
         pi[m] -= gone * pi[m]
 
 
-class Guidance(SingleObjects):
-    """Part of `Anchoring`: paths that movers are predicted to take, by number of track."""
+class Guidance:
+    """Courses that movers are expected to take, by number of track; `behaviors` : by class, for all of that class."""
 
-    paths: dict[int, Path]
+    def __init__(self, anchors: Anchors, behaviors: Mapping[str, Behavior]) -> None:
+        self.anchors = anchors
+        self.behaviors = behaviors
 
-    @abstractmethod
-    def _forget_track(self, number: int) -> None: ...
-
-    def guide(self, predictions: Mapping[str, Path | None]) -> None:
+    def guide(self, predictions: Mapping[str, Course | None]) -> None:
         """Take predictions in; those of objects that are not known say nothing."""
         if not predictions:
             return
-        named = {track.id: track.number for track in self.tracks.values() if track.id is not None}
-        for name, path in predictions.items():
-            number = named.get(name)
-            if number is None:
+        courses, named = self.anchors.courses, self.anchors.named()
+        for name, course in predictions.items():
+            track = named.get(name)
+            if track is None:
                 continue
-            if path is not None:
-                self.paths[number] = path
-            elif self.paths.pop(number, None) is not None:
-                self._withdraw(self.tracks[number])
+            if course is not None:
+                courses[track.number] = course
+            elif courses.pop(track.number, None) is not None:
+                self._withdraw(track)
 
     def _withdraw(self, track: Track) -> None:
         """Straight on, as if nothing had been predicted."""
-        behavior = self.pool.leaves.behavior
-        for slot in self._leaves_of(track).tolist():
+        behavior = self.anchors.leaves.behavior
+        for slot in self.anchors.leaves_of(track).tolist():
             if behavior[slot, MOVING] > 0.0:
                 behavior[slot, MOVING] += behavior[slot, REST]
                 behavior[slot, REST] = 0.0
 
-    def _lead(self, stamp: float) -> None:
-        """All that are predicted go along their paths; a path that has ended says nothing any more."""
-        for number, path in list(self.paths.items()):
-            track = self.tracks.get(number)
-            if track is None or path.end < stamp:
-                del self.paths[number]
+    def lead(self, stamp: float) -> None:
+        """All that are predicted go along their courses; one that has ended says nothing any more."""
+        anchors = self.anchors
+        if self.behaviors:
+            self._set_out(stamp)
+        for number, course in list(anchors.courses.items()):
+            track = anchors.tracks.get(number)
+            if track is None or course.end < stamp:
+                del anchors.courses[number]
                 continue
-            for slot in self._leaves_of(track).tolist():
-                self._lead_leaf(slot, path, stamp)
+            for slot in anchors.leaves_of(track).tolist():
+                self._lead_leaf(slot, course, stamp)
 
-    def _lead_leaf(self, slot: int, path: Path, stamp: float) -> None:
-        leaves = self.pool.leaves
+    def _set_out(self, stamp: float) -> None:
+        """Those of a class with a behaviour of its own that nobody predicts."""
+        for number, item in self.anchors.shown.items():
+            behavior = self.behaviors.get(item.most_probable("class"))
+            if behavior is not None and number not in self.anchors.courses:
+                course = behavior(item, stamp)
+                if course is not None:
+                    self.anchors.courses[number] = course
+
+    def _lead_leaf(self, slot: int, course: Course, stamp: float) -> None:
+        leaves = self.anchors.leaves
         begin = float(leaves.stamp[slot])
         if stamp > begin:
-            removed = self.config.removed_per_second
-            lead(leaves, slot, stamp, self.motion, removed, *path.step(begin, stamp))
+            removed = self.anchors.config.removed_per_second
+            lead(leaves, slot, stamp, self.anchors.motion, removed, *course.step(begin, stamp))
 
-    def _lead_copy(self, track: Track, slot: int, stamp: float) -> None:
-        """A copy of a leaf, as far along its path as that reaches."""
-        path = self.paths.get(track.number)
-        if path is not None:
-            self._lead_leaf(slot, path, min(stamp, path.end))
+    def lead_copy(self, track: Track, slot: int, stamp: float) -> None:
+        """A copy of a leaf, as far along its course as that reaches."""
+        course = self.anchors.courses.get(track.number)
+        if course is not None:
+            self._lead_leaf(slot, course, min(stamp, course.end))
 
-    def _led(self, track: Track, slot: int) -> bool:
-        """Whether a mover is most probably on its predicted path."""
-        pi = self.pool.leaves.behavior[slot]
-        return track.number in self.paths and bool(pi[REST] > pi[MOVING])
+    def led(self, track: Track, slot: int) -> bool:
+        """Whether a mover is most probably on its predicted course."""
+        pi = self.anchors.leaves.behavior[slot]
+        return track.number in self.anchors.courses and bool(pi[REST] > pi[MOVING])
 
-    def _moves(self, slot: int) -> bool:
-        """Whether a leaf is of a class that moves by itself."""
-        classes = len(self.motion) - 1
-        row = int(self.pool.leaves.attributes[slot, :classes].argmax()) if classes else classes
-        return bool(self.motion[row, 0] > 0.5)
-
-    def _rests(self, slot: int) -> bool:
-        """Whether a leaf is surely of something that lies where it is."""
-        return bool(self.pool.leaves.behavior[slot, REST] > SURE) and not self._moves(slot)
-
-    def _growth(self, track: Track, slot: int) -> FloatArray:
+    def growth(self, track: Track, slot: int) -> FloatArray:
         """(3, 3) m² by which the covariance of what is shown grows in the next second without a look."""
-        leaves, pi = self.pool.leaves, self.pool.leaves.behavior[slot]
-        path = self.paths.get(track.number)
-        if path is not None and pi[REST] > pi[MOVING]:
+        leaves = self.anchors.leaves
+        pi = leaves.behavior[slot]
+        course = self.anchors.courses.get(track.number)
+        if course is not None and pi[REST] > pi[MOVING]:
             now = float(leaves.stamp[slot])
-            return path.step(now, min(now + 1.0, max(path.end, now)))[1]
+            return course.step(now, min(now + 1.0, max(course.end, now)))[1]
         if pi[MOVING] <= pi[REST]:
             return np.zeros((3, 3))
         P = leaves.moving_cov[slot]
-        classes = len(self.motion) - 1
-        row = int(leaves.attributes[slot, :classes].argmax()) if classes else classes
-        noise: FloatArray = P[:3, 3:] + P[3:, :3] + P[3:, 3:] + self.motion[row, 1] ** 2 / 3.0 * np.eye(3)
+        density = self.anchors.motion[self.anchors.motion_row(slot), 1] ** 2
+        noise: FloatArray = P[:3, 3:] + P[3:, :3] + P[3:, 3:] + density / 3.0 * np.eye(3)
         return noise

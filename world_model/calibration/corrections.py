@@ -1,18 +1,19 @@
-"""What a moving sensor gets wrong, as part of anchoring: detections corrected, and earlier conclusions."""
+"""What a moving sensor gets wrong, learned while anchoring: detections corrected, and earlier conclusions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.grouping import THRESHOLD, Grouping
+from world_model.anchoring.anchoring import Anchoring
+from world_model.anchoring.anchors import THRESHOLD
 from world_model.anchoring.kernels import attribute_factor
 from world_model.anchoring.leaves import REST
 from world_model.anchoring.look import Look
-from world_model.calibration.hindsight import Hindsight
+from world_model.calibration.hindsight import MOST_LOOKS, Hindsight
+from world_model.calibration.protocol import Looks, constant_errors, without
 from world_model.calibration.sensor_errors import SensorErrors
 from world_model.calibration.sensor_filter import error_basis
 from world_model.calibration.sensor_worlds import NEAR, Detections
@@ -22,75 +23,73 @@ TWINS = 0.03
 """m: no two objects rest as near each other, nor nearer than a detection's standard deviation."""
 
 
-class Corrections(Grouping):
-    """Part of `Anchoring`: the sensor's errors, and looks explained anew."""
+class Corrections:
+    """A `Calibration` that learns. bias : the sensor's errors. most_looks : how many are kept to be explained anew."""
 
-    bias: SensorErrors
-    hindsight: Hindsight
+    def __init__(self, anchoring: Anchoring, most_looks: int = MOST_LOOKS) -> None:
+        self.anchors, self.beliefs, self.objects = anchoring.anchors, anchoring.beliefs, anchoring.objects
+        self.bias = SensorErrors(constant_errors(self.anchors.config.sensor_bias))
+        self.hindsight = Hindsight(most_looks)
+        self._said: list[int] | None = None
 
-    def _unbiased(self, measured: Measurements, stamp: float) -> Measurements:
+    def reset(self) -> None:
+        """Nothing is known but what the settings say."""
+        self.bias.reset()
+        self.hindsight.reset()
+
+    @property
+    def values(self) -> FloatArray:
+        """Constant errors (8,)."""
+        return self.bias.values
+
+    def corrected(self, measured: Measurements, stamp: float) -> Measurements:
         """Detections without the errors that the sensor is known to have."""
+        self._said = None
         if measured.sensor is None:
             return measured
-        pose = measured.sensor.pose
-        if self.config.learn_sensor_bias:
-            moved = self.bias.moved
-            watching = self.bias.follow(pose, stamp)
-            if self.bias.moved and not moved:
-                self._catch_up()
-            if watching:
-                self.bias.worlds.predict(stamp)
-                self._introduce(measured.positions)
+        moved = self.bias.moved
+        watching = self.bias.follow(measured.sensor.pose, stamp)
+        if self.bias.moved and not moved:
+            self._catch_up()
+        if watching:
+            self.bias.worlds.predict(stamp)
+            self._introduce(measured.positions)
         if not self.bias.values.any():
             return measured
-        positions = measured.positions.copy()
-        errors = np.concatenate([self.bias.values, self.bias.shared])
-        positions[:, :2] -= error_basis(positions, pose, self.bias.rate) @ errors
-        return replace(measured, positions=positions)
-
-    def _resting(self, numbers: Iterable[int]) -> dict[int, int]:
-        """Those of these objects that rest, and their leaves in the most probable world."""
-        out, behavior = {}, self.pool.leaves.behavior
-        for number in numbers:
-            track = self.tracks.get(number)
-            if track is None or track.lost:
-                continue
-            slot = self._best_leaf(track)
-            if slot >= 0 and behavior[slot, REST] > 0.0 and not self._moves(slot):
-                out[number] = slot
-        return out
+        return without(measured, np.concatenate([self.bias.values, self.bias.shared]), self.bias.rate)
 
     def _introduce(self, positions: FloatArray) -> None:
         """Objects near detections (M, 3) come to the filter of the sensor's errors; those that are gone leave it."""
-        leaves, ids = self.pool.leaves, self.bias.ids
-        self.bias.keep_only(set(self._resting(ids)))
+        leaves, ids = self.anchors.leaves, self.bias.ids
+        self.bias.keep_only(set(self.anchors.resting(ids)))
         active = np.flatnonzero(leaves.track >= 0)
         apart = np.abs(leaves.rest[active, None, :2] - positions[:, :2])
         close = np.any(np.all(apart < NEAR, axis=2), axis=1)
         near = leaves.track[active[close]]
         # What this sensor saw, off as it is, begins with a detection.
-        for number, slot in self._resting(set(near.tolist()) - set(ids) - self.bias.before).items():
+        for number, slot in self.anchors.resting(set(near.tolist()) - set(ids) - self.bias.before).items():
             place, spread = leaves.rest[slot, :2].copy(), leaves.rest_cov[slot, :2, :2].copy()
             self.bias.remember(number, place, spread)
 
-    def _joint(self, raw: Measurements, look: Look) -> list[int] | None:
-        """Give detections to resting objects as the joint filter has it; numbers there, None where it is not in use.
+    def weigh(self, raw: Measurements, look: Look) -> None:
+        """Give detections to resting objects as the joint filter has it, where that is in use.
 
         What it says goes into the weights of the look: one object for a detection and no other, or none that rests.
         """
         if raw.sensor is None or not self.bias.in_use or not len(raw.positions):
-            return None
-        leaves, bias = self.pool.leaves, self.bias
+            return
+        leaves, bias = self.anchors.leaves, self.bias
         tracks = leaves.track[look.chosen]
-        movers = np.array([self._moves(slot) for slot in look.chosen.tolist()], bool)
+        movers = np.array([self.anchors.moves(slot) for slot in look.chosen.tolist()], bool)
         spread = 2.0 * look.covariances[:, 2, 2]
         level = -0.5 * np.log(2.0 * np.pi * spread)
         ratio = look.matrix - look.missing[:, :1]
         otherwise = np.logaddexp(look.log_new, ratio[movers].max(0, initial=-np.inf))
         unlike = {}
-        for number, slot in self._resting(bias.ids).items():
+        for number, slot in self.anchors.resting(bias.ids).items():
             factor = [
-                attribute_factor(leaves, slot, line, self.vocabulary.blocks) for line in look.likelihood
+                attribute_factor(leaves, slot, line, self.anchors.vocabulary.blocks)
+                for line in look.likelihood
             ]
             height = (look.positions[:, 2] - leaves.rest[slot, 2]) ** 2 / spread
             unlike[bias.ids[number]] = height - 2.0 * np.log(np.array(factor) + 1e-12)
@@ -108,12 +107,12 @@ class Corrections(Grouping):
                 look.matrix[mine] = np.where(np.arange(len(said)) == j, look.matrix[mine], -np.inf)
                 least = look.missing[mine, 0] + look.log_new[j] + THRESHOLD + 1.0
                 look.matrix[mine, j] = np.maximum(look.matrix[mine, j], least)
-        return said
+        self._said = said
 
     def _catch_up(self) -> None:
         """The sensor has moved for the first time: what it said before counts as well."""
         looks = [look for look in self.hindsight.looks if look.stamp >= self.bias.since]
-        resting = set(self._resting({number for look in looks for number in look.owners}))
+        resting = set(self.anchors.resting({number for look in looks for number in look.owners}))
         for look in looks:
             self.bias.worlds.predict(look.stamp)
             self._witness(look.measured, look.owners, resting, look.rate)
@@ -125,9 +124,9 @@ class Corrections(Grouping):
         numbers = [owners[j] for j in mine]
         self.bias.add(numbers, raw.positions[mine, :2], raw.covariances[mine, :2, :2], raw.sensor.pose, rate)
 
-    def _learn_bias(self, raw: Measurements, owners: list[int], said: list[int] | None) -> None:
+    def learn(self, raw: Measurements, owners: list[int]) -> None:
         """Take in what resting objects say about the sensor, and move all of them accordingly."""
-        bias, leaves = self.bias, self.pool.leaves
+        bias, leaves, said = self.bias, self.anchors.leaves, self._said
         if raw.sensor is None:
             return
         if not bias.moved:
@@ -135,10 +134,10 @@ class Corrections(Grouping):
             return
         if not bias.watching:
             return
-        resting = self._resting({*owners, *bias.ids})
-        if said is None:
+        resting = self.anchors.resting({*owners, *bias.ids})
+        if said is None and not bias.in_use:
             self._witness(raw, owners, set(resting), bias.rate)
-        else:
+        elif said is not None:
             bias.name(said, owners, set(resting))
         bias.limit(owners)
         if not bias.in_use:
@@ -148,9 +147,21 @@ class Corrections(Grouping):
         for name, place in zip(best.numbers, best.places, strict=True):
             number = names.get(name, -1)
             if number in resting:
-                of = self._leaves_of(self.tracks[number])
+                of = self.anchors.leaves_of(self.anchors.tracks[number])
                 leaves.rest[of, :2] = place
         self._join_twins(raw, owners, {number: names for names, number in names.items() if number in resting})
+
+    def keep(
+        self,
+        raw: Measurements,
+        likelihood: FloatArray,
+        stamp: float,
+        owners: list[int],
+        symbols: Sequence[str | None],
+    ) -> None:
+        """Keep a look, so that later evidence can correct whose its detections were."""
+        if raw.sensor is not None and owners:
+            self.hindsight.add(raw, likelihood, stamp, owners, tuple(symbols), self.bias)
 
     def _join_twins(self, raw: Measurements, owners: list[int], names: dict[int, int]) -> None:
         """What was taken for two objects, because the sensor was off, and is at one place now, is one: the older."""
@@ -165,7 +176,7 @@ class Corrections(Grouping):
             for other in set(known) - seen:
                 if np.hypot(*(known[other] - known[number])) < near and self._like(number, other):
                     gone, kept = max(number, other), min(number, other)
-                    self.remove(self.tracks[gone])
+                    self.objects.remove(self.anchors.tracks[gone])
                     del known[gone]
                     self.bias.keep_only(set(self.bias.ids) - {gone})
                     owners[j] = kept
@@ -173,42 +184,45 @@ class Corrections(Grouping):
 
     def _like(self, number: int, other: int) -> bool:
         """Whether two objects may be one by their attributes."""
-        slots = [self._best_leaf(self.tracks[n]) for n in (number, other)]
-        one, two = (self.pool.leaves.attributes[slot] for slot in slots)
+        slots = [self.anchors.best_leaf(self.anchors.tracks[n]) for n in (number, other)]
+        one, two = (self.anchors.leaves.attributes[slot] for slot in slots)
         return all(
             float(one[a:b] @ two[a:b]) > 0.5 * float(one[a:b].max() * two[a:b].max())
-            for a, b in self.vocabulary.blocks.tolist()
+            for a, b in self.anchors.vocabulary.blocks.tolist()
             if b > a
         )
 
-    def look_back(self) -> list[tuple[float, tuple[str | None, ...]]]:
+    def look_back(self) -> Looks:
         """Explain all looks that are kept anew; places of resting objects and the errors of the sensor follow.
 
         Returns stamps, s, and the symbols of the detections of each look as they are taken for now.
         """
-        believed = [track for track in self.tracks.values() if track.number in self.shown and not track.lost]
-        resting = [track for track in believed if not self._moves(self._best_leaf(track))]
+        believed = [
+            track
+            for track in self.anchors.tracks.values()
+            if track.number in self.anchors.shown and not track.lost
+        ]
+        resting = [track for track in believed if not self.anchors.moves(self.anchors.best_leaf(track))]
         if not resting or not self.hindsight.looks:
             return [(look.stamp, look.symbols) for look in self.hindsight.looks]
-        slots = np.array([self._best_leaf(track) for track in resting], np.int64)
-        best = {number: self._best_leaf(track) for number, track in self.tracks.items()}
-        movers = {number for number, slot in best.items() if slot >= 0 and self._moves(slot)}
-        leaves, numbers = self.pool.leaves, [track.number for track in resting]
+        slots = np.array([self.anchors.best_leaf(track) for track in resting], np.int64)
+        best = {number: self.anchors.best_leaf(track) for number, track in self.anchors.tracks.items()}
+        movers = {number for number, slot in best.items() if slot >= 0 and self.anchors.moves(slot)}
+        leaves, numbers = self.anchors.leaves, [track.number for track in resting]
         found, owners = self.hindsight.explained(
-            numbers, slots, movers, leaves, self.vocabulary.blocks, self.bias.known
+            numbers, slots, movers, leaves, self.anchors.vocabulary.blocks, self.bias.known
         )
         shifts = found.places - leaves.rest[slots, :2]
         for track, shift in zip(resting, shifts, strict=True):
-            of = self._leaves_of(track)
+            of = self.anchors.leaves_of(track)
             leaves.rest[of, :2] += shift
             leaves.moving[of, :2] += shift
         self.bias.take(found.constant, found.shared[-1], dict(zip(numbers, found.places, strict=True)))
-        for track in resting:
-            self._show(track.cluster, self._stamp)
+        self.beliefs.show(track.cluster for track in resting)
         symbols = []
         for look, tracks in zip(self.hindsight.looks, owners, strict=True):
             names = [
-                (self.tracks[now].id if now in self.tracks else None) or symbol
+                (self.anchors.tracks[now].id if now in self.anchors.tracks else None) or symbol
                 for now, symbol in zip(tracks, look.symbols, strict=True)
             ]
             symbols.append((look.stamp, tuple(names)))
