@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from estimation.checks import as_vectors
 from estimation.errors import InputError
 from estimation.places import Places
 from world_model.anchoring.anchoring import Anchoring
@@ -283,6 +285,20 @@ class WorldModel:
             return None
         (x0, y0), (x1, y1) = room.polygon.min(0).tolist(), room.polygon.max(0).tolist()
         return ((x0, x1), (y0, y1), self.config.region[2])
+
+    def seen_through(self, origin: npt.ArrayLike, ends: npt.ArrayLike, stamp: float) -> WorldState:
+        """Beams went from a place (3,) to others (N, 3), m, and met nothing on the way; returns the probable world.
+
+        What would have stood in their way is not there: objects that rest, of a size that was measured. Raises
+        InputError for shapes, and for numbers that are not finite.
+        """
+        start, points = as_vectors("origin", origin, 3), as_vectors("ends", ends, 3)
+        if start.ndim != 1 or points.ndim != 2:
+            raise InputError(f"origin (3,) and ends (N, 3) expected, not {start.shape} and {points.shape}")
+        self.stamp = max(float(stamp), self.stamp)
+        self._anchors.stamp = self.stamp
+        self.anchoring.beliefs.show(self.anchoring.bodies.pass_through(start, points, self.stamp))
+        return self._recorded(self._state())
 
     def forget(self, object_id: str) -> None:
         """Take an object out of the model for good. Raises InputError for an unknown id."""

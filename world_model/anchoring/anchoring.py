@@ -9,6 +9,7 @@ import numpy as np
 from world_model.anchoring.anchors import Anchors
 from world_model.anchoring.associate import Association
 from world_model.anchoring.beliefs import Beliefs
+from world_model.anchoring.bodies import Bodies
 from world_model.anchoring.guidance import Guidance
 from world_model.anchoring.look import Look
 from world_model.anchoring.present import Presentation
@@ -24,9 +25,9 @@ TIDY = 64
 
 
 class Anchoring:
-    """The state `anchors`, and the parts that act on it: `guidance`, `association`, `beliefs`, `recall`, `objects`,
-    `presentation`; `calibration` corrects what a sensor gets wrong. calibrated : makes one that learns, of this.
-    behaviors : of classes, beside those of the settings (the set M of section 2.4.2)."""
+    """The state `anchors`, and the parts that act on it: `guidance`, `association`, `beliefs`, `bodies`, `recall`,
+    `objects`, `presentation`; `calibration` corrects what a sensor gets wrong. calibrated : makes one that learns, of
+    this. behaviors : of classes, beside those of the settings (the set M of section 2.4.2)."""
 
     def __init__(
         self,
@@ -38,9 +39,10 @@ class Anchoring:
         self.guidance = Guidance(self.anchors, behaviors or {})
         self.presentation = Presentation(self.anchors, self.guidance)
         self.beliefs = Beliefs(self.anchors, self.presentation)
-        self.association = Association(self.anchors)
-        self.recall = Recall(self.anchors, self.beliefs)
+        self.bodies = Bodies(self.anchors)
+        self.association = Association(self.anchors, self.bodies)
         self.objects = SingleObjects(self.anchors, self.beliefs)
+        self.recall = Recall(self.anchors, self.objects, self.bodies)
         self.calibration: Calibration = Known(config.sensor_bias) if calibrated is None else calibrated(self)
         self._looks = 0
 
@@ -69,7 +71,7 @@ class Anchoring:
             owners.insert(index, number)
         self.calibration.learn(raw, owners)
         symbols = tuple(anchors.symbol(number) for number in owners)
-        likelihood = anchors.vocabulary.likelihoods(raw.attributes) if verified else look.likelihood
+        likelihood = anchors.vocabulary.likelihoods(raw.attributes) if verified else look.seen.likelihood
         self.calibration.keep(raw, likelihood, stamp - lag, owners, symbols)
         return symbols
 

@@ -159,7 +159,7 @@ class Anchors:
         """Hypotheses of a cluster that turned out to be impossible go; returns the clusters that are left."""
         cluster = self.clusters[number]
         rows, weights = unify(np.ascontiguousarray(cluster.rows[keep]), cluster.weights[keep])
-        self._sweep(cluster.rows, rows)
+        self.sweep(cluster.rows, rows)
         del self.clusters[number]
         return self.divide(list(cluster.tracks), rows, weights)
 
@@ -167,7 +167,7 @@ class Anchors:
         """Join hypotheses that differ only in which anchor is called what: no later evidence could tell."""
         kept, own = same_worlds(self.leaves, rows, weights, self.persistence, self.vocabulary.width)
         if len(own) < len(weights):
-            self._sweep(rows, kept)
+            self.sweep(rows, kept)
         return kept, own
 
     def divide(self, tracks: list[int], rows: IntArray, weights: FloatArray) -> list[int]:
@@ -183,7 +183,7 @@ class Anchors:
         if len(keep) < len(tracks):
             before = rows
             rows = np.ascontiguousarray(rows[:, keep])
-            self._sweep(before, rows)
+            self.sweep(before, rows)
             for c in set(range(len(tracks))) - set(keep):
                 self.forget_track(tracks[c])
             tracks = [tracks[c] for c in keep]
@@ -245,5 +245,6 @@ class Anchors:
         else:
             self.open.discard(number)
 
-    def _sweep(self, before: IntArray, after: IntArray) -> None:
+    def sweep(self, before: IntArray, after: IntArray) -> None:
+        """Give back leaves of hypotheses `before` that those `after` do not use."""
         sweep(self.leaves, self.pool.free, self.pool.top, before, after)

@@ -11,13 +11,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
+from estimation.checks import FloatArray
 from world_model.anchoring.anchors import THRESHOLD, Anchors
+from world_model.anchoring.bodies import Bodies
 from world_model.anchoring.branching import begin, join, realise, settle
 from world_model.anchoring.clusters import Track, lonely
+from world_model.anchoring.contacts import Movers
 from world_model.anchoring.expansion import expand, unify
 from world_model.anchoring.gating import touch, weigh
 from world_model.anchoring.leaves import MOVING, REST, IntArray
-from world_model.anchoring.look import Look
+from world_model.anchoring.look import Classes, Detections, Look
 from world_model.anchoring.occlusion import hide, restrict
 from world_model.anchoring.touching import Touching, sharing, touched_by
 from world_model.anchoring.unseen import sensor_array
@@ -34,8 +37,9 @@ COMPANY = 10.0
 class Association:
     """touching : how near two movers are detected as one."""
 
-    def __init__(self, anchors: Anchors) -> None:
+    def __init__(self, anchors: Anchors, bodies: Bodies) -> None:
         self.anchors = anchors
+        self.bodies = bodies
         self.touching = Touching(anchors.config.detection_probability)
 
     @property
@@ -43,78 +47,58 @@ class Association:
         """Whether there may be movers of which one detection is of several."""
         return self.anchors.config.merged_detections and bool((self.anchors.motion[:, 0] > 0.5).any())
 
+    @property
+    def _classes(self) -> Classes:
+        vocabulary = self.anchors.vocabulary
+        return Classes(self.anchors.motion, vocabulary.blocks, vocabulary.prior())
+
     def weighed(self, measured: Measurements, stamp: float, lag: float, verified: set[int]) -> Look:
         """How well each detection fits each anchor that a look concerns; those in `verified` were told theirs."""
-        leaves = self.anchors.leaves
+        anchors, leaves = self.anchors, self.anchors.leaves
         M = len(measured.positions)
         variances = measured.covariances.diagonal(axis1=1, axis2=2)
         spread = np.sqrt(variances.max(1)) if M else np.zeros(0)
         sensor, known = sensor_array(measured.sensor), measured.sensor is not None
-        silent = measured.silent
-        born, gap, clutter = self.anchors.unseen.look(
-            measured.positions, np.sqrt(variances[:, 2]), sensor, known, silent, stamp, measured.view
+        heights = np.sqrt(variances[:, 2])
+        born, gap, clutter = anchors.unseen.look(
+            measured.positions, heights, sensor, known, measured.silent, stamp, measured.view
         )
-        found = born * self.anchors.config.detection_probability
+        found = born * anchors.config.detection_probability
         both = np.maximum(found + clutter, 1e-300)
+        seen = Detections(
+            stamp,
+            lag,
+            np.arange(M),
+            measured.positions,
+            measured.covariances,
+            anchors.vocabulary.likelihoods(measured.attributes),
+            np.log(both),
+            found / both,
+        )
         active = np.flatnonzero(leaves.track >= 0)
         if verified:
             active = active[~np.isin(leaves.track[active], sorted(verified))]
         chosen, clear = np.empty(len(active), np.int64), np.empty(len(active))
         count = touch(
-            leaves,
-            active,
-            stamp,
-            lag,
-            measured.positions,
-            spread,
-            sensor,
-            known,
-            silent,
-            self.anchors.motion,
-            chosen,
-            clear,
+            leaves, active, seen, spread, sensor, known, measured.silent, anchors.motion, chosen, clear
         )
-        view = measured.view
-        in_cone = clear[:count].copy()
-        if view is not None and not silent:
-            restrict(leaves, chosen[:count], clear, view, self.anchors.quantities)
-        if known and not silent and not (view is not None and view.knows_hidden):
-            hide(leaves, chosen, count, clear, sensor, self.anchors.quantities)
-        self._cover(chosen[:count], in_cone - clear[:count] > COVERED)
+        chosen, clear = chosen[:count], clear[:count]
+        self._hide(measured, chosen, clear, sensor)
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
-        likelihood = self.anchors.vocabulary.likelihoods(measured.attributes)
-        weigh(
-            leaves,
-            chosen,
-            clear,
-            count,
-            stamp,
-            measured.positions,
-            measured.covariances,
-            likelihood,
-            self.anchors.vocabulary.blocks,
-            lag,
-            self.anchors.motion,
-            self.anchors.detector,
-            matrix,
-            missing,
-        )
-        return Look(
-            stamp,
-            lag,
-            measured.positions,
-            measured.covariances,
-            likelihood,
-            np.log(both),
-            found / both,
-            born,
-            gap,
-            self.touching.metres(spread, self.anchors.config.measurement_sigma) if self.merging else 0.0,
-            chosen[:count],
-            clear[:count],
-            matrix,
-            missing,
-        )
+        weigh(leaves, chosen, clear, seen, self._classes, anchors.detector, matrix, missing)
+        reach = self.touching.metres(spread, anchors.config.measurement_sigma) if self.merging else 0.0
+        return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
+
+    def _hide(self, measured: Measurements, chosen: IntArray, clear: FloatArray, sensor: FloatArray) -> None:
+        """Lower the probability of having been in view of what is out of the view, or behind something: (2.10)."""
+        view, quantities = measured.view, self.anchors.quantities
+        in_cone = clear.copy()
+        if view is not None and not measured.silent:
+            restrict(self.anchors.leaves, chosen, clear, view, quantities)
+        told = view is not None and view.knows_hidden
+        if measured.sensor is not None and not measured.silent and not told:
+            hide(self.anchors.leaves, chosen, len(chosen), clear, sensor, quantities)
+        self._cover(chosen, in_cone - clear > COVERED)
 
     def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:
         """Movers that something else hides are looked for, and shown for as long as it is known where they are."""
@@ -124,8 +108,8 @@ class Association:
 
     def associate(self, look: Look) -> tuple[list[int], list[int]]:
         """Decide what is plain, branch over the rest; returns touched clusters and a track per detection."""
-        M = len(look.log_new)
-        ratio = look.matrix - look.missing[:, :1] - look.log_new
+        M = len(look.seen.log_new)
+        ratio = look.matrix - look.missing[:, :1] - look.seen.log_new
         gated = ratio > -THRESHOLD
         look.matrix[~gated] = -np.inf
         linked = gated | touched_by(self.anchors.leaves, look, gated) if self.merging else gated
@@ -170,12 +154,8 @@ class Association:
             self.anchors.leaves,
             look.chosen[k],
             np.array(detection),
-            look.positions,
-            look.covariances,
-            look.likelihood,
+            look.seen,
             self.anchors.vocabulary.blocks,
-            look.lag,
-            look.stamp - look.lag,
             look.missing[k, 1],
             look.clear[k],
         )
@@ -187,21 +167,7 @@ class Association:
         self._expect_company(look, which)
         self.anchors.pool.reserve(len(which))
         numbers = self.anchors.numbers(len(which))
-        slots = begin(
-            self.anchors.leaves,
-            self.anchors.pool.free,
-            self.anchors.pool.top,
-            numbers,
-            which,
-            look.positions,
-            look.covariances,
-            look.likelihood,
-            self.anchors.vocabulary.blocks,
-            self.anchors.vocabulary.prior(),
-            look.stamp,
-            look.existence,
-            self.anchors.motion,
-        )
+        slots = begin(self.anchors.pool.rows, numbers, which, look.seen, self._classes)
         for number, slot, j in zip(numbers.tolist(), slots.tolist(), which.tolist(), strict=True):
             self.anchors.tracks[number] = self._track(number, look, j)
             self.anchors.clusters[number] = lonely(number, slot)
@@ -220,7 +186,8 @@ class Association:
         log_burst = np.log(BURST / COMPANY) - n / COMPANY
         share = 1.0 / (1.0 + np.exp(min(log_usual - log_burst, 700.0)))
         together = share * n / (n + clutter)
-        look.existence[which] = np.maximum(look.existence[which], together)
+        existence = look.seen.existence
+        existence[which] = np.maximum(existence[which], together)
 
     def _linked(
         self, hard: set[int], owners: list[int], gated: npt.NDArray[np.bool_]
@@ -255,67 +222,28 @@ class Association:
 
         at : rows of `look` by leaf, -1 for leaves that it does not concern.
         """
-        keep = self.anchors.config.hypotheses
         whole = self.anchors.joined(members)
         slots = np.unique(whole.rows)
         slots = slots[slots >= 0]
         js = np.array(detections, np.int64)
+        seen = look.seen.only(js)
         k = at[slots]
         here = k >= 0
         matrix = np.full((len(slots), len(js)), -np.inf)
-        missing = np.zeros((len(slots), 2))
-        clear = np.zeros(len(slots))
+        missing, clear = np.zeros((len(slots), 2)), np.zeros(len(slots))
         matrix[here] = look.matrix[k[here]][:, js]
         missing[here] = look.missing[k[here]]
         clear[here] = look.clear[k[here]]
         local = np.searchsorted(slots, whole.rows)
         local[whole.rows < 0] = -1
-        leaves = self.anchors.leaves
-        common = leaves.common[slots, :3, :3]
-        common[leaves.together[slots] == 0] = 0.0
-        parents, choice, weights, groups = expand(
-            local,
-            whole.weights,
-            matrix,
-            missing[:, 0].copy(),
-            look.log_new[js],
-            keep,
-            THRESHOLD,
-            sharing(leaves, slots, here) if self.merging else np.zeros(len(slots)),
-            leaves.moving[slots, :3],
-            leaves.moving_cov[slots, :3, :3],
-            leaves.together[slots],
-            common,
-            look.positions[js],
-            look.covariances[js],
-            look.reach,
-        )
-        # A leaf has a variant per detection, and one per group that it may be in.
-        self.anchors.pool.reserve((len(slots) * (1 + len(groups)) + 1) * len(js) + 1)
+        movers = self._movers(slots, here, look.reach)
+        keep = self.anchors.config.hypotheses
+        children = expand(local, whole.weights, matrix, missing[:, 0].copy(), seen, movers, keep, THRESHOLD)
+        self.anchors.pool.reserve((len(slots) * (1 + len(children.groups)) + 1) * len(js) + 1)
         fresh = self.anchors.numbers(len(js))
-        rows = realise(
-            self.anchors.leaves,
-            self.anchors.pool.free,
-            self.anchors.pool.top,
-            slots,
-            local,
-            parents,
-            choice,
-            groups,
-            missing[:, 1].copy(),
-            clear,
-            look.positions[js],
-            look.covariances[js],
-            look.likelihood[js],
-            self.anchors.vocabulary.blocks,
-            look.lag,
-            look.stamp - look.lag,
-            look.existence[js],
-            fresh,
-            js,
-            self.anchors.vocabulary.prior(),
-            self.anchors.motion,
-        )
+        pool = self.anchors.pool.rows
+        rows = realise(pool, slots, local, children, missing[:, 1].copy(), clear, seen, fresh, self._classes)
+        choice, weights = children.choice, children.weights
         for column in range(len(whole.tracks)):
             j = choice[0, column]
             if j >= 0:
@@ -325,16 +253,22 @@ class Association:
             self.anchors.tracks[number] = self._track(number, look, j)
             if of[j] < 0:
                 of[j] = number
-        join(
-            self.anchors.leaves,
-            self.anchors.pool.free,
-            self.anchors.pool.top,
-            rows,
-            weights,
-            self.anchors.persistence,
-            self.anchors.vocabulary.width,
-        )
-        rows, weights = unify(rows, weights)
+        join(pool, rows, weights, self.anchors.persistence, self.anchors.vocabulary.width)
+        rows, weights = self.bodies.possible(*unify(rows, weights))
         if len(weights) > 1:
             rows, weights = self.anchors.without_names(rows, weights)
         return self.anchors.divide([*whole.tracks, *fresh.tolist()], rows, weights)
+
+    def _movers(self, slots: IntArray, here: npt.NDArray[np.bool_], reach: float) -> Movers:
+        """Which of these leaves (n,) may share a detection; here (n,) : whether the look concerns them."""
+        leaves = self.anchors.leaves
+        common = leaves.common[slots, :3, :3]
+        common[leaves.together[slots] == 0] = 0.0
+        return Movers(
+            sharing(leaves, slots, here) if self.merging else np.zeros(len(slots)),
+            leaves.moving[slots, :3],
+            leaves.moving_cov[slots, :3, :3],
+            leaves.together[slots],
+            common,
+            reach,
+        )

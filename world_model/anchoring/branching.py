@@ -12,151 +12,95 @@ GONE = 0.05  # an anchor less probably there than this makes no difference betwe
 
 
 @numba.njit(cache=True)
-def settle(  # type: ignore[no-untyped-def]
-    leaves, chosen, detection, positions, covariances, likelihood, blocks, lag, stamp, missing, clear
-):
+def settle(leaves, chosen, detection, seen, blocks, missing, clear):  # type: ignore[no-untyped-def]
     """Correct lonely leaves in place: chosen (n,) rows, detection (n,) index or -1 for missed."""
+    stamp = seen.stamp - seen.lag
     for k in range(chosen.size):
         i, j = chosen[k], detection[k]
         if j >= 0:
-            correct(leaves, i, positions[j], covariances[j], lag, likelihood[j], blocks, stamp)
-            leaves.said[i] = j
+            z, R = seen.positions[j], seen.covariances[j]
+            correct(leaves, i, z, R, seen.lag, seen.likelihood[j], blocks, stamp)
+            leaves.said[i] = seen.indices[j]
         else:
             miss(leaves, i, missing[k], clear[k])
 
 
 @numba.njit(cache=True)
-def begin(  # type: ignore[no-untyped-def]
-    leaves,
-    free,
-    top,
-    tracks,
-    which,
-    positions,
-    covariances,
-    likelihood,
-    blocks,
-    prior,
-    stamp,
-    existence,
-    motion,
-):
+def begin(rows, tracks, which, seen, classes):  # type: ignore[no-untyped-def]
     """New leaves for detections `which` (n,) of new tracks (n,); returns their rows (n,)."""
     slots = np.empty(which.size, np.int64)
     for k in range(which.size):
-        j = which[k]
-        top[0] -= 1
-        slots[k] = free[top[0]]
-        create(
-            leaves,
-            slots[k],
-            tracks[k],
-            positions[j],
-            covariances[j],
-            likelihood[j],
-            blocks,
-            prior,
-            stamp,
-            existence[j],
-            motion,
-        )
-        leaves.said[slots[k]] = j
+        slots[k] = claim(rows)
+        create(rows.leaves, slots[k], tracks[k], which[k], seen, classes)
     return slots
 
 
 @numba.njit(cache=True)
-def realise(  # type: ignore[no-untyped-def]
-    leaves,
-    free,
-    top,
-    slots,
-    rows,
-    parents,
-    choice,
-    groups,
-    missing,
-    clear,
-    positions,
-    covariances,
-    likelihood,
-    blocks,
-    lag,
-    stamp,
-    existence,
-    tracks,
-    names,
-    prior,
-    motion,
-):
+def realise(rows, slots, local, children, missing, clear, seen, tracks, classes):  # type: ignore[no-untyped-def]
     """Leaves (C, T + M) of the children that `expand` chose, and those of the M tracks they begin.
 
-    names (M,) : indices of the detections in the look. slots (n,) : rows of the parents' leaves, used again for those
-    that were missed, else given back.
+    slots (n,) : rows of the parents' leaves, used again for those that were missed, else given back. local (H, T) :
+    indices into them. missing (n,) : probability of a detection that did not come.
     """
-    C, T = choice.shape
-    M = positions.shape[0]
-    n = slots.size
+    C, T = children.choice.shape
+    M = tracks.size
     found = {np.int64(-1): np.int64(-1)}  # row of each variant of a leaf
-    variants = max(M, 1) * (groups.shape[0] + 1)
-    missed = np.zeros(n, np.bool_)
+    missed = np.zeros(slots.size, np.bool_)
     begun = np.full(M, -1)
     out = np.full((C, T + M), -1)
     taken = np.zeros(M, np.bool_)
     for c in range(C):
         taken[:] = False
         for t in range(T):
-            j = choice[c, t]
+            j = children.choice[c, t]
             if j == -2:
                 continue
-            local = rows[parents[c], t]
+            at = local[children.parents[c], t]
             if j == -1:
-                missed[local] = True
-                out[c, t] = slots[local]
+                missed[at] = True
+                out[c, t] = slots[at]
                 continue
             taken[j % M] = True
-            key = np.int64(local * variants + j)
+            # A leaf has a variant per detection, and one per group that it may be in.
+            key = np.int64(at * M * (children.groups.shape[0] + 1) + j)
             if key not in found:
-                top[0] -= 1
-                slot = free[top[0]]
-                copy_leaf(leaves, slots[local], slot)
-                d = j % M
-                if j < M:
-                    correct(leaves, slot, positions[d], covariances[d], lag, likelihood[d], blocks, stamp)
-                    leaves.said[slot] = names[d]
-                else:
-                    correct_shared(
-                        leaves, slot, slots, groups[j // M - 1], positions[d], covariances[d], stamp
-                    )
-                found[key] = slot
+                found[key] = _variant(rows, slots, at, j, children.groups, seen, classes.blocks)
             out[c, t] = found[key]
         for j in range(M):
             if taken[j]:
                 continue
             if begun[j] < 0:
-                top[0] -= 1
-                slot = free[top[0]]
-                create(
-                    leaves,
-                    slot,
-                    tracks[j],
-                    positions[j],
-                    covariances[j],
-                    likelihood[j],
-                    blocks,
-                    prior,
-                    stamp,
-                    existence[j],
-                    motion,
-                )
-                leaves.said[slot] = names[j]
-                begun[j] = slot
+                begun[j] = claim(rows)
+                create(rows.leaves, begun[j], tracks[j], j, seen, classes)
             out[c, T + j] = begun[j]
-    for k in range(n):
+    for k in range(slots.size):
         if missed[k]:
-            miss(leaves, slots[k], missing[k], clear[k])
+            miss(rows.leaves, slots[k], missing[k], clear[k])
         else:
-            release(leaves, free, top, slots[k])
+            release(rows.leaves, rows.free, rows.top, slots[k])
     return out
+
+
+@numba.njit(cache=True)
+def _variant(rows, slots, at, j, groups, seen, blocks):  # type: ignore[no-untyped-def]
+    """A leaf with a detection of its own, or with that of the group j // M - 1; its row."""
+    leaves, M = rows.leaves, seen.log_new.size
+    slot, d, stamp = claim(rows), j % M, seen.stamp - seen.lag
+    copy_leaf(leaves, slots[at], slot)
+    z, R = seen.positions[d], seen.covariances[d]
+    if j < M:
+        correct(leaves, slot, z, R, seen.lag, seen.likelihood[d], blocks, stamp)
+        leaves.said[slot] = seen.indices[d]
+    else:
+        correct_shared(leaves, slot, slots, groups[j // M - 1], z, R, stamp)
+    return slot
+
+
+@numba.njit(cache=True)
+def claim(rows):  # type: ignore[no-untyped-def]
+    """A free row."""
+    rows.top[0] -= 1
+    return rows.free[rows.top[0]]
 
 
 @numba.njit(cache=True)
@@ -205,8 +149,9 @@ def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def
 
 
 @numba.njit(cache=True)
-def join(leaves, free, top, rows, log_weights, persistence, attributes):  # type: ignore[no-untyped-def]
+def join(pool, rows, log_weights, persistence, attributes):  # type: ignore[no-untyped-def]
     """Replace leaves by a more probable one that says the same, in `rows` (H, T)."""
+    leaves = pool.leaves
     H, T = rows.shape
     weights = np.exp(log_weights - log_weights.max())
     slots = np.empty(H, np.int64)
@@ -241,7 +186,7 @@ def join(leaves, free, top, rows, log_weights, persistence, attributes):  # type
                 for h in range(H):
                     if rows[h, t] == b:
                         rows[h, t] = a
-                release(leaves, free, top, b)
+                release(leaves, pool.free, pool.top, b)
                 slots[order[y]] = -1
 
 

@@ -6,10 +6,14 @@ that lasts the detection speaks of the whole group; when they part, who is who i
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
+from estimation.checks import FloatArray
 from world_model.anchoring.kernels import AWAY, MOVING, NONE, REST, inverse_3x3, log_gauss, symmetric
+from world_model.anchoring.leaves import IntArray
 
 MERGED = 0.3  # that two movers at the same place, told apart at the last look, are detected as one
 STILL = 0.95  # that they are, if they were at the last look
@@ -19,15 +23,28 @@ MOST_EVENTS = 12  # groups and detections that are tried per parent
 MOST_COMBINATIONS = 24
 MOST_MEMBERS = 4
 MOST_TRIED = 64
+AT_ONCE = 3  # events in one child
+
+
+class Movers(NamedTuple):
+    """N leaves that may be detected as one. present (N,) : probability of being there, 0 of what never shares; centres
+    (N, 3), spreads (N, 3, 3) : predicted positions; together (N,) : looks for which they have been detected with
+    another; common (N, 3, 3) : covariance of the centre of their group then. reach : distance, m, at which a detector
+    ceases to tell two objects apart."""
+
+    present: FloatArray
+    centres: FloatArray
+    spreads: FloatArray
+    together: IntArray
+    common: FloatArray
+    reach: float
 
 
 @numba.njit(cache=True)
-def contacts(local, present, centres, spreads, together, reach):  # type: ignore[no-untyped-def]
-    """Probability (n, n) that two of the leaves `local` (n,) are detected as one, 0 where that is out of the question.
-
-    centres (N, 3), spreads (N, 3, 3) : predicted positions of leaves; together (N,) : looks for which they have been
-    detected with another. reach : distance, m, at which a detector ceases to tell two objects apart.
-    """
+def contacts(local, movers):  # type: ignore[no-untyped-def]
+    """Probability (n, n) that two of the leaves `local` (n,) are detected as one, 0 where that cannot be."""
+    present, centres, spreads = movers.present, movers.centres, movers.spreads
+    together, reach = movers.together, movers.reach
     n = local.size
     out = np.zeros((n, n))
     for x in range(n):
@@ -56,7 +73,7 @@ def contacts(local, present, centres, spreads, together, reach):  # type: ignore
 
 
 @numba.njit(cache=True)
-def group_weight(members, size, j, local, touching, centres, spreads, common, positions, covariances):  # type: ignore[no-untyped-def]
+def group_weight(members, size, j, local, touching, seen, movers):  # type: ignore[no-untyped-def]
     """Log weight of detection j being of all `members` (size,) of `local` at once: it lies among them."""
     # A tree of contacts that spans the group, the strongest first.
     joined = np.zeros(size, np.bool_)
@@ -74,8 +91,9 @@ def group_weight(members, size, j, local, touching, centres, spreads, common, po
             return -np.inf
         joined[at] = True
         weight += np.log(best)
+    centres, common = movers.centres, movers.common
     centre = np.zeros(3)
-    S, inverse = covariances[j].copy(), np.empty((3, 3))
+    S, inverse = seen.covariances[j].copy(), np.empty((3, 3))
     known = False
     for p in range(size):
         if common[local[members[p]], 0, 0] > 0.0:
@@ -85,7 +103,7 @@ def group_weight(members, size, j, local, touching, centres, spreads, common, po
             break
     if not known:
         for p in range(size):
-            S += spreads[local[members[p]]] / size**2
+            S += movers.spreads[local[members[p]]] / size**2
     for p in range(size):
         centre += centres[local[members[p]]] / size
     for p in range(size):
@@ -93,7 +111,7 @@ def group_weight(members, size, j, local, touching, centres, spreads, common, po
         for a in range(3):
             for b in range(3):
                 S[a, b] += off[a] * off[b] * SCATTER / size
-    z = positions[j]
+    z = seen.positions[j]
     return weight + log_gauss(z[0] - centre[0], z[1] - centre[1], z[2] - centre[2], S, inverse)
 
 
@@ -135,20 +153,7 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def merge_events(  # type: ignore[no-untyped-def]
-    local,
-    touching,
-    used,
-    missing,
-    log_new,
-    present,
-    centres,
-    spreads,
-    common,
-    positions,
-    covariances,
-    threshold,
-):
+def merge_events(local, touching, used, missing, seen, movers, threshold):  # type: ignore[no-untyped-def]
     """Groups and the detection that may be of them: members (E, MOST_MEMBERS) filled up with -1, row (E,), log ratio to
     all missed (E,); the best first."""
     members = np.full((MOST_EVENTS, MOST_MEMBERS), -1)
@@ -160,14 +165,12 @@ def merge_events(  # type: ignore[no-untyped-def]
             size = 0
             while size < MOST_MEMBERS and groups[g, size] >= 0:
                 size += 1
-            gain = group_weight(
-                groups[g], size, used[r], local, touching, centres, spreads, common, positions, covariances
-            )
+            gain = group_weight(groups[g], size, used[r], local, touching, seen, movers)
             if gain == -np.inf:
                 continue
-            gain -= log_new[used[r]]
+            gain -= seen.log_new[used[r]]
             for p in range(size):
-                gain += np.log(present[local[groups[g, p]]]) - missing[local[groups[g, p]]]
+                gain += np.log(movers.present[local[groups[g, p]]]) - missing[local[groups[g, p]]]
             worst = np.argmin(gains)
             if gain > -threshold and gain > gains[worst]:
                 gains[worst] = gain
@@ -195,7 +198,7 @@ def _apart(members, row, a, b):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def combinations(members, row, gains):  # type: ignore[no-untyped-def]
     """Sets of one to three events that do not exclude each other (C, 3), filled up with -1; the first set is empty."""
-    out = np.full((MOST_COMBINATIONS, 3), -1)
+    out = np.full((MOST_COMBINATIONS, AT_ONCE), -1)
     count = 1
     E = gains.size
     for a in range(E):
@@ -217,16 +220,14 @@ def combinations(members, row, gains):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def resolved_weight(  # type: ignore[no-untyped-def]
-    touching, chosen, local, missing, centres, spreads, together, common, positions, covariances
-):
+def resolved_weight(touching, chosen, local, missing, seen, movers):  # type: ignore[no-untyped-def]
     """Log weight of how leaves in contact were told apart; chosen (n,) : detection, -1 missed, or alike for a group.
 
     Those detected as one have it in the weight of their group. Of two that are missed only one may have been there to
     see. Of two that part, the centre is known better than each of them.
     """
     total = 0.0
-    n, M = local.size, positions.shape[0]
+    n, M = local.size, seen.log_new.size
     for x in range(n):
         for y in range(x + 1, n):
             value = touching[x, y]
@@ -239,21 +240,19 @@ def resolved_weight(  # type: ignore[no-untyped-def]
             total += np.log(1.0 - value)
             a, b = local[x], local[y]
             parts = chosen[x] >= 0 and chosen[y] >= 0 and chosen[x] < M and chosen[y] < M
-            if parts and together[a] > 0 and together[b] > 0:
-                total += _parting(
-                    a, b, chosen[x], chosen[y], centres, spreads, common, positions, covariances
-                )
+            if parts and movers.together[a] > 0 and movers.together[b] > 0:
+                total += _parting(a, b, chosen[x], chosen[y], seen, movers)
     return total
 
 
 @numba.njit(cache=True)
-def _parting(a, b, i, j, centres, spreads, common, positions, covariances):  # type: ignore[no-untyped-def]
+def _parting(a, b, i, j, seen, movers):  # type: ignore[no-untyped-def]
     """How much likelier detections i and j of two that part are, as their centre is known by a filter of its own."""
-    noise = 0.25 * (covariances[i] + covariances[j])
-    off = 0.5 * (positions[i] + positions[j] - centres[a] - centres[b])
+    noise = 0.25 * (seen.covariances[i] + seen.covariances[j])
+    off = 0.5 * (seen.positions[i] + seen.positions[j] - movers.centres[a] - movers.centres[b])
     inverse = np.empty((3, 3))
-    well = log_gauss(off[0], off[1], off[2], 0.5 * (common[a] + common[b]) + noise, inverse)
-    badly = log_gauss(off[0], off[1], off[2], 0.25 * (spreads[a] + spreads[b]) + noise, inverse)
+    well = log_gauss(off[0], off[1], off[2], 0.5 * (movers.common[a] + movers.common[b]) + noise, inverse)
+    badly = log_gauss(off[0], off[1], off[2], 0.25 * (movers.spreads[a] + movers.spreads[b]) + noise, inverse)
     return well - badly
 
 

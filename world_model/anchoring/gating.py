@@ -22,16 +22,15 @@ OUT_OF_GATE = -60.0  # log density below which a detection is of something else
 
 
 @numba.njit(cache=True)
-def touch(  # type: ignore[no-untyped-def]
-    leaves, active, stamp, lag, positions, spread, sensor, known, silent, motion, chosen, clear
-):
+def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, clear):  # type: ignore[no-untyped-def]
     """Leaves that a look concerns: in view, near a detection, or of movers.
 
     active (N,) rows in use; spread (M,) largest standard deviation of each detection, m; sensor as in
-    `clearance`, used where `known`; `silent` where absence means nothing. A look made `lag` seconds ago says nothing
+    `clearance`, used where `known`; `silent` where absence means nothing. A look made some time ago says nothing
     about the absence of what has been seen since, nor of what moves. Writes rows to `chosen` and to `clear`
     the probability that being there would have meant being in view; returns how many.
     """
+    stamp, lag, positions = seen.stamp, seen.lag, seen.positions
     count = 0
     wider = sensor.copy()
     for k in range(active.size):
@@ -116,45 +115,32 @@ def _reaches(x, P, z, sharpest, spread):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def weigh(  # type: ignore[no-untyped-def]
-    leaves,
-    chosen,
-    clear,
-    count,
-    stamp,
-    positions,
-    covariances,
-    likelihood,
-    blocks,
-    lag,
-    motion,
-    detector,
-    matrix,
-    missing,
-):
+def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # type: ignore[no-untyped-def]
     """Predict the touched leaves and weigh being missed and being each detection: (2.7), (2.8), (2.10).
 
     detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix
-    (count, M), -inf where a detection is out of the gate, and missing (count, 2): log weight and probability of
+    (n, M), -inf where a detection is out of the gate, and missing (n, 2): log weight and probability of
     a detection that did not come. Predicts in place.
     """
+    positions, covariances, motion = seen.positions, seen.covariances, classes.motion
+    stamp, lag = seen.stamp, seen.lag
     out, S, inverse = np.empty(2), np.empty((3, 3)), np.empty((3, 3))
     sharpest, spread = _bounds(covariances)
-    for k in range(count):
+    for k in range(chosen.size):
         i = chosen[k]
         dt = stamp - leaves.stamp[i]
         runs = detector[int(motion[class_of(leaves, i, motion.shape[0] - 1), 0] > 0.5)]
         visible = visible_probability(leaves, i, dt, runs[0], runs[2], runs[3])
-        seen = visible * runs[1]
+        detected = visible * runs[1]
         predict(leaves, i, stamp, motion, runs[4])
         leaves.visible[i] = visible
         pi = leaves.behavior[i]
         here = pi[REST] + pi[MOVING]
-        detectable = seen * clear[k]
+        detectable = detected * clear[k]
         missing[k, 0] = np.log(max(1.0 - here * detectable, 1e-12))
         missing[k, 1] = detectable
         # A detection at the edge of the field of view is no contradiction.
-        found = np.log(seen)
+        found = np.log(detected)
         for j in range(positions.shape[0]):
             matrix[k, j] = -np.inf
             if lag == 0.0 and _too_far(leaves, i, positions[j], sharpest[j], spread[j]):
@@ -164,6 +150,6 @@ def weigh(  # type: ignore[no-untyped-def]
             if top < OUT_OF_GATE or here <= 0.0:
                 continue
             weight = pi[REST] * np.exp(out[0] - top) + pi[MOVING] * np.exp(out[1] - top)
-            factor = attribute_factor(leaves, i, likelihood[j], blocks)
+            factor = attribute_factor(leaves, i, seen.likelihood[j], classes.blocks)
             if weight > 0.0 and factor > 0.0:
                 matrix[k, j] = found + top + np.log(weight * factor)

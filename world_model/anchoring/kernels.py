@@ -386,21 +386,22 @@ def miss(leaves, i, detectable, clear):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def create(leaves, i, track, z, R, likelihood, blocks, prior, stamp, existence, motion):  # type: ignore[no-untyped-def]
-    """A leaf for an object first seen now; `existence` is the probability that it is no false detection."""
+def create(leaves, i, track, j, seen, classes):  # type: ignore[no-untyped-def]
+    """A leaf for an object first seen now, with detection j of `look.Detections`."""
+    motion, stamp, existence = classes.motion, seen.stamp - seen.lag, seen.existence[j]
     leaves.track[i] = track
-    leaves.rest[i] = z
-    leaves.rest_cov[i] = R
+    leaves.rest[i] = seen.positions[j]
+    leaves.rest_cov[i] = seen.covariances[j]
     leaves.led[i] = 0.0
-    leaves.attributes[i] = prior
-    learn_attributes(leaves, i, likelihood, blocks)
+    leaves.attributes[i] = classes.prior
+    learn_attributes(leaves, i, seen.likelihood[j], classes.blocks)
     row = class_of(leaves, i, motion.shape[0] - 1)
     start_moving(leaves, i, motion[row, 3], 0.0)
     leaves.behavior[i] = 0.0
     leaves.behavior[i, MOVING if motion[row, 0] > 0.5 else REST] = existence
     leaves.behavior[i, NONE] = 1.0 - existence
     leaves.variances[i] = -1.0
-    leaves.said[i] = -1
+    leaves.said[i] = seen.indices[j]
     leaves.visible[i] = 1.0
     leaves.stamp[i] = stamp
     leaves.last[i] = stamp

@@ -83,6 +83,14 @@ def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
     )
 
 
+class Rows(NamedTuple):
+    """leaves, and the stack `free` (L,) of rows that are not in use, of which the first top[0] count."""
+
+    leaves: Leaves
+    free: IntArray
+    top: IntArray
+
+
 class Pool:
     """Leaves with a stack of free rows; grows by doubling."""
 
@@ -91,6 +99,11 @@ class Pool:
         self.free = np.arange(size - 1, -1, -1)
         self.top = np.array([size])
         """How many entries of `free` are free."""
+
+    @property
+    def rows(self) -> Rows:
+        """As compiled loops take it; valid until more rows are reserved."""
+        return Rows(self.leaves, self.free, self.top)
 
     @property
     def size(self) -> int:

@@ -16,11 +16,12 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.anchors import Anchors
-from world_model.anchoring.beliefs import Beliefs
+from world_model.anchoring.bodies import Bodies
 from world_model.anchoring.clusters import Cluster, Track, lonely
 from world_model.anchoring.expansion import unify
 from world_model.anchoring.kernels import copy_leaf, learn_attributes
 from world_model.anchoring.leaves import AWAY, MOVING, NONE, REST, IntArray
+from world_model.anchoring.single import SingleObjects
 from world_model.behaviors import motion_of
 from world_model.state import WorldObject
 
@@ -41,9 +42,11 @@ class Usual(Protocol):
 class Recall:
     """usual : where things usually are, if that is learned."""
 
-    def __init__(self, anchors: Anchors, beliefs: Beliefs) -> None:
+    def __init__(self, anchors: Anchors, objects: SingleObjects, bodies: Bodies) -> None:
         self.anchors = anchors
-        self.beliefs = beliefs
+        self.objects = objects
+        self.beliefs = objects.beliefs
+        self.bodies = bodies
         self.usual: Usual | None = None
 
     def recognise(self) -> None:
@@ -55,11 +58,16 @@ class Recall:
         known = [t for t in anchors.tracks.values() if t.id is not None and t.number not in fresh]
         # More may turn out to be new while these are taken in.
         for number in anchors.fresh:
-            self._recognise(anchors.tracks[number], known)
+            if number in anchors.tracks:
+                self._recognise(anchors.tracks[number], known)
         anchors.fresh.clear()
 
     def _recognise(self, track: Track, known: Sequence[Track]) -> None:
         anchors, number = self.anchors, track.number
+        if self.bodies.filled(number):
+            # However often it is detected: it is a part of what is known to be there.
+            self.objects.remove(track)
+            return
         new = anchors.best_leaf(track)
         named = [other for other in known if other.number in anchors.tracks]
         if named and new >= 0:
@@ -136,7 +144,8 @@ class Recall:
             row[a], row[b] = -1, made[leaf, old]
             rows.append(row[None])
             weights.append(np.array([weight]))
-        anchors.divide(whole.tracks, *unify(np.concatenate(rows), np.concatenate(weights)))
+        joint = unify(np.concatenate(rows), np.concatenate(weights))
+        anchors.divide(whole.tracks, *self.bodies.possible(*joint))
         self.beliefs.show([known.cluster])
 
     def remember(self, item: WorldObject, stamp: float) -> None:

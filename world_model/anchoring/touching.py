@@ -57,15 +57,16 @@ class Touching:
 
     def look(self, leaves: Leaves, best: dict[int, int], look: Look) -> None:
         """Take in a look; best : row of each track in its most probable hypothesis, -1 for none."""
-        if look.lag > 0.0 or len(look.positions) == 0:
+        seen = look.seen
+        if seen.lag > 0.0 or len(seen.positions) == 0:
             return
         alone = {}
         for number, slot in best.items():
             if slot < 0 or leaves.behavior[slot, MOVING] < 0.5 or leaves.hits[slot] < SETTLED_HITS:
                 continue
-            if leaves.last[slot] == look.stamp and leaves.together[slot] == 0:
+            if leaves.last[slot] == seen.stamp and leaves.together[slot] == 0:
                 alone[number] = leaves.moving[slot, :3].copy()
-        spread = float(np.sqrt(np.median(look.covariances.diagonal(axis1=1, axis2=2).max(1))))
+        spread = float(np.sqrt(np.median(seen.covariances.diagonal(axis1=1, axis2=2).max(1))))
         self.watch(alone, set(best), spread)
 
     @property
@@ -85,7 +86,7 @@ def touched_by(leaves: Leaves, look: Look, gated: npt.NDArray[np.bool_]) -> npt.
     unseen = ~gated.any(1) & (leaves.behavior[slots, MOVING] > 0.5) & (leaves.hits[slots] >= SETTLED_HITS)
     near = np.zeros_like(gated)
     if unseen.any() and gated.shape[1]:
-        apart = look.positions[None] - leaves.moving[slots[unseen], None, :3]
+        apart = look.seen.positions[None] - leaves.moving[slots[unseen], None, :3]
         near[unseen] = (apart**2).sum(2) < look.reach**2
     return near
 

@@ -81,17 +81,17 @@ class Corrections:
         leaves, bias = self.anchors.leaves, self.bias
         tracks = leaves.track[look.chosen]
         movers = np.array([self.anchors.moves(slot) for slot in look.chosen.tolist()], bool)
-        spread = 2.0 * look.covariances[:, 2, 2]
+        spread = 2.0 * look.seen.covariances[:, 2, 2]
         level = -0.5 * np.log(2.0 * np.pi * spread)
         ratio = look.matrix - look.missing[:, :1]
-        otherwise = np.logaddexp(look.log_new, ratio[movers].max(0, initial=-np.inf))
+        otherwise = np.logaddexp(look.seen.log_new, ratio[movers].max(0, initial=-np.inf))
         unlike = {}
         for number, slot in self.anchors.resting(bias.ids).items():
             factor = [
                 attribute_factor(leaves, slot, line, self.anchors.vocabulary.blocks)
-                for line in look.likelihood
+                for line in look.seen.likelihood
             ]
-            height = (look.positions[:, 2] - leaves.rest[slot, 2]) ** 2 / spread
+            height = (look.seen.positions[:, 2] - leaves.rest[slot, 2]) ** 2 / spread
             unlike[bias.ids[number]] = height - 2.0 * np.log(np.array(factor) + 1e-12)
         z, R = raw.positions[:, :2], raw.covariances[:, :2, :2]
         J = error_basis(raw.positions, raw.sensor.pose, bias.rate)
@@ -105,7 +105,7 @@ class Corrections:
             look.matrix[surely & ~mine, j] = -np.inf
             if mine.any():
                 look.matrix[mine] = np.where(np.arange(len(said)) == j, look.matrix[mine], -np.inf)
-                least = look.missing[mine, 0] + look.log_new[j] + THRESHOLD + 1.0
+                least = look.missing[mine, 0] + look.seen.log_new[j] + THRESHOLD + 1.0
                 look.matrix[mine, j] = np.maximum(look.matrix[mine, j], least)
         self._said = said
 

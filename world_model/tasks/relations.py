@@ -50,6 +50,7 @@ class Relations:
         self._pairs = np.zeros((0, 0))
         self._rooms: dict[str, dict[str, float]] = {}
         self._room_frames: dict[str, float] = {}
+        self._room_pairs: dict[str, FloatArray] = {}
         self._frames = 0.0
         self._scale = 1.0  # what one new frame counts: fading old counts by growing new ones
         self._cache: FloatArray | None = None
@@ -168,6 +169,9 @@ class Relations:
             here = self._rooms.setdefault(room, {})
             for name in seen:
                 here[name] = here.get(name, 0.0) + weight
+            known = self._pairs_in(room)
+            known[np.ix_(rows, rows)] += weight
+            self._room_pairs[room] = known
 
     def count(self, name: str, other: str | None = None) -> float:
         """How often a name, or a pair of names, was seen; faded."""
@@ -194,8 +198,25 @@ class Relations:
             self._cache = self.block(every, every)
         return self._cache
 
-    def block(self, rows: IntArray, columns: IntArray) -> FloatArray:
-        """(R, C) of p(row | column) for indices into `names`, (5.1): of many names few pairs are ever asked for."""
+    def _pairs_in(self, room: str) -> FloatArray:
+        """Counts of pairs (n, n) in rooms of a type; of single names on the diagonal."""
+        known = self._room_pairs.get(room, np.zeros((0, 0)))
+        return np.pad(known, (0, len(self._index) - len(known)))
+
+    def block(self, rows: IntArray, columns: IntArray, room: str = "") -> FloatArray:
+        """(R, C) of p(row | column) for indices into `names`, (5.1): of many names few pairs are ever asked for.
+
+        room : type of room; what was seen in others counts as the prior there, with the weight that (5.1) gives it.
+        """
+        if room not in self._room_pairs:
+            return self._everywhere(rows, columns)
+        pairs = self._pairs_in(room)[np.ix_([*rows, *columns], columns)] / self._scale
+        weight = self.smoothing * len(self._index)
+        base = pairs[len(rows) :].diagonal() + weight
+        joint = pairs[: len(rows)] + weight * self._everywhere(rows, columns)
+        return np.where(base > 0.0, joint / np.maximum(base, 1e-300), self._everywhere(rows, columns))
+
+    def _everywhere(self, rows: IntArray, columns: IntArray) -> FloatArray:
         if self._cache is not None:
             return self._cache[np.ix_(rows, columns)]
         # Pairs are symmetric: of the two ways to cut them out, the one along rows is read in one go.
@@ -209,9 +230,17 @@ class Relations:
         pairs /= np.maximum(base, 1e-300)[None, :]
         return pairs
 
-    def ubiquity(self) -> FloatArray:
-        """(n,) share of all frames that show each of `names`; what is in view everywhere says nothing about where."""
-        return self._single / max(self._frames, 1e-300)
+    def ubiquity(self, room: str = "") -> FloatArray:
+        """(n,) share of all frames that show each of `names`; what is in view everywhere says nothing about where.
+
+        room : type of room, as for `block`.
+        """
+        share: FloatArray = self._single / max(self._frames, 1e-300)
+        if room not in self._room_pairs:
+            return share
+        weight = self.smoothing * len(self._index) * self._scale
+        base = max(self._room_frames[room] + weight, 1e-300)
+        return np.asarray((self._pairs_in(room).diagonal() + weight * share) / base)
 
     def column(self, names: Sequence[str]) -> FloatArray:
         """(M,) indices into `names` of the relations; -1 where one is unknown."""
@@ -254,6 +283,7 @@ class Relations:
         """Carry out the fading, before numbers grow too large."""
         self._single /= self._scale
         self._pairs /= self._scale
+        self._room_pairs = {room: pairs / self._scale for room, pairs in self._room_pairs.items()}
         self._frames /= self._scale
         for counter in (*self._rooms.values(), self._room_frames):
             for key in counter:

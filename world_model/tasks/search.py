@@ -92,6 +92,92 @@ def _telling(share: FloatArray, everywhere: FloatArray) -> FloatArray:
     return np.maximum((share - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * share)
 
 
+class Worths:
+    """How much each known name has to do with a target, by type of room."""
+
+    def __init__(self, relations: Relations, chain_share: float, target: str) -> None:
+        self._relations, self._chain_share, self._target = relations, chain_share, target
+        self._known: dict[str, dict[str, float]] = {}
+
+    def of(self, room: str) -> dict[str, float]:
+        """By name, in rooms of a type; "" for anywhere."""
+        if room not in self._known:
+            self._known[room] = self._worth(room)
+        return self._known[room]
+
+    def _worth(self, room: str) -> dict[str, float]:
+        """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
+
+        Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the target is says little where sofas
+        are always in view, as they are for a camera that sees far.
+        """
+        names, target = self._relations.names, self._target
+        if target not in self._relations:
+            return dict.fromkeys(names, 0.0)
+        every, at = np.arange(len(names)), names.index(target)
+        everywhere = self._relations.ubiquity(room)[:, None] ** 2
+        there, back = self._both_ways(every, np.array([at]), room)
+        # What a chain leads through is not in view yet: it may be common where it is.
+        onward = np.sqrt(there * back)[:, 0]
+        onward[at] = 0.0
+        through = np.sqrt(_telling(there, everywhere) * back)[:, 0]
+        through[at] = 0.0
+        # Chains through a name that has little to do with the target are worth little themselves.
+        over = np.argsort(-onward, kind="stable")[:LINKS]
+        there, back = self._both_ways(every, over, room)
+        chained = np.sqrt(_telling(there, everywhere) * back) * onward[None, over]
+        chained[over, np.arange(len(over))] = 0.0
+        chained[at] = 0.0
+        worth = np.maximum(through, self._chain_share * chained.max(axis=1, initial=0.0))
+        return dict(zip(names, worth.tolist(), strict=True))
+
+    def _both_ways(self, names: IntArray, others: IntArray, room: str) -> tuple[FloatArray, FloatArray]:
+        """(N, M) of p(name | other) and of p(other | name)."""
+        return self._relations.block(names, others, room), self._relations.block(others, names, room).T
+
+
+class Chain:
+    """Intermediate targets of a search (section 5.3), the target itself first."""
+
+    def __init__(self, relations: Relations, config: SearchConfig, target: str) -> None:
+        self._relations, self._config, self._target = relations, config, target
+        self._targets = [target]
+
+    def best(
+        self, able: Mapping[str, FloatArray], dead: Iterable[str], place: FloatArray
+    ) -> tuple[str, float]:
+        """Steps 1 to 3: the best of objects in view to go to, (5.3), (5.4), and its probability; dead : dead ends."""
+        cost = {name: 1.0 / max(math.atan(length_between(spot, place)), 1e-3) for name, spot in able.items()}
+        while True:
+            given = [self._given(goal, able) for goal in self._targets]
+            chance = {name: max(one[name] for one in given) for name in able}
+            best = max(able, key=lambda name: chance[name] + self._config.weight * cost[name])
+            added = None
+            if chance[best] + self._config.weight * cost[best] < self._config.threshold:
+                added = self._intermediate(dead)
+            if added is None:
+                return best, chance[best]
+            self._targets.append(added)
+
+    def _given(self, goal: str, observed: Iterable[str]) -> dict[str, float]:
+        """(5.2): p(o_j | o_T) over what is in view; an intermediate target that is in view itself is certain."""
+        chance = self._relations.posterior(goal, list(observed))
+        return {
+            name: 1.0 if self._relations.unified(name) == goal else chance.get(name, 0.0) for name in observed
+        }
+
+    def _intermediate(self, dead: Iterable[str]) -> str | None:
+        """The name with the strongest relation to any intermediate target that is neither one nor a dead end (o_s)."""
+        taken = {*self._targets, *(self._relations.unified(name) for name in dead)}
+        options = [name for name in self._relations.names if name not in taken]
+        if not options or self._target not in self._relations:
+            return None
+        index = {name: k for k, name in enumerate(self._relations.names)}
+        columns = np.array([index[goal] for goal in self._targets if goal in index], dtype=np.int64)
+        strength = self._relations.block(np.arange(len(index)), columns).max(axis=1)
+        return max(options, key=lambda name: strength[index[name]])
+
+
 class ObjectSearch:
     """Chooses goals until somebody sees the target.
 
@@ -119,9 +205,9 @@ class ObjectSearch:
         """Forget dead ends, intermediate targets and what has been covered: a new search begins."""
         # By name, where objects were and where the robot looked from.
         self._dead: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
-        self._targets: list[str] = []
         self._target = ""
-        self._worth: dict[str, float] = {}
+        self._worths = Worths(self.relations, self.config.chain_share, "")
+        self._chain = Chain(self.relations, self.config, "")
         self._rooms_left: set[str] = set()
         self._middles: list[FloatArray] = []
         self._exploring: tuple[int, FloatArray] | None = None
@@ -192,40 +278,11 @@ class ObjectSearch:
         return self._step
 
     def _begin(self, target: str, place: FloatArray) -> None:
-        self._target, self._targets, self._start = target, [target], place
-        self._worth = self._worths(target)
+        self._target, self._start = target, place
+        self._worths = Worths(self.relations, self.config.chain_share, target)
+        self._chain = Chain(self.relations, self.config, target)
         if self.places is not None:
             self._rooms_left = {room.name for room in self.places.rooms}
-
-    def _worths(self, target: str) -> dict[str, float]:
-        """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
-
-        Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the target is says little where sofas
-        are always in view, as they are for a camera that sees far.
-        """
-        names = self.relations.names
-        if target not in self.relations:
-            return dict.fromkeys(names, 0.0)
-        every, at = np.arange(len(names)), names.index(target)
-        everywhere = self.relations.ubiquity()[:, None] ** 2
-        there, back = self._both_ways(every, np.array([at]))
-        # What a chain leads through is not in view yet: it may be common where it is.
-        onward = np.sqrt(there * back)[:, 0]
-        onward[at] = 0.0
-        through = np.sqrt(_telling(there, everywhere) * back)[:, 0]
-        through[at] = 0.0
-        # Chains through a name that has little to do with the target are worth little themselves.
-        over = np.argsort(-onward, kind="stable")[:LINKS]
-        there, back = self._both_ways(every, over)
-        chained = np.sqrt(_telling(there, everywhere) * back) * onward[None, over]
-        chained[over, np.arange(len(over))] = 0.0
-        chained[at] = 0.0
-        worth = np.maximum(through, self.config.chain_share * chained.max(axis=1, initial=0.0))
-        return dict(zip(names, worth.tolist(), strict=True))
-
-    def _both_ways(self, names: IntArray, others: IntArray) -> tuple[FloatArray, FloatArray]:
-        """(N, M) of p(name | other) and of p(other | name)."""
-        return self.relations.block(names, others), self.relations.block(others, names).T
 
     def _follow(self, place: FloatArray) -> None:
         if not self._track or length_between(self._track[-1], place) > 0.2:
@@ -298,8 +355,9 @@ class ObjectSearch:
         room: Place | None,
         unknown: bool,
     ) -> SearchStep | None:
-        worth = {name: self._value(name) * self._freshness(spot) for name, spot in able.items()}
-        most = max((value for name, value in self._worth.items() if name != self._target), default=0.0)
+        of = self._worths.of(room.type if room is not None else "")
+        worth = {name: self._value(name, room) * self._freshness(spot) for name, spot in able.items()}
+        most = max((value for name, value in of.items() if name != self._target), default=0.0)
         related = {
             name: value
             for name, value in worth.items()
@@ -331,7 +389,7 @@ class ObjectSearch:
                 (related[name] + 1e-9) / (length_between(able[name], place) + self.config.nearness)
             ),
         )
-        return self._towards(best, able[best], related[best])
+        return self._towards(best, able[best], related[best], room)
 
     def _by_chain(
         self,
@@ -341,41 +399,14 @@ class ObjectSearch:
         room: Place | None,
         unknown: bool,
     ) -> SearchStep | None:
-        """Steps 1 to 3 of section 5.3."""
         if not able:
             return None
-        cost = {name: 1.0 / max(math.atan(length_between(spot, place)), 1e-3) for name, spot in able.items()}
-        while True:
-            given = [self._given(goal, able) for goal in self._targets]
-            chance = {name: max(one[name] for one in given) for name in able}
-            best = max(able, key=lambda name: chance[name] + self.config.weight * cost[name])
-            added = None
-            if chance[best] + self.config.weight * cost[best] < self.config.threshold:
-                added = self._intermediate(able)
-            if added is None:
-                return self._towards(best, able[best], chance[best])
-            self._targets.append(added)
+        best, chance = self._chain.best(able, self._dead, place)
+        return self._towards(best, able[best], chance)
 
-    def _given(self, goal: str, observed: Iterable[str]) -> dict[str, float]:
-        """(5.2): p(o_j | o_T) over what is in view; an intermediate target that is in view itself is certain."""
-        chance = self.relations.posterior(goal, list(observed))
-        return {
-            name: 1.0 if self.relations.unified(name) == goal else chance.get(name, 0.0) for name in observed
-        }
-
-    def _intermediate(self, able: Iterable[str]) -> str | None:
-        """The name with the strongest relation to any intermediate target that is neither one nor a dead end (o_s)."""
-        taken = {*self._targets, *(self.relations.unified(name) for name in self._dead)}
-        options = [name for name in self.relations.names if name not in taken]
-        if not options or self._target not in self.relations:
-            return None
-        index = {name: k for k, name in enumerate(self.relations.names)}
-        columns = np.array([index[goal] for goal in self._targets if goal in index], dtype=np.int64)
-        strength = self.relations.block(np.arange(len(index)), columns).max(axis=1)
-        return max(options, key=lambda name: strength[index[name]])
-
-    def _value(self, name: str) -> float:
-        return self._worth.get(self.relations.unified(name), 0.0)
+    def _value(self, name: str, room: Place | None) -> float:
+        of = self._worths.of(room.type if room is not None else "")
+        return of.get(self.relations.unified(name), 0.0)
 
     def _freshness(self, spot: FloatArray) -> float:
         """Falls to zero where dead ends are: the target would have been seen from there."""
@@ -417,9 +448,9 @@ class ObjectSearch:
         self._exploring = None if found is None else (len(known), found)
         return found
 
-    def _towards(self, name: str, spot: FloatArray, chance: float) -> SearchStep:
+    def _towards(self, name: str, spot: FloatArray, chance: float, room: Place | None = None) -> SearchStep:
         said = f"{self._target} is not in view. It is often found with {name} (p = {chance:.2f}): look there."
-        if self._value(name) <= 0.0:
+        if self._value(name, room) <= 0.0:
             said = f"{self._target} is not in view, and neither is anything it is usually found with: look at {name}."
         return SearchStep("intermediate", spot, name, said, chance)
 
