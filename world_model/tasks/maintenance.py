@@ -43,7 +43,7 @@ class VerificationTask:
     object_id : of the object. goal : (3,) x, y, yaw to stand and look from, world frame. region : centre (3,) and
     size (3,) of the box that holds it with 95 % along each axis, m. sensor : name. gain : nat, expected over all
     objects seen on the way (3.6). utility : (3.9). reason : one sentence. trigger : who asked, "" where it pays by
-    itself. distance : m to drive. class_name, attributes : what is known about it, for whoever looks.
+    itself. distance : m to drive. class_name, attributes, quantities : what is known about it, for whoever looks.
     """
 
     object_id: str
@@ -57,6 +57,7 @@ class VerificationTask:
     distance: float = 0.0
     class_name: str = ""
     attributes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -355,4 +356,5 @@ class Maintenance:
             looks.sensors[found.sensors[at]].name, float(found.gain[at]), float(found.utility[at]), reason,
             distance=float(found.lengths[at]), class_name=item.most_probable("class"),
             attributes=item.attributes,
+            quantities=item.quantities,
         )  # fmt: skip

@@ -16,12 +16,14 @@ from estimation.checks import FloatArray, as_vectors, require_count
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.sight import AGREES, THROUGH, sight
+from world_model.tasks.appearance import Appearance
 
 CELLS = 9  # probes along each side of a region
 PROBE = 0.02  # m, standard deviation of a probe: the map and the sensor's place in it
 MARGIN = 0.1  # m in front of a probe that a return of a cloud may be and still show it
 MAPPED = 0.15  # m around what the map has occupied that belongs to the map
 BEHIND = 0.3  # m: what a cloud shows this near to a probe's direction decides about it
+UNLIKE = math.log(0.1)  # log odds of the appearance below which what is there is something else
 OCCLUDED, FOUND, NOT_FOUND = "occluded", "found", "not_found"
 
 
@@ -57,10 +59,12 @@ class Box:
 
 @dataclass(frozen=True)
 class Frame:
-    """What one scan or cloud says about a region: points (N, 3) inside it, share of it that was seen."""
+    """What one scan or cloud says about a region: points (N, 3) inside it, share of it that was seen, and
+    colours (N, 3), red, green, blue in [0, 1], where they are known."""
 
     points: FloatArray
     visible: float
+    colors: FloatArray | None = None
 
 
 def look_with_scan(
@@ -96,16 +100,24 @@ def look_with_scan(
     return Frame(points[box.contains(points)], float(visible.mean()))
 
 
-def look_with_cloud(box: Box, points: npt.ArrayLike, sensor: npt.ArrayLike, range_max: float) -> Frame:
-    """One cloud, points (N, 3) in the map; sensor : (4, 4) its pose in the map."""
+def look_with_cloud(
+    box: Box,
+    points: npt.ArrayLike,
+    sensor: npt.ArrayLike,
+    range_max: float,
+    colors: FloatArray | None = None,
+) -> Frame:
+    """One cloud, points (N, 3) in the map, with colours (N, 3); sensor : (4, 4) its pose in the map."""
     cloud = np.asarray(points, dtype=np.float64)
     position = np.asarray(sensor, dtype=np.float64)[:3, 3]
-    inside = cloud[box.contains(cloud)] if len(cloud) else np.zeros((0, 3))
+    mine = box.contains(cloud) if len(cloud) else np.zeros(0, bool)
+    inside = cloud[mine] if len(cloud) else np.zeros((0, 3))
+    tints = None if colors is None else colors[mine]
     probes = np.column_stack([box.probes(), np.full(CELLS * CELLS, box.centre[2])])
     offsets = probes - position
     away = np.linalg.norm(offsets, axis=1)
     if not len(cloud):
-        return Frame(inside, 0.0)
+        return Frame(inside, 0.0, tints)
     rays = cloud - position
     lengths = np.linalg.norm(rays, axis=1)
     directions = rays / np.maximum(lengths, 1e-9)[:, None]
@@ -116,7 +128,7 @@ def look_with_cloud(box: Box, points: npt.ArrayLike, sensor: npt.ArrayLike, rang
         near = directions @ (offset / max(distance, 1e-9)) > math.cos(math.atan2(0.5 * BEHIND, distance))
         # Nothing came back from there, or something at the probe or behind it.
         seen += not near.any() or float(np.median(lengths[near])) >= distance - MARGIN
-    return Frame(inside, seen / len(probes))
+    return Frame(inside, seen / len(probes), tints)
 
 
 @dataclass
@@ -126,7 +138,7 @@ class Verification:
     needed : frames that must agree. points : returns inside the region that are an object. clear : share of the region
     that must have been seen for it to be empty. grid : returns at what the map has occupied anyway do not count.
     widest : m, of a region in which a return can be taken for the object; in a wider one it may be anything, which says
-    nothing.
+    nothing. appearance : what the object looks like; where something else is seen in its place, it is not found.
     """
 
     box: Box
@@ -135,9 +147,11 @@ class Verification:
     clear: float = 0.8
     grid: OccupancyGrid | None = None
     widest: float = 1.5
+    appearance: Appearance | None = None
     frames: int = 0
     visible: float = 0.0
     _hits: list[FloatArray] = field(default_factory=list)
+    _likeness: list[float] = field(default_factory=list)
     _empty: int = 0
 
     def __post_init__(self) -> None:
@@ -148,11 +162,15 @@ class Verification:
         """Add a frame; "found", "not_found", "occluded" where it never will, or None while it cannot tell."""
         self.frames += 1
         self.visible = max(self.visible, frame.visible)
-        points = frame.points
+        points, colors = frame.points, frame.colors
         if self.grid is not None and len(points):
-            points = points[~self._mapped(points[:, :2])]
+            free = ~self._mapped(points[:, :2])
+            points, colors = points[free], None if colors is None else colors[free]
         if len(points) >= self.points:
             self._hits.append(points)
+            self._likeness.append(
+                0.0 if self.appearance is None else self.appearance.log_odds(points, colors)
+            )
         elif frame.visible >= self.clear:
             self._empty += 1
         if len(self._hits) >= self.needed:
@@ -166,7 +184,9 @@ class Verification:
         return OCCLUDED
 
     def _seen_something(self) -> str:
-        return FOUND if self.box.size[:2].max() <= self.widest else OCCLUDED
+        if self.box.size[:2].max() > self.widest:
+            return OCCLUDED
+        return FOUND if float(np.median(self._likeness)) > UNLIKE else NOT_FOUND
 
     def measurement(self, sigma: float) -> tuple[FloatArray, FloatArray]:
         """Position (3,) of the object and its covariance (3, 3), m and m²; sigma : m, of one look per axis."""
