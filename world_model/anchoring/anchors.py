@@ -8,7 +8,7 @@ Parts act on it: `associate` (which detection is of which anchor), `beliefs` (wh
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +20,13 @@ from world_model.anchoring.clusters import Cluster, Track, combined
 from world_model.anchoring.expansion import components, unify
 from world_model.anchoring.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool
 from world_model.anchoring.misses import detector_table
-from world_model.anchoring.quantities import Quantities
+from world_model.anchoring.quantities import Gaussian, Quantities
 from world_model.anchoring.rounds import Rounds
 from world_model.anchoring.unseen import Unseen
 from world_model.anchoring.vocabulary import Vocabulary
 from world_model.behaviors import motion_table
 from world_model.config import WorldModelConfig
+from world_model.evidence import Distribution
 from world_model.predictions import Course
 from world_model.state import WorldObject
 
@@ -83,6 +84,19 @@ class Anchors:
         self.pool.widen(column)
         if name == "class":
             self.motion = motion_table(self.vocabulary.values["class"], self.config.motion)
+
+    def refused(
+        self, told: Sequence[tuple[Mapping[str, Distribution], Mapping[str, Gaussian]]]
+    ) -> dict[int, str]:
+        """Which of these attributes and quantities speak of what nobody knows, and why, by index."""
+        out = {}
+        for index, (attributes, quantities) in enumerate(told):
+            try:
+                self.vocabulary.check_one(f"objects[{index}]", attributes)
+                self.quantities.check(f"objects[{index}]", quantities)
+            except InputError as error:
+                out[index] = str(error)
+        return out
 
     def numbers(self, count: int) -> IntArray:
         """Numbers of new tracks (count,)."""

@@ -14,7 +14,10 @@ from pathlib import Path
 
 from estimation.errors import InputError
 from estimation.places import Places
+from world_model.behaviors import motion_of
+from world_model.config import WorldModelConfig
 from world_model.kept_file import read_kept, set_aside, write_kept
+from world_model.memory.habits import Habits
 from world_model.memory.routines import DAY, Routines, RoutinesConfig
 from world_model.state import WorldObject
 
@@ -36,6 +39,8 @@ AT_ONCE = 5
 """Forecasts that are made anew with one look at the world: half a millisecond each."""
 DAYS = 60
 SUFFIX = ".routines"
+STAYS = 0.9
+"""Probability of still being there from which on nothing else is said."""
 
 
 class Household:
@@ -229,3 +234,52 @@ class Household:
         except (InputError, ValueError, KeyError, TypeError, AttributeError) as error:
             self._begin()
             self.problem = f"{path}: {error}; {set_aside(path)}, routines are learned anew"
+
+
+class ByNow:
+    """Where things are by now though nobody looks. where : probability by place of an object as it was seen."""
+
+    def __init__(
+        self,
+        config: WorldModelConfig,
+        where: Callable[[WorldObject], Mapping[str, float]],
+        habits: Habits,
+        household: Household,
+    ) -> None:
+        self.config, self.where, self.habits, self.household = config, where, habits, household
+        self._furniture = {place.name for place in household.places if place.kind == "furniture"}
+
+    def told(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
+        """What is lost, or was not seen for a while, is probably where it usually is by then."""
+        if not self.household.places:
+            return tuple(objects)
+        return tuple(
+            self.household.told(item, stamp, lambda thing: self._usual(thing, stamp))
+            if item.lost or stamp - item.last_seen > UNSEEN
+            else item
+            for item in objects
+        )
+
+    def _usual(self, item: WorldObject, stamp: float) -> Mapping[str, float]:
+        usual = self.household.by_now(item.id, stamp)
+        if item.lost:
+            trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
+            box = item.region or self.config.region
+            if usual and self.household.places:
+                anywhere = self.household.places.shares(box)
+                usual = {name: (1.0 - trust) * anywhere[name] + trust * p for name, p in usual.items()}
+            else:
+                usual = self.habits.where(item, stamp, trust, box)
+        elif usual:
+            usual = self._moved_by(item, usual)
+        return usual
+
+    def _moved_by(self, item: WorldObject, forecast: Mapping[str, float]) -> dict[str, float]:
+        """Of a thing that is believed to be where it was seen: there, or gone its way meanwhile."""
+        here = self.where(replace(item, usual={}))
+        place = max(here, key=lambda name: (here[name] > SURE, name in self._furniture, here[name]))
+        stays = float(forecast.get(place, 0.0))
+        if stays >= STAYS:
+            return {}
+        # Where it is in the place where it stays, the position knows better.
+        return {name: stays * p if name == place else forecast.get(name, 0.0) for name, p in here.items()}
