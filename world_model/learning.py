@@ -15,7 +15,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from world_model.anchoring.kernels import clearance
+from world_model.anchoring.loops.kernels import clearance
 from world_model.anchoring.unseen import sensor_array
 from world_model.config import WorldModelConfig
 from world_model.evidence import Sensor, WorldEvidence

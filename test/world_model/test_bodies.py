@@ -11,7 +11,7 @@ from estimation.errors import InputError
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.anchoring.anchors import Anchors
 from world_model.anchoring.bodies import Bodies
-from world_model.anchoring.leaves import NONE, REST
+from world_model.anchoring.loops.leaves import NONE, REST
 
 SIGMA = 0.01
 REGION = ((-3.0, 3.0), (-3.0, 3.0), (0.0, 2.0))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.anchoring.contacts import Movers, contacts, group_weight, touching_groups
-from world_model.anchoring.leaves import empty
-from world_model.anchoring.look import Detections
+from world_model.anchoring.loops.contacts import Movers, contacts, group_weight, touching_groups
+from world_model.anchoring.loops.leaves import empty
+from world_model.anchoring.loops.look import Detections
+from world_model.anchoring.loops.walking import flow, walk
 from world_model.anchoring.touching import EDGES, Touching
-from world_model.anchoring.walking import flow, walk
 
 RATE, SIGMA, REACH = 30.0, 0.001, 0.008
 

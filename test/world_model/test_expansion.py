@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from world_model.anchoring.contacts import Movers
-from world_model.anchoring.expansion import expand
-from world_model.anchoring.look import Detections
+from world_model.anchoring.loops.contacts import Movers
+from world_model.anchoring.loops.expansion import expand
+from world_model.anchoring.loops.look import Detections
 
 THRESHOLD = 11.5
 

@@ -11,7 +11,7 @@ from world_model.anchoring.associate import Association
 from world_model.anchoring.beliefs import Beliefs
 from world_model.anchoring.bodies import Bodies
 from world_model.anchoring.guidance import Guidance
-from world_model.anchoring.look import Look
+from world_model.anchoring.loops.look import Look
 from world_model.anchoring.present import Presentation
 from world_model.anchoring.recall import Recall
 from world_model.anchoring.single import SingleObjects

@@ -15,15 +15,14 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from world_model.anchoring.branching import presence, same_worlds, sweep
-from world_model.anchoring.clusters import Cluster, Track, combined
-from world_model.anchoring.expansion import components, unify
-from world_model.anchoring.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool
+from world_model.anchoring.attributes import Gaussian, Quantities, Vocabulary
+from world_model.anchoring.loops.branching import presence, same_worlds, sweep
+from world_model.anchoring.loops.clusters import Cluster, Track, combined
+from world_model.anchoring.loops.expansion import components, unify
+from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool
 from world_model.anchoring.misses import detector_table
-from world_model.anchoring.quantities import Gaussian, Quantities
-from world_model.anchoring.rounds import Rounds
+from world_model.anchoring.touching import Rounds
 from world_model.anchoring.unseen import Unseen
-from world_model.anchoring.vocabulary import Vocabulary
 from world_model.behaviors import motion_table
 from world_model.config import WorldModelConfig
 from world_model.evidence import Distribution

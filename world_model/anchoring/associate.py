@@ -14,13 +14,13 @@ from scipy.special import gammaln
 from estimation.checks import FloatArray
 from world_model.anchoring.anchors import THRESHOLD, Anchors
 from world_model.anchoring.bodies import Bodies
-from world_model.anchoring.branching import begin, join, realise, settle
-from world_model.anchoring.clusters import Track, lonely
-from world_model.anchoring.contacts import Movers
-from world_model.anchoring.expansion import expand, unify
-from world_model.anchoring.gating import touch, weigh
-from world_model.anchoring.leaves import MOVING, REST, IntArray
-from world_model.anchoring.look import Classes, Detections, Look
+from world_model.anchoring.loops.branching import begin, join, realise, settle
+from world_model.anchoring.loops.clusters import Track, lonely
+from world_model.anchoring.loops.contacts import Movers
+from world_model.anchoring.loops.expansion import expand, unify
+from world_model.anchoring.loops.gating import touch, weigh
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
+from world_model.anchoring.loops.look import Classes, Detections, Look
 from world_model.anchoring.occlusion import hide, restrict
 from world_model.anchoring.touching import Touching, sharing, touched_by
 from world_model.anchoring.unseen import sensor_array
@@ -32,6 +32,9 @@ COVERED = 0.5
 """Probability of being hidden within the view from which on a mover counts as hidden."""
 COMPANY = 10.0
 """How many they are then, mean."""
+NOBODY = Movers(
+    np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros((0, 3, 3)), 0.0
+)
 
 
 class Association:
@@ -229,11 +232,9 @@ class Association:
         seen = look.seen.only(js)
         k = at[slots]
         here = k >= 0
-        matrix = np.full((len(slots), len(js)), -np.inf)
-        missing, clear = np.zeros((len(slots), 2)), np.zeros(len(slots))
-        matrix[here] = look.matrix[k[here]][:, js]
-        missing[here] = look.missing[k[here]]
-        clear[here] = look.clear[k[here]]
+        matrix, missing, clear = look.matrix[k[:, None], js], look.missing[k], look.clear[k]
+        if not here.all():
+            matrix[~here], missing[~here], clear[~here] = -np.inf, 0.0, 0.0
         local = np.searchsorted(slots, whole.rows)
         local[whole.rows < 0] = -1
         movers = self._movers(slots, here, look.reach)
@@ -261,11 +262,13 @@ class Association:
 
     def _movers(self, slots: IntArray, here: npt.NDArray[np.bool_], reach: float) -> Movers:
         """Which of these leaves (n,) may share a detection; here (n,) : whether the look concerns them."""
+        if reach <= 0.0:
+            return NOBODY
         leaves = self.anchors.leaves
         common = leaves.common[slots, :3, :3]
         common[leaves.together[slots] == 0] = 0.0
         return Movers(
-            sharing(leaves, slots, here) if self.merging else np.zeros(len(slots)),
+            sharing(leaves, slots, here),
             leaves.moving[slots, :3],
             leaves.moving_cov[slots, :3, :3],
             leaves.together[slots],

@@ -9,9 +9,9 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.anchors import LEAST_PRESENCE, Anchors
-from world_model.anchoring.branching import GONE, other_names, presence, same_spot
-from world_model.anchoring.clusters import Cluster, Track, best_sums
-from world_model.anchoring.leaves import AWAY, MOVING, NONE, REST, IntArray
+from world_model.anchoring.loops.branching import GONE, other_names, presence, same_spot
+from world_model.anchoring.loops.clusters import Cluster, Track, best_sums
+from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
 from world_model.anchoring.present import BELIEVED, Presentation
 from world_model.state import WorldObject
 

@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from world_model.anchoring.anchors import THRESHOLD, Anchors
-from world_model.anchoring.expansion import unify
-from world_model.anchoring.kernels import miss, predict
-from world_model.anchoring.leaves import MOVING, REST, IntArray
+from world_model.anchoring.loops.expansion import unify
+from world_model.anchoring.loops.kernels import miss, predict
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
 from world_model.anchoring.occlusion import _extents as extents
 
 CORE = 0.7
@@ -98,6 +98,8 @@ class Bodies:
 
     def possible(self, rows: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
         """`exclude`, and leaves that no hypothesis uses any more are given back."""
+        if "size" not in self.anchors.quantities.measured:
+            return rows, weights
         kept, own = self.exclude(rows, weights)
         if kept is not rows:
             self.anchors.sweep(rows, kept)

@@ -13,10 +13,10 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.anchors import Anchors
-from world_model.anchoring.clusters import Track
-from world_model.anchoring.kernels import class_of, start_moving
-from world_model.anchoring.leaves import MOVING, NONE, REST
-from world_model.anchoring.walking import walk
+from world_model.anchoring.loops.clusters import Track
+from world_model.anchoring.loops.kernels import class_of, start_moving
+from world_model.anchoring.loops.leaves import MOVING, NONE, REST
+from world_model.anchoring.loops.walking import walk
 from world_model.predictions import Behavior, Course
 
 DOUBT_SECONDS = 5.0

@@ -14,7 +14,7 @@ SHORTEST, LONGEST = 5.0, 20.0
 
 
 def detector_table(config: WorldModelConfig) -> FloatArray:
-    """(2, 5) as `world_model.anchoring.gating.weigh` takes it: for what rests, and for what moves by itself.
+    """(2, 5) as `world_model.anchoring.loops.gating.weigh` takes it: for what rests, and for what moves by itself.
 
     Columns: share of looks outside of runs of misses, p_D there, eigenvalue per look of the chain of the two states,
     looks per second, rate of removal, 1/s. In the long run p_D is `config.detection_probability`.

@@ -6,9 +6,9 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.kernels import MOVING, REST
-from world_model.anchoring.leaves import IntArray, Leaves
-from world_model.anchoring.quantities import Quantities
+from world_model.anchoring.attributes import Quantities
+from world_model.anchoring.loops.kernels import MOVING, REST
+from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.evidence import View
 
 SMALL = 0.05

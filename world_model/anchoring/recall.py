@@ -17,10 +17,10 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.anchoring.anchors import Anchors
 from world_model.anchoring.bodies import Bodies
-from world_model.anchoring.clusters import Cluster, Track, lonely
-from world_model.anchoring.expansion import unify
-from world_model.anchoring.kernels import copy_leaf, learn_attributes
-from world_model.anchoring.leaves import AWAY, MOVING, NONE, REST, IntArray
+from world_model.anchoring.loops.clusters import Cluster, Track, lonely
+from world_model.anchoring.loops.expansion import unify
+from world_model.anchoring.loops.kernels import copy_leaf, learn_attributes
+from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
 from world_model.anchoring.single import SingleObjects
 from world_model.behaviors import motion_of
 from world_model.state import WorldObject

@@ -10,9 +10,9 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from world_model.anchoring.anchors import Anchors
 from world_model.anchoring.beliefs import Beliefs
-from world_model.anchoring.clusters import Track
-from world_model.anchoring.kernels import correct, predict, start_moving
-from world_model.anchoring.leaves import AWAY, MOVING, NONE, REST
+from world_model.anchoring.loops.clusters import Track
+from world_model.anchoring.loops.kernels import correct, predict, start_moving
+from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST
 from world_model.evidence import Measurements
 from world_model.state import Box
 

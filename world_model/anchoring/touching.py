@@ -1,14 +1,17 @@
-"""How near two movers must come to be detected as one: learned from who vanishes beside whom."""
+"""How the detector looks: how near two movers must come to be detected as one, and how often each sensor looks."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import numpy.typing as npt
 
 from estimation.checks import FloatArray
-from world_model.anchoring.kernels import SETTLED_HITS
-from world_model.anchoring.leaves import MOVING, IntArray, Leaves
-from world_model.anchoring.look import Look
+from world_model.anchoring.loops.kernels import SETTLED_HITS
+from world_model.anchoring.loops.leaves import MOVING, IntArray, Leaves
+from world_model.anchoring.loops.look import Look
+from world_model.evidence import Sensor
 
 EDGES = 2.0 ** np.arange(1.0, 6.01, 0.5)
 """Bounds of the distances that are told apart, in standard deviations of a detection."""
@@ -99,3 +102,49 @@ def sharing(leaves: Leaves, slots: IntArray, here: npt.NDArray[np.bool_]) -> Flo
     moving = leaves.behavior[slots, MOVING]
     known = here & (moving > 0.5) & (leaves.hits[slots] >= SETTLED_HITS)
     return np.where(known, moving, 0.0)
+
+
+LONGEST = 0.3
+"""s: no mover that nobody looks at is shown for longer."""
+LOOKS = 1.5
+"""Looks of a sensor for which a mover that it saw is shown."""
+NEAR, TURNED = 0.5, 0.35
+"""m and rad between two looks of one sensor at the most. Sensors have no names."""
+Pose = tuple[float, float, float]
+
+
+class Rounds:
+    """Sensors told apart by where they are and look to; one that has not looked for a second is forgotten."""
+
+    def __init__(self) -> None:
+        self._sensors: list[tuple[Pose | None, float, float]] = []
+        self.patience = LONGEST
+
+    def look(self, sensor: Sensor | None, stamp: float, silent: bool) -> None:
+        """Take a look in; `patience` is then how long, in seconds, a mover is shown that nobody looks at.
+
+        silent : whether not being seen means nothing in this look.
+        """
+        if silent:
+            self.patience = LONGEST
+            return
+        pose = (
+            None if sensor is None else (float(sensor.pose[0]), float(sensor.pose[1]), float(sensor.pose[3]))
+        )
+        known = [entry for entry in self._sensors if 0.0 <= stamp - entry[1] < 1.0]
+        same = [entry for entry in known if _one(entry[0], pose)]
+        if same:
+            last = max(same, key=lambda entry: entry[1])
+            known.remove(last)
+            period = stamp - last[1] or last[2]
+        else:
+            period = LONGEST
+        self._sensors = [*known, (pose, stamp, period)]
+        self.patience = min(LONGEST, LOOKS * max(entry[2] for entry in self._sensors))
+
+
+def _one(a: Pose | None, b: Pose | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    turn = math.remainder(a[2] - b[2], 2.0 * math.pi)
+    return math.hypot(a[0] - b[0], a[1] - b[1]) < NEAR and abs(turn) < TURNED

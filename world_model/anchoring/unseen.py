@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.kernels import clearance
+from world_model.anchoring.loops.kernels import clearance
 from world_model.config import WorldModelConfig
 from world_model.evidence import Sensor, View
 

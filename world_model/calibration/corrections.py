@@ -9,9 +9,9 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.anchoring.anchoring import Anchoring
 from world_model.anchoring.anchors import THRESHOLD
-from world_model.anchoring.kernels import attribute_factor
-from world_model.anchoring.leaves import REST
-from world_model.anchoring.look import Look
+from world_model.anchoring.loops.kernels import attribute_factor
+from world_model.anchoring.loops.leaves import REST
+from world_model.anchoring.loops.look import Look
 from world_model.calibration.hindsight import MOST_LOOKS, Hindsight
 from world_model.calibration.protocol import Looks, constant_errors, without
 from world_model.calibration.sensor_errors import SensorErrors

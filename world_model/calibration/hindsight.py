@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.leaves import IntArray, Leaves
+from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.calibration.revision import Explanation, Sightings, explain
 from world_model.calibration.sensor_bias import within
 from world_model.calibration.sensor_errors import SensorErrors

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.look import Look
+from world_model.anchoring.loops.look import Look
 from world_model.calibration.sensor_bias import CONSTANT
 from world_model.calibration.sensor_filter import error_basis
 from world_model.evidence import Measurements

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import spsolve
 
 from estimation.assignment import cheapest
 from estimation.checks import FloatArray
-from world_model.anchoring.leaves import IntArray
+from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW, STEPS, UNKNOWN
 from world_model.calibration.sensor_bias import ASIDE, CONSTANT, PRIOR, depth_share, within
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.kernels import MEMORY
+from world_model.anchoring.loops.kernels import MEMORY
 
 TAILS = 4.0
 """Degrees of freedom of a detection's density."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.leaves import IntArray
+from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW
 from world_model.calibration.sensor_bias import CONSTANT, PRIOR, basis
 

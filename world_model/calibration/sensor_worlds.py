@@ -13,7 +13,7 @@ import numpy as np
 
 from estimation.assignment import cheapest
 from estimation.checks import FloatArray
-from world_model.anchoring.leaves import IntArray
+from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.drift import JITTER, RANGES, STEPS
 from world_model.calibration.sensor_filter import ERRORS, LOG_2PI, SHARED, SensorFilter
 

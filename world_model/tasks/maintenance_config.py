@@ -7,15 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from estimation.errors import InputError
+from world_model.config import check_ranges, setting
 
 # Table 3.1: before grabbing or going to an object its position is refined; going to a place or letting go needs none.
 VERIFIED_ACTIONS = ("grab", "navigate_to_object")
-
-
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
 
 
 @dataclass(frozen=True)
@@ -26,40 +21,38 @@ class MaintenanceConfig:
     verified_actions : names of actions before which their object is looked at (Table 3.1).
     """
 
-    information_gain_threshold: float = _setting(
+    information_gain_threshold: float = setting(
         8.0, "nat", "actions that gain less than this are not taken", 0.0, 1e6
     )
-    weight: float = _setting(0.75, "", "weight of the cost against the gain (ω)", 0.0, 1e6)
-    information_gain_norm: float = _setting(
+    weight: float = setting(0.75, "", "weight of the cost against the gain (ω)", 0.0, 1e6)
+    information_gain_norm: float = setting(
         5.0, "nat", "information gain that has utility 1 (IG_norm)", 1e-6, 1e6
     )
-    cost_scale: float = _setting(
+    cost_scale: float = setting(
         10.0, "m", "distance that costs 1 (C_scale); use the room's length", 1e-3, 1e6
     )
-    speed: float = _setting(0.5, "m/s", "mean speed of the robot", 1e-3, 100.0)
-    time_step: float = _setting(0.5, "s", "time between observations on the way", 1e-3, 3600.0)
-    company: float = _setting(
-        0.1, "", "how much objects seen on the way add to an action's utility", 0.0, 1.0
-    )
-    tour: float = _setting(
+    speed: float = setting(0.5, "m/s", "mean speed of the robot", 1e-3, 100.0)
+    time_step: float = setting(0.5, "s", "time between observations on the way", 1e-3, 3600.0)
+    company: float = setting(0.1, "", "how much objects seen on the way add to an action's utility", 0.0, 1.0)
+    tour: float = setting(
         0.35,
         "",
         "an object joins a tour from this share of the threshold on; 0 plans one object at a time",
         0.0,
         1.0,
     )
-    anticipation: float = _setting(
+    anticipation: float = setting(
         0.75,
         "",
         "share of the entropy's growth until the observation that counts as gain",
         0.0,
         1.0,
     )
-    standoff: float = _setting(
+    standoff: float = setting(
         0.82, "", "distance at which to observe an object, as share of the sensor's range", 0.05, 1.0
     )
-    retry_after: float = _setting(5.0, "s", "an occluded object is left alone for this long", 0.0, 1e6)
-    process_noise: float = _setting(
+    retry_after: float = setting(5.0, "s", "an occluded object is left alone for this long", 0.0, 1e6)
+    process_noise: float = setting(
         1e-4, "m²/s", "growth of the position's variance for objects that state none", 0.0, 1e3
     )
     verified_actions: tuple[str, ...] = VERIFIED_ACTIONS
@@ -67,13 +60,7 @@ class MaintenanceConfig:
     class_weights: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, described in self.__dataclass_fields__.items():
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            if low is None or high is None:
-                continue
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and low <= value <= high):
-                raise InputError(f"{name}: {low:g} to {high:g} expected, got {value!r}")
+        check_ranges(self)
         for name in ("class_thresholds", "class_weights"):
             for label, value in getattr(self, name).items():
                 if not (math.isfinite(value) and value >= 0.0):

@@ -12,7 +12,13 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from world_model.tasks.looks import Looks
 from world_model.tasks.maintenance_config import MaintenanceConfig
-from world_model.tasks.maintenance_kernels import path_gain, shortest_way, single_gains, straight_gains
+from world_model.tasks.maintenance_kernels import (
+    Things,
+    path_gain,
+    shortest_way,
+    single_gains,
+    straight_gains,
+)
 from world_model.tasks.ways import Ways
 
 NEARER = 0.6  # of the stand-off after each look that was in vain
@@ -107,12 +113,11 @@ def _straight(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
     """On a floor without obstacles, all at once: gains and how many are seen (M, 3), goals (M, 3), metres (M,)."""
     ranges = np.array([(sensor.range_min, sensor.range_max) for sensor in looks.sensors])
-    found, goals, lengths = straight_gains(
-        items, kinds, NEARER**vain * config.standoff, vain > 0, ways.pose, looks.positions, looks.P, looks.Q,
-        np.array(looks.R), ranges, looks.opening(view), config.speed * config.time_step, config.time_step,
-        config.anticipation,
+    things = Things(looks.positions, looks.P, looks.Q, np.array(looks.R))
+    return straight_gains(
+        items, kinds, NEARER**vain * config.standoff, vain > 0, ways.pose, things, ranges, looks.opening(view),
+        config.speed * config.time_step, config.time_step, config.anticipation,
     )  # fmt: skip
-    return found, goals, lengths
 
 
 def _one_by_one(

@@ -22,6 +22,7 @@ from estimation.checks import FloatArray, as_vectors
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.places import Place, Places
+from world_model.config import check_ranges, setting
 from world_model.tasks.coverage import Coverage, bounds_of, length_between, middle_of, where_more_is_seen
 from world_model.tasks.relations import IntArray, Relations
 
@@ -35,12 +36,6 @@ LIKELY = 0.2  # probability of a place from which on the search goes there first
 MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
 
 
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
 @dataclass(frozen=True)
 class SearchConfig:
     """Settings of `ObjectSearch`; each field's metadata has its unit, meaning and allowed range."""
@@ -48,27 +43,24 @@ class SearchConfig:
     method: str = field(
         default="belief", metadata={"description": "how the next goal is chosen", "choices": METHODS}
     )
-    weight: float = _setting(0.1, "", "weight of the travel cost in the chain rule (ω)", 0.0, 100.0)
-    threshold: float = _setting(
+    weight: float = setting(0.1, "", "weight of the travel cost in the chain rule (ω)", 0.0, 100.0)
+    threshold: float = setting(
         0.25, "", "the chain rule drives to an object with at least this utility", 0.0, 100.0
     )
-    relevance: float = _setting(
+    relevance: float = setting(
         0.3, "", "objects less related to the target than this share of the best are ignored", 0.0, 1.0
     )
-    nearness: float = _setting(0.5, "m", "objects nearer than this count as equally near", 0.01, 10.0)
-    dead_end_radius: float = _setting(
+    nearness: float = setting(0.5, "m", "objects nearer than this count as equally near", 0.01, 10.0)
+    dead_end_radius: float = setting(
         1.5, "m", "radius around a dead end in which the target is not expected", 0.0, 20.0
     )
-    chain_share: float = _setting(0.7, "", "weight of a relation through a third object", 0.0, 1.0)
-    view: float = _setting(2.0, "m", "distance from which the target can be recognised", 0.1, 50.0)
+    chain_share: float = setting(0.7, "", "weight of a relation through a third object", 0.0, 1.0)
+    view: float = setting(2.0, "m", "distance from which the target can be recognised", 0.1, 50.0)
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise InputError(f"method: one of {', '.join(METHODS)} expected, got {self.method!r}")
-        for name, described in self.__dataclass_fields__.items():
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            if low is not None and high is not None and not low <= getattr(self, name) <= high:
-                raise InputError(f"{name}: {low:g} to {high:g} expected, got {getattr(self, name)!r}")
+        check_ranges(self)
 
 
 @dataclass(frozen=True)

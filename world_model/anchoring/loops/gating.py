@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from world_model.anchoring.kernels import (
+from world_model.anchoring.loops.kernels import (
     MOVING,
     REST,
     SETTLED_HITS,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.expansion import product
-from world_model.anchoring.leaves import IntArray
+from world_model.anchoring.loops.expansion import product
+from world_model.anchoring.loops.leaves import IntArray
 from world_model.state import Box
 
 

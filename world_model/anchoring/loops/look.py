@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from estimation.checks import FloatArray
-from world_model.anchoring.leaves import IntArray
+from world_model.anchoring.loops.leaves import IntArray
 
 
 class Detections(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.murty import k_best_full
-from world_model.anchoring.contacts import (
+from world_model.anchoring.loops.contacts import (
     AT_ONCE,
     MOST_COMBINATIONS,
     MOST_MEMBERS,
@@ -21,7 +21,7 @@ from world_model.anchoring.contacts import (
     merge_events,
     resolved_weight,
 )
-from world_model.anchoring.leaves import IntArray
+from world_model.anchoring.loops.leaves import IntArray
 
 MOST_GROUPS = 256  # different groups of touching movers in the children of one look
 

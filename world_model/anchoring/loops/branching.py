@@ -5,8 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from world_model.anchoring.contacts import correct_shared
-from world_model.anchoring.kernels import MOVING, REST, copy_leaf, correct, create, miss
+from world_model.anchoring.loops.contacts import correct_shared
+from world_model.anchoring.loops.kernels import MOVING, REST, copy_leaf, correct, create, miss
 
 GONE = 0.05  # an anchor less probably there than this makes no difference between two worlds
 
