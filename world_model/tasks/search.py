@@ -179,6 +179,8 @@ class ObjectSearch:
     the middle of the room and for coverage as the last resort.
     """
 
+    chain_type: type[Chain] = Chain
+
     def __init__(
         self,
         relations: Relations,
@@ -199,7 +201,7 @@ class ObjectSearch:
         self._dead: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
         self._target = ""
         self._worths = Worths(self.relations, self.config.chain_share, "")
-        self._chain = Chain(self.relations, self.config, "")
+        self._chain = self.chain_type(self.relations, self.config, "")
         self._rooms_left: set[str] = set()
         self._middles: list[FloatArray] = []
         self._exploring: tuple[int, FloatArray] | None = None
@@ -272,7 +274,7 @@ class ObjectSearch:
     def _begin(self, target: str, place: FloatArray) -> None:
         self._target, self._start = target, place
         self._worths = Worths(self.relations, self.config.chain_share, target)
-        self._chain = Chain(self.relations, self.config, target)
+        self._chain = self.chain_type(self.relations, self.config, target)
         if self.places is not None:
             self._rooms_left = {room.name for room in self.places.rooms}
 
