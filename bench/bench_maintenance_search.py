@@ -87,7 +87,7 @@ def main() -> None:
     lines = [f"{platform.machine()}, Python {platform.python_version()}, one core, least of 9 rounds, ms", ""]
     for count in (10, 100, 1000):
         ours = least(next_task(count))
-        with mock.patch("world_model.maintenance_options.EXACT", 10**9):
+        with mock.patch("world_model.tasks.maintenance_options.EXACT", 10**9):
             every = least(next_task(count), 3)
         lines.append(
             f"next task, {count} objects, 3 sensors: {ours:8.2f}   every action looked ahead: {every:8.2f}"

@@ -25,7 +25,7 @@ import numpy as np
 
 from estimation.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.store import Store
+from world_model.memory.store import Store
 
 CLASSES = ["cup", "bowl", "plate", "shoe", "chair", "table", "book", "box", "can", "key"]
 COLORS = ["red", "green", "blue", "white", "black"]

@@ -25,9 +25,9 @@ import numpy as np
 from evaluation.store_damage import KINDS, SUFFIXES, Fact, damage, facts_of
 from whereabouts.nodes.suite import prepare_environment
 from whereabouts.nodes.supervisor import NodeSpec, Supervisor
+from world_model.memory.store import Store
+from world_model.memory.store_file import StoreError
 from world_model.state import WorldObject, WorldState
-from world_model.store import Store
-from world_model.store_file import StoreError
 
 RESULT = Path(__file__).with_suffix(".txt")
 OBJECTS = 50

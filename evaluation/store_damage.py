@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
+from world_model.memory.store import Store
+from world_model.memory.store_file import StoreError
+from world_model.memory.store_format import CURRENT, HISTORY, PAGE
+from world_model.memory.store_pages import FRAME, LEAF, LOG_HEAD, Pages, rows_of
+from world_model.memory.store_rows import attributes_text, encode
 from world_model.state import WorldObject, WorldState
-from world_model.store import Store
-from world_model.store_file import StoreError
-from world_model.store_format import CURRENT, HISTORY, PAGE
-from world_model.store_pages import FRAME, LEAF, LOG_HEAD, Pages, rows_of
-from world_model.store_rows import attributes_text, encode
 
 KINDS = (
     "bit",

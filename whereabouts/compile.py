@@ -15,7 +15,7 @@ from pathlib import Path
 import loop_closure.warm_up
 import registration.warm_up
 import tracking.people_warm_up
-import world_model.maintenance_warm_up
+import world_model.tasks.maintenance_warm_up
 import world_model.warm_up
 from registration.crf.online import ScanSegmenter
 from tracking.intentions.model import IntentionModel
@@ -38,7 +38,7 @@ def _motion_prediction() -> None:
 
 def _world_model() -> None:
     world_model.warm_up.warm_up()
-    world_model.maintenance_warm_up.warm_up()
+    world_model.tasks.maintenance_warm_up.warm_up()
 
 
 # What takes longest first.

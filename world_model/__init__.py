@@ -2,15 +2,15 @@
 
 from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence
-from world_model.looks import Sensor
-from world_model.maintenance import Maintenance, MaintenanceConfig, Trigger, VerificationTask
+from world_model.memory.routines import Routines, RoutinesConfig
 from world_model.questions import ask
-from world_model.relations import Relations
-from world_model.routines import Routines, RoutinesConfig
-from world_model.search import ObjectSearch, SearchConfig, SearchStep
 from world_model.state import WorldObject, WorldState
 from world_model.store import Store
 from world_model.symbols import Symbols
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger, VerificationTask
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import ObjectSearch, SearchConfig, SearchStep
 from world_model.world import WorldModel
 
 __all__ = [

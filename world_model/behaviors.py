@@ -35,7 +35,7 @@ def motion_of(name: str, motion: Mapping[str, Mapping[str, Any]] | None) -> Moti
 
 
 def motion_table(classes: Sequence[str], motion: Mapping[str, Mapping[str, Any]] | None) -> FloatArray:
-    """(C + 1, 6) as `world_model.kernels` takes it: the default last."""
+    """(C + 1, 6) as `world_model.anchoring.loops.kernels` takes it: the default last."""
     rows = []
     for name in [*classes, "*"]:
         given = motion_of(name, motion)

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.checks import as_finite
 from estimation.errors import InputError
-from world_model.sensor_bias import CONSTANT, NAMES
+from world_model.calibration.sensor_bias import CONSTANT, NAMES
 from world_model.state import Box
 
 MODELS = ("static", "constant_velocity")
@@ -20,10 +20,22 @@ DEFAULT_FOLLOWS = 0.8
 DEFAULT_USUAL = 0.5
 
 
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+def setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    """A field of a dataclass of settings, with its unit, meaning and allowed range."""
     metadata = {"unit": unit, "description": text, "low": low, "high": high}
     value: float = field(default=default, metadata=metadata)
     return value
+
+
+def check_ranges(settings: Any) -> None:
+    """Raises InputError naming the first setting that is out of its range."""
+    for name, described in settings.__dataclass_fields__.items():
+        value, about = getattr(settings, name), described.metadata
+        if "low" not in about:
+            continue
+        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+        if not number or not about["low"] <= value <= about["high"]:
+            raise InputError(f"{name}: {about['low']:g} to {about['high']:g} expected, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -105,25 +117,25 @@ class WorldModelConfig:
         default=((-10.0, 10.0), (-10.0, 10.0), (-0.5, 3.0)),
         metadata={"unit": "m", "description": "where objects and false detections can be, by axis"},
     )
-    rate_hz: float = _setting(20.0, "1/s", "observations per second", 0.01, 1000.0)
-    detection_probability: float = _setting(
+    rate_hz: float = setting(20.0, "1/s", "observations per second", 0.01, 1000.0)
+    detection_probability: float = setting(
         0.9, "", "probability that a visible object is detected", 0.01, 0.9999
     )
-    clutter_per_frame: float = _setting(0.2, "", "mean number of false detections per observation", 0.0, 1e4)
-    new_objects_per_second: float = _setting(
+    clutter_per_frame: float = setting(0.2, "", "mean number of false detections per observation", 0.0, 1e4)
+    new_objects_per_second: float = setting(
         0.02, "1/s", "mean number of objects that appear in the region per second", 1e-9, 1e4
     )
-    removed_per_second: float = _setting(1e-3, "1/s", "rate at which an object is taken away", 0.0, 100.0)
-    initial_objects: float = _setting(
+    removed_per_second: float = setting(1e-3, "1/s", "rate at which an object is taken away", 0.0, 100.0)
+    initial_objects: float = setting(
         10.0, "", "expected number of objects in the region at the start", 1e-6, 1e5
     )
-    measurement_sigma: float = _setting(
+    measurement_sigma: float = setting(
         0.03, "m", "standard deviation of a detection without covariance", 1e-4, 100.0
     )
-    class_accuracy: float = _setting(
+    class_accuracy: float = setting(
         0.9, "", "share of detections whose most probable class is right", 0.05, 1.0
     )
-    missed_run_frames: float = _setting(
+    missed_run_frames: float = setting(
         1.0,
         "",
         "mean number of observations in a row that miss a visible object; of movers, 5 to 20 count",
@@ -136,7 +148,7 @@ class WorldModelConfig:
     hypotheses: int = field(
         default=100, metadata={"description": "number of hypotheses that are kept", "low": 1, "high": 10000}
     )
-    late_window: float = _setting(
+    late_window: float = setting(
         1.0,
         "s",
         "a stamp this far behind the newest is late and handled; further back is a new run",
@@ -172,13 +184,7 @@ class WorldModelConfig:
     )
 
     def __post_init__(self) -> None:
-        for name, described in self.__dataclass_fields__.items():
-            value, about = getattr(self, name), described.metadata
-            if "low" not in about:
-                continue
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not about["low"] <= value <= about["high"]:
-                raise InputError(f"{name}: {about['low']} to {about['high']} expected, got {value!r}")
+        check_ranges(self)
         if int(self.hypotheses) != self.hypotheses:
             raise InputError(f"hypotheses: a whole number expected, got {self.hypotheses!r}")
         for name in ("classes", "colors", "attributes"):

@@ -15,11 +15,11 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from world_model.anchoring.loops.kernels import clearance
+from world_model.anchoring.unseen import sensor_array
 from world_model.config import WorldModelConfig
 from world_model.evidence import Sensor, WorldEvidence
-from world_model.kernels import clearance
 from world_model.state import WorldObject
-from world_model.unseen import sensor_array
 from world_model.world import WorldModel
 
 FEWEST_LOOKS = 20

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,6 +16,21 @@ UNSURE = 0.25
 """m per second: how uncertain a path grows whose predictor does not say it."""
 SAME_PLACE = 1.0
 """m: a path without a name is that of a mover this near to its beginning."""
+
+
+class Course(Protocol):
+    """How one object goes on, weighed against its going straight on: a member of the set M of section 2.4.2."""
+
+    @property
+    def end(self) -> float:
+        """Stamp from which it says nothing, s."""
+
+    def step(self, begin: float, stamp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Displacement (3,), growth of the covariance (3, 3) and velocity at the end (3,) between two stamps."""
+
+
+Behavior = Callable[[WorldObject, float], Course | None]
+"""Of a class: the course of an object as it was last shown, from a stamp on; None where it has none."""
 
 
 @dataclass(frozen=True)

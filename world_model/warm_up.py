@@ -6,7 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from world_model.anchoring import Anchoring
+from world_model.anchoring.anchoring import Anchoring
+from world_model.calibration.corrections import Corrections
 from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence, checked
 from world_model.predictions import Path
@@ -31,7 +32,7 @@ def warm_up() -> None:
             merged_detections=True,
             hypotheses=10,
         )
-        anchors = Anchoring(config)
+        anchors = Anchoring(config, Corrections)
         for step in range(LOOKS):
             spots = TWINS if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
             seen = [np.array(p) + rng.normal(0.0, 0.05, 3) for p in spots if rng.random() < 0.6]
@@ -44,7 +45,7 @@ def warm_up() -> None:
             ]
             measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), 0.05)
             anchors.look(measured, 0.05 * step, 0.0)
-            anchors.probabilities()
+            anchors.beliefs.probabilities()
             ahead = np.array([[0.0, 0.0, 0.05 * step], [0.0, 1.0, 0.05 * step + 1.0]])
-            anchors.guide({"a-1": Path.checked("path", ahead)})
-        anchors.predicted(3.0)
+            anchors.guidance.guide({"a-1": Path.checked("path", ahead)})
+        anchors.presentation.predicted(3.0)

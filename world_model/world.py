@@ -3,40 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from estimation.checks import as_vectors
 from estimation.errors import InputError
 from estimation.places import Places
-from world_model.anchoring import Anchoring
-from world_model.behaviors import motion_of
+from world_model.anchoring.anchoring import Anchoring
+from world_model.calibration.corrections import Corrections
+from world_model.calibration.hindsight import FIRST_LOOKS, MOST_LOOKS
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
-from world_model.habits import Habits
-from world_model.hindsight import FIRST_LOOKS, MOST_LOOKS
-from world_model.household import SUFFIX, SURE, UNSEEN, Household
-from world_model.predictions import checked_predictions
+from world_model.memory.habits import Habits
+from world_model.memory.household import SUFFIX, ByNow, Household
+from world_model.memory.store import Store
+from world_model.predictions import Behavior, checked_predictions
 from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
-from world_model.store import Store
 from world_model.warm_up import warm_up
 
 # s that may have passed between two runs.
 BETWEEN_RUNS = 60.0
-STAYS = 0.9
-"""Probability of still being there from which on nothing else is said."""
 OUTCOMES = ("found", "occluded", "not_found")
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """What rested when a run ended: objects, whose stamps count from then, and the highest numbers of symbols."""
+
+    objects: tuple[WorldObject, ...] = ()
+    names: Mapping[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, anchoring: Anchoring, then: float) -> Earlier:
+        """What will be believed in at a stamp, s; whoever moves is gone."""
+        resting = (
+            item
+            for item in anchoring.presentation.predicted(then)
+            if not item.behaviors.get("constant_velocity", 0.0) > 0.5
+        )
+        return cls(tuple(_moved(item, -then) for item in resting), dict(anchoring.anchors.names))
+
+    def take_up(self, anchoring: Anchoring, stamp: float) -> None:
+        """Believe in it from a stamp on, s."""
+        for item in self.objects:
+            anchoring.recall.remember(_moved(item, stamp), stamp)
+        anchoring.objects.reserve(self.names)
+
+
+def _moved(item: WorldObject, seconds: float) -> WorldObject:
+    """The same at another time."""
+    return replace(item, last_seen=seconds + item.last_seen, first_seen=seconds + item.first_seen)
 
 
 class WorldModel:
     """Anchors, hypotheses and their probabilities.
 
     places : rooms and furniture, or None. store : memory, or the path of its file, or None; what it remembers is
-    where the model starts from. looks_back : whether thousands of looks are kept for `look_back`. `words` says where
-    objects are and which symbols hold of them.
+    where the model starts from. looks_back : whether thousands of looks are kept for `look_back`. behaviors : how
+    objects of a class go on, {class: behaviour}, see `world_model.predictions`. `words` says where objects are and
+    which symbols hold of them.
     """
 
     def __init__(
@@ -45,6 +76,7 @@ class WorldModel:
         places: Places | None = None,
         store: Store | str | Path | None = None,
         looks_back: bool = True,
+        behaviors: Mapping[str, Behavior] | None = None,
     ) -> None:
         self.config = config or WorldModelConfig()
         self.places = places
@@ -53,17 +85,20 @@ class WorldModel:
         self.epoch = 0
         self.stamp = -np.inf
         self.begun = np.inf  # first stamp of this run
-        self._furniture = {place.name for place in places or () if place.kind == "furniture"}
-        self._earlier: list[WorldObject] = []
-        self._taken_names: Mapping[str, int] = {}
-        self._anchors = Anchoring(self.config, MOST_LOOKS if looks_back else FIRST_LOOKS)
+        self._earlier = Earlier()
+        calibrated = partial(Corrections, most_looks=MOST_LOOKS if looks_back else FIRST_LOOKS)
+        self.anchoring = Anchoring(
+            self.config, calibrated if self.config.learn_sensor_bias else None, behaviors
+        )
+        self._anchors = self.anchoring.anchors
         self.habits = Habits(places or Places())
         if self.store is not None and places:
             self.store.keep_places(places)
         beside = None if self.store is None or self.store.read_only else routines_path(self.store.path)
         self.household = Household(places or Places(), beside)
+        self._by_now = ByNow(self.config, lambda item: self.words.where(item), self.habits, self.household)
         if places:
-            self._anchors.habits = self.habits
+            self.anchoring.recall.usual = self.habits
         warm_up()
         memory = None if self.store is None else self.store.restore()
         if self.store is not None:
@@ -100,8 +135,8 @@ class WorldModel:
         lag = max(self.stamp - stamp, 0.0)
         self.stamp = max(stamp, self.stamp)
         self._take_up()
-        self._anchors.guide(paths)
-        associations = self._anchors.look(measured, self.stamp, lag)
+        self.anchoring.guidance.guide(paths)
+        associations = self.anchoring.look(measured, self.stamp, lag)
         state = self._state(associations)
         if measured.view is not None and not measured.silent:
             said = [given.get("class", {}) for given in measured.attributes]
@@ -115,7 +150,7 @@ class WorldModel:
         explained together (`revision`), which takes as long as hundreds of updates. Places of resting objects and the
         errors of the sensor follow.
         """
-        corrected = self._anchors.look_back()
+        corrected = self.anchoring.calibration.look_back()
         if corrected:
             self._recorded(self._state())
         return corrected
@@ -126,13 +161,7 @@ class WorldModel:
         `update` refuses such evidence as a whole: a program that made it is told. For a detector that knows more words
         than the deployment it would be a pity about the rest.
         """
-        refused: dict[int, str] = {}
-        for index, item in enumerate(evidence.objects):
-            try:
-                self._anchors.vocabulary.check_one(f"objects[{index}]", item.attributes)
-                self._anchors.quantities.check(f"objects[{index}]", item.quantities)
-            except InputError as error:
-                refused[index] = str(error)
+        refused = self._anchors.refused([(item.attributes, item.quantities) for item in evidence.objects])
         if not refused:
             return evidence, refused
         kept = [item for index, item in enumerate(evidence.objects) if index not in refused]
@@ -147,41 +176,6 @@ class WorldModel:
             self.household.watch(told, state.stamp)
             self.household.keep(state.stamp)
         return state
-
-    def _with_habits(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
-        """What is lost, or was not seen for a while, is probably where it usually is by then."""
-        if not self.places:
-            return tuple(objects)
-        return tuple(
-            self.household.told(item, stamp, lambda thing: self._usual(thing, stamp))
-            if item.lost or stamp - item.last_seen > UNSEEN
-            else item
-            for item in objects
-        )
-
-    def _usual(self, item: WorldObject, stamp: float) -> Mapping[str, float]:
-        usual = self.household.by_now(item.id, stamp)
-        if item.lost:
-            trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
-            box = item.region or self.config.region
-            if usual and self.places:
-                anywhere = self.places.shares(box)
-                usual = {name: (1.0 - trust) * anywhere[name] + trust * p for name, p in usual.items()}
-            else:
-                usual = self.habits.where(item, stamp, trust, box)
-        elif usual:
-            usual = self._moved_by(item, usual)
-        return usual
-
-    def _moved_by(self, item: WorldObject, forecast: Mapping[str, float]) -> dict[str, float]:
-        """Of a thing that is believed to be where it was seen: there, or gone its way meanwhile."""
-        here = self.words.where(replace(item, usual={}))
-        place = max(here, key=lambda name: (here[name] > SURE, name in self._furniture, here[name]))
-        stays = float(forecast.get(place, 0.0))
-        if stays >= STAYS:
-            return {}
-        # Where it is in the place where it stays, the position knows better.
-        return {name: stays * p if name == place else forecast.get(name, 0.0) for name, p in here.items()}
 
     def explain(self, object_id: str) -> str:
         """What an object usually does, in a sentence; "" where nothing was learned. Raises InputError."""
@@ -203,11 +197,11 @@ class WorldModel:
             self.store.close()
 
     def _state(self, associations: tuple[str | None, ...] = ()) -> WorldState:
-        anchors = self._anchors
+        beliefs = self.anchoring.beliefs
         return WorldState(
-            self._with_habits(anchors.shown.values(), self.stamp),
-            float(anchors.probabilities()[0]),
-            anchors.expected_count,
+            self._by_now.told(self._anchors.shown.values(), self.stamp),
+            float(beliefs.probabilities()[0]),
+            beliefs.expected_count,
             self.stamp,
             self.epoch,
             0,
@@ -216,12 +210,12 @@ class WorldModel:
 
     def hypotheses(self) -> list[WorldState]:
         """All hypotheses that are kept, the most probable first; their probabilities sum to one."""
-        count = self._anchors.expected_count
+        count = self.anchoring.beliefs.expected_count
         return [
             WorldState(
-                self._with_habits(objects, self.stamp), probability, count, self.stamp, self.epoch, index
+                self._by_now.told(objects, self.stamp), probability, count, self.stamp, self.epoch, index
             )
-            for index, (objects, probability) in enumerate(self._anchors.worlds())
+            for index, (objects, probability) in enumerate(self.anchoring.beliefs.worlds())
         ]
 
     def propagate(self, stamp: float) -> WorldState:
@@ -229,9 +223,11 @@ class WorldModel:
         stamp = float(stamp)
         if not np.isfinite(stamp):
             raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
-        objects = self._with_habits(self._anchors.predicted(stamp), stamp)
+        objects = self._by_now.told(self.anchoring.presentation.predicted(stamp), stamp)
         expected = float(sum(item.existence for item in objects))
-        return WorldState(objects, float(self._anchors.probabilities()[0]), expected, stamp, self.epoch)
+        return WorldState(
+            objects, float(self.anchoring.beliefs.probabilities()[0]), expected, stamp, self.epoch
+        )
 
     def query(self, *, stamp: float | str | None = None, **request: Any) -> list[Answer]:
         """Which objects meet a request, the most probable first; see `world_model.queries.Request`.
@@ -260,23 +256,27 @@ class WorldModel:
         track = self._anchors.find(object_id)
         self.stamp = max(float(stamp), self.stamp)
         if outcome == "not_found":
-            self._anchors.lose(track, self.stamp, self._room_of(object_id))
+            region = _room_of(self._state().find(object_id), self.places, self.config.region[2])
+            self.anchoring.objects.lose(track, self.stamp, region)
         return self._recorded(self._state())
 
-    def _room_of(self, object_id: str) -> Box | None:
-        """The room that an object was in last, None where that is not known."""
-        known = self._state().find(object_id)
-        if known is None or known.lost or not self.places:
-            return None if known is None else known.region
-        room = self.places.room_of(known.position)
-        if room is None:
-            return None
-        (x0, y0), (x1, y1) = room.polygon.min(0).tolist(), room.polygon.max(0).tolist()
-        return ((x0, x1), (y0, y1), self.config.region[2])
+    def seen_through(self, origin: npt.ArrayLike, ends: npt.ArrayLike, stamp: float) -> WorldState:
+        """Beams went from a place (3,) to others (N, 3), m, and met nothing on the way; returns the probable world.
+
+        What would have stood in their way is not there: objects that rest, of a size that was measured. Raises
+        InputError for shapes, and for numbers that are not finite.
+        """
+        start, points = as_vectors("origin", origin, 3), as_vectors("ends", ends, 3)
+        if start.ndim != 1 or points.ndim != 2:
+            raise InputError(f"origin (3,) and ends (N, 3) expected, not {start.shape} and {points.shape}")
+        self.stamp = max(float(stamp), self.stamp)
+        self._anchors.stamp = self.stamp
+        self.anchoring.beliefs.show(self.anchoring.bodies.pass_through(start, points, self.stamp))
+        return self._recorded(self._state())
 
     def forget(self, object_id: str) -> None:
         """Take an object out of the model for good. Raises InputError for an unknown id."""
-        self._anchors.remove(self._anchors.find(self._symbol(object_id)))
+        self.anchoring.objects.remove(self._anchors.find(self._symbol(object_id)))
         self._recorded(self._state())
 
     def relabel(self, object_id: str, class_name: str = "", new_object_id: str = "") -> None:
@@ -289,9 +289,9 @@ class WorldModel:
             # A class that was never seen is one of any names that are allowed.
             for name, value in self._anchors.vocabulary.check([{"class": {class_name: 1.0}}]):
                 self._anchors.learn_value(name, value)
-            self._anchors.set_class(track, class_name)
+            self.anchoring.objects.set_class(track, class_name)
         if new_object_id:
-            self._anchors.rename(track, new_object_id)
+            self.anchoring.objects.rename(track, new_object_id)
             if self.store is not None:
                 self.store.rename(object_id, new_object_id)
             self.household.rename(object_id, new_object_id)
@@ -309,18 +309,18 @@ class WorldModel:
 
         names : the highest number in use by class, so that no symbol is given twice.
         """
-        self._anchors.reset()
+        self.anchoring.reset()
         self.stamp, self.epoch = float(stamp), epoch
         for item in objects:
-            self._anchors.remember(item, self.stamp)
-        self._anchors.reserve(names or {})
+            self.anchoring.recall.remember(item, self.stamp)
+        self.anchoring.objects.reserve(names or {})
 
     def reset(self) -> None:
         """Forget all objects and start a new epoch."""
-        self._anchors.reset()
+        self.anchoring.reset()
         self.epoch += 1
         self.stamp, self.begun = -np.inf, np.inf
-        self._earlier, self._taken_names = [], {}
+        self._earlier = Earlier()
         if self.store is not None:
             self.store.begin(self.epoch)
 
@@ -331,27 +331,16 @@ class WorldModel:
         `BETWEEN_RUNS`, last seen before it; whoever moved is gone.
         """
         if np.isfinite(self.stamp):
-            then = self.stamp + BETWEEN_RUNS
-            self._earlier = [
-                replace(item, last_seen=item.last_seen - then, first_seen=item.first_seen - then)
-                for item in self._anchors.predicted(then)
-                if not item.behaviors.get("constant_velocity", 0.0) > 0.5
-            ]
-            self._taken_names = self._anchors.highest
-        earlier, names = self._earlier, self._taken_names
+            self._earlier = Earlier.of(self.anchoring, self.stamp + BETWEEN_RUNS)
+        earlier = self._earlier
         self.reset()
-        self._earlier, self._taken_names = earlier, names
+        self._earlier = earlier
 
     def _take_up(self) -> None:
         """What an earlier run knew, at the first stamp of this one."""
-        earlier, self._earlier = self._earlier, []
-        for item in earlier:
-            moved = replace(
-                item, last_seen=self.stamp + item.last_seen, first_seen=self.stamp + item.first_seen
-            )
-            self._anchors.remember(moved, self.stamp)
-        if earlier:
-            self._anchors.reserve(self._taken_names)
+        if self._earlier.objects:
+            self._earlier.take_up(self.anchoring, self.stamp)
+            self._earlier = Earlier()
         self.begun = min(self.begun, self.stamp)
 
     @property
@@ -363,12 +352,23 @@ class WorldModel:
     def sensor_bias(self) -> tuple[float, ...]:
         """What the sensor's systematic errors are found to be: offset (m), scale, depth, turn, lean (rad), stretch,
         bend (1/rad), delay (s)."""
-        return tuple(self._anchors.bias.values.tolist())
+        return tuple(self.anchoring.calibration.values.tolist())
 
     @property
     def health(self) -> dict[str, float]:
         """Figures for diagnostics: objects, anchors, hypotheses, leaves."""
-        return self._anchors.health()
+        return self.anchoring.presentation.health()
+
+
+def _room_of(item: WorldObject | None, places: Places | None, heights: tuple[float, float]) -> Box | None:
+    """The room that an object was in last, None where that is not known."""
+    if item is None or item.lost or not places:
+        return None if item is None else item.region
+    room = places.room_of(item.position)
+    if room is None:
+        return None
+    (x0, y0), (x1, y1) = room.polygon.min(0).tolist(), room.polygon.max(0).tolist()
+    return ((x0, x1), (y0, y1), heights)
 
 
 def routines_path(store: Path) -> Path:

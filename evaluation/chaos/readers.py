@@ -37,7 +37,7 @@ from whereabouts.logs.tum import read_tum
 from whereabouts.messages.records import OdometryRecord, ScanRecord
 from whereabouts.suite_config import read_config
 from world_model import ObjectEvidence, Relations, WorldEvidence, WorldModel
-from world_model.store import Store
+from world_model.memory.store import Store
 from world_model.symbols import Symbols
 
 Make = Callable[[Path], object]

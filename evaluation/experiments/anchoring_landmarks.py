@@ -14,7 +14,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from whereabouts.logs.mrclam import FIRST_LANDMARK, Sighting
-from world_model.sensor_bias import CONSTANT, basis, within
+from world_model.calibration.sensor_bias import CONSTANT, basis, within
 
 ROOM = np.array([[-1.5, 5.5], [-6.5, 6.5]])
 SPREAD = np.array([0.05, 0.02, 0.1, 0.01, 0.03, 0.03, 0.03])

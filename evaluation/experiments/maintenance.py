@@ -17,9 +17,9 @@ from evaluation.report import Options, Part, Report, Table
 from whereabouts.parallel import each
 from whereabouts.progress import track
 from whereabouts.simulation.maintenance import Account, RoomPlan, fixed_path, maintained
-from world_model.looks import Sensor
-from world_model.maintenance import MaintenanceConfig
-from world_model.maintenance_printed import PrintedRule, PrintedRun, simulate
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import MaintenanceConfig
+from world_model.tasks.maintenance_printed import PrintedRule, PrintedRun, simulate
 
 PLAN = RoomPlan()
 THRESHOLDS = (1.0, 3.0, 5.0, 7.0, 8.0, 9.0, 10.0, 11.0, 13.0, 15.0, 17.0)

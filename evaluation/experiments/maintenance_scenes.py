@@ -11,10 +11,10 @@ from scipy.spatial.distance import cdist
 from estimation import kalman
 from estimation.checks import FloatArray
 from estimation.particles import normalise_log, particle_entropy, systematic_resample
-from world_model.looks import Sensor
-from world_model.maintenance import Maintenance, MaintenanceConfig
-from world_model.maintenance_printed import entropy
 from world_model.state import WorldObject, WorldState
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import Maintenance, MaintenanceConfig
+from world_model.tasks.maintenance_printed import entropy
 
 FRAME = 1.0 / 30.0  # s
 SECONDS = 5.0

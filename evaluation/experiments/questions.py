@@ -23,8 +23,8 @@ from estimation.places import Places
 from evaluation.report import Options, Part, Report, Table
 from whereabouts.progress import track
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject, WorldState
+from world_model.memory.store import Store
 from world_model.questions import Answer, ask, recall
-from world_model.store import Store
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 SPOTS = ("kitchen_table", "counter", "sofa", "low_table", "desk", "shelf", "bed")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from evaluation.report import Options, Part, Report, Table
 from whereabouts.progress import track
-from world_model.routines import Routines, RoutinesConfig
+from world_model.memory.routines import Routines, RoutinesConfig
 
 Array = NDArray[np.int64]
 HOUSEHOLDS = {"A": "homer/householdA.npz", "B": "homer/householdB.npz"}

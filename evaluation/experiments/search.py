@@ -24,8 +24,8 @@ from whereabouts.simulation.recipe_rooms import (
     recipe_room,
     swept,
 )
-from world_model.relations import Relations
-from world_model.search import ObjectSearch, SearchConfig
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import Chain, ObjectSearch, SearchConfig
 
 Array = np.ndarray
 TARGET = "remote control"
@@ -114,11 +114,17 @@ class _Ours:
         self._search.reached(goal)
 
 
-class _Uninverted(ObjectSearch):
+class _UninvertedChain(Chain):
     """The chain with the relation p(o | T) as it was counted, without the text's inversion (5.2)."""
 
     def _given(self, goal: str, observed: Iterable[str]) -> dict[str, float]:
-        return {name: self.relations.probability(name, goal) for name in observed}
+        return {name: self._relations.probability(name, goal) for name in observed}
+
+
+class _Uninverted(ObjectSearch):
+    """A search that follows it."""
+
+    chain_type = _UninvertedChain
 
 
 class _Direct:

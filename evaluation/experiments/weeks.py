@@ -24,8 +24,8 @@ from whereabouts.simulation.apartment import CAMERA_HEIGHT
 from whereabouts.simulation.apartment_day import THINGS
 from whereabouts.simulation.weeks import CARRIED, DAY, HOUR, MINUTE, Weeks
 from world_model import WorldEvidence, WorldModel, WorldObject
+from world_model.memory.store import Store
 from world_model.queries import Words
-from world_model.store import Store
 
 DAYS, QUICK_DAYS = 60, 3
 MOST_PLACES = 3

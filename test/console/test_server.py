@@ -22,7 +22,7 @@ from whereabouts.console.server import Console
 from whereabouts.console.shown import Shown, empty
 from whereabouts.console.sources import ConsoleError, StoreSource
 from world_model import WorldObject, WorldState
-from world_model.store import Store
+from world_model.memory.store import Store
 
 TOKEN = "a secret"
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}

@@ -21,7 +21,8 @@ POINTS = [
     (-8.0, 9.0, 2e6),
 ]
 FINITE = [0, 2]
-LETTERS = {7: "f", 8: "d", 4: "H"}
+LETTERS = {7: "f", 8: "d", 4: "H", 6: "I"}
+TINTS = [0x00FF8000 + k for k in range(6)]
 
 
 def cloud(
@@ -37,7 +38,15 @@ def cloud(
     data = bytearray(b"\xa5" * (height * (width * step + padding)))
     for k, (x, y, z) in enumerate(points):
         start = (k // width) * (width * step + padding) + (k % width) * step
-        values = {"x": x, "y": y, "z": z, "t": k / 8.0, "ring": k}
+        values = {
+            "x": x,
+            "y": y,
+            "z": z,
+            "t": k / 8.0,
+            "ring": k,
+            "rgba": TINTS[k],
+            "rgb": struct.unpack("<f", struct.pack("<I", TINTS[k]))[0],
+        }
         for name, (offset, kind) in offsets.items():
             struct.pack_into((">" if big else "<") + LETTERS[kind], data, start + offset, values[name])
     fields = [SimpleNamespace(name=n, offset=o, datatype=kind, count=1) for n, (o, kind) in offsets.items()]
@@ -83,3 +92,16 @@ def test_points_are_no_view_of_the_message() -> None:
 def test_a_cloud_of_which_nothing_is_finite_has_no_points() -> None:
     (record,) = decode.clouds(cloud([(NAN, NAN, NAN)] * 4, PLAIN, 12), "points")
     assert record.points.shape == (0, 3)
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("kind", [("rgb", 7), ("rgba", 6)])
+def test_colors_are_those_of_the_points(kind: tuple[str, int], big: bool) -> None:
+    """Packed into a float or a whole number: 255, 128 and the number of the point."""
+    message = cloud(POINTS, {**PLAIN, kind[0]: (16, kind[1])}, 24, 2, 3, big)
+    found = decode.cloud_colors(message)
+    assert found is not None
+    (record,) = decode.clouds(message, "points")
+    assert len(found) == len(record.points)
+    np.testing.assert_allclose(255.0 * found, [[255.0, 128.0, k] for k in FINITE], atol=1e-9)
+    assert decode.cloud_colors(cloud(POINTS, PLAIN, 12)) is None

@@ -66,7 +66,7 @@ def test_names_exist():
         "loop_closure": ("AdaBoost", "Slam", "pair_features"),
         "loop_closure.esdf": ("EsdfGraph",),
         "registration": ("align", "align_globally"),
-        "world_model.maintenance_printed": ("PrintedRule",),
+        "world_model.tasks.maintenance_printed": ("PrintedRule",),
         "estimation.switching_printed": ("PrintedSwitchingFilter",),
     }.items():
         for name in names:

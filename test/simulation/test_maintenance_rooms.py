@@ -17,9 +17,9 @@ from whereabouts.simulation.maintenance import (
     maintained_by,
     shortest_tour,
 )
-from world_model.looks import Sensor
-from world_model.maintenance import Maintenance, MaintenanceConfig
-from world_model.maintenance_kernels import shortest_way
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import Maintenance, MaintenanceConfig
+from world_model.tasks.maintenance_kernels import shortest_way
 
 PLAN = RoomPlan(duration=150.0)
 LASER = Sensor("laser", 0.2, 4.0, 0.09 * np.eye(2), cost=1.0)

@@ -17,7 +17,7 @@ from whereabouts.nodes.transforms import TransformError, transform_message
 from whereabouts.nodes.verifier_node import VerifierNode
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts_msgs.action import VerifyObject
-from world_model.verification import Box
+from world_model.tasks.verification import Box
 
 POSE = np.array([-3.0, -1.5, 0.4])
 THING = (-1.5, -1.4)

@@ -39,7 +39,7 @@ from whereabouts_msgs.msg import (
     WorldState,
 )
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, Reset, SaveState
-from world_model.store import Store
+from world_model.memory.store import Store
 from world_model.warm_up import warm_up
 
 NODE = "world_model"

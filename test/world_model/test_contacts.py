@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.contacts import contacts, group_weight, touching_groups
-from world_model.leaves import empty
-from world_model.touching import EDGES, Touching
-from world_model.walking import flow, walk
+from world_model.anchoring.loops.contacts import Movers, contacts, group_weight, touching_groups
+from world_model.anchoring.loops.leaves import empty
+from world_model.anchoring.loops.look import Detections
+from world_model.anchoring.loops.walking import flow, walk
+from world_model.anchoring.touching import EDGES, Touching
 
 RATE, SIGMA, REACH = 30.0, 0.001, 0.008
 
@@ -135,11 +136,14 @@ def test_weight_of_a_pair_is_its_contact_times_a_gaussian_about_the_middle() -> 
     rng = np.random.default_rng(1)
     centres, spreads = rng.normal(0.0, 0.004, (3, 3)), np.array([s * np.eye(3) for s in (1e-6, 2e-6, 3e-6)])
     local, present = np.array([0, 1, 2]), np.ones(3)
-    touching = contacts(local, present, centres, spreads, np.zeros(3, np.int64), 0.01)
+    none = np.zeros((3, 3, 3))
+    movers = Movers(present, centres, spreads, np.zeros(3, np.int64), none, 0.01)
+    touching = contacts(local, movers)
     np.testing.assert_array_equal(touching, touching.T)
     z, R = np.array([[0.001, 0.0, 0.0]]), 1e-6 * np.eye(3)[None]
-    none = np.zeros((3, 3, 3))
-    found = group_weight(np.array([0, 2, -1, -1]), 2, 0, local, touching, centres, spreads, none, z, R)
+    one = np.ones(1)
+    seen = Detections(0.0, 0.0, np.zeros(1, np.int64), z, R, np.ones((1, 1)), one, one)
+    found = group_weight(np.array([0, 2, -1, -1]), 2, 0, local, touching, seen, movers)
     apart = centres[0] - centres[2]
     S = R[0] + 0.25 * (spreads[0] + spreads[2]) + 0.15 * 0.25 * np.outer(apart, apart)
     off = z[0] - 0.5 * (centres[0] + centres[2])

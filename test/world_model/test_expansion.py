@@ -7,7 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from world_model.expansion import expand
+from world_model.anchoring.loops.contacts import Movers
+from world_model.anchoring.loops.expansion import expand
+from world_model.anchoring.loops.look import Detections
 
 THRESHOLD = 11.5
 
@@ -42,10 +44,12 @@ def test_of_every_parent_the_best_child_is_kept_where_it_is_near_the_best_of_all
     missing, new = rng.uniform(-3.0, 0.0, leaves), rng.uniform(-5.0, -3.0, detections)
     weights = -np.sort(rng.uniform(0.0, 25.0, parents))
     none = np.zeros((leaves, 3, 3))
-    got, _, values, _ = expand(
-        rows, weights, matrix, missing, new, 100, THRESHOLD, np.zeros(leaves), np.zeros((leaves, 3)), none,
-        np.zeros(leaves, np.int64), none, np.zeros((detections, 3)), np.zeros((detections, 3, 3)), 0.0,
+    seen = Detections(
+        0.0, 0.0, np.arange(detections), np.zeros((detections, 3)), np.zeros((detections, 3, 3)),
+        np.ones((detections, 1)), new, np.ones(detections),
     )  # fmt: skip
+    movers = Movers(np.zeros(leaves), np.zeros((leaves, 3)), none, np.zeros(leaves, np.int64), none, 0.0)
+    got, _, values, _ = expand(rows, weights, matrix, missing, seen, movers, 100, THRESHOLD)
     wanted = [best_child(row, w, matrix, missing, new) for row, w in zip(rows, weights, strict=True)]
     assert values[0] == pytest.approx(max(wanted))
     for parent, weight in enumerate(wanted):

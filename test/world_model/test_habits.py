@@ -12,7 +12,7 @@ import pytest
 from estimation.errors import InputError
 from estimation.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
-from world_model.habits import Habits
+from world_model.memory.habits import Habits
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 REGION = ((0.0, 9.5), (0.0, 8.5), (0.0, 2.5))

@@ -14,12 +14,12 @@ from estimation.errors import InputError
 from estimation.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
 from world_model.describing import ago, named
-from world_model.growth import Growth
-from world_model.household import DAYS, FEWEST_DAYS, Household
-from world_model.looks import Sensor
-from world_model.maintenance import Maintenance
-from world_model.relations import Relations
-from world_model.search import ObjectSearch
+from world_model.memory.household import DAYS, FEWEST_DAYS, Household
+from world_model.tasks.growth import Growth
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import Maintenance
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import ObjectSearch
 from world_model.world import routines_path
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))

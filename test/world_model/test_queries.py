@@ -12,8 +12,8 @@ import pytest
 from estimation.errors import InputError
 from estimation.places import Place, Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
+from world_model.memory.store import Store
 from world_model.queries import Answer
-from world_model.store import Store
 
 CONFIG = WorldModelConfig(
     classes=["cup", "bowl", "shoe", "table"],

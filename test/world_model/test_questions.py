@@ -15,9 +15,9 @@ import pytest
 from estimation.errors import InputError
 from estimation.places import Places
 from world_model import WorldModel, WorldObject, WorldState, ask
+from world_model.memory.store import Store, StoreError
+from world_model.memory.store_file import StoreVersionError
 from world_model.questions import CAN_BE_ASKED, NothingKnownError, moment, recall, where_is, where_was
-from world_model.store import Store, StoreError
-from world_model.store_file import StoreVersionError
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 SPOTS = {

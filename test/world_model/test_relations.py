@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
+from estimation.places import Places
 from whereabouts.parameters.object_search import ObjectSearchParameters
-from world_model.relations import Relations
-from world_model.search import ObjectSearch
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import ObjectSearch
 
 FRAMES = [["cup", "table"], ["cup", "table", "chair"], ["table"], ["lamp", "table", "table"], ["lamp"]]
 
@@ -37,6 +38,50 @@ def test_a_block_is_cut_out_of_the_whole_matrix(minimum: float) -> None:
     matrix = relations.matrix()
     np.testing.assert_allclose(apart[0], matrix[few])
     np.testing.assert_allclose(apart[1], matrix[:, few])
+
+
+def test_relations_of_a_room_type_count_its_frames_before_all_others() -> None:
+    """Cups stand on tables in kitchens and on desks in offices; the whole is the prior of each, with weight λ n."""
+    relations = Relations(smoothing=0.25)
+    frames = [("kitchen", ["cup", "table"], 6), ("kitchen", ["table"], 2), ("office", ["cup", "desk"], 5)]
+    frames += [("office", ["table", "lamp"], 3), ("office", ["desk"], 1)]
+    for room, names, count in frames:
+        for _ in range(count):
+            relations.observe(names, room)
+    names = relations.names
+    every, weight = np.arange(len(names)), 0.25 * len(names)
+    whole = relations.matrix()
+    for kind in ("kitchen", "office"):
+        shown = [(set(n), c) for room, n, c in frames if room == kind]
+        found, common = relations.block(every, every, kind), relations.ubiquity(kind)
+        for j, given in enumerate(names):
+            there = sum(c for n, c in shown if given in n)
+            for i, name in enumerate(names):
+                both = sum(c for n, c in shown if {name, given} <= n)
+                assert found[i, j] == pytest.approx((both + weight * whole[i, j]) / (there + weight))
+            share = (there + weight * relations.ubiquity()[j]) / (sum(c for _, c in shown) + weight)
+            assert common[j] == pytest.approx(share)
+    np.testing.assert_array_equal(relations.block(every, every, "garden"), whole)
+    few = np.array([2, 0])
+    np.testing.assert_allclose(
+        relations.block(few, every, "office"), relations.block(every, every, "office")[few]
+    )
+
+
+def test_a_search_follows_the_relations_of_the_room_it_is_in() -> None:
+    """Books lie beside lamps in bedrooms and beside plants in offices, as often."""
+    relations = Relations()
+    for _ in range(30):
+        relations.observe(["book", "lamp"], "bedroom")
+        relations.observe(["plant"], "bedroom")
+        relations.observe(["book", "plant"], "office")
+        relations.observe(["lamp"], "office")
+    for kind, wanted in (("bedroom", "lamp"), ("office", "plant")):
+        square = [[-4, -4], [4, -4], [4, 4], [-4, 4]]
+        places = Places.from_mapping({"places": {"here": {"polygon": square, "type": kind}}})
+        search = ObjectSearch(relations, places=places)
+        step = search.next_goal({"lamp": [2.0, 1.0], "plant": [2.0, -1.0]}, "book", [0.0, 0.0, 0.0])
+        assert step.object == wanted
 
 
 def test_posterior_is_bayes_law_over_what_is_in_view() -> None:

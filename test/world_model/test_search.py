@@ -11,8 +11,8 @@ from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.places import Places
 from whereabouts.simulation.recipe_rooms import driven, learning_frames, recipe_room
-from world_model.relations import Relations
-from world_model.search import ObjectSearch, SearchConfig
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import ObjectSearch, SearchConfig
 
 HERE = np.zeros(3)
 

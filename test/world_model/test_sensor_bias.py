@@ -7,12 +7,12 @@ import pytest
 
 from estimation.errors import InputError
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.drift import QUICK, SECONDS, SLOW
-from world_model.sensor_bias import CONSTANT, PRIOR, basis, rates
-from world_model.sensor_errors import SensorErrors
-from world_model.sensor_evidence import SensorEvidence
-from world_model.sensor_filter import SensorFilter, error_basis
-from world_model.sensor_worlds import Detections, SensorWorlds
+from world_model.calibration.drift import QUICK, SECONDS, SLOW
+from world_model.calibration.sensor_bias import CONSTANT, PRIOR, basis, rates
+from world_model.calibration.sensor_errors import SensorErrors
+from world_model.calibration.sensor_evidence import SensorEvidence
+from world_model.calibration.sensor_filter import SensorFilter, error_basis
+from world_model.calibration.sensor_worlds import Detections, SensorWorlds
 
 LANDMARKS = np.array([[0.0, 3.0, 0.0], [2.5, 0.5, 0.0], [-2.5, -0.5, 0.0], [0.5, -3.0, 0.0], [3.0, 3.0, 0.0]])
 REGION = ((-6.0, 6.0), (-6.0, 6.0), (-0.5, 0.5))

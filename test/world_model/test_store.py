@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 from evaluation.store_damage import run
-from world_model import WorldObject, WorldState, store_file
-from world_model.store import Store, StoreError
-from world_model.store_file import StoreVersionError, is_store
-from world_model.store_format import OBJECTS, VERSION
-from world_model.store_repair import Examined, examine
+from world_model import WorldObject, WorldState
+from world_model.memory import store_file
+from world_model.memory.store import Store, StoreError
+from world_model.memory.store_file import StoreVersionError, is_store
+from world_model.memory.store_format import OBJECTS, VERSION
+from world_model.memory.store_repair import Examined, examine
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -619,7 +620,7 @@ def test_what_a_disk_did_not_take_is_written_when_it_does_though_stamps_stand_st
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, now = tmp_path / "world.sqlite", [100.0]
-    monkeypatch.setattr("world_model.store.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("world_model.memory.store.time.monotonic", lambda: now[0])
     with Store(path) as store:
         store.record(state(0, thing(1)))
         written = store._record
@@ -727,7 +728,7 @@ def test_a_copy_that_cannot_be_read_back_is_no_success(
         before = copy.read_bytes()
         store.record(marching(1))
         monkeypatch.setattr(
-            "world_model.store_file.examine", lambda connection, *_: Examined(["page 3 is damaged"])
+            "world_model.memory.store_file.examine", lambda connection, *_: Examined(["page 3 is damaged"])
         )
         with pytest.raises(StoreError, match="reading it back shows: page 3 is damaged"):
             store.save(copy)

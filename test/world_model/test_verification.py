@@ -10,7 +10,8 @@ from estimation.grid import OccupancyGrid
 from estimation.poses import pose_to_matrix
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts.simulation.shapes import Shapes
-from world_model.verification import Box, Verification, look_with_cloud, look_with_scan
+from world_model.tasks.appearance import Appearance
+from world_model.tasks.verification import Box, Verification, look_with_cloud, look_with_scan
 
 LIDAR = Lidar(720, 2.0 * np.pi * 719 / 720)
 SENSOR = pose_to_matrix(np.array([1.0, 0.5, 0.3, 0.0, 0.0, 0.7]))
@@ -118,3 +119,55 @@ def test_a_return_in_a_wide_region_may_be_anything() -> None:
             outcome = verification.take(look_with_scan(region, ranges, first, step, 12.0, SENSOR))
         outcomes.append(outcome)
     assert outcomes == ["found", "occluded"]
+
+
+def ball(
+    rng: np.random.Generator, spot: tuple[float, float, float], width: float, count: int = 200
+) -> np.ndarray:
+    """Returns of the near side of a thing."""
+    return np.array(spot) + width / np.sqrt(3.0) * rng.uniform(
+        [-0.5, -0.5, -0.5], [0.0, 0.5, 0.5], (count, 3)
+    )
+
+
+RED, GREEN = np.array([0.7, 0.1, 0.1]), np.array([0.1, 0.6, 0.15])
+
+
+@pytest.mark.parametrize(
+    ("expected", "width", "color", "outcome"),
+    [
+        (Appearance((0.3, 1e-4)), 0.3, RED, "found"),
+        (Appearance((0.3, 1e-4)), 0.15, RED, "found"),  # partly seen, it may be
+        (Appearance((0.15, 1e-4)), 0.5, RED, "not_found"),  # nothing makes a cup look like a box
+        (Appearance((0.15, 1.0)), 0.5, RED, "found"),  # of unknown size
+        (Appearance(colors={"red": 0.9, "blue": 0.1}), 0.3, RED, "found"),
+        (Appearance(colors={"red": 0.95, "blue": 0.05}), 0.3, GREEN, "not_found"),
+        (Appearance(colors={"red": 0.5, "green": 0.5}), 0.3, GREEN, "found"),
+        (Appearance(), 0.5, GREEN, "found"),
+    ],
+)
+def test_what_looks_otherwise_is_something_else(
+    expected: Appearance, width: float, color: np.ndarray, outcome: str
+) -> None:
+    rng = np.random.default_rng(0)
+    verification = Verification(REGION, appearance=expected)
+    for _ in range(3):
+        cloud = ball(rng, (3.0, 1.5, 0.3), width)
+        colors = np.clip(color + rng.normal(0.0, 0.03, cloud.shape), 0.0, 1.0)
+        said = verification.take(look_with_cloud(REGION, cloud, SENSOR, 12.0, colors))
+    assert said == outcome
+
+
+def test_an_object_beside_something_larger_is_found() -> None:
+    """A cup near the edge of a region that a box fills for the rest."""
+    rng = np.random.default_rng(1)
+    verification = Verification(REGION, appearance=Appearance((0.12, 1e-4), {"red": 1.0}))
+    for _ in range(3):
+        cup, other = ball(rng, (3.2, 1.25, 0.2), 0.12, 40), ball(rng, (2.95, 1.6, 0.3), 0.6)
+        other = other[np.linalg.norm(other - [3.2, 1.25, 0.2], axis=1) > 0.25]
+        cloud, colors = (
+            np.vstack([cup, other]),
+            np.vstack([np.tile(RED, (40, 1)), np.tile(GREEN, (len(other), 1))]),
+        )
+        said = verification.take(look_with_cloud(REGION, cloud, SENSOR, 12.0, colors))
+    assert said == "found"

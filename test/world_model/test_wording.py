@@ -12,10 +12,10 @@ import pytest
 
 from estimation.places import Places
 from world_model import WorldObject, WorldState, ask
+from world_model.memory.store import Store
 from world_model.questions import moment
 from world_model.questions.moments import ahead
 from world_model.questions.spelling import slip_of
-from world_model.store import Store
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 SPOTS = {

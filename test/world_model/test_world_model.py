@@ -10,7 +10,7 @@ import pytest
 
 from estimation.errors import InputError
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
-from world_model.store import Store
+from world_model.memory.store import Store
 
 REGION = ((-3.0, 3.0), (-3.0, 3.0), (0.0, 2.0))
 SENSOR = {"pose": (-4.0, 0.0, 1.0, 0.0), "range": 20.0, "angle": 2.0 * np.pi}

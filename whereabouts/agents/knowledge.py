@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estimation.errors import InputError, WhereaboutsError
+from world_model.memory.store import Store
+from world_model.memory.store_file import is_store
 from world_model.questions import Recall, recall
-from world_model.store import Store
-from world_model.store_file import is_store
 
 if TYPE_CHECKING:
     from whereabouts.nodes.live_actions import Done

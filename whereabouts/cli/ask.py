@@ -94,9 +94,9 @@ def opened(store: Path | None, places: Path | None = None, namespace: str = "") 
         finally:
             client.close()
         return
+    from world_model.memory.store import Store
+    from world_model.memory.store_file import is_store
     from world_model.questions import Recall
-    from world_model.store import Store
-    from world_model.store_file import is_store
 
     if store.is_file() and not is_store(store):
         raise InputError(f"{store}: is no world model's store")

@@ -92,7 +92,7 @@ def world(
     """
     from estimation.errors import InputError
     from whereabouts.world_output import moment, settings_from, write_events, write_looked_back
-    from world_model.store_file import is_store
+    from world_model.memory.store_file import is_store
 
     settings = settings_from(params, places, store)
     moment(at, 0.0)  # what cannot be understood is said before anything is read
@@ -120,8 +120,8 @@ def _model(settings: WorldModelParameters, remembering: bool) -> Iterator[WorldM
     import tempfile
 
     from world_model import WorldModel
+    from world_model.memory.store import Store
     from world_model.queries import Words
-    from world_model.store import Store
 
     with tempfile.TemporaryDirectory() as folder:
         path = settings.store_path or (f"{folder}/world.sqlite" if remembering else "")
@@ -139,8 +139,8 @@ def _model(settings: WorldModelParameters, remembering: bool) -> Iterator[WorldM
 def _asked_store(path: Path, settings: WorldModelParameters) -> Iterator[WorldModel]:
     """A model that only answers from what a store remembers."""
     from world_model import WorldModel
+    from world_model.memory.store import Store
     from world_model.queries import Words
-    from world_model.store import Store
 
     with Store(path, read_only=True) as store:
         model = WorldModel(settings.world, settings.places, store)

@@ -9,8 +9,8 @@ from typing import Any, Protocol, TypeVar
 
 from estimation.errors import WhereaboutsError
 from whereabouts.console.shown import Shown, empty, thing
+from world_model.memory.store import Store
 from world_model.questions import Recall, recall
-from world_model.store import Store
 
 T = TypeVar("T")
 

@@ -22,9 +22,9 @@ from whereabouts.simulation.apartment import CAMERA_HEIGHT
 from whereabouts.simulation.apartment_day import ROUND, THINGS, TICKS
 from whereabouts.simulation.live_apartment import ARM, ASKED, GLANCE, STARE, LiveDay, tour
 from world_model import Maintenance, ObjectSearch, WorldEvidence, WorldModel, WorldObject, WorldState
-from world_model.growth import Growth
-from world_model.search import SearchStep
 from world_model.state import MOVED_ON
+from world_model.tasks.growth import Growth
+from world_model.tasks.search import SearchStep
 
 Array = NDArray[np.float64]
 PATIENCE = 25.0

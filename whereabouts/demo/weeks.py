@@ -31,8 +31,8 @@ from whereabouts.demo.page import Page, Row
 from whereabouts.demo.reading import BELIEVED
 from whereabouts.demo.screen import GONE, HERE, LOST, Known, Screen, at_place, place_around
 from world_model import WorldModel, WorldObject, WorldState
+from world_model.memory.store import Store
 from world_model.questions import Answer, ask
-from world_model.store import Store
 
 DAYS = 28
 EVERY = 3

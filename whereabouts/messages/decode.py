@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 # sensor_msgs/PointField: number of a type to numpy's letter for it.
 POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+COLOR_FIELDS = ("rgb", "rgba")
 TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time")
 SLOWEST = 10.0  # s between beams; more is not meant
 PLANE = np.ix_((0, 1, 5), (0, 1, 5))
@@ -121,30 +122,55 @@ def clouds(message: Any, topic: str) -> Iterator[CloudRecord]:
     Points that are not finite, or farther away than anything is, are left out.
     """
     values = _rows(message)
-    points = np.empty((len(values), 3))
-    for column, axis in enumerate("xyz"):
-        points[:, column] = values[axis]
+    points = _positions(values)
     named = [name for name in TIME_FIELDS if name in (values.dtype.names or ())]
     times = values[named[0]].astype(np.float64) if named else None
-    # Mostly all are, and two passes without a mask say so; NaN is neither above nor below anything.
-    if len(points) and not (points.min() >= -FARTHEST and points.max() <= FARTHEST):
-        finite = np.ones(len(points), dtype=bool)
-        with np.errstate(invalid="ignore"):
-            for along in points.T:
-                finite &= np.abs(along) <= FARTHEST
+    finite = _credible(points)
+    if finite is not None:
         points = points[finite]
         times = None if times is None else times[finite]
     stamp = seconds(message.header.stamp)
     yield CloudRecord(points, stamp, topic, strip_slash(message.header.frame_id), times)
 
 
-def _rows(message: Any) -> NDArray[Any]:
+def cloud_colors(message: Any) -> NDArray[Any] | None:
+    """Red, green and blue (N, 3) in [0, 1] of the points that `clouds` gives; None where the cloud says none."""
+    values = _rows(message, COLOR_FIELDS)
+    named = [name for name in COLOR_FIELDS if name in (values.dtype.names or ())]
+    if not named or values.dtype[named[0]].itemsize != 4:
+        return None
+    finite = _credible(_positions(values))
+    raw = np.ascontiguousarray(values[named[0]] if finite is None else values[named[0]][finite])
+    packed = raw.view(raw.dtype.str[0] + "u4").astype(np.uint32)
+    return np.stack([(packed >> shift) & 255 for shift in (16, 8, 0)], axis=1) / 255.0
+
+
+def _positions(values: NDArray[Any]) -> NDArray[np.float64]:
+    points = np.empty((len(values), 3))
+    for column, axis in enumerate("xyz"):
+        points[:, column] = values[axis]
+    return points
+
+
+def _credible(points: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+    """Which points are finite and no farther away than anything is; None where all are."""
+    # Mostly all are, and two passes without a mask say so; NaN is neither above nor below anything.
+    if not len(points) or (points.min() >= -FARTHEST and points.max() <= FARTHEST):
+        return None
+    finite = np.ones(len(points), dtype=bool)
+    with np.errstate(invalid="ignore"):
+        for along in points.T:
+            finite &= np.abs(along) <= FARTHEST
+    return finite
+
+
+def _rows(message: Any, more: tuple[str, ...] = ()) -> NDArray[Any]:
     """(height · width,) structured array over the fields that are read, in the machine's own layout."""
     order = ">" if message.is_bigendian else "<"
     layout = {
         field.name: (order + POINT_TYPES[field.datatype], int(field.offset))
         for field in message.fields
-        if field.name in ("x", "y", "z", *TIME_FIELDS) and field.datatype in POINT_TYPES
+        if field.name in ("x", "y", "z", *TIME_FIELDS, *more) and field.datatype in POINT_TYPES
     }
     missing = [axis for axis in "xyz" if axis not in layout]
     if missing:

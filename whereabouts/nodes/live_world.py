@@ -22,8 +22,8 @@ from whereabouts.nodes.executor import NodeExecutor
 from whereabouts.nodes.suite import prepare_environment
 from whereabouts.nodes.world_reading import state_from_message
 from whereabouts_msgs.msg import WorldState as StateMessage
+from world_model.memory.store import Store
 from world_model.questions import Recall
-from world_model.store import Store
 from world_model.symbols import Symbols, default_symbols
 
 PATIENCE = 5.0

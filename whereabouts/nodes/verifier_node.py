@@ -15,6 +15,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from estimation.errors import InputError
 from estimation.grid import OccupancyGrid
 from estimation.poses import transform_points
+from whereabouts.messages.decode import cloud_colors
 from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.conversions import points_from_message, pose_from_message, spatial_covariance
 from whereabouts.nodes.diagnostics import Health
@@ -24,7 +25,8 @@ from whereabouts.nodes.world_reading import grid_from_message
 from whereabouts.parameters.verifier import VerifierParameters
 from whereabouts_msgs.action import VerifyObject
 from whereabouts_msgs.msg import ObjectEvidence, Region
-from world_model.verification import FOUND, Box, Frame, Verification, look_with_cloud, look_with_scan
+from world_model.tasks.appearance import Appearance
+from world_model.tasks.verification import FOUND, Box, Frame, Verification, look_with_cloud, look_with_scan
 
 
 class VerifierNode(SuiteNode):
@@ -82,7 +84,7 @@ class VerifierNode(SuiteNode):
         settings = self.settings
         grid = self._grid if settings.use_map else None
         verification = Verification(
-            box, settings.frames, settings.points, settings.clear, grid, settings.widest
+            box, settings.frames, settings.points, settings.clear, grid, settings.widest, _appearance(request)
         )
         limit = nanoseconds(request.timeout) / NANOSECONDS or settings.timeout
         begun, taken = self.now, self._latest
@@ -124,7 +126,9 @@ class VerifierNode(SuiteNode):
             position, covariance = verification.measurement(self.settings.sigma)
             result.evidence.header.frame_id = self._map_frame
             result.evidence.sensor = request.sensor
-            item = ObjectEvidence(object_id=request.object_id, attributes=request.attributes)
+            # What it was told of its size is no measurement of it.
+            named = [told for told in request.attributes if len(told.discrete.values)]
+            item = ObjectEvidence(object_id=request.object_id, attributes=named)
             at = item.pose.pose.position
             at.x, at.y, at.z = (float(value) for value in position)
             item.pose.pose.orientation.w = 1.0
@@ -153,7 +157,19 @@ class VerifierNode(SuiteNode):
             ranges = np.asarray(message.ranges, dtype=np.float64)
             return look_with_scan(box, ranges, message.angle_min, message.angle_increment, farthest, sensor)
         points, _ = points_from_message(message)
-        return look_with_cloud(box, transform_points(sensor, points), sensor, reach)
+        return look_with_cloud(box, transform_points(sensor, points), sensor, reach, cloud_colors(message))
+
+
+def _appearance(request: Any) -> Appearance:
+    """What a request says of how the object looks."""
+    size: tuple[float, float] | None = None
+    colors: dict[str, float] = {}
+    for item in request.attributes:
+        if item.name == "size" and len(item.continuous.mean) == 1 and len(item.continuous.covariance) == 1:
+            size = float(item.continuous.mean[0]), max(float(item.continuous.covariance[0]), 0.0)
+        elif item.name == "color":
+            colors = dict(zip(item.discrete.values, map(float, item.discrete.probabilities), strict=False))
+    return Appearance(size, colors)
 
 
 def main() -> None:

@@ -40,14 +40,14 @@ from whereabouts.nodes.world_reading import (
 )
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
 from whereabouts_msgs.action import VerifyObject
-from whereabouts_msgs.msg import Attribute, ObjectEvidence, WorldEvidence
+from whereabouts_msgs.msg import Attribute, GaussianDistribution, ObjectEvidence, WorldEvidence
 from whereabouts_msgs.msg import VerificationTask as TaskMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import TriggerVerification
 from world_model import Maintenance, VerificationTask, WorldState
 from world_model.describing import named
-from world_model.growth import Growth
-from world_model.maintenance_warm_up import warm_up
+from world_model.tasks.growth import Growth
+from world_model.tasks.maintenance_warm_up import warm_up
 
 Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.
@@ -225,10 +225,14 @@ class WorldMaintenanceNode(SuiteNode):
             self._finish(task, "occluded")
 
     def _attributes(self, task: VerificationTask) -> list[Attribute]:
-        return [
+        named = [
             Attribute(name=name, discrete=distribution_message(values))
             for name, values in task.attributes.items()
             if name != "class"
+        ]
+        return named + [
+            Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
+            for name, (mean, variance) in task.quantities.items()
         ]
 
     # Verification.

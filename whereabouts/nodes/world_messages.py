@@ -28,7 +28,7 @@ from whereabouts_msgs.msg import (
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldObject, WorldState
-from world_model.quantities import extent
+from world_model.anchoring.attributes import extent
 from world_model.queries import Words
 
 Array = NDArray[np.float64]

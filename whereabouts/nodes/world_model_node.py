@@ -51,9 +51,9 @@ from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
 from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
+from world_model.memory.store import RETRY, Store
 from world_model.predictions import Path
 from world_model.queries import Words
-from world_model.store import RETRY, Store
 from world_model.world import routines_path
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from pydantic import create_model
 from estimation.places import Places
 from whereabouts.parameters.base import NodeParameters, setting
 from whereabouts.parameters.from_config import settings_of
-from world_model.relations import Relations
-from world_model.search import SearchConfig
+from world_model.tasks.relations import Relations
+from world_model.tasks.search import SearchConfig
 
 _WithSearch = create_model("_WithSearch", __base__=NodeParameters, **settings_of(SearchConfig))  # type: ignore[call-overload]
 

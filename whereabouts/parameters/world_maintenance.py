@@ -10,8 +10,8 @@ from pydantic import create_model, model_validator
 from estimation.errors import InputError
 from whereabouts.parameters.base import NodeParameters, setting
 from whereabouts.parameters.from_config import settings_of
-from world_model.looks import Sensor
-from world_model.maintenance import MaintenanceConfig
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import MaintenanceConfig
 
 _taken = settings_of(MaintenanceConfig)
 _WithMaintenance = create_model("_WithMaintenance", __base__=NodeParameters, **_taken)  # type: ignore[call-overload]

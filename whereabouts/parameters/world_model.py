@@ -14,7 +14,7 @@ from whereabouts.clocks import SECOND, TOLERANCE
 from whereabouts.parameters.base import FileParameters, setting
 from whereabouts.parameters.from_config import settings_of
 from world_model import WorldModelConfig
-from world_model.store import LIMIT
+from world_model.memory.store import LIMIT
 from world_model.symbols import Symbols, default_symbols
 
 # s: what comes later than that is not of the node's time (`whereabouts.clocks`).

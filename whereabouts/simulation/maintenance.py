@@ -15,11 +15,11 @@ import numpy as np
 
 from estimation.errors import InputError
 from whereabouts.simulation.maintenance_kernels import HERE, drive, look_around, run
-from world_model.looks import Sensor
-from world_model.maintenance import Maintenance
-from world_model.maintenance_config import MaintenanceConfig
-from world_model.maintenance_kernels import shortest_way
 from world_model.state import WorldObject, WorldState
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import Maintenance
+from world_model.tasks.maintenance_config import MaintenanceConfig
+from world_model.tasks.maintenance_kernels import shortest_way
 
 Array = np.ndarray
 

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from world_model.maintenance_kernels import shortest_way, straight_stop
-from world_model.maintenance_options import NEARER, TOUR, TWO_LOOKS
+from world_model.tasks.maintenance_kernels import shortest_way, straight_stop
+from world_model.tasks.maintenance_options import NEARER, TOUR, TWO_LOOKS
 
 # mypy: disable-error-code="no-untyped-def"
 SECOND_LOOK = math.log(2.0) + TWO_LOOKS  # nat
@@ -63,7 +63,7 @@ def drive(pose, goal, stride):
 
 @njit(cache=True)
 def _expected(item, pose, goal, length, means, variances, growth, sensor, stride, anticipation):
-    """Gain of the object gone for and of all together, nat: `world_model.maintenance_kernels.path_gain`."""
+    """Gain of the object gone for and of all together, nat: `world_model.tasks.maintenance_kernels.path_gain`."""
     count = max(math.ceil(length / stride - 1e-9), 1)
     own = gain = 0.0
     for i in range(len(variances)):

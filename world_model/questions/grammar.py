@@ -13,6 +13,7 @@ from pathlib import Path
 
 from estimation.errors import InputError
 from estimation.places import Places
+from world_model.memory.store import Store
 from world_model.questions.answers import (
     AmbiguousError,
     Answer,
@@ -59,7 +60,6 @@ from world_model.questions.where import (
     which_room,
 )
 from world_model.questions.wording import plainly
-from world_model.store import Store
 from world_model.symbols import Symbols
 
 LONGEST = 500

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.places import Place, Places
+from world_model.memory.store import Store
 from world_model.state import WorldObject
-from world_model.store import Store
 from world_model.symbols import Symbols, default_symbols, parse_symbol
 
 if TYPE_CHECKING:
@@ -160,6 +160,72 @@ class Timeline:
         return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
 
 
+class Links:
+    """Which ids are of one object."""
+
+    def __init__(self, recall: Recall) -> None:
+        self._recall = recall
+
+    def of(self, kind: str) -> dict[str, tuple[str, float]]:
+        """For ids of a class that ended the id that goes on, with its probability."""
+        if kind == PERSON or not kind or self._recall.store is None:
+            return {}
+        found = self._recall.kept.get(f"links {kind}")
+        if not isinstance(found, dict):
+            lives = self._lives(kind)
+            found = self._recall.kept[f"links {kind}"] = _linked(lives)
+            self._doubles(lives, found)
+        return found
+
+    def _doubles(self, lives: list[Life], links: dict[str, tuple[str, float]]) -> None:
+        """What ended where another one like it is from then on was that one, with an id of its own for a while."""
+        doubles: set[str] = set()
+        for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
+            stays = self._recall.read(life.id, self._recall.epoch).stays
+            likes = [
+                other
+                for other in lives
+                if other.id != life.id
+                and other.first <= life.last <= other.last
+                and likeness(life.attributes, other.attributes) >= LOOKS_ALIKE
+            ]
+            for other in likes if stays else ():
+                there = self._recall.read(
+                    other.id, self._recall.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY
+                ).stays
+                apart = [np.linalg.norm(stay.position[:2] - stays[-1].position[:2]) for stay in there]
+                if apart and min(apart) < APART and other.id not in doubles:
+                    links[life.id] = (other.id, SAME)
+                    doubles.add(life.id)
+                    break
+        self._recall.kept["doubles"] = self._known_doubles() | doubles
+
+    def _known_doubles(self) -> set[str]:
+        found = self._recall.kept.get("doubles")
+        return found if isinstance(found, set) else set()
+
+    def _lives(self, kind: str) -> list[Life]:
+        assert self._recall.store is not None
+        lives = []
+        for name, first, last, text in self._recall.store.lives(f"{kind}-"):
+            item = self._recall.present.get(name)
+            ended = item is None or item.lost
+            if last - first > 0.0 or not ended:
+                lives.append(Life(name, first, last, ended, _attributes(text)))
+        return sorted(lives, key=lambda life: life.first)
+
+    def before(self, object_id: str) -> list[str]:
+        """Earlier ids of an object, the newest first."""
+        links = self.of(self._recall.kind(object_id))
+        doubles = self._known_doubles()
+        previous = {after: name for name, (after, _) in links.items() if name not in doubles}
+        found = []
+        while object_id in previous:
+            object_id = previous[object_id]
+            found.append(object_id)
+        return found
+
+
 @dataclass
 class Recall:
     """The world as a store or a model remembers it, for questions.
@@ -194,6 +260,10 @@ class Recall:
         places = model.places or (model.store.places() if model.store is not None else Places())
         present = {item.id: item for item in objects}
         return cls(now, model.epoch, present, places, model.words.symbols, model.store)
+
+    @property
+    def _links(self) -> Links:
+        return Links(self)
 
     @cached_property
     def epochs(self) -> dict[str, int]:
@@ -243,58 +313,12 @@ class Recall:
         What was carried out of sight may have another id where it is found again: what looks like something that went,
         and came since, is taken for it.
         """
-        links = self._links(self.kind(object_id))
+        links = self._links.of(self.kind(object_id))
         certain = 1.0
         while object_id in links:
             object_id, share = links[object_id]
             certain *= share
         return object_id, certain
-
-    def _links(self, kind: str) -> dict[str, tuple[str, float]]:
-        """For ids of a class that ended the id that goes on, with its probability."""
-        if kind == PERSON or not kind or self.store is None:
-            return {}
-        found = self.kept.get(f"links {kind}")
-        if not isinstance(found, dict):
-            lives = self._lives(kind)
-            found = self.kept[f"links {kind}"] = _linked(lives)
-            self._doubles(lives, found)
-        return found
-
-    def _doubles(self, lives: list[Life], links: dict[str, tuple[str, float]]) -> None:
-        """What ended where another one like it is from then on was that one, with an id of its own for a while."""
-        doubles: set[str] = set()
-        for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
-            stays = self._read(life.id, self.epoch).stays
-            likes = [
-                other
-                for other in lives
-                if other.id != life.id
-                and other.first <= life.last <= other.last
-                and likeness(life.attributes, other.attributes) >= LOOKS_ALIKE
-            ]
-            for other in likes if stays else ():
-                there = self._read(other.id, self.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY).stays
-                apart = [np.linalg.norm(stay.position[:2] - stays[-1].position[:2]) for stay in there]
-                if apart and min(apart) < APART and other.id not in doubles:
-                    links[life.id] = (other.id, SAME)
-                    doubles.add(life.id)
-                    break
-        self.kept["doubles"] = self._known_doubles() | doubles
-
-    def _known_doubles(self) -> set[str]:
-        found = self.kept.get("doubles")
-        return found if isinstance(found, set) else set()
-
-    def _lives(self, kind: str) -> list[Life]:
-        assert self.store is not None
-        lives = []
-        for name, first, last, text in self.store.lives(f"{kind}-"):
-            item = self.present.get(name)
-            ended = item is None or item.lost
-            if last - first > 0.0 or not ended:
-                lives.append(Life(name, first, last, ended, _attributes(text)))
-        return sorted(lives, key=lambda life: life.first)
 
     def timeline(self, object_id: str, epoch: int | None = None) -> Timeline:
         """The stays of an object, {} where it is unknown."""
@@ -302,10 +326,10 @@ class Recall:
         name = self.individual(object_id)[0] if run == self.epoch else object_id
         key = (name, run)
         if key not in self._timelines:
-            line = self._read(name, run)
+            line = self.read(name, run)
             if run == self.epoch:
-                for before in self._before(name):
-                    line = _joined(self._read(before, run), line)
+                for before in self._links.before(name):
+                    line = _joined(self.read(before, run), line)
             self._timelines[key] = line
             if len(self._timelines) > KEPT:
                 self._timelines.popitem(last=False)
@@ -319,15 +343,15 @@ class Recall:
         key = f"since {name} {start}"
         known = self.kept.get(key)
         if not isinstance(known, Timeline):
-            known = self._read(name, self.epoch, start - AROUND)
+            known = self.read(name, self.epoch, start - AROUND)
             if known.stays and known.stays[0].since > start and self.store is not None:
                 # It was not looked at for long before: from when it was seen last.
                 earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
-                known = self._read(name, self.epoch, earlier[0][0]) if earlier else known
-            for before in self._before(name):
+                known = self.read(name, self.epoch, earlier[0][0]) if earlier else known
+            for before in self._links.before(name):
                 if known.stays and known.stays[0].since <= start:
                     break
-                known = _joined(self._read(before, self.epoch, start - AROUND), known)
+                known = _joined(self.read(before, self.epoch, start - AROUND), known)
             self.kept[key] = known
         return known
 
@@ -365,13 +389,13 @@ class Recall:
 
     def _until(self, name: str, end: float, most: int = NEWEST) -> Timeline:
         """The newest stays that began before a moment, s."""
-        line = self._read(name, self.epoch, end=end, most=most)
+        line = self.read(name, self.epoch, end=end, most=most)
         if line.cut and line.stays:
             return line
         if end == math.inf:
             return self.timeline(name)
-        for before in self._before(name):
-            line = _joined(self._read(before, self.epoch, end=end, most=most), line)
+        for before in self._links.before(name):
+            line = _joined(self.read(before, self.epoch, end=end, most=most), line)
         return line if line.stays else self.timeline(name)
 
     def glimpse(self, object_id: str, stamp: float) -> Timeline:
@@ -382,7 +406,7 @@ class Recall:
         key = f"glimpse {name} {stamp}"
         known = self.kept.get(key)
         if not isinstance(known, Timeline):
-            known = self._read(name, self.epoch, stamp - AROUND, stamp + AROUND)
+            known = self.read(name, self.epoch, stamp - AROUND, stamp + AROUND)
             if not known.stays or known.stays[0].since > stamp:
                 known = self._until(name, stamp + AROUND)
             self.kept[key] = known
@@ -395,7 +419,7 @@ class Recall:
             return self.timeline(name)
         if end + AROUND >= self.now:
             return self.since(name, start)
-        line = self._read(name, self.epoch, start - AROUND, end + AROUND)
+        line = self.read(name, self.epoch, start - AROUND, end + AROUND)
         return line if line.stays and line.stays[0].since <= start else self.since(name, start)
 
     def active(self, start: float, end: float) -> list[str]:
@@ -414,20 +438,9 @@ class Recall:
     def names_of(self, object_id: str) -> list[str]:
         """The newest id of an object, then its earlier ones."""
         name = self.individual(object_id)[0]
-        return [name, *self._before(name)]
+        return [name, *self._links.before(name)]
 
-    def _before(self, object_id: str) -> list[str]:
-        """Earlier ids of an object, the newest first."""
-        links = self._links(self.kind(object_id))
-        doubles = self._known_doubles()
-        previous = {after: name for name, (after, _) in links.items() if name not in doubles}
-        found = []
-        while object_id in previous:
-            object_id = previous[object_id]
-            found.append(object_id)
-        return found
-
-    def _read(
+    def read(
         self,
         object_id: str,
         run: int,
@@ -435,6 +448,7 @@ class Recall:
         end: float = math.inf,
         most: int = -1,
     ) -> Timeline:
+        """The stays of one id in a run, between two moments, s, or the newest rows."""
         item = self.present.get(object_id) if run == self.epoch and end >= self.now else None
         rows = [] if self.store is None else self.store.sights(object_id, run, start, end, most)
         cut = 0 < most <= len(rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from world_model.memory.routines import FORMAT, VERSION, Routines, RoutinesConfig
 from world_model.questions.answers import (
     LIKELY,
     SURE,
@@ -22,7 +23,6 @@ from world_model.questions.naming import described, one_named, place_named, spok
 from world_model.questions.presence import presence_of
 from world_model.questions.recall import DAY, Recall
 from world_model.questions.where import is_at, where_usually
-from world_model.routines import FORMAT, VERSION, Routines, RoutinesConfig
 
 WEEKS = 28 * DAY
 """s: of the history that habits and routines are read from."""

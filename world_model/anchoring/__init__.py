@@ -1,0 +1,1 @@
+"""Anchors and hypotheses: which detection is of which object, and where objects are (chapter 2)."""

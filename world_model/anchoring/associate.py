@@ -1,0 +1,277 @@
+"""Which detection is of which anchor: the plain cases decided, the rest branched over (sections 2.5.1 to 2.5.3).
+
+Whether a detection that no known object explains is a new object or clutter is not branched over: a new anchor
+keeps the probability that there is no such object (`NONE`), which is the sum over both. Every other association
+is a hypothesis of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import gammaln
+
+from estimation.checks import FloatArray
+from world_model.anchoring.anchors import THRESHOLD, Anchors
+from world_model.anchoring.bodies import Bodies
+from world_model.anchoring.loops.branching import begin, join, realise, settle
+from world_model.anchoring.loops.clusters import Track, lonely
+from world_model.anchoring.loops.contacts import Movers
+from world_model.anchoring.loops.expansion import expand, unify
+from world_model.anchoring.loops.gating import touch, weigh
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
+from world_model.anchoring.loops.look import Classes, Detections, Look
+from world_model.anchoring.occlusion import hide, restrict
+from world_model.anchoring.touching import Touching, sharing, touched_by
+from world_model.anchoring.unseen import sensor_array
+from world_model.evidence import Measurements
+
+BURST = 1e-3
+"""Probability that a look finds new objects in company: a cupboard was opened, a room entered."""
+COVERED = 0.5
+"""Probability of being hidden within the view from which on a mover counts as hidden."""
+COMPANY = 10.0
+"""How many they are then, mean."""
+NOBODY = Movers(
+    np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros((0, 3, 3)), 0.0
+)
+
+
+class Association:
+    """touching : how near two movers are detected as one."""
+
+    def __init__(self, anchors: Anchors, bodies: Bodies) -> None:
+        self.anchors = anchors
+        self.bodies = bodies
+        self.touching = Touching(anchors.config.detection_probability)
+
+    @property
+    def merging(self) -> bool:
+        """Whether there may be movers of which one detection is of several."""
+        return self.anchors.config.merged_detections and bool((self.anchors.motion[:, 0] > 0.5).any())
+
+    @property
+    def _classes(self) -> Classes:
+        vocabulary = self.anchors.vocabulary
+        return Classes(self.anchors.motion, vocabulary.blocks, vocabulary.prior())
+
+    def weighed(self, measured: Measurements, stamp: float, lag: float, verified: set[int]) -> Look:
+        """How well each detection fits each anchor that a look concerns; those in `verified` were told theirs."""
+        anchors, leaves = self.anchors, self.anchors.leaves
+        M = len(measured.positions)
+        variances = measured.covariances.diagonal(axis1=1, axis2=2)
+        spread = np.sqrt(variances.max(1)) if M else np.zeros(0)
+        sensor, known = sensor_array(measured.sensor), measured.sensor is not None
+        heights = np.sqrt(variances[:, 2])
+        born, gap, clutter = anchors.unseen.look(
+            measured.positions, heights, sensor, known, measured.silent, stamp, measured.view
+        )
+        found = born * anchors.config.detection_probability
+        both = np.maximum(found + clutter, 1e-300)
+        seen = Detections(
+            stamp,
+            lag,
+            np.arange(M),
+            measured.positions,
+            measured.covariances,
+            anchors.vocabulary.likelihoods(measured.attributes),
+            np.log(both),
+            found / both,
+        )
+        active = np.flatnonzero(leaves.track >= 0)
+        if verified:
+            active = active[~np.isin(leaves.track[active], sorted(verified))]
+        chosen, clear = np.empty(len(active), np.int64), np.empty(len(active))
+        count = touch(
+            leaves, active, seen, spread, sensor, known, measured.silent, anchors.motion, chosen, clear
+        )
+        chosen, clear = chosen[:count], clear[:count]
+        self._hide(measured, chosen, clear, sensor)
+        matrix, missing = np.empty((count, M)), np.empty((count, 2))
+        weigh(leaves, chosen, clear, seen, self._classes, anchors.detector, matrix, missing)
+        reach = self.touching.metres(spread, anchors.config.measurement_sigma) if self.merging else 0.0
+        return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
+
+    def _hide(self, measured: Measurements, chosen: IntArray, clear: FloatArray, sensor: FloatArray) -> None:
+        """Lower the probability of having been in view of what is out of the view, or behind something: (2.10)."""
+        view, quantities = measured.view, self.anchors.quantities
+        in_cone = clear.copy()
+        if view is not None and not measured.silent:
+            restrict(self.anchors.leaves, chosen, clear, view, quantities)
+        told = view is not None and view.knows_hidden
+        if measured.sensor is not None and not measured.silent and not told:
+            hide(self.anchors.leaves, chosen, len(chosen), clear, sensor, quantities)
+        self._cover(chosen, in_cone - clear > COVERED)
+
+    def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:
+        """Movers that something else hides are looked for, and shown for as long as it is known where they are."""
+        leaves, hidden = self.anchors.leaves, slots[covered]
+        moving = hidden[leaves.behavior[hidden, MOVING] > leaves.behavior[hidden, REST]]
+        leaves.missed[moving] = np.maximum(leaves.missed[moving], 1.0)
+
+    def associate(self, look: Look) -> tuple[list[int], list[int]]:
+        """Decide what is plain, branch over the rest; returns touched clusters and a track per detection."""
+        M = len(look.seen.log_new)
+        ratio = look.matrix - look.missing[:, :1] - look.seen.log_new
+        gated = ratio > -THRESHOLD
+        look.matrix[~gated] = -np.inf
+        linked = gated | touched_by(self.anchors.leaves, look, gated) if self.merging else gated
+        per_leaf, per_detection = linked.sum(1).tolist(), linked.sum(0)
+        tracks = self.anchors.leaves.track[look.chosen].tolist()
+        owners = [self.anchors.tracks[t].cluster for t in tracks]
+        first = linked.argmax(1).tolist() if M else [0] * len(tracks)
+        alone = per_detection == 1
+        plain: list[int] = []
+        detection: list[int] = []
+        hard: set[int] = set()
+        of = [-1] * M
+        for k, number in enumerate(owners):
+            if not self.anchors.clusters[number].lonely:
+                hard.add(number)
+            elif per_leaf[k] == 0:
+                plain.append(k)
+                detection.append(-1)
+            elif (
+                per_leaf[k] == 1 and alone[first[k]] and gated[k, first[k]] and ratio[k, first[k]] > THRESHOLD
+            ):
+                plain.append(k)
+                detection.append(first[k])
+                of[first[k]] = tracks[k]
+            else:
+                hard.add(number)
+        self._settle(look, plain, detection)
+        touched = [owners[k] for k in plain]
+        lone = np.flatnonzero(per_detection == 0)
+        touched += self._begin(look, lone, of)
+        at = np.full(self.anchors.pool.size, -1)
+        at[look.chosen] = np.arange(len(look.chosen))
+        for members, detections in self._linked(hard, owners, linked):
+            touched += self._branch(look, members, detections, of, at)
+        return touched, of
+
+    def _settle(self, look: Look, plain: list[int], detection: list[int]) -> None:
+        if not plain:
+            return
+        k = np.array(plain)
+        settle(
+            self.anchors.leaves,
+            look.chosen[k],
+            np.array(detection),
+            look.seen,
+            self.anchors.vocabulary.blocks,
+            look.missing[k, 1],
+            look.clear[k],
+        )
+
+    def _begin(self, look: Look, which: IntArray, of: list[int]) -> list[int]:
+        """New lonely clusters for detections that no leaf explains; returns their numbers."""
+        if len(which) == 0:
+            return []
+        self._expect_company(look, which)
+        self.anchors.pool.reserve(len(which))
+        numbers = self.anchors.numbers(len(which))
+        slots = begin(self.anchors.pool.rows, numbers, which, look.seen, self._classes)
+        for number, slot, j in zip(numbers.tolist(), slots.tolist(), which.tolist(), strict=True):
+            self.anchors.tracks[number] = self._track(number, look, j)
+            self.anchors.clusters[number] = lonely(number, slot)
+            of[j] = number
+        return numbers.tolist()
+
+    def _track(self, number: int, look: Look, j: int) -> Track:
+        late = float(self.anchors.unseen.late[j])
+        return Track(number, number, born=float(look.born[j]), late=late, unwatched=float(look.gap[j]))
+
+    def _expect_company(self, look: Look, which: IntArray) -> None:
+        """Far more unexplained detections than clutter ever makes are new objects that came together."""
+        n, clutter = len(which), self.anchors.config.clutter_per_frame
+        usual = clutter + self.anchors.unseen.awaited
+        log_usual = n * np.log(max(usual, 1e-9)) - usual - gammaln(n + 1)
+        log_burst = np.log(BURST / COMPANY) - n / COMPANY
+        share = 1.0 / (1.0 + np.exp(min(log_usual - log_burst, 700.0)))
+        together = share * n / (n + clutter)
+        existence = look.seen.existence
+        existence[which] = np.maximum(existence[which], together)
+
+    def _linked(
+        self, hard: set[int], owners: list[int], gated: npt.NDArray[np.bool_]
+    ) -> list[tuple[list[int], list[int]]]:
+        """Clusters joined where they compete for a detection, with their detections."""
+        root = {number: number for number in hard}
+
+        def find(number: int) -> int:
+            while root[number] != number:
+                root[number] = root[root[number]]
+                number = root[number]
+            return number
+
+        claimed: dict[int, int] = {}
+        for k, j in zip(*(index.tolist() for index in np.nonzero(gated)), strict=True):
+            if owners[k] not in root:
+                continue
+            mine = find(owners[k])
+            other = find(claimed.setdefault(j, mine))
+            root[max(mine, other)] = min(mine, other)
+        groups: dict[int, tuple[list[int], list[int]]] = {}
+        for number in sorted(hard):
+            groups.setdefault(find(number), ([], []))[0].append(number)
+        for j, number in sorted(claimed.items()):
+            groups[find(number)][1].append(j)
+        return list(groups.values())
+
+    def _branch(
+        self, look: Look, members: list[int], detections: list[int], of: list[int], at: IntArray
+    ) -> list[int]:
+        """Expand the hypotheses of these clusters together; returns the clusters they fall apart into.
+
+        at : rows of `look` by leaf, -1 for leaves that it does not concern.
+        """
+        whole = self.anchors.joined(members)
+        slots = np.unique(whole.rows)
+        slots = slots[slots >= 0]
+        js = np.array(detections, np.int64)
+        seen = look.seen.only(js)
+        k = at[slots]
+        here = k >= 0
+        matrix, missing, clear = look.matrix[k[:, None], js], look.missing[k], look.clear[k]
+        if not here.all():
+            matrix[~here], missing[~here], clear[~here] = -np.inf, 0.0, 0.0
+        local = np.searchsorted(slots, whole.rows)
+        local[whole.rows < 0] = -1
+        movers = self._movers(slots, here, look.reach)
+        keep = self.anchors.config.hypotheses
+        children = expand(local, whole.weights, matrix, missing[:, 0].copy(), seen, movers, keep, THRESHOLD)
+        self.anchors.pool.reserve((len(slots) * (1 + len(children.groups)) + 1) * len(js) + 1)
+        fresh = self.anchors.numbers(len(js))
+        pool = self.anchors.pool.rows
+        rows = realise(pool, slots, local, children, missing[:, 1].copy(), clear, seen, fresh, self._classes)
+        choice, weights = children.choice, children.weights
+        for column in range(len(whole.tracks)):
+            j = choice[0, column]
+            if j >= 0:
+                j %= len(js)
+                of[detections[j]] = whole.tracks[column]
+        for j, number in zip(detections, fresh.tolist(), strict=True):
+            self.anchors.tracks[number] = self._track(number, look, j)
+            if of[j] < 0:
+                of[j] = number
+        join(pool, rows, weights, self.anchors.persistence, self.anchors.vocabulary.width)
+        rows, weights = self.bodies.possible(*unify(rows, weights))
+        if len(weights) > 1:
+            rows, weights = self.anchors.without_names(rows, weights)
+        return self.anchors.divide([*whole.tracks, *fresh.tolist()], rows, weights)
+
+    def _movers(self, slots: IntArray, here: npt.NDArray[np.bool_], reach: float) -> Movers:
+        """Which of these leaves (n,) may share a detection; here (n,) : whether the look concerns them."""
+        if reach <= 0.0:
+            return NOBODY
+        leaves = self.anchors.leaves
+        common = leaves.common[slots, :3, :3]
+        common[leaves.together[slots] == 0] = 0.0
+        return Movers(
+            sharing(leaves, slots, here),
+            leaves.moving[slots, :3],
+            leaves.moving_cov[slots, :3, :3],
+            leaves.together[slots],
+            common,
+            reach,
+        )

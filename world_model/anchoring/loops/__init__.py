@@ -1,0 +1,1 @@
+"""Compiled loops of anchoring over leaves, and the arrays that they share."""

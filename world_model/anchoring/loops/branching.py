@@ -1,0 +1,312 @@
+"""Leaves of children: variants shared by hypotheses, and leaves that have become alike joined; compiled."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from world_model.anchoring.loops.contacts import correct_shared
+from world_model.anchoring.loops.kernels import MOVING, REST, copy_leaf, correct, create, miss
+
+GONE = 0.05  # an anchor less probably there than this makes no difference between two worlds
+
+
+@numba.njit(cache=True)
+def settle(leaves, chosen, detection, seen, blocks, missing, clear):  # type: ignore[no-untyped-def]
+    """Correct lonely leaves in place: chosen (n,) rows, detection (n,) index or -1 for missed."""
+    stamp = seen.stamp - seen.lag
+    for k in range(chosen.size):
+        i, j = chosen[k], detection[k]
+        if j >= 0:
+            z, R = seen.positions[j], seen.covariances[j]
+            correct(leaves, i, z, R, seen.lag, seen.likelihood[j], blocks, stamp)
+            leaves.said[i] = seen.indices[j]
+        else:
+            miss(leaves, i, missing[k], clear[k])
+
+
+@numba.njit(cache=True)
+def begin(rows, tracks, which, seen, classes):  # type: ignore[no-untyped-def]
+    """New leaves for detections `which` (n,) of new tracks (n,); returns their rows (n,)."""
+    slots = np.empty(which.size, np.int64)
+    for k in range(which.size):
+        slots[k] = claim(rows)
+        create(rows.leaves, slots[k], tracks[k], which[k], seen, classes)
+    return slots
+
+
+@numba.njit(cache=True)
+def realise(rows, slots, local, children, missing, clear, seen, tracks, classes):  # type: ignore[no-untyped-def]
+    """Leaves (C, T + M) of the children that `expand` chose, and those of the M tracks they begin.
+
+    slots (n,) : rows of the parents' leaves, used again for those that were missed, else given back. local (H, T) :
+    indices into them. missing (n,) : probability of a detection that did not come.
+    """
+    C, T = children.choice.shape
+    M = tracks.size
+    found = {np.int64(-1): np.int64(-1)}  # row of each variant of a leaf
+    missed = np.zeros(slots.size, np.bool_)
+    begun = np.full(M, -1)
+    out = np.full((C, T + M), -1)
+    taken = np.zeros(M, np.bool_)
+    for c in range(C):
+        taken[:] = False
+        for t in range(T):
+            j = children.choice[c, t]
+            if j == -2:
+                continue
+            at = local[children.parents[c], t]
+            if j == -1:
+                missed[at] = True
+                out[c, t] = slots[at]
+                continue
+            taken[j % M] = True
+            # A leaf has a variant per detection, and one per group that it may be in.
+            key = np.int64(at * M * (children.groups.shape[0] + 1) + j)
+            if key not in found:
+                found[key] = _variant(rows, slots, at, j, children.groups, seen, classes.blocks)
+            out[c, t] = found[key]
+        for j in range(M):
+            if taken[j]:
+                continue
+            if begun[j] < 0:
+                begun[j] = claim(rows)
+                create(rows.leaves, begun[j], tracks[j], j, seen, classes)
+            out[c, T + j] = begun[j]
+    for k in range(slots.size):
+        if missed[k]:
+            miss(rows.leaves, slots[k], missing[k], clear[k])
+        else:
+            release(rows.leaves, rows.free, rows.top, slots[k])
+    return out
+
+
+@numba.njit(cache=True)
+def _variant(rows, slots, at, j, groups, seen, blocks):  # type: ignore[no-untyped-def]
+    """A leaf with a detection of its own, or with that of the group j // M - 1; its row."""
+    leaves, M = rows.leaves, seen.log_new.size
+    slot, d, stamp = claim(rows), j % M, seen.stamp - seen.lag
+    copy_leaf(leaves, slots[at], slot)
+    z, R = seen.positions[d], seen.covariances[d]
+    if j < M:
+        correct(leaves, slot, z, R, seen.lag, seen.likelihood[d], blocks, stamp)
+        leaves.said[slot] = seen.indices[d]
+    else:
+        correct_shared(leaves, slot, slots, groups[j // M - 1], z, R, stamp)
+    return slot
+
+
+@numba.njit(cache=True)
+def claim(rows):  # type: ignore[no-untyped-def]
+    """A free row."""
+    rows.top[0] -= 1
+    return rows.free[rows.top[0]]
+
+
+@numba.njit(cache=True)
+def release(leaves, free, top, slot):  # type: ignore[no-untyped-def]
+    """Give a row back."""
+    leaves.track[slot] = -1
+    free[top[0]] = slot
+    top[0] += 1
+
+
+@numba.njit(cache=True)
+def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def]
+    """Whether two leaves of a track say the same: no later detection could tell them apart.
+
+    persistence (2,) : of runs of misses, of what rests and of what moves by itself.
+    """
+    if (leaves.together[a] > 0) != (leaves.together[b] > 0):
+        return False
+    runs = persistence[int(leaves.behavior[a, REST] <= 0.0)]
+    if abs(leaves.visible[a] - leaves.visible[b]) * runs > 0.1:
+        return False
+    apart = 0.0
+    for m in range(4):
+        apart += abs(leaves.behavior[a, m] - leaves.behavior[b, m])
+    if apart > 0.1:
+        return False
+    apart = 0.0
+    for c in range(attributes):
+        apart += abs(leaves.attributes[a, c] - leaves.attributes[b, c])
+    if apart > 0.2:
+        return False
+    away = 0.0
+    if leaves.behavior[a, REST] >= leaves.behavior[a, MOVING]:
+        for k in range(3):
+            p, q = leaves.rest_cov[a, k, k], leaves.rest_cov[b, k, k]
+            if p > 1.5 * q or q > 1.5 * p:
+                return False
+            away += (leaves.rest[a, k] - leaves.rest[b, k]) ** 2 / max(min(p, q), 1e-12)
+        return away < 0.15
+    for k in range(6):
+        p, q = leaves.moving_cov[a, k, k], leaves.moving_cov[b, k, k]
+        if p > 1.5 * q or q > 1.5 * p:
+            return False
+        away += (leaves.moving[a, k] - leaves.moving[b, k]) ** 2 / max(min(p, q), 1e-12)
+    return away < 0.15
+
+
+@numba.njit(cache=True)
+def join(pool, rows, log_weights, persistence, attributes):  # type: ignore[no-untyped-def]
+    """Replace leaves by a more probable one that says the same, in `rows` (H, T)."""
+    leaves = pool.leaves
+    H, T = rows.shape
+    weights = np.exp(log_weights - log_weights.max())
+    slots = np.empty(H, np.int64)
+    mass = np.empty(H)
+    for t in range(T):
+        count = 0
+        for h in range(H):
+            if rows[h, t] < 0:
+                continue
+            at = -1
+            for k in range(count):
+                if slots[k] == rows[h, t]:
+                    at = k
+                    break
+            if at < 0:
+                slots[count] = rows[h, t]
+                mass[count] = 0.0
+                at = count
+                count += 1
+            mass[at] += weights[h]
+        if count < 2:
+            continue
+        order = np.argsort(-mass[:count])
+        for x in range(count):
+            a = slots[order[x]]
+            if a < 0:
+                continue
+            for y in range(x + 1, count):
+                b = slots[order[y]]
+                if b < 0 or not alike(leaves, a, b, persistence, attributes):
+                    continue
+                for h in range(H):
+                    if rows[h, t] == b:
+                        rows[h, t] = a
+                release(leaves, pool.free, pool.top, b)
+                slots[order[y]] = -1
+
+
+@numba.njit(cache=True)
+def same_worlds(leaves, rows, log_weights, persistence, attributes):  # type: ignore[no-untyped-def]
+    """Join hypotheses with the same objects under other names: rows (H, T) and weights, most probable first.
+
+    Each object present in one must have a counterpart in the other that says the same; what is most probably
+    gone does not count. The more probable naming stays.
+    """
+    H, T = rows.shape
+    alive = np.ones(H, np.bool_)
+    mass = np.exp(log_weights - log_weights[0])
+    taken = np.empty(T, np.bool_)
+    for a in range(H):
+        if not alive[a]:
+            continue
+        for b in range(a + 1, H):
+            if not alive[b]:
+                continue
+            taken[:] = False
+            same = True
+            for t in range(T):
+                x = rows[a, t]
+                if x < 0 or leaves.behavior[x, REST] + leaves.behavior[x, MOVING] < GONE:
+                    continue
+                partner = -1
+                for u in range(T):
+                    y = rows[b, (t + u) % T]
+                    if y < 0 or taken[(t + u) % T]:
+                        continue
+                    if y == x or alike(leaves, x, y, persistence, attributes):
+                        partner = (t + u) % T
+                        break
+                if partner < 0:
+                    same = False
+                    break
+                taken[partner] = True
+            if not same:
+                continue
+            for t in range(T):
+                y = rows[b, t]
+                if y >= 0 and not taken[t] and leaves.behavior[y, REST] + leaves.behavior[y, MOVING] >= GONE:
+                    same = False
+                    break
+            if same:
+                alive[b] = False
+                mass[a] += mass[b]
+    kept = np.flatnonzero(alive)
+    share = mass[kept]
+    order = np.argsort(-share)
+    return rows[kept[order]], np.log(share[order] / share.sum())
+
+
+@numba.njit(cache=True)
+def same_spot(leaves, a, b):  # type: ignore[no-untyped-def]
+    """Whether two leaves are where one object could be."""
+    away, spread = 0.0, 0.0
+    a_moves = leaves.behavior[a, MOVING] > leaves.behavior[a, REST]
+    b_moves = leaves.behavior[b, MOVING] > leaves.behavior[b, REST]
+    for k in range(3):
+        x = leaves.moving[a, k] if a_moves else leaves.rest[a, k]
+        y = leaves.moving[b, k] if b_moves else leaves.rest[b, k]
+        away += (x - y) ** 2
+        spread += leaves.moving_cov[a, k, k] if a_moves else leaves.rest_cov[a, k, k]
+        spread += leaves.moving_cov[b, k, k] if b_moves else leaves.rest_cov[b, k, k]
+    return away < 9.0 * spread / 3.0 + 1e-4
+
+
+@numba.njit(cache=True)
+def other_names(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
+    """Probability (T, T) that what the best hypothesis takes for the first track is the second one instead."""
+    H, T = rows.shape
+    out = np.zeros((T, T))
+    for c in range(T):
+        spot = rows[0, c]
+        if spot < 0 or leaves.behavior[spot, REST] + leaves.behavior[spot, MOVING] < 0.5:
+            continue
+        for h in range(1, H):
+            own = rows[h, c]
+            if own == spot or (
+                own >= 0
+                and leaves.behavior[own, REST] + leaves.behavior[own, MOVING] >= 0.5
+                and same_spot(leaves, own, spot)
+            ):
+                continue
+            for d in range(T):
+                other = rows[h, d]
+                if d == c or other < 0 or other == rows[0, d]:
+                    continue
+                there = leaves.behavior[other, REST] + leaves.behavior[other, MOVING]
+                if there >= 0.5 and same_spot(leaves, other, spot):
+                    out[c, d] += np.exp(log_weights[h])
+    return out
+
+
+@numba.njit(cache=True)
+def sweep(leaves, free, top, before, after):  # type: ignore[no-untyped-def]
+    """Give back the rows in `before` (any shape) that `after` no longer uses."""
+    keep = set()
+    keep.add(-1)
+    for h in range(after.shape[0]):
+        for t in range(after.shape[1]):
+            keep.add(after[h, t])
+    for h in range(before.shape[0]):
+        for t in range(before.shape[1]):
+            slot = before[h, t]
+            if slot not in keep:
+                keep.add(slot)
+                release(leaves, free, top, slot)
+
+
+@numba.njit(cache=True)
+def presence(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
+    """Probability (T,) of each track being there, over all hypotheses of a cluster."""
+    H, T = rows.shape
+    out = np.zeros(T)
+    for h in range(H):
+        weight = np.exp(log_weights[h])
+        for t in range(T):
+            if rows[h, t] >= 0:
+                out[t] += weight * (leaves.behavior[rows[h, t], REST] + leaves.behavior[rows[h, t], MOVING])
+    return out

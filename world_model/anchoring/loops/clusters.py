@@ -1,0 +1,76 @@
+"""Clusters: groups of tracks whose associations depend on each other, with their hypotheses (section 2.5.3).
+
+Independent groups keep hypotheses of their own, so that cost adds up instead of multiplying.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.anchoring.loops.expansion import product
+from world_model.anchoring.loops.leaves import IntArray
+from world_model.state import Box
+
+
+@dataclass
+class Track:
+    """One anchor: its number, its symbol once it is believed in, and whether a verification found it missing.
+
+    born : density of undetected objects where it was first seen, 1/m³; unwatched : for how long nobody had looked
+    there, s. late : probability that it was not there before the first look, if it is new. recognised : whether it has
+    been compared with what was carried away. region : where it may be once it is lost, None for anywhere.
+    """
+
+    number: int
+    cluster: int
+    id: str | None = None
+    lost: bool = False
+    born: float = 0.0
+    late: float = 0.0
+    unwatched: float = np.inf
+    recognised: bool = False
+    region: Box | None = None
+
+
+@dataclass
+class Cluster:
+    """tracks (T,) : numbers. rows (H, T) : leaf of each track in each hypothesis, -1 for none, the most
+    probable first. weights (H,) : their log probabilities, normalised."""
+
+    tracks: list[int]
+    rows: IntArray
+    weights: FloatArray
+
+    @property
+    def lonely(self) -> bool:
+        """One track, one hypothesis: nothing to decide but whether a detection is its own."""
+        return self.rows.size == 1
+
+
+def lonely(track: int, slot: int) -> Cluster:
+    """The cluster of one track with one leaf."""
+    return Cluster([track], np.array([[slot]]), np.zeros(1))
+
+
+def combined(clusters: list[Cluster], keep: int, threshold: float) -> Cluster:
+    """One cluster with the best combinations of hypotheses."""
+    whole = clusters[0]
+    tracks, rows, weights = list(whole.tracks), whole.rows, whole.weights
+    for other in clusters[1:]:
+        rows, weights = product(rows, weights, other.rows, other.weights, keep, threshold)
+        tracks += other.tracks
+    return Cluster(tracks, rows, weights)
+
+
+def best_sums(weights: list[FloatArray], keep: int) -> tuple[FloatArray, IntArray]:
+    """The best combinations of one hypothesis per cluster: log weights (K,), choices (K, clusters)."""
+    sums, picks = np.zeros(1), np.zeros((1, 0), np.int64)
+    for own in weights:
+        total = (sums[:, None] + own[None, :]).ravel()
+        order = np.argsort(-total, kind="stable")[:keep]
+        picks = np.column_stack([picks[order // len(own)], order % len(own)])
+        sums = total[order]
+    return sums, picks

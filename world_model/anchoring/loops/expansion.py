@@ -1,0 +1,337 @@
+"""Children of a group of hypotheses: the k best associations over all parents (2.4) to (2.9), compiled.
+
+A group has T tracks and H hypotheses; `rows` (H, T) holds the leaf of each track, -1 where a track does not exist.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.murty import k_best_full
+from world_model.anchoring.loops.contacts import (
+    AT_ONCE,
+    MOST_COMBINATIONS,
+    MOST_MEMBERS,
+    combinations,
+    contacts,
+    merge_events,
+    resolved_weight,
+)
+from world_model.anchoring.loops.leaves import IntArray
+
+MOST_GROUPS = 256  # different groups of touching movers in the children of one look
+
+
+class Children(NamedTuple):
+    """parents (C,); choice (C, T) : detection of each track, -1 missed, -2 no such track, at least M for one shared by
+    group (choice // M - 1); weights (C,), log; groups (G, MOST_MEMBERS) of leaves, filled up with -1."""
+
+    parents: IntArray
+    choice: IntArray
+    weights: FloatArray
+    groups: IntArray
+
+
+class Parent(NamedTuple):
+    """One hypothesis: its number, log weight if everything is missed or new, its leaves (n,) and their columns (n,),
+    the detections (m,) that they can explain and the costs (m, n) of that, probabilities (n, n) of being in contact."""
+
+    number: int
+    weight: float
+    local: IntArray
+    columns: IntArray
+    used: IntArray
+    costs: FloatArray
+    touching: FloatArray
+
+
+@numba.njit(cache=True)
+def expand(rows, log_weights, matrix, missing, seen, movers, keep, threshold):  # type: ignore[no-untyped-def]
+    """The `keep` best children of all parents, those within `threshold` of the best, as `Children`.
+
+    rows (H, T) : indices into matrix (n, M), log weights of being a detection, and missing (n,), of being missed.
+    seen : `look.Detections`. movers : `contacts.Movers`, those that may share a detection (Assumption II dropped).
+    """
+    H, T = rows.shape
+    everything_new = seen.log_new.sum()
+    most = _most(matrix, missing, seen.log_new)
+    order = np.argsort(-log_weights)
+    share = np.exp(log_weights - log_weights.max())
+    share /= share.sum()
+    sharing = movers.present.size > 0 and movers.present.max() > 0.0
+    room = 4 * keep + (MOST_COMBINATIONS if sharing else 1) * H
+    children = Children(
+        np.empty(room, np.int64),
+        np.full((room, T), -2),
+        np.full(room, -np.inf),
+        np.full((MOST_GROUPS if sharing else 0, MOST_MEMBERS), -1),
+    )
+    counts = np.zeros(2, np.int64)
+    best = -np.inf
+    for h in order:
+        weight = log_weights[h] + everything_new
+        # The parents are sorted: no child of this one or a later one is among the best. Groups that share a detection
+        # may gain a little more.
+        if weight + most < best - (3.0 if sharing else 1.0) * threshold:
+            break
+        columns = np.flatnonzero(rows[h] >= 0)
+        local = rows[h][columns]
+        for leaf in local:
+            weight += missing[leaf]
+        touching = np.zeros((0, 0))
+        if sharing and local.size > 1:
+            touching = contacts(local, movers)
+            if touching.max() <= 0.0:
+                touching = np.zeros((0, 0))
+        used, costs = _explained(local, matrix, missing, seen.log_new, threshold, touching.size > 0)
+        parent = Parent(h, weight, local, columns, used, costs, touching)
+        k = min(max(1, int(np.ceil(keep * share[h]))), keep)
+        best = _add_children(parent, k, missing, seen, movers, threshold, children, counts, best)
+    weights = children.weights
+    ranked = np.argsort(-weights[: counts[0]])
+    kept = 0
+    while kept < min(keep, counts[0]) and weights[ranked[kept]] >= best - threshold:
+        kept += 1
+    ranked = ranked[:kept]
+    return Children(
+        children.parents[ranked], children.choice[ranked], weights[ranked], children.groups[: counts[1]]
+    )
+
+
+@numba.njit(cache=True)
+def _most(matrix, missing, log_new):  # type: ignore[no-untyped-def]
+    """What all detections can gain at the most over being new or clutter."""
+    most = 0.0
+    for j in range(log_new.size):
+        gain = 0.0
+        for i in range(matrix.shape[0]):
+            gain = max(gain, matrix[i, j] - missing[i] - log_new[j])
+        most += gain
+    return most
+
+
+@numba.njit(cache=True)
+def _explained(local, matrix, missing, log_new, threshold, every):  # type: ignore[no-untyped-def]
+    """Detections (m,) that some leaf of `local` can explain, or `every` one, and the costs (m, n) of that."""
+    n, m = local.size, 0
+    used = np.empty(log_new.size, np.int64)
+    costs = np.empty((log_new.size, n))
+    for j in range(log_new.size):
+        gated = every
+        for c in range(n):
+            costs[m, c] = np.inf
+            value = matrix[local[c], j]
+            if value > -np.inf:
+                ratio = value - missing[local[c]] - log_new[j]
+                if ratio > -threshold:
+                    costs[m, c] = -ratio
+                    gated = True
+        if gated:
+            used[m] = j
+            m += 1
+    return used[:m], costs[:m]
+
+
+@numba.njit(cache=True)
+def _add_children(parent, k, missing, seen, movers, threshold, children, counts, best):  # type: ignore[no-untyped-def]
+    """The `k` best children of a parent, in each set of groups that share a detection; returns the best weight so far.
+
+    counts (2,) : of children and of groups, both kept up to date.
+    """
+    M, m, n = seen.log_new.size, parent.used.size, parent.local.size
+    touch = parent.touching.size > 0
+    room = children.weights.size
+    sets = np.full((1, AT_ONCE), -1)
+    events = np.empty((0, MOST_MEMBERS), np.int64)
+    event_row, gains = np.empty(0, np.int64), np.empty(0)
+    if m > 0 and touch:
+        events, event_row, gains = merge_events(
+            parent.local, parent.touching, parent.used, missing, seen, movers, threshold
+        )
+        sets = combinations(events, event_row, gains)
+    for number in range(sets.shape[0]):
+        start = parent.weight
+        row_free, column_free = np.ones(m, np.bool_), np.ones(n, np.bool_)
+        for event in sets[number]:
+            if event >= 0:
+                start += gains[event]
+                row_free[event_row[event]] = False
+                for member in events[event]:
+                    if member >= 0:
+                        column_free[member] = False
+        rest_rows, rest_columns = np.flatnonzero(row_free), np.flatnonzero(column_free)
+        small, bound = _square(parent.costs, rest_rows, rest_columns, start)
+        if number > 0 and bound < best - threshold:
+            continue
+        solutions = np.empty((1, 0), np.int64)
+        if rest_rows.size > 0:
+            solutions = k_best_full(small, min(k, room - counts[0]))
+        for solution in solutions:
+            weight = start
+            for r in range(rest_rows.size):
+                weight -= small[r, solution[r]]
+            if counts[0] >= room or (weight < best - threshold and not touch):
+                break
+            chosen = np.full(n, -1)
+            for r in range(rest_rows.size):
+                if solution[r] < rest_columns.size:
+                    chosen[rest_columns[solution[r]]] = parent.used[rest_rows[r]]
+            if touch:
+                _share(parent, sets[number], events, event_row, M, children.groups, counts, chosen)
+                weight += resolved_weight(parent.touching, chosen, parent.local, missing, seen, movers)
+                if weight < best - threshold:
+                    continue
+            best = max(best, weight)
+            at = counts[0]
+            children.parents[at], children.weights[at] = parent.number, weight
+            for c in range(n):
+                children.choice[at, parent.columns[c]] = chosen[c]
+            counts[0] += 1
+    return best
+
+
+@numba.njit(cache=True)
+def _square(costs, rows, columns, start):  # type: ignore[no-untyped-def]
+    """Costs of these detections, of these tracks or new (r, c + r), and the best weight of any assignment."""
+    r_count, c_count = rows.size, columns.size
+    small = np.full((r_count, c_count + r_count), np.inf)
+    bound = start
+    for r in range(r_count):
+        least = 0.0
+        for c in range(c_count):
+            small[r, c] = costs[rows[r], columns[c]]
+            least = min(least, small[r, c])
+        small[r, c_count + r] = 0.0
+        bound -= least
+    return small, bound
+
+
+@numba.njit(cache=True)
+def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):  # type: ignore[no-untyped-def]
+    """Write into chosen (n,) who shares which detection; a group that is not known yet goes into `groups`."""
+    member = np.empty(MOST_MEMBERS, np.int64)
+    for event in events_chosen:
+        if event < 0:
+            continue
+        for q in range(MOST_MEMBERS):
+            member[q] = -1
+            if events[event, q] >= 0:
+                member[q] = parent.local[events[event, q]]
+        code = -1
+        for g in range(counts[1]):
+            if (groups[g] == member).all():
+                code = g
+                break
+        if code < 0:
+            code = min(counts[1], groups.shape[0] - 1)
+            groups[code] = member
+            counts[1] = code + 1
+        for q in range(MOST_MEMBERS):
+            if events[event, q] >= 0:
+                chosen[events[event, q]] = M * (1 + code) + parent.used[event_row[event]]
+
+
+@numba.njit(cache=True)
+def product(rows_a, log_a, rows_b, log_b, keep, threshold):  # type: ignore[no-untyped-def]
+    """The best combinations of the hypotheses of two independent groups."""
+    A, B = log_a.size, log_b.size
+    sums = np.empty(A * B)
+    for a in range(A):
+        for b in range(B):
+            sums[a * B + b] = log_a[a] + log_b[b]
+    ranked = np.argsort(-sums)
+    kept = 0
+    while kept < min(keep, A * B) and sums[ranked[kept]] >= sums[ranked[0]] - threshold:
+        kept += 1
+    rows = np.empty((kept, rows_a.shape[1] + rows_b.shape[1]), np.int64)
+    weights = np.empty(kept)
+    for k in range(kept):
+        a, b = ranked[k] // B, ranked[k] % B
+        rows[k, : rows_a.shape[1]] = rows_a[a]
+        rows[k, rows_a.shape[1] :] = rows_b[b]
+        weights[k] = sums[ranked[k]]
+    return rows, weights
+
+
+@numba.njit(cache=True)
+def components(rows, log_weights, tolerance):  # type: ignore[no-untyped-def]
+    """Labels (T,) of groups of tracks that are independent given these hypotheses.
+
+    Two tracks belong together where their joint distribution over leaves differs from the product of its
+    marginals by more than `tolerance` (total variation).
+    """
+    H, T = rows.shape
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    # Leaves renumbered per track, and their marginal probabilities.
+    label = np.empty((H, T), np.int64)
+    marginal = np.zeros((T, H))
+    kinds = np.zeros(T, np.int64)
+    for t in range(T):
+        for h in range(H):
+            known = -1
+            for g in range(h):
+                if rows[g, t] == rows[h, t]:
+                    known = label[g, t]
+                    break
+            if known < 0:
+                known = kinds[t]
+                kinds[t] += 1
+            label[h, t] = known
+            marginal[t, known] += weights[h]
+    group = np.arange(T)
+    for a in range(T):
+        if kinds[a] < 2:
+            continue
+        for b in range(a + 1, T):
+            if kinds[b] < 2 or group[a] == group[b]:
+                continue
+            joint = np.zeros((kinds[a], kinds[b]))
+            for h in range(H):
+                joint[label[h, a], label[h, b]] += weights[h]
+            apart = 0.0
+            for p in range(kinds[a]):
+                for q in range(kinds[b]):
+                    apart += abs(joint[p, q] - marginal[a, p] * marginal[b, q])
+            if 0.5 * apart > tolerance:
+                old, new = group[b], group[a]
+                for c in range(T):
+                    if group[c] == old:
+                        group[c] = new
+    return group
+
+
+@numba.njit(cache=True)
+def unify(rows, log_weights):  # type: ignore[no-untyped-def]
+    """Join hypotheses with the same leaves; returns rows and weights, the most probable first, sum one."""
+    H, T = rows.shape
+    order = np.argsort(-log_weights)
+    kept = np.empty(H, np.int64)
+    mass = np.empty(H)
+    count = 0
+    top = log_weights[order[0]]
+    for at in range(H):
+        h = order[at]
+        same = -1
+        for k in range(count):
+            equal = True
+            for t in range(T):
+                if rows[kept[k], t] != rows[h, t]:
+                    equal = False
+                    break
+            if equal:
+                same = k
+                break
+        if same < 0:
+            kept[count] = h
+            mass[count] = np.exp(log_weights[h] - top)
+            count += 1
+        else:
+            mass[same] += np.exp(log_weights[h] - top)
+    mass = mass[:count]
+    ranked = np.argsort(-mass)
+    return rows[kept[:count][ranked]], np.log(mass[ranked] / mass.sum())

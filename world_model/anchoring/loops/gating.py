@@ -1,0 +1,155 @@
+"""Which anchors a look concerns, and how well each detection fits each: compiled loops over leaves (section 2.5.2)."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from world_model.anchoring.loops.kernels import (
+    MOVING,
+    REST,
+    SETTLED_HITS,
+    attribute_factor,
+    class_of,
+    clearance,
+    log_likelihoods,
+    predict,
+    visible_probability,
+)
+
+RECENT = 0.5  # s: a sensor does not move far in this time
+OUT_OF_GATE = -60.0  # log density below which a detection is of something else
+
+
+@numba.njit(cache=True)
+def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, clear):  # type: ignore[no-untyped-def]
+    """Leaves that a look concerns: in view, near a detection, or of movers.
+
+    active (N,) rows in use; spread (M,) largest standard deviation of each detection, m; sensor as in
+    `clearance`, used where `known`; `silent` where absence means nothing. A look made some time ago says nothing
+    about the absence of what has been seen since, nor of what moves. Writes rows to `chosen` and to `clear`
+    the probability that being there would have meant being in view; returns how many.
+    """
+    stamp, lag, positions = seen.stamp, seen.lag, seen.positions
+    count = 0
+    wider = sensor.copy()
+    for k in range(active.size):
+        i = active[k]
+        pi = leaves.behavior[i]
+        dt = stamp - leaves.stamp[i]
+        row = class_of(leaves, i, motion.shape[0] - 1)
+        moves = motion[row, 0] > 0.5
+        moving = pi[MOVING] > pi[REST]
+        variance = 0.0
+        x = leaves.moving[i, :3] + dt * leaves.moving[i, 3:] if moving else leaves.rest[i].copy()
+        for a in range(3):
+            if moving:
+                P = leaves.moving_cov[i]
+                v = P[a, a] + 2.0 * dt * abs(P[a, a + 3]) + dt * dt * P[a + 3, a + 3]
+                w = leaves.moving[i]
+                square = w[3] ** 2 + w[4] ** 2 + P[3, 3] + P[4, 4]
+                v += (motion[row, 1] ** 2 + motion[row, 5] ** 2 * square) * dt**3 / 3.0
+            else:
+                v = leaves.rest_cov[i, a, a]
+            variance = max(variance, v)
+        sigma = np.sqrt(variance)
+        view = 0.0
+        if not silent and (lag <= 0.0 or not (moving or leaves.last[i] > stamp - lag)):
+            view = 1.0
+            if known:
+                # What has settled must be surely inside: a wrong look would be repeated.
+                margin = 3.0 if leaves.hits[i] >= SETTLED_HITS else 1.5
+                # Of what was seen just now it is known that the sensor reaches so far.
+                wider[5] = sensor[5]
+                if leaves.hits[i] < SETTLED_HITS and stamp - leaves.last[i] < RECENT:
+                    wider[5] += margin * sigma + 0.06
+                inside = min(clearance(x, wider, False), clearance(x, wider, True))
+                view = min(max((inside - margin * sigma - 0.01) / 0.05, 0.0), 1.0)
+        # What may begin to move while it is looked for is found a little farther away.
+        reach = 6.0 * sigma + (0.0 if moves else motion[row, 3] * min(dt, 0.5) * 3.0)
+        near = False
+        for j in range(positions.shape[0]):
+            dx, dy, dz = positions[j, 0] - x[0], positions[j, 1] - x[1], positions[j, 2] - x[2]
+            limit = reach + 6.0 * spread[j]
+            if dx * dx + dy * dy + dz * dz < limit * limit:
+                near = True
+                break
+        if near or view > 0.0 or moves:
+            chosen[count] = i
+            clear[count] = view
+            count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def _bounds(covariances):  # type: ignore[no-untyped-def]
+    """Of each detection: the highest log density it can have, and the trace of its covariance."""
+    count = covariances.shape[0]
+    sharpest, spread = np.empty(count), np.empty(count)
+    for j in range(count):
+        R = covariances[j]
+        det = (
+            R[0, 0] * (R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1])
+            - R[0, 1] * (R[1, 0] * R[2, 2] - R[1, 2] * R[2, 0])
+            + R[0, 2] * (R[1, 0] * R[2, 1] - R[1, 1] * R[2, 0])
+        )
+        sharpest[j] = np.inf if det <= 0.0 else -0.5 * np.log(det) - 1.5 * np.log(2.0 * np.pi)
+        spread[j] = R[0, 0] + R[1, 1] + R[2, 2]
+    return sharpest, spread
+
+
+@numba.njit(cache=True)
+def _too_far(leaves, i, z, sharpest, spread):  # type: ignore[no-untyped-def]
+    """Whether a detection is out of the gate by bounds alone: no eigenvalue of S exceeds its trace, det S >= det R."""
+    P = leaves.rest_cov[i]
+    if leaves.behavior[i, REST] > 0.0 and _reaches(leaves.rest[i], P, z, sharpest, spread):
+        return False
+    P = leaves.moving_cov[i]
+    return not (leaves.behavior[i, MOVING] > 0.0 and _reaches(leaves.moving[i], P, z, sharpest, spread))
+
+
+@numba.njit(cache=True)
+def _reaches(x, P, z, sharpest, spread):  # type: ignore[no-untyped-def]
+    square = (z[0] - x[0]) ** 2 + (z[1] - x[1]) ** 2 + (z[2] - x[2]) ** 2
+    return sharpest - 0.5 * square / (P[0, 0] + P[1, 1] + P[2, 2] + spread) >= OUT_OF_GATE
+
+
+@numba.njit(cache=True)
+def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # type: ignore[no-untyped-def]
+    """Predict the touched leaves and weigh being missed and being each detection: (2.7), (2.8), (2.10).
+
+    detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix
+    (n, M), -inf where a detection is out of the gate, and missing (n, 2): log weight and probability of
+    a detection that did not come. Predicts in place.
+    """
+    positions, covariances, motion = seen.positions, seen.covariances, classes.motion
+    stamp, lag = seen.stamp, seen.lag
+    out, S, inverse = np.empty(2), np.empty((3, 3)), np.empty((3, 3))
+    sharpest, spread = _bounds(covariances)
+    for k in range(chosen.size):
+        i = chosen[k]
+        dt = stamp - leaves.stamp[i]
+        runs = detector[int(motion[class_of(leaves, i, motion.shape[0] - 1), 0] > 0.5)]
+        visible = visible_probability(leaves, i, dt, runs[0], runs[2], runs[3])
+        detected = visible * runs[1]
+        predict(leaves, i, stamp, motion, runs[4])
+        leaves.visible[i] = visible
+        pi = leaves.behavior[i]
+        here = pi[REST] + pi[MOVING]
+        detectable = detected * clear[k]
+        missing[k, 0] = np.log(max(1.0 - here * detectable, 1e-12))
+        missing[k, 1] = detectable
+        # A detection at the edge of the field of view is no contradiction.
+        found = np.log(detected)
+        for j in range(positions.shape[0]):
+            matrix[k, j] = -np.inf
+            if lag == 0.0 and _too_far(leaves, i, positions[j], sharpest[j], spread[j]):
+                continue
+            log_likelihoods(leaves, i, positions[j], covariances[j], lag, out, S, inverse)
+            top = max(out[0], out[1])
+            if top < OUT_OF_GATE or here <= 0.0:
+                continue
+            weight = pi[REST] * np.exp(out[0] - top) + pi[MOVING] * np.exp(out[1] - top)
+            factor = attribute_factor(leaves, i, seen.likelihood[j], classes.blocks)
+            if weight > 0.0 and factor > 0.0:
+                matrix[k, j] = found + top + np.log(weight * factor)

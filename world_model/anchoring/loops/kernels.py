@@ -1,0 +1,435 @@
+"""Prediction, gating and correction of anchors: compiled loops over leaves (section 2.5.2).
+
+`motion` (C + 1, 6) has one row per class and the default last: 1 for constant velocity, root of the acceleration
+density q, rate of being carried (1/s), standard deviation of a first velocity (m/s), share that keeps to a
+predicted path, diffusion of the heading (rad/s^0.5).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from world_model.anchoring.loops.walking import flow, walk
+
+REST, MOVING, AWAY, NONE = 0, 1, 2, 3
+CARRY_SECONDS = 2.0  # an object in somebody's hand is put down after this long, on average
+VANISH_SECONDS = 5.0  # and is taken out of sight after this long
+UNMODELLED = (
+    0.02  # that a settled object is where it was, although it was not seen there: for unknown reasons
+)
+HAND = 0.1  # m: put down this near, what was taken may as well have stayed
+NEARBY = 0.5  # m: and what was followed is known this well where it was put down
+SETTLED_HITS = 3
+MEMORY = 100.0  # detections after which a resting object's position forgets: their errors are not independent
+LATE = 0.5  # share of the last detection in how far a mover was from where it was expected lately
+STRAINED = 8.0  # mean squared Mahalanobis distance, 2 or 3 expected, from which it must have turned
+TURNS = 0.01  # probability of that at any look
+UNSEEN = 0.1  # s: who was not seen for longer may be anywhere near
+ATTRIBUTE_FLOOR = 1e-4
+LOG_2PI_3 = 3.0 * np.log(2.0 * np.pi)
+
+
+@numba.njit(cache=True)
+def inverse_3x3(m, out):  # type: ignore[no-untyped-def]
+    """Inverse of a symmetric matrix into `out`; returns the determinant."""
+    a, b, c = m[0, 0], m[0, 1], m[0, 2]
+    d, e, f = m[1, 1], m[1, 2], m[2, 2]
+    c00, c01, c02 = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * c00 + b * c01 + c * c02
+    scale = 1.0 / determinant
+    out[0, 0], out[0, 1], out[0, 2] = c00 * scale, c01 * scale, c02 * scale
+    out[1, 0], out[1, 1], out[1, 2] = c01 * scale, (a * f - c * c) * scale, (b * c - a * e) * scale
+    out[2, 0], out[2, 1], out[2, 2] = c02 * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
+    return determinant
+
+
+@numba.njit(cache=True)
+def class_of(leaves, i, classes):  # type: ignore[no-untyped-def]
+    """Row of `motion` for a leaf: its most probable class, the default where there are none."""
+    best, at = 0.0, classes
+    for k in range(classes):
+        if leaves.attributes[i, k] > best:
+            best, at = leaves.attributes[i, k], k
+    return at
+
+
+@numba.njit(cache=True)
+def start_moving(leaves, i, speed, dt):  # type: ignore[no-untyped-def]
+    """The moving filter of a leaf from where it rests: it began to move within dt at about `speed`."""
+    P = leaves.moving_cov[i]
+    P[:, :] = 0.0
+    for a in range(3):
+        leaves.moving[i, a] = leaves.rest[i, a]
+        leaves.moving[i, a + 3] = 0.0
+        for b in range(3):
+            P[a, b] = leaves.rest_cov[i, a, b]
+        P[a, a] += (speed * dt) ** 2
+        P[a, a + 3] = speed * speed * dt
+        P[a + 3, a] = P[a, a + 3]
+        P[a + 3, a + 3] = speed * speed
+
+
+@numba.njit(cache=True)
+def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
+    """Propagate a leaf to `stamp` with its behaviour models and the transitions between them, in place."""
+    dt = stamp - leaves.stamp[i]
+    if dt <= 0.0:
+        return
+    leaves.stamp[i] = stamp
+    row = class_of(leaves, i, motion.shape[0] - 1)
+    q, carried, speed = motion[row, 1] ** 2, motion[row, 2], motion[row, 3]
+    # Turns without notice are of what moves by itself, where turning is no part of its motion anyway.
+    walks = motion[row, 0] > 0.5 and motion[row, 5] <= 0.0
+    leaves.strain[i] = max(leaves.strain[i], 0.0) if walks else -1.0
+    pi = leaves.behavior[i]
+    gone = 1.0 - np.exp(-removed * dt)
+    if motion[row, 0] > 0.5:
+        if pi[REST] > 0.0:
+            if pi[REST] >= pi[MOVING]:
+                start_moving(leaves, i, speed, 0.0)
+                leaves.moving[i, 3:] = leaves.led[i]
+            pi[MOVING] += pi[REST]
+            pi[REST] = 0.0
+        walk(leaves, i, dt, q, motion[row, 5])
+        off = (1.0 - np.exp(-carried * dt)) * pi[MOVING]
+        pi[MOVING] -= off
+        pi[AWAY] += off
+    else:
+        begun = (1.0 - np.exp(-carried * dt)) * pi[REST]
+        settled = (1.0 - np.exp(-dt / CARRY_SECONDS)) * pi[MOVING]
+        vanished = (1.0 - np.exp(-dt / VANISH_SECONDS)) * (pi[MOVING] - settled)
+        # Of what was taken since the last look only the latest may still be in somebody's hand.
+        held = 0.5 * begun * CARRY_SECONDS / dt * (1.0 - np.exp(-dt / CARRY_SECONDS))
+        here = settled
+        if pi[MOVING] > 1e-3 * pi[REST]:
+            flow(leaves.moving[i], leaves.moving_cov[i], dt, q)
+            if not put_down(leaves, i, pi[REST] - begun, settled):
+                here = 0.0
+        else:
+            start_moving(leaves, i, speed, min(dt, CARRY_SECONDS))
+        pi[REST] += here - begun
+        pi[MOVING] += held - settled - vanished
+        pi[AWAY] += begun - held + vanished + settled - here
+    leaves.led[i] = 0.0
+    for m in range(3):
+        pi[NONE] += gone * pi[m]
+        pi[m] -= gone * pi[m]
+
+
+@numba.njit(cache=True)
+def put_down(leaves, i, stayed, settled):  # type: ignore[no-untyped-def]
+    """Mix what was put down into the resting filter, matching moments; whether that was possible.
+
+    What may have been put down far from where it rested, or nobody knows where, is not: the mixture would blur a place
+    that is known well.
+    """
+    total = stayed + settled
+    if total <= 0.0 or settled <= 1e-9 * total:
+        return True
+    share = settled / total
+    rest, P = leaves.rest[i], leaves.rest_cov[i]
+    moving, Q = leaves.moving[i], leaves.moving_cov[i]
+    around = 0.0
+    for a in range(3):
+        around += Q[a, a] / 3.0
+        if leaves.behavior[i, MOVING] < stayed:
+            around += (moving[a] - rest[a]) ** 2
+    if around > (HAND if leaves.behavior[i, MOVING] < stayed else NEARBY) ** 2:
+        return False
+    for a in range(3):
+        for b in range(3):
+            gap = (moving[a] - rest[a]) * (moving[b] - rest[b])
+            P[a, b] = (1.0 - share) * P[a, b] + share * Q[a, b] + share * (1.0 - share) * gap
+    for a in range(3):
+        rest[a] += share * (moving[a] - rest[a])
+    return True
+
+
+@numba.njit(cache=True)
+def visible_probability(leaves, i, dt, visible, persistence, rate):  # type: ignore[no-untyped-def]
+    """Probability that the object is not in a run of misses at a look `dt` after its last, (2.10).
+
+    A chain with two states, `visible` in the long run; `persistence` is its eigenvalue per look.
+    """
+    frames = max(1.0, dt * rate)
+    fade = persistence**frames if persistence > 0.0 else 0.0
+    return max(visible + (leaves.visible[i] - visible) * fade, 0.02 * visible)
+
+
+@numba.njit(cache=True)
+def log_gauss(dx, dy, dz, S, inverse):  # type: ignore[no-untyped-def]
+    determinant = inverse_3x3(S, inverse)
+    if determinant <= 0.0:
+        return -np.inf
+    d2 = (
+        inverse[0, 0] * dx * dx
+        + inverse[1, 1] * dy * dy
+        + inverse[2, 2] * dz * dz
+        + 2.0 * (inverse[0, 1] * dx * dy + inverse[0, 2] * dx * dz + inverse[1, 2] * dy * dz)
+    )
+    return -0.5 * (d2 + np.log(determinant) + LOG_2PI_3)
+
+
+@numba.njit(cache=True)
+def innovation(P, R, lag, S):  # type: ignore[no-untyped-def]
+    """Covariance of a measured position `lag` seconds ago; P is (3, 3) or (6, 6)."""
+    for a in range(3):
+        for b in range(3):
+            S[a, b] = P[a, b] + R[a, b]
+            if P.shape[0] == 6:
+                S[a, b] += lag * lag * P[a + 3, b + 3] - lag * (P[a, b + 3] + P[a + 3, b])
+
+
+@numba.njit(cache=True)
+def inflate_rest(leaves, i, R):  # type: ignore[no-untyped-def]
+    """Keep the resting filter from believing that more than `MEMORY` detections were independent."""
+    have = leaves.rest_cov[i, 0, 0] + leaves.rest_cov[i, 1, 1] + leaves.rest_cov[i, 2, 2]
+    least = (R[0, 0] + R[1, 1] + R[2, 2]) / MEMORY
+    if have < least:
+        for a in range(3):
+            leaves.rest_cov[i, a, a] += (least - have) / 3.0
+
+
+@numba.njit(cache=True)
+def widen(leaves, i, S):  # type: ignore[no-untyped-def]
+    """Add to a covariance (3, 3) where a mover may be that turned since it was last seen."""
+    x, P = leaves.moving[i], leaves.moving_cov[i]
+    unseen = 2.0 * min(max(leaves.stamp[i] - leaves.last[i], 0.0), UNSEEN)
+    square = 0.0
+    for a in range(3):
+        square += x[a + 3] ** 2
+    for a in range(3):
+        # What does not move in a direction does not turn there.
+        if P[a + 3, a + 3] + x[a + 3] ** 2 > 1e-3 * square:
+            S[a, a] += unseen * unseen * square
+
+
+@numba.njit(cache=True)
+def log_likelihoods(leaves, i, z, R, lag, out, S, inverse):  # type: ignore[no-untyped-def]
+    """Log densities of a measured position under rest and moving, into `out` (2,): (2.7)."""
+    out[0] = -np.inf
+    out[1] = -np.inf
+    if leaves.behavior[i, REST] > 0.0:
+        x, v = leaves.rest[i], leaves.led[i]
+        innovation(leaves.rest_cov[i], R, lag, S)
+        out[0] = log_gauss(
+            z[0] - x[0] + lag * v[0], z[1] - x[1] + lag * v[1], z[2] - x[2] + lag * v[2], S, inverse
+        )
+    if leaves.behavior[i, MOVING] > 0.0:
+        y = leaves.moving[i]
+        innovation(leaves.moving_cov[i], R, lag, S)
+        dx, dy, dz = z[0] - y[0] + lag * y[3], z[1] - y[1] + lag * y[4], z[2] - y[2] + lag * y[5]
+        out[1] = log_gauss(dx, dy, dz, S, inverse)
+        if leaves.hits[i] >= SETTLED_HITS and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
+            widen(leaves, i, S)
+            wide = log_gauss(dx, dy, dz, S, inverse) + np.log(TURNS)
+            if wide > out[1]:
+                out[1] = wide
+
+
+@numba.njit(cache=True)
+def attribute_factor(leaves, i, likelihood, blocks):  # type: ignore[no-untyped-def]
+    """How much better a leaf explains the measured attributes than an unknown object does."""
+    factor = 1.0
+    for k in range(blocks.shape[0]):
+        if blocks[k, 0] == blocks[k, 1]:
+            continue
+        total = 0.0
+        for c in range(blocks[k, 0], blocks[k, 1]):
+            total += leaves.attributes[i, c] * likelihood[c]
+        factor *= total
+    return factor
+
+
+@numba.njit(cache=True)
+def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
+    leaves.rest[target] = leaves.rest[source]
+    leaves.rest_cov[target] = leaves.rest_cov[source]
+    leaves.led[target] = leaves.led[source]
+    leaves.moving[target] = leaves.moving[source]
+    leaves.moving_cov[target] = leaves.moving_cov[source]
+    leaves.behavior[target] = leaves.behavior[source]
+    leaves.visible[target] = leaves.visible[source]
+    leaves.stamp[target] = leaves.stamp[source]
+    leaves.attributes[target] = leaves.attributes[source]
+    leaves.last[target] = leaves.last[source]
+    leaves.first[target] = leaves.first[source]
+    leaves.hits[target] = leaves.hits[source]
+    leaves.missed[target] = leaves.missed[source]
+    leaves.track[target] = leaves.track[source]
+    leaves.values[target] = leaves.values[source]
+    leaves.variances[target] = leaves.variances[source]
+    leaves.said[target] = -1
+    leaves.together[target] = leaves.together[source]
+    leaves.strain[target] = leaves.strain[source]
+    if leaves.together[source] > 0:
+        leaves.common[target] = leaves.common[source]
+
+
+@numba.njit(cache=True)
+def learn_attributes(leaves, i, likelihood, blocks):  # type: ignore[no-untyped-def]
+    """Bayes' rule for every discrete attribute; nothing becomes impossible."""
+    for k in range(blocks.shape[0]):
+        total = 0.0
+        for c in range(blocks[k, 0], blocks[k, 1]):
+            leaves.attributes[i, c] *= likelihood[c]
+            total += leaves.attributes[i, c]
+        if total <= 0.0:
+            continue
+        size = blocks[k, 1] - blocks[k, 0]
+        for c in range(blocks[k, 0], blocks[k, 1]):
+            kept = leaves.attributes[i, c] / total
+            leaves.attributes[i, c] = (kept + ATTRIBUTE_FLOOR / size) / (1.0 + ATTRIBUTE_FLOOR)
+
+
+@numba.njit(cache=True)
+def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no-untyped-def]
+    """Correct a leaf (already predicted) with its detection, in place."""
+    out, S, inverse = np.empty(2), np.empty((3, 3)), np.empty((3, 3))
+    inflate_rest(leaves, i, R)
+    log_likelihoods(leaves, i, z, R, lag, out, S, inverse)
+    pi = leaves.behavior[i]
+    top = max(out[0], out[1])
+    a = pi[REST] * np.exp(out[0] - top) if pi[REST] > 0.0 else 0.0
+    b = pi[MOVING] * np.exp(out[1] - top) if pi[MOVING] > 0.0 else 0.0
+    if not a + b > 0.0:
+        a, b = pi[REST], pi[MOVING]
+    if pi[REST] > 0.0:
+        _correct_rest(leaves.rest[i], leaves.rest_cov[i], z + lag * leaves.led[i], R, S, inverse)
+    if pi[MOVING] > 0.0:
+        moves = pi[MOVING] > pi[REST] and leaves.hits[i] >= SETTLED_HITS and lag <= 0.0
+        if moves and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
+            y = leaves.moving[i]
+            innovation(leaves.moving_cov[i], R, lag, S)
+            inverse_3x3(S, inverse)
+            off = z - y[:3]
+            leaves.strain[i] += LATE * (off @ inverse @ off - leaves.strain[i])
+            if leaves.strain[i] > STRAINED:
+                turned(leaves, i)
+                leaves.strain[i] = 0.0
+        _correct_moving(leaves.moving[i], leaves.moving_cov[i], z, R, lag, S, inverse)
+    pi[REST], pi[MOVING], pi[AWAY], pi[NONE] = a / (a + b), b / (a + b), 0.0, 0.0
+    leaves.visible[i] = 1.0
+    leaves.last[i] = max(stamp, leaves.last[i])
+    leaves.hits[i] += 1
+    leaves.missed[i] = 0.0
+    leaves.together[i] = 0
+    learn_attributes(leaves, i, likelihood, blocks)
+
+
+@numba.njit(cache=True)
+def _correct_rest(x, P, z, R, S, inverse):  # type: ignore[no-untyped-def]
+    """Kalman update of the constant-position filter; H is the identity."""
+    innovation(P, R, 0.0, S)
+    inverse_3x3(S, inverse)
+    gain = P @ inverse
+    x += gain @ (z - x)
+    P -= gain @ P.copy()
+    symmetric(P)
+
+
+@numba.njit(cache=True)
+def _correct_moving(x, P, z, R, lag, S, inverse):  # type: ignore[no-untyped-def]
+    """Kalman update of the constant-velocity filter with a position `lag` seconds ago; H = [I, -lag I]."""
+    innovation(P, R, lag, S)
+    inverse_3x3(S, inverse)
+    PH = np.ascontiguousarray(P[:, :3]) - lag * np.ascontiguousarray(P[:, 3:])
+    gain = PH @ inverse
+    x += gain @ (z - x[:3] + lag * x[3:])
+    P -= gain @ PH.T
+    symmetric(P)
+
+
+@numba.njit(cache=True)
+def turned(leaves, i):  # type: ignore[no-untyped-def]
+    """A mover went otherwise than expected accelerations explain, as at a wall: since it was last seen its speed is
+    about what it was, in whatever direction."""
+    x, P = leaves.moving[i], leaves.moving_cov[i]
+    unseen = 2.0 * min(max(leaves.stamp[i] - leaves.last[i], 0.0), UNSEEN)
+    square = x[3] ** 2 + x[4] ** 2 + x[5] ** 2
+    for a in range(3):
+        if P[a + 3, a + 3] + x[a + 3] ** 2 > 1e-3 * square:
+            P[a, a] += unseen * unseen * square
+            P[a, a + 3] += unseen * square
+            P[a + 3, a] = P[a, a + 3]
+            P[a + 3, a + 3] += square
+
+
+@numba.njit(cache=True)
+def symmetric(P):  # type: ignore[no-untyped-def]
+    for a in range(P.shape[0]):
+        for b in range(a):
+            P[a, b] = 0.5 * (P[a, b] + P[b, a])
+            P[b, a] = P[a, b]
+
+
+@numba.njit(cache=True)
+def miss(leaves, i, detectable, clear):  # type: ignore[no-untyped-def]
+    """Correct a leaf with not being detected, in place; `detectable` is the probability that it would have been.
+
+    What has settled keeps a little probability: it may have been there, unseen for reasons that no model has.
+    """
+    if detectable <= 0.0:
+        return
+    pi = leaves.behavior[i]
+    before = pi[REST]
+    pi[REST] *= 1.0 - detectable
+    pi[MOVING] *= 1.0 - detectable
+    if leaves.hits[i] >= SETTLED_HITS:
+        pi[REST] = max(pi[REST], min(UNMODELLED, before))
+    total = pi[REST] + pi[MOVING] + pi[AWAY] + pi[NONE]
+    for m in range(4):
+        pi[m] /= total
+    leaves.visible[i] = max(leaves.visible[i] - detectable, 0.0) / max(1.0 - detectable, 1e-12)
+    leaves.missed[i] += clear
+
+
+@numba.njit(cache=True)
+def create(leaves, i, track, j, seen, classes):  # type: ignore[no-untyped-def]
+    """A leaf for an object first seen now, with detection j of `look.Detections`."""
+    motion, stamp, existence = classes.motion, seen.stamp - seen.lag, seen.existence[j]
+    leaves.track[i] = track
+    leaves.rest[i] = seen.positions[j]
+    leaves.rest_cov[i] = seen.covariances[j]
+    leaves.led[i] = 0.0
+    leaves.attributes[i] = classes.prior
+    learn_attributes(leaves, i, seen.likelihood[j], classes.blocks)
+    row = class_of(leaves, i, motion.shape[0] - 1)
+    start_moving(leaves, i, motion[row, 3], 0.0)
+    leaves.behavior[i] = 0.0
+    leaves.behavior[i, MOVING if motion[row, 0] > 0.5 else REST] = existence
+    leaves.behavior[i, NONE] = 1.0 - existence
+    leaves.variances[i] = -1.0
+    leaves.said[i] = seen.indices[j]
+    leaves.visible[i] = 1.0
+    leaves.stamp[i] = stamp
+    leaves.last[i] = stamp
+    leaves.first[i] = stamp
+    leaves.hits[i] = 1
+    leaves.together[i] = 0
+    leaves.strain[i] = 0.0
+    leaves.missed[i] = 0.0
+
+
+@numba.njit(cache=True)
+def clearance(position, sensor, planar):  # type: ignore[no-untyped-def]
+    """How far inside the field of view a position is, m; negative outside.
+
+    sensor (8,) : x, y, z, yaw, range_min, range_max, half opening, half opening in height (0: any).
+    """
+    dx, dy, dz = position[0] - sensor[0], position[1] - sensor[1], position[2] - sensor[2]
+    level = np.sqrt(dx * dx + dy * dy)
+    distance = level if planar else np.sqrt(level * level + dz * dz)
+    inside = sensor[5] - distance
+    if sensor[4] > 0.0:
+        inside = min(inside, distance - sensor[4])
+    if sensor[6] < np.pi - 1e-3:
+        bearing = np.arctan2(dy, dx) - sensor[3]
+        bearing = abs(bearing - 2.0 * np.pi * np.round(bearing / (2.0 * np.pi)))
+        # Beyond a right angle off the edge the sensor itself is what is nearest.
+        inside = min(inside, level * np.sin(min(max(sensor[6] - bearing, -0.5 * np.pi), 0.5 * np.pi)))
+    if sensor[7] > 0.0:
+        elevation = abs(np.arctan2(dz, level))
+        inside = min(inside, distance * np.sin(max(sensor[7] - elevation, -0.5 * np.pi)))
+    return inside

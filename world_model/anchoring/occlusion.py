@@ -1,0 +1,119 @@
+"""Objects behind others of known size, or out of a camera's view: absence says nothing (section 2.5.2, (2.10))."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from estimation.checks import FloatArray
+from world_model.anchoring.attributes import Quantities
+from world_model.anchoring.loops.kernels import MOVING, REST
+from world_model.anchoring.loops.leaves import IntArray, Leaves
+from world_model.evidence import View
+
+SMALL = 0.05
+"""m: width and height of an object whose size is not known."""
+SURELY = 0.9
+LEAST_SIGMA = 0.01
+
+
+def hide(
+    leaves: Leaves,
+    chosen: IntArray,
+    count: int,
+    clear: FloatArray,
+    sensor: FloatArray,
+    quantities: Quantities,
+) -> None:
+    """Lower the probability `clear` (n,) of being in view of leaves that others cover, in place.
+
+    sensor (8,) as in `clearance`. What covers is surely there, and of a size that was measured.
+    """
+    if "size" not in quantities.names:
+        return
+    column = quantities.names.index("size")
+    here = leaves.behavior[:, REST] + leaves.behavior[:, MOVING]
+    covers = np.flatnonzero((leaves.track >= 0) & (leaves.variances[:, column] >= 0.0) & (here > SURELY))
+    if len(covers) == 0:
+        return
+    width, height = _extents(leaves, covers, quantities)
+    own = np.full((len(leaves.track), 2), SMALL)
+    own[covers, 0], own[covers, 1] = width, height
+    _cover(leaves, chosen[:count], clear, covers, own, sensor)
+
+
+def restrict(leaves: Leaves, chosen: IntArray, clear: FloatArray, view: View, quantities: Quantities) -> None:
+    """Lower the probability `clear` of being in view of the leaves `chosen` (n,) as a view tells, in place."""
+    index = np.flatnonzero(clear[: len(chosen)] > 0.0)
+    slots = chosen[index]
+    moving = leaves.behavior[slots, MOVING] > leaves.behavior[slots, REST]
+    positions = np.where(moving[:, None], leaves.moving[slots, :3], leaves.rest[slots])
+    spreads = np.where(
+        moving[:, None],
+        leaves.moving_cov[slots][:, range(3), range(3)],
+        leaves.rest_cov[slots][:, range(3), range(3)],
+    )
+    sizes = np.full(len(slots), np.nan)
+    if "size" in quantities.names:
+        column = quantities.names.index("size")
+        known = leaves.variances[slots, column] >= 0.0
+        sizes[known] = np.maximum(leaves.values[slots[known], column], SMALL)
+    clear[index] *= view.seen(positions, np.sqrt(np.maximum(spreads.max(1, initial=0.0), 0.0)), sizes)
+
+
+def _extents(leaves: Leaves, slots: IntArray, quantities: Quantities) -> tuple[FloatArray, FloatArray]:
+    """Widths and heights (n,) from the diagonal, and from height by width where that is known."""
+    size = leaves.values[slots, quantities.names.index("size")]
+    ratio = np.ones(len(slots))
+    if "ratio" in quantities.names:
+        column = quantities.names.index("ratio")
+        known = leaves.variances[slots, column] >= 0.0
+        ratio = np.where(known, np.maximum(leaves.values[slots, column], 0.05), 1.0)
+    width = np.maximum(size, 0.0) / np.sqrt(2.0 + ratio**2)
+    return width, ratio * width
+
+
+@numba.njit(cache=True)
+def _place(leaves, i):  # type: ignore[no-untyped-def]
+    """Where a leaf most probably is, and how well that is known, m."""
+    moving = leaves.behavior[i, MOVING] > leaves.behavior[i, REST]
+    variance = 0.0
+    for a in range(3):
+        v = leaves.moving_cov[i, a, a] if moving else leaves.rest_cov[i, a, a]
+        variance = max(variance, v)
+    return (leaves.moving[i, :3] if moving else leaves.rest[i]), np.sqrt(variance)
+
+
+@numba.njit(cache=True)
+def _cover(leaves, chosen, clear, covers, extents, sensor):  # type: ignore[no-untyped-def]
+    for k in range(chosen.size):
+        if clear[k] <= 0.0:
+            continue
+        i = chosen[k]
+        x, sigma = _place(leaves, i)
+        dx, dy = x[0] - sensor[0], x[1] - sensor[1]
+        distance = np.sqrt(dx * dx + dy * dy)
+        if distance <= 0.0:
+            continue
+        for c in range(covers.size):
+            o = covers[c]
+            if leaves.track[o] == leaves.track[i]:
+                continue
+            y, spread = _place(leaves, o)
+            ox, oy = y[0] - sensor[0], y[1] - sensor[1]
+            along = (ox * dx + oy * dy) / distance
+            # In front of it, not beside it.
+            if along <= 0.05 or along > distance - 0.5 * max(extents[o, 0], SMALL):
+                continue
+            share = along / distance
+            blur = max(np.sqrt((share * sigma) ** 2 + spread**2), LEAST_SIGMA)
+            across = abs(ox * dy - oy * dx) / distance
+            half = 0.5 * share * extents[i, 0] + blur
+            cover = (0.5 * extents[o, 0] + half - across) / (2.0 * half)
+            if cover <= 0.0:
+                continue
+            above = abs(y[2] - sensor[2] - share * (x[2] - sensor[2]))
+            half = 0.5 * share * extents[i, 1] + blur
+            upright = (0.5 * extents[o, 1] + half - above) / (2.0 * half)
+            if upright > 0.0:
+                clear[k] *= 1.0 - min(cover, 1.0) * min(upright, 1.0)

@@ -1,0 +1,1 @@
+"""What a moving sensor gets wrong, learned from what it says about resting objects."""

@@ -1,0 +1,280 @@
+"""All that a moving sensor said about resting objects, explained at once: later evidence corrects earlier conclusions.
+
+Places of objects, the constant errors of the sensor (`sensor_bias`) and errors that all detections of a look share and
+that change slowly (of the robot's pose, of the sensor's mounting) are estimated together by least squares, and every
+detection is given anew to the object that explains it best, each object explaining one detection of a look at most.
+In polar coordinates about the sensor, where its errors are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from estimation.assignment import cheapest
+from estimation.checks import FloatArray
+from world_model.anchoring.loops.leaves import IntArray
+from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW, STEPS, UNKNOWN
+from world_model.calibration.sensor_bias import ASIDE, CONSTANT, PRIOR, depth_share, within
+
+ROUNDS = 12
+SHAKEN = 3
+"""Times that what was found is tried to be left for something better."""
+SOME = 50
+"""Looks that are explained first, when those before come in later."""
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """N detections in F looks, in the order of time.
+
+    stamps (F,) s; poses (F, 4) x, y, z, yaw; look (N,) : index of each detection's look. seen (N, 2) : range, m, and
+    bearing off the sensor's axis, rad; sigma (N, 2) : standard deviations. unlike (N, K) : -2 log of how well
+    the attributes of each object explain those of a detection. rates (F, 3) : of the sensor, m/s and rad/s.
+    """
+
+    stamps: FloatArray
+    poses: FloatArray
+    look: IntArray
+    seen: FloatArray
+    sigma: FloatArray
+    unlike: FloatArray
+    rates: FloatArray
+
+    @property
+    def quick(self) -> FloatArray:
+        """Standard deviations (F, 2) of errors of range and bearing that a look has for itself."""
+        turn = np.hypot(QUICK[1], JITTER * self.rates[:, 2])
+        return np.stack([np.full(len(turn), QUICK[0]), turn], -1)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """places (K, 2), m; constant (8,), shared (F, 2) : errors of range and bearing; owner (N,) : object, -1: none."""
+
+    places: FloatArray
+    constant: FloatArray
+    shared: FloatArray
+    owner: IntArray
+
+
+def expected(places: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Distances and bearings (...) of places (..., 2) from poses (..., 4), and the lines of sight (..., 2)."""
+    off = places - poses[..., :2]
+    distance = np.maximum(np.hypot(off[..., 0], off[..., 1]), 1e-3)
+    bearing = within(np.arctan2(off[..., 1], off[..., 0]) - poses[..., 3])
+    return distance, bearing, off / distance[..., None]
+
+
+def constants(distance: FloatArray, bearing: FloatArray, sight: FloatArray, rates: FloatArray) -> FloatArray:
+    """Change of range and bearing (..., 2, 8) per unit of each constant error, at distances and bearings (...) along
+    lines of sight (..., 2) of a sensor that moves at rates (..., 3)."""
+    aside = np.where(np.abs(bearing) < ASIDE, bearing, 0.0)
+    out = np.zeros((*distance.shape, 2, CONSTANT))
+    out[..., 0, 0] = 1.0
+    out[..., 0, 1] = distance
+    out[..., 0, 2] = depth_share(bearing) * distance
+    out[..., 0, 4] = aside * distance
+    out[..., 0, 7] = (sight * rates[..., :2]).sum(-1)
+    out[..., 1, 3] = 1.0
+    out[..., 1, 5] = aside
+    out[..., 1, 6] = aside**2
+    across = sight[..., 0] * rates[..., 1] - sight[..., 1] * rates[..., 0]
+    out[..., 1, 7] = across / distance + rates[..., 2]
+    return out
+
+
+def residuals(data: Sightings, found: Explanation) -> FloatArray:
+    """(N, K, 2) : what is left of range and bearing if a detection is of an object, without shared errors."""
+    distance, bearing, sight = expected(found.places[None], data.poses[data.look][:, None])
+    off = constants(distance, bearing, sight, data.rates[data.look][:, None]) @ found.constant
+    return np.stack(
+        [
+            data.seen[:, :1] - distance - off[..., 0],
+            within(data.seen[:, 1:] - bearing - off[..., 1]),
+        ],
+        -1,
+    )
+
+
+def assign(data: Sightings, found: Explanation, unsure: float = 0.0) -> IntArray:
+    """The object (N,) that explains each detection best, given all others of its look; -1 for none.
+
+    unsure : standard deviation, rad, of what is found of the error of bearing that a look shares, besides the part
+    that changes with every look.
+    """
+    spread = np.hypot(unsure, data.quick[:, 1])[data.look]
+    N, F, K = len(data.look), len(data.stamps), len(found.places)
+    left = residuals(data, found) - found.shared[data.look][:, None]
+    costs = np.empty((len(STEPS), N, K))
+    for index, step in enumerate(STEPS):
+        off = left.copy()
+        off[..., 1] -= step * spread[:, None]
+        cost = ((off / data.sigma[:, None]) ** 2).sum(2) + data.unlike
+        costs[index] = np.minimum(cost, UNKNOWN)
+    # If the best of each is nobody else's, it is the best of all.
+    nearest = costs.argmin(2)
+    alone = np.take_along_axis(costs, nearest[..., None], 2)[..., 0]
+    sums = np.tile(STEPS[:, None] ** 2, (1, F))
+    for index in range(len(STEPS)):
+        sums[index] += np.bincount(data.look, alone[index], F)
+    chosen = sums.argmin(0)[data.look]
+    at = np.arange(N)
+    owner = np.where(alone[chosen, at] < UNKNOWN, nearest[chosen, at], -1)
+    pairs, counts = np.unique(data.look[owner >= 0] * K + owner[owner >= 0], return_counts=True)
+    bounds = np.searchsorted(data.look, np.arange(F + 1))
+    for f in np.unique(pairs[counts > 1] // K).tolist():
+        owner[bounds[f] : bounds[f + 1]] = _joint(costs[:, bounds[f] : bounds[f + 1]])
+    return owner
+
+
+def _joint(costs: FloatArray) -> IntArray:
+    """Owners (M,) of a look's detections for costs (S, M, K) by shared error, each object at most once."""
+    best, owner = np.inf, np.full(costs.shape[1], -1)
+    for cost, step in zip(costs, STEPS, strict=True):
+        rows, columns = cheapest(cost)
+        value = float(cost[rows, columns].sum() + step**2)
+        if value < best:
+            best = value
+            owner = np.full(costs.shape[1], -1)
+            good = cost[rows, columns] < UNKNOWN
+            owner[rows[good]] = columns[good]
+    return owner
+
+
+def _shared_prior(
+    stamps: FloatArray, quick_sigma: FloatArray
+) -> list[tuple[sparse.csr_matrix, sparse.csr_matrix]]:
+    """Per kind of error: rows that say how the slow part goes on, over (slow, quick) of all looks."""
+    fade = np.exp(-np.diff(stamps) / SECONDS)
+    out = []
+    for slow, quick in zip(SLOW, quick_sigma.T, strict=True):
+        weight = np.concatenate([[1.0 / slow], 1.0 / (slow * np.sqrt(np.maximum(1.0 - fade**2, 1e-8)))])
+        chain = sparse.diags(weight) - sparse.diags(fade * weight[1:], -1)
+        out.append((chain.tocsr(), sparse.diags(1.0 / quick).tocsr()))
+    return out
+
+
+def solve(data: Sightings, found: Explanation, known: FloatArray) -> Explanation:
+    """One Gauss-Newton step for everything but the owners; known (8,) : a calibration."""
+    F, K = len(data.stamps), len(found.places)
+    used = np.flatnonzero(found.owner >= 0)
+    owner, look = found.owner[used], data.look[used]
+    poses, n = data.poses[look], np.arange(len(used))
+    distance, bearing, sight = expected(found.places[owner], poses)
+    errors = constants(distance, bearing, sight, data.rates[look])
+    across = np.stack([-sight[:, 1], sight[:, 0]], -1) / distance[:, None]
+    blocks, rights = [], []
+    # Unknowns: places, constants, and per kind the slow and the quick part of every look.
+    start = 2 * K + CONSTANT
+    total = start + 4 * F
+    for kind in range(2):
+        weight = 1.0 / data.sigma[used, kind]
+        change = sight * (1.0 + found.constant[1]) if kind == 0 else across
+        columns = [2 * owner, 2 * owner + 1]
+        values = [change[:, 0] * weight, change[:, 1] * weight]
+        columns += [np.full(len(n), 2 * K + c) for c in range(CONSTANT)]
+        values += [errors[:, kind, c] * weight for c in range(CONSTANT)]
+        at = start + 2 * F * kind
+        columns += [at + look, at + F + look]
+        values += [weight, weight]
+        rows = np.tile(n, len(columns))
+        blocks.append(
+            sparse.csr_matrix(
+                (np.concatenate(values), (rows, np.concatenate(columns))), shape=(len(n), total)
+            )
+        )
+        # Linear in everything but the places: what is left with constants and shared errors of zero.
+        left = data.seen[used, kind] - (distance if kind == 0 else bearing)
+        left = within(left) if kind else left
+        rights.append((left + (change * found.places[owner]).sum(1)) * weight)
+    for kind, (chain, quick) in enumerate(_shared_prior(data.stamps, data.quick)):
+        at = start + 2 * F * kind
+        for part, block in ((0, chain), (F, quick)):
+            pad = [sparse.csr_matrix((F, at + part)), block, sparse.csr_matrix((F, total - at - part - F))]
+            blocks.append(sparse.hstack(pad, format="csr"))
+            rights.append(np.zeros(F))
+    each = np.arange(CONSTANT)
+    prior = sparse.csr_matrix((1.0 / PRIOR, (each, 2 * K + each)), shape=(CONSTANT, total))
+    loose = sparse.csr_matrix(
+        (np.full(2 * K, 1.0), (np.arange(2 * K), np.arange(2 * K))), shape=(2 * K, total)
+    )
+    blocks += [prior, loose]
+    rights += [known / PRIOR, found.places.ravel()]
+    A, b = sparse.vstack(blocks, format="csr"), np.concatenate(rights)
+    solved = np.asarray(spsolve((A.T @ A).tocsc(), A.T @ b, permc_spec="MMD_AT_PLUS_A"), dtype=np.float64)
+    parts = solved[start:].reshape(2, 2, F)
+    return Explanation(solved[: 2 * K].reshape(K, 2), solved[2 * K : start], parts.sum(1).T, found.owner)
+
+
+def misfit(data: Sightings, found: Explanation) -> float:
+    """How badly everything is explained: squared residuals, and `UNKNOWN` for what is not."""
+    left = residuals(data, found) - found.shared[data.look][:, None]
+    cost = ((left / data.sigma[:, None]) ** 2).sum(2) + data.unlike
+    own = np.where(found.owner >= 0, cost[np.arange(len(cost)), found.owner], UNKNOWN)
+    fade = np.exp(-np.diff(data.stamps) / SECONDS)[:, None]
+    grown = SLOW**2 * (1.0 - fade**2) + data.quick[1:] ** 2
+    steps = np.diff(found.shared, axis=0) + (1.0 - fade) * found.shared[:-1]
+    return float(np.minimum(own, UNKNOWN).sum() + (steps**2 / grown).sum())
+
+
+def _settled(data: Sightings, found: Explanation, known: FloatArray) -> Explanation:
+    """Owners and everything else in turn, until nothing changes any more."""
+    for _ in range(ROUNDS):
+        found = solve(data, found, known)
+        owner = assign(data, found)
+        same = bool((owner == found.owner).all())
+        found = replace(found, owner=owner)
+        if same:
+            break
+    return found
+
+
+def part(data: Sightings, begin: int, end: int) -> Sightings:
+    """The looks from `begin` to `end`."""
+    mine = (data.look >= begin) & (data.look < end)
+    return Sightings(
+        data.stamps[begin:end],
+        data.poses[begin:end],
+        data.look[mine] - begin,
+        data.seen[mine],
+        data.sigma[mine],
+        data.unlike[mine],
+        data.rates[begin:end],
+    )
+
+
+def _fresh(data: Sightings, found: Explanation) -> Explanation:
+    """The same without what was believed of looks, only of places and constant errors."""
+    none = replace(found, shared=np.zeros((len(data.stamps), 2)))
+    return replace(none, owner=assign(data, none, float(SLOW[1])))
+
+
+def _backwards(data: Sightings, found: Explanation, known: FloatArray) -> Explanation:
+    """The last looks first, then more and more of those before: what is believed now is best about these."""
+    F = len(data.stamps)
+    size = SOME
+    while size < F:
+        some = part(data, F - size, F)
+        solved = _settled(some, _fresh(some, found), known)
+        found = replace(found, places=solved.places, constant=solved.constant)
+        size *= 2
+    return _settled(data, _fresh(data, found), known)
+
+
+def explain(data: Sightings, found: Explanation, known: FloatArray) -> Explanation:
+    """The best of what is found from several beginnings; `found` is what is believed."""
+    tried = [_settled(data, start, known) for start in (found, _fresh(data, found))]
+    tried.append(_backwards(data, found, known))
+    blurred = replace(data, sigma=2.0 * data.sigma)
+    tried.append(_settled(data, _settled(blurred, found, known), known))
+    best = min(tried, key=lambda result: misfit(data, result))
+    for _ in range(SHAKEN):
+        shaken = _settled(data, replace(best, owner=assign(data, best, float(SLOW[1]))), known)
+        if misfit(data, shaken) >= misfit(data, best):
+            break
+        best = shaken
+    return best

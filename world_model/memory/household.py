@@ -1,0 +1,285 @@
+"""The routines of a home, learned from what a world model believes: where things are by now though nobody looks.
+
+`Habits` says where things of a class are at an hour of the day, and which of several lost things was found. `Routines`
+follow each thing by itself: where it goes from here, at about this time. They speak where a thing has moved on some
+days; until then, and for what is new, habits do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from estimation.errors import InputError
+from estimation.places import Places
+from world_model.behaviors import motion_of
+from world_model.config import WorldModelConfig
+from world_model.kept_file import read_kept, set_aside, write_kept
+from world_model.memory.habits import Habits
+from world_model.memory.routines import DAY, Routines, RoutinesConfig
+from world_model.state import WorldObject
+
+FORMAT, VERSION = "whereabouts.household", 1
+PERIOD = 120.0
+"""s between two looks at the believed world, and for which a forecast holds."""
+KEEPING = 1800.0
+"""s between two writes."""
+SURE = 0.7
+"""Probability of a place from which on a thing is said to be there: one at an edge does not move to and fro."""
+UNSEEN = 600.0
+"""s after which a thing that nobody has seen may be elsewhere by now."""
+FEWEST_DAYS = 3
+"""Days with a move after which a thing has routines."""
+MANY = 200
+"""Things that are followed from the start; of more only those that are seen to move. Memory goes by things and days."""
+OLDEST = 10.0 * PERIOD
+AT_ONCE = 5
+"""Forecasts that are made anew with one look at the world: half a millisecond each."""
+DAYS = 60
+SUFFIX = ".routines"
+STAYS = 0.9
+"""Probability of still being there from which on nothing else is said."""
+
+
+class Household:
+    """places : where things can be. path : of the file that keeps what was learned, or None.
+
+    aliases : symbols that things had before somebody renamed them. problem : why the file could not be read or written,
+    "" while all is well.
+    """
+
+    def __init__(self, places: Places, path: Path | None = None) -> None:
+        self.places = places
+        self.path = path
+        self.problem = ""
+        self._rooms = {
+            place.name: room.name
+            for place in places
+            if place.kind == "furniture" and (room := places.room_of(place.polygon.mean(0))) is not None
+        }
+        self._begin()
+        if path is not None and path.exists():
+            self._read(path)
+
+    def _begin(self) -> None:
+        self.routines = Routines(RoutinesConfig(days=DAYS))
+        self.aliases: dict[str, str] = {}
+        self._at: dict[str, str] = {}
+        self._moved: dict[str, list[int]] = {}
+        self._watched = self._kept = -math.inf
+        self._asked = (-math.inf, 0)
+        self._forecasts: dict[str, tuple[WorldObject, float, WorldObject]] = {}
+
+    # Learning.
+
+    def due(self, stamp: float) -> bool:
+        """Whether it is time to `watch` again."""
+        if stamp < self._watched - PERIOD:
+            self._watched = stamp  # another time: nothing is learned until it has caught up
+        return bool(self.places) and stamp - self._watched >= PERIOD and stamp >= self._newest
+
+    @property
+    def _newest(self) -> float:
+        stamp = self.routines.to_stamp
+        return -math.inf if stamp is None else stamp
+
+    def watch(self, objects: Iterable[WorldObject], stamp: float) -> None:
+        """Take in where described things (`Words.described`) are believed to be; what moves by itself is left out."""
+        before, self._watched = self._watched, stamp
+        now: dict[str, str] = {}
+        fresh: set[str] = set()
+        for item in objects:
+            if item.lost or item.behaviors.get("constant_velocity", 0.0) > 0.5:
+                continue
+            sure = bool(item.place) and item.place_probability >= SURE
+            place = item.place if sure else self._at.get(item.id, "")
+            if place:
+                now[item.id] = place
+                if item.last_seen > before:
+                    fresh.add(item.id)
+        changed = {name for name in now.keys() | self._at.keys() if now.get(name) != self._at.get(name)}
+        self._count_moves(now, changed & now.keys(), stamp)
+        places = {now[name] for name in fresh | changed if name in now}
+        places |= {self._at[name] for name in changed if name in self._at}
+        self._at |= now
+        for name in changed - now.keys():
+            del self._at[name]
+        for place in sorted(places):
+            self.routines.look(place, self._followed(name for name in now if now[name] == place), stamp)
+
+    def _count_moves(self, now: Mapping[str, str], changed: Iterable[str], stamp: float) -> None:
+        """On which days each thing has moved; one that is now seen to move is followed from where it was."""
+        known = set(self.routines.objects)
+        for name in changed:
+            old = self._at.get(name) or self.routines.last_place(name)
+            if not old or old == now[name]:
+                continue
+            days = self._moved.setdefault(name, [])
+            if (day := int(stamp // DAY)) not in days:
+                days.append(day)
+                del days[:-FEWEST_DAYS]
+            if name not in known:
+                there = [other for other, at in self._at.items() if at == old and other in known]
+                self.routines.look(old, [*there, name], stamp)
+
+    def _followed(self, names: Iterable[str]) -> list[str]:
+        known = set(self.routines.objects)
+        return [n for n in names if n in known or n in self._moved or len(known) < MANY]
+
+    def rename(self, name: str, new: str) -> None:
+        """A thing has another symbol."""
+        self.routines.rename(name, new)
+        if name in self._at:
+            self._at[new] = self._at.pop(name)
+        if name in self._moved:
+            self._moved[new] = self._moved.pop(name)
+        self.aliases = {old: new if kept == name else kept for old, kept in self.aliases.items()} | {
+            name: new
+        }
+        self.aliases.pop(new, None)
+
+    # Forecasts.
+
+    def by_now(self, name: str, stamp: float) -> dict[str, float]:
+        """Probability of each place, a room's with that of its furniture; {} for what has no routines yet."""
+        if len(self._moved.get(name, ())) < FEWEST_DAYS or stamp < self._newest:
+            return {}
+        found = self.routines.where(name, stamp)
+        total = sum(found.values())
+        if not total > 0.0:
+            return {}
+        found = {place: p / total for place, p in found.items() if place in self.places}
+        for place, room in self._rooms.items():
+            if found.get(place, 0.0) > 0.0:
+                found[room] = found.get(room, 0.0) + found[place]
+        return {place.name: found.get(place.name, 0.0) for place in self.places}
+
+    def told(
+        self, item: WorldObject, stamp: float, usual: Callable[[WorldObject], Mapping[str, float]]
+    ) -> WorldObject:
+        """A thing with `usual(item)`, which is asked anew every `PERIOD` s, and for few things at once."""
+        known = self._forecasts.get(item.id)
+        same = known is not None and (known[0].last_seen, known[0].lost) == (item.last_seen, item.lost)
+        if known is not None and same and self._holds(stamp, known[1]):
+            if known[0] is item:
+                return known[2]
+            made = replace(item, usual=known[2].usual)
+            self._forecasts[item.id] = (item, known[1], made)
+            return made
+        made = replace(item, usual=found) if (found := usual(item)) else item
+        if len(self._forecasts) > 10_000:
+            self._forecasts.clear()
+        self._forecasts[item.id] = (item, stamp, made)
+        return made
+
+    def _holds(self, stamp: float, made_at: float) -> bool:
+        """Whether a forecast is fresh, or not old and `AT_ONCE` others were made anew at this stamp."""
+        if 0.0 <= stamp - made_at < PERIOD:
+            return True
+        at, count = self._asked
+        self._asked = (stamp, count + 1) if at == stamp else (stamp, 1)
+        return PERIOD <= stamp - made_at < OLDEST and self._asked[1] > AT_ONCE
+
+    def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
+        """Things that will probably move within `horizon` s, where to, and how probably."""
+        return {} if stamp < self._newest else self.routines.moves(stamp, horizon)
+
+    def explain(self, name: str, stamp: float) -> str:
+        """What a thing usually does, in a sentence; "" where nothing was learned of it."""
+        if name not in self.routines.objects:
+            return ""
+        return self.routines.explain(name, max(stamp, self._newest))
+
+    # The file.
+
+    def keep(self, stamp: float, now: bool = False) -> None:
+        """Write what was learned, every half an hour or `now`. Does not raise: see `problem`."""
+        known = self.routines.objects or self.aliases
+        if self.path is None or not known or not (now or stamp - self._kept >= KEEPING):
+            return
+        first = self._kept == -math.inf
+        self._kept = stamp
+        if first and not now:
+            return
+        try:
+            self.write(self.path)
+            self.problem = ""
+        except OSError as error:
+            self.problem = f"{self.path}: routines not written: {error}"
+
+    def write(self, path: Path) -> None:
+        """Write what was learned to a file. Raises OSError."""
+        data = {
+            "format": FORMAT,
+            "version": VERSION,
+            "aliases": self.aliases,
+            "at": self._at,
+            "moved": self._moved,
+            "routines": self.routines.to_dict(),
+        }
+        write_kept(path, data)
+
+    def _read(self, path: Path) -> None:
+        """What the file has; one that is damaged or of another version is set aside, and learning begins anew."""
+        try:
+            data = read_kept(path, FORMAT, VERSION)
+            self.routines = Routines.from_dict(data["routines"])
+            self.aliases = {str(name): str(new) for name, new in data["aliases"].items()}
+            self._at = {str(name): str(place) for name, place in data["at"].items()}
+            self._moved = {str(name): [int(d) for d in days] for name, days in data["moved"].items()}
+        except OSError as error:
+            self.problem = f"{path}: routines not read: {error}"
+        except (InputError, ValueError, KeyError, TypeError, AttributeError) as error:
+            self._begin()
+            self.problem = f"{path}: {error}; {set_aside(path)}, routines are learned anew"
+
+
+class ByNow:
+    """Where things are by now though nobody looks. where : probability by place of an object as it was seen."""
+
+    def __init__(
+        self,
+        config: WorldModelConfig,
+        where: Callable[[WorldObject], Mapping[str, float]],
+        habits: Habits,
+        household: Household,
+    ) -> None:
+        self.config, self.where, self.habits, self.household = config, where, habits, household
+        self._furniture = {place.name for place in household.places if place.kind == "furniture"}
+
+    def told(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
+        """What is lost, or was not seen for a while, is probably where it usually is by then."""
+        if not self.household.places:
+            return tuple(objects)
+        return tuple(
+            self.household.told(item, stamp, lambda thing: self._usual(thing, stamp))
+            if item.lost or stamp - item.last_seen > UNSEEN
+            else item
+            for item in objects
+        )
+
+    def _usual(self, item: WorldObject, stamp: float) -> Mapping[str, float]:
+        usual = self.household.by_now(item.id, stamp)
+        if item.lost:
+            trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
+            box = item.region or self.config.region
+            if usual and self.household.places:
+                anywhere = self.household.places.shares(box)
+                usual = {name: (1.0 - trust) * anywhere[name] + trust * p for name, p in usual.items()}
+            else:
+                usual = self.habits.where(item, stamp, trust, box)
+        elif usual:
+            usual = self._moved_by(item, usual)
+        return usual
+
+    def _moved_by(self, item: WorldObject, forecast: Mapping[str, float]) -> dict[str, float]:
+        """Of a thing that is believed to be where it was seen: there, or gone its way meanwhile."""
+        here = self.where(replace(item, usual={}))
+        place = max(here, key=lambda name: (here[name] > SURE, name in self._furniture, here[name]))
+        stays = float(forecast.get(place, 0.0))
+        if stays >= STAYS:
+            return {}
+        # Where it is in the place where it stays, the position knows better.
+        return {name: stays * p if name == place else forecast.get(name, 0.0) for name, p in here.items()}

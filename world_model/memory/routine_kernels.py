@@ -1,0 +1,211 @@
+"""Past moments like the present one, and what came after them: the sums and loops of `world_model.memory.routines`.
+
+A forecast is made of arrays alone: somebody who asks once does not wait until compiled functions have been read.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+# mypy: disable-error-code="no-untyped-def"
+
+
+class History(NamedTuple):
+    """Where N things were, over a ring of R rows: slot t of time is row t mod R.
+
+    place : (R, N) index of the place, -1 where nobody knows. before : (R, N) the place it was at before that, or -1.
+    since : (R, N) the slot in which it came, or went missing.
+    """
+
+    place: np.ndarray
+    before: np.ndarray
+    since: np.ndarray
+
+
+class Likeness(NamedTuple):
+    """How alike two moments are; the log weights of all parts add up.
+
+    window : largest difference of the time of day, slots. clock : deviation of its Gaussian, slots.
+    half_life : days until a moment counts half. differs : for each thing that is at another place.
+    recent : for each thing that moved within the last `moved` slots at one of the moments only.
+    stay : deviation of the log of how long the thing itself has been there. origin : where it came from elsewhere.
+    """
+
+    window: int
+    clock: float
+    half_life: float
+    differs: float
+    recent: float
+    moved: int
+    stay: float
+    origin: float
+
+
+FAINT = (
+    0.1  # of a move in the middle of what nobody saw, beside one at a time of day at which it was seen before
+)
+FAR = 12.0  # largest squared deviation of the stay: a moment is never ruled out by it alone
+
+
+def fill(history, last, now):
+    """Copy the row of slot `last` to the slots behind it, up to `now`."""
+    rows = len(history.place)
+    source = last % rows
+    behind = np.arange(max(last + 1, now - rows + 1), now + 1) % rows
+    for each in history:
+        each[behind] = each[source]
+
+
+def moments(history, slot, first, last, day, like):
+    """Past moments at about the time of day of `slot`, and how alike they are by all that was where.
+
+    first, last : slots that are known. day : slots of a day. like : `Likeness`.
+    Returns slots (E,), newest day first, and log weights (E,), of which only differences mean anything.
+    """
+    rows = len(history.place)
+    ages = np.arange(1, max((last - first) // day + 2, 1) + 1)[:, None]
+    shifts = np.arange(-like.window, like.window + 1)
+    others = slot - ages * day + shifts
+    known = (others >= first) & (others < last)
+    found = others[known]
+    cost = (0.5 * (shifts / like.clock) ** 2 + ages * math.log(2.0) / like.half_life)[known]
+    now, then = slot % rows, found % rows
+    here, there = history.place[now], history.place[then]
+    both = (here >= 0) & (there >= 0)
+    cost += like.differs * (both & (here != there)).sum(1)
+    if like.recent:
+        fresh = slot - history.since[now] < like.moved
+        cost += like.recent * (both & (fresh != (found[:, None] - history.since[then] < like.moved))).sum(1)
+    return found, -cost
+
+
+def _own(history, thing, slot, found, weights, last, like):
+    """Log weights (E,) for one thing: -inf where it was elsewhere, or what came after is not known by `last`."""
+    rows = len(history.place)
+    now, then = slot % rows, found % rows
+    place, before, since = (each[:, thing] for each in history)
+    ratio = np.log((slot - since[now] + 1.0) / (found - since[then] + 1.0))
+    scores = weights - 0.5 * np.minimum((ratio / like.stay) ** 2, FAR)
+    scores = scores - like.origin * (before[then] != before[now])
+    return np.where((place[then] == place[now]) & (found <= last), scores, -np.inf)
+
+
+def _outcome(history, thing, slots, ahead, moving, last):
+    """Where the thing was `ahead` slots after each of `slots` (E,), -1 unknown; with `moving`, where it first moved to.
+
+    What went missing has moved: to where it was next seen by slot `last`. Seen where it had been, it was elsewhere.
+    """
+    place, rows = history.place[:, thing], len(history.place)
+    if not moving:
+        return place[(slots + ahead) % rows]
+    start = place[slots % rows]
+    after = slots[:, None] + np.arange(1, ahead + 1)
+    there = place[after % rows]
+    went = (there < 0) | (there != start[:, None])
+    first = went.argmax(1)
+    each = np.arange(len(slots))
+    to, gone = there[each, first], after[each, first]
+    # Those that went missing: on to where they were seen next, all of them slot by slot.
+    missing = np.flatnonzero((to < 0) & went.any(1))
+    while len(missing):
+        gone[missing] += 1
+        missing = missing[gone[missing] <= last]
+        to[missing] = place[gone[missing] % rows]
+        missing = missing[to[missing] < 0]
+    back = (there[each, first] < 0) & (to == start)
+    return np.where(went.any(1), np.where(back, -1, to), start)
+
+
+def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, like, count):
+    """What came after moments like `slot` for one thing, as sums of weights by place (`count`,).
+
+    last : the newest slot that is known. ahead : slots. moving : its first move within `ahead`, not where it was then.
+    Returns the sums, and how many days speak, each by its most similar moment: what smoothing has to yield to.
+    """
+    scores = _own(history, thing, slot, found, weights, last - ahead, like)
+    fits = np.flatnonzero(scores > -np.inf)
+    if not len(fits):
+        return np.zeros(count), 0.0
+    weight = np.exp(scores[fits] - scores[fits].max())
+    where = _outcome(history, thing, found[fits], ahead, moving, last)
+    days = (slot - found[fits] + day // 2) // day
+    seen = where >= 0
+    where, weight, days = where[seen], weight[seen], days[seen]
+    strongest = np.zeros(int(days.max(initial=0)) + 1)
+    np.maximum.at(strongest, days, weight)
+    return np.bincount(where, weight, count), float(strongest.sum())
+
+
+@njit(cache=True)
+def stays(history, thing, place, first, last):
+    """Stays of one thing at a place that ended: rows (slot it came, slot it was gone, place it went to, or -1)."""
+    rows = len(history.place)
+    found = np.empty((last - first + 1, 3), np.int64)
+    number = 0
+    came = -1
+    for slot in range(first, last + 1):
+        where = history.place[slot % rows, thing]
+        if where == place:
+            if came < 0:
+                came = slot
+        elif came >= 0:
+            gone = slot
+            to = where
+            ahead = slot
+            while to < 0 and ahead < last:
+                ahead += 1
+                to = history.place[ahead % rows, thing]
+            found[number, 0], found[number, 1], found[number, 2] = came, gone, to
+            number += 1
+            came = -1
+    return found[:number]
+
+
+@njit(cache=True)
+def likely_slot(history, thing, place, to, low, high, first, day, spread):
+    """In which slot of low < slot ≤ high the thing went from `place` to `to`: when it usually does, or in the middle.
+
+    spread : deviation of its times of day, slots.
+    """
+    if high - low <= 1:
+        return high
+    ended = stays(history, thing, place, first, low)
+    middle = 0.5 * (low + 1 + high)
+    best, chosen = -1.0, high
+    for slot in range(low + 1, high + 1):
+        score = FAINT / (1.0 + abs(slot - middle))
+        for k in range(len(ended)):
+            if ended[k, 2] == to:
+                apart = (slot - ended[k, 1] + day // 2) % day - day // 2
+                score += math.exp(-0.5 * (apart / spread) ** 2)
+        if score > best:
+            best, chosen = score, slot
+    return chosen
+
+
+@njit(cache=True)
+def amend(history, thing, gone, came, now, place, to):
+    """What nobody saw happen: the thing left `place` in slot `gone` and was at `to` from slot `came` to `now`."""
+    rows = len(history.place)
+    for slot in range(gone, now + 1):
+        row = slot % rows
+        there = slot >= came
+        history.place[row, thing] = to if there else -1
+        history.before[row, thing] = place
+        history.since[row, thing] = came if there else gone
+
+
+@njit(cache=True)
+def still(history, thing, start, stop):
+    """The thing was from slot `start` to `stop`, the latter excluded, what it was in the slot before `start`."""
+    rows = len(history.place)
+    source = (start - 1) % rows
+    for slot in range(start, stop):
+        row = slot % rows
+        history.place[row, thing] = history.place[source, thing]
+        history.before[row, thing] = history.before[source, thing]
+        history.since[row, thing] = history.since[source, thing]

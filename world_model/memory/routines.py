@@ -1,0 +1,501 @@
+"""Routines: where things are by now and what moves next, learned from looks at places.
+
+    routines = Routines()
+    routines.look("table", ["mug", "plate"], stamp)     # all that is there now: what was there and is absent has gone
+    routines.where("mug", stamp + 3 * 3600)             # {"table": 0.1, "sink": 0.9}
+    routines.moves(stamp, 1800)                         # {"mug": ("sink", 0.7)}
+    routines.explain("mug", stamp)                      # "mug usually goes from table to sink about 20 min after ..."
+
+A forecast is a vote of past moments: those at about the same time of day at which the thing was at the same place. A
+moment counts the more, the closer its time of day is, the fewer things were elsewhere than now or moved lately when now
+they did not, the more alike the thing's own stay is (how long, where it came from), and the more recent it is. What
+came after these moments is the forecast; where few moments speak, it yields to how often things move at all.
+
+Time is cut into slots of ten minutes. A moment's neighbours are found by the time that passed, in whole days and some
+minutes, so that no day has to begin anywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from estimation.checks import require_count, require_positive
+from estimation.errors import InputError
+from world_model.memory.routine_kernels import (
+    History,
+    Likeness,
+    amend,
+    fill,
+    likely_slot,
+    moments,
+    outcomes,
+    stays,
+    still,
+)
+from world_model.memory.routine_words import usual_move
+
+Array = np.ndarray
+DAY = 86400.0  # s
+FORMAT = "whereabouts.routines"
+VERSION = 1
+EMPTY_HALF_LIFE = 3600.0  # s, in which a look that did not find a thing says half as much
+
+
+@dataclass(frozen=True)
+class RoutinesConfig:
+    """What past moments count.
+
+    slot : s, resolution of time. days : that are remembered; what is older is gone. half_life : days until a moment
+    counts half. window, clock : largest difference and deviation of the time of day, s. differs : log weight of a
+    thing that was elsewhere than now. recent : of one that moved within `moved` s, then or now but not both.
+    stay : deviation of the log of how long the thing itself has been there. origin : log weight of its having come
+    from elsewhere. prior : days that the general rate of moves counts for. threshold : of the probability from which
+    on `moves` tells of a move.
+    """
+
+    slot: float = 600.0
+    days: int = 120
+    half_life: float = 60.0
+    window: float = 1800.0
+    clock: float = 900.0
+    differs: float = 0.8
+    recent: float = 0.0
+    moved: float = 36000.0
+    stay: float = 0.7
+    origin: float = 1.2
+    prior: float = 0.3
+    threshold: float = 0.35
+
+    def __post_init__(self) -> None:
+        for name in ("slot", "half_life", "clock", "stay", "prior"):
+            require_positive(name, getattr(self, name))
+        require_count("days", self.days)
+        if DAY % self.slot:
+            raise InputError(f"slot must divide a day of {DAY:g} s, not {self.slot}")
+
+    def likeness(self) -> Likeness:
+        """The same in slots, for the kernels."""
+        return Likeness(
+            round(self.window / self.slot),
+            self.clock / self.slot,
+            self.half_life,
+            self.differs,
+            self.recent,
+            round(self.moved / self.slot),
+            self.stay,
+            self.origin,
+        )
+
+
+class Routines:
+    """Learns while running; its memory is `days` times 24 h of slots for each thing, whatever is looked at how often.
+
+    Parameters
+    ----------
+    config : what past moments count.
+    """
+
+    def __init__(self, config: RoutinesConfig | None = None) -> None:
+        self.config = config or RoutinesConfig()
+        self._like = self.config.likeness()
+        self._day = round(DAY / self.config.slot)
+        self._places: dict[str, int] = {}
+        self._things: dict[str, int] = {}
+        self._place_names: list[str] = []
+        # A day more than is remembered: a forecast fills in what is not yet known.
+        self._history = _empty((self.config.days + 2) * self._day, 0)
+        self._free: list[int] = []  # columns of the history that no thing has
+        self._moves = self._exposure = (
+            0.0  # moves of anything, and slots times things, both forgotten by half-life
+        )
+        self._first = self._last = -1
+        self._stamp = -math.inf
+        self._looked = np.full(0, -np.inf)  # (P,) s, newest look at each place
+        self._seen = np.full(0, -np.inf)  # (N,) s, when each thing was last seen
+        self._version = 0
+        self._alike: tuple[tuple[int, int], tuple[Array, Array]] | None = None
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Places known, in the order in which they were first looked at."""
+        return tuple(self._place_names)
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Objects remembered."""
+        return tuple(self._things)
+
+    @property
+    def to_stamp(self) -> float | None:
+        """Newest look, s; None before the first."""
+        return self._stamp if self._last >= 0 else None
+
+    def last_place(self, object: str) -> str:
+        """Where an object was seen last, "" where that is not known."""
+        thing = self._things.get(object)
+        place = -1 if thing is None else self._last_seen(thing)[1]
+        return self._place_names[place] if place >= 0 else ""
+
+    def rename(self, object: str, new: str) -> None:
+        """An object has another name; one that has it already stays as it is."""
+        _name("object", new)
+        if object in self._things and new not in self._things:
+            self._things[new] = self._things.pop(object)
+
+    def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
+        """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
+
+        Raises
+        ------
+        InputError : an empty name, a stamp that is not finite or before the newest look.
+        """
+        named = _names(objects)
+        _name("place", place)
+        self._advance(self._checked(stamp))
+        index = self._place(place)
+        present = np.array([self._thing(name) for name in named], np.int64)
+        row = self._last % len(self._history.place)
+        now = self._history.place[row]
+        absent = now == index
+        absent[present] = False
+        for thing in np.flatnonzero(absent).tolist():
+            self._set(row, thing, -1)
+        for thing in present[now[present] != index].tolist():
+            self._set(row, thing, index)
+            self._amend(row, thing, index)
+        self._seen[present] = self._looked[index] = self._stamp
+        self._version += 1
+
+    def where(self, object: str, stamp: float) -> dict[str, float]:
+        """Probability of each place known at `stamp` (UTC, s; not before the newest look); {} for an unknown object."""
+        stamp = self._checked(stamp)
+        thing = self._things.get(object)
+        if thing is None:
+            return {}
+        slot, place = self._last_seen(thing)
+        ahead = self._within_reach(self._slot(stamp) - slot)
+        if ahead <= 0:
+            chance = np.zeros(len(self._place_names))
+            chance[place] = 1.0
+        else:
+            found, weights = self._moments(slot)
+            chance = self._forecast(thing, slot, place, ahead, found, weights, moving=False)
+        return dict(zip(self._place_names, self._unseen(chance, thing, stamp).tolist(), strict=True))
+
+    def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
+        """Objects expected to move within `horizon` s after `stamp`, where the first move leads to, and how probably.
+
+        Only moves with at least the configured probability. What is out of sight, nobody knows where, is not told of.
+        """
+        stamp = self._checked(stamp)
+        if not math.isfinite(horizon) or horizon < 0.0:
+            raise InputError(f"horizon must be finite and not negative, s, not {horizon}")
+        ahead = self._within_reach(round(horizon / self.config.slot))
+        if self._last < 0 or ahead < 1:
+            return {}
+        slot = self._last + self._within_reach(self._slot(stamp) - self._last)
+        fill(self._history, self._last, slot)  # until something else is seen, all is as it was
+        found, weights = self._moments(slot)
+        now = self._history.place[slot % len(self._history.place)]
+        expected = {}
+        for name, thing in self._things.items():
+            place = int(now[thing])
+            if place < 0:
+                continue
+            chance = self._forecast(thing, slot, place, ahead, found, weights, moving=True)
+            chance[place] = 0.0
+            to = int(chance.argmax())
+            if chance[to] >= self.config.threshold:
+                expected[name] = (self._place_names[to], float(chance[to]))
+        return expected
+
+    def explain(self, object: str, stamp: float) -> str:
+        """One sentence: what the object usually does where it was last seen, and on how many days it did.
+
+        Only stays count that lasted into the hour around the time of day of `stamp`, or all where there is none.
+        """
+        stamp = self._checked(stamp)
+        thing = self._things.get(object)
+        if thing is None:
+            return f"{object} has not been seen."
+        _, place = self._last_seen(thing)
+        if place < 0:
+            return f"Nobody knows where {object} is."
+        ended = stays(self._history, thing, place, self._oldest(self._last), self._last)
+        return usual_move(object, place, ended, self._slot(stamp), self.config.slot, self._place_names)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All that was learned, as JSON-able data: for each object its stays (since slot, place, place before)."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "config": asdict(self.config),
+            "stamp": self._stamp if self._last >= 0 else None,
+            "first": self._first,
+            "last": self._last,
+            "moves": self._moves,
+            "exposure": self._exposure,
+            "places": {name: _finite(self._looked[index]) for index, name in enumerate(self._place_names)},
+            "objects": [
+                {"name": name, "seen": _finite(self._seen[thing]), "stays": self._runs(thing)}
+                for name, thing in self._things.items()
+            ],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Routines:
+        """What `to_dict` gave: the same answers, the same learning.
+
+        Raises
+        ------
+        InputError : the data is not of this format and version.
+        """
+        if data.get("format") != FORMAT or data.get("version") != VERSION:
+            raise InputError(f"not {FORMAT} of version {VERSION}")
+        try:
+            return cls(RoutinesConfig(**data["config"]))._restored(data)
+        except (KeyError, TypeError, IndexError, AttributeError) as error:
+            raise InputError(f"{FORMAT}: {error!r}") from error
+
+    def _restored(self, data: Mapping[str, Any]) -> Routines:
+        for name, looked in data["places"].items():
+            place = self._place(name)
+            self._looked[place] = -np.inf if looked is None else looked
+        self._first, self._last = int(data["first"]), int(data["last"])
+        if self._last < 0:
+            return self
+        self._stamp = float(data["stamp"])
+        self._moves, self._exposure = float(data["moves"]), float(data["exposure"])
+        slots = np.arange(self._oldest(self._last), self._last + 1)
+        rows = slots % len(self._history.place)
+        for kept in data["objects"]:
+            thing = self._thing(kept["name"])
+            self._seen[thing] = -np.inf if kept["seen"] is None else kept["seen"]
+            runs = np.array(kept["stays"], np.int64).reshape(-1, 4)
+            run = np.searchsorted(runs[:, 0], slots, side="right") - 1
+            for into, column in zip(self._history, (2, 3, 1), strict=True):
+                into[rows, thing] = runs[run, column]
+        return self
+
+    def _runs(self, thing: int) -> list[list[int]]:
+        """Rows (first slot remembered, since, place, before) of the stays of one thing."""
+        slots = np.arange(self._oldest(self._last), self._last + 1) if self._last >= 0 else np.zeros(0, int)
+        rows = slots % len(self._history.place)
+        place, before, since = (each[rows, thing] for each in self._history)
+        table = np.column_stack([slots, since, place, before]).astype(np.int64)
+        changed = np.ones(len(table), bool)
+        changed[1:] = np.any(table[1:, 1:] != table[:-1, 1:], axis=1)
+        kept: list[list[int]] = table[changed].tolist()
+        return kept
+
+    def _checked(self, stamp: float) -> float:
+        if not math.isfinite(stamp):
+            raise InputError(f"stamp must be finite, s, not {stamp}")
+        if stamp < self._stamp:
+            raise InputError(f"stamp {stamp} is before the newest look, {self._stamp}")
+        return float(stamp)
+
+    def _slot(self, stamp: float) -> int:
+        return math.floor(stamp / self.config.slot)
+
+    def _within_reach(self, slots: int) -> int:
+        """The same time of day within the next 24 h: further ahead a day is like another."""
+        return slots if slots <= self._day else (slots - 1) % self._day + 1
+
+    def _oldest(self, last: int) -> int:
+        """The oldest slot that counts when `last` is the newest."""
+        return max(self._first, last - self.config.days * self._day + 1)
+
+    def _advance(self, stamp: float) -> None:
+        """Time goes on to `stamp`; what is not looked at stays where it is believed to be."""
+        slot = self._slot(stamp)
+        self._stamp = stamp
+        if self._last < 0:
+            self._first = self._last = slot
+        elif slot > self._last:
+            passed = slot - self._last
+            fill(self._history, self._last, slot)
+            kept = 0.5 ** (passed / (self._day * self.config.half_life))
+            self._moves *= kept
+            self._exposure = kept * self._exposure + passed * len(self._things)
+            if slot // self._day > self._last // self._day:
+                self._forget(slot)
+            self._last = slot
+
+    def _forget(self, slot: int) -> None:
+        """Things that were not seen for as long as anything is remembered are dropped."""
+        oldest = (slot - self.config.days * self._day) * self.config.slot
+        gone = [name for name, thing in self._things.items() if self._seen[thing] < oldest]
+        for name in gone:
+            thing = self._things.pop(name)
+            self._clear(thing)
+            self._free.append(thing)
+
+    def _clear(self, thing: int) -> None:
+        self._history.place[:, thing] = self._history.before[:, thing] = -1
+        self._history.since[:, thing] = 0
+        self._seen[thing] = -np.inf
+
+    def _place(self, name: str) -> int:
+        if name not in self._places:
+            self._places[name] = len(self._place_names)
+            self._place_names.append(name)
+            self._looked = np.append(self._looked, -np.inf)
+        return self._places[name]
+
+    def _thing(self, name: str) -> int:
+        if name not in self._things:
+            if not self._free:
+                self._grow()
+            self._things[name] = self._free.pop()
+        return self._things[name]
+
+    def _grow(self) -> None:
+        """Room for twice as many things."""
+        before = len(self._seen)
+        more = max(before, 16)
+        added = _empty(len(self._history.place), more)
+        self._history = History(
+            *(np.hstack([old, new]) for old, new in zip(self._history, added, strict=True))
+        )
+        self._seen = np.append(self._seen, np.full(more, -np.inf))
+        self._free = list(range(before + more - 1, before - 1, -1))
+
+    def _set(self, row: int, thing: int, place: int) -> None:
+        """The thing is at another place than it was, or nobody knows where (-1)."""
+        was = int(self._history.place[row, thing])
+        if was >= 0:
+            self._history.before[row, thing] = was
+        if place >= 0 and self._history.before[row, thing] not in (-1, place):
+            self._moves += 1.0
+        self._history.place[row, thing] = place
+        self._history.since[row, thing] = self._last
+
+    def _amend(self, row: int, thing: int, place: int) -> None:
+        """When it came, where nobody saw it: between looks, when it usually goes there, or in the middle."""
+        if not math.isfinite(self._seen[thing]):
+            return
+        seen = max(self._slot(self._seen[thing]), self._last - self._day, self._first)
+        rows = len(self._history.place)
+        was = int(self._history.place[seen % rows, thing])
+        if seen >= self._last - 1 or was < 0:
+            return
+        empty = self._last  # newest slot by which it had gone from where it was
+        for slot in range(seen + 1, self._last):
+            if self._history.place[slot % rows, thing] < 0:
+                empty = slot
+                break
+        looked = self._looked[place]
+        absent = max(seen, self._slot(looked)) if math.isfinite(looked) else seen
+        spread = self.config.clock / self.config.slot
+        start = self._oldest(self._last)
+
+        def choose(low: int, high: int) -> int:
+            return int(likely_slot(self._history, thing, was, place, low, high, start, self._day, spread))
+
+        if was == place:
+            # It was away in between, nobody knows where.
+            if empty == self._last:
+                return
+            gone, came = (seen + 1 + empty) // 2, (absent + 1 + self._last) // 2
+        elif absent < empty:
+            gone = came = choose(absent, empty)
+        else:
+            gone, came = choose(seen, empty), choose(absent, self._last)
+        still(self._history, thing, seen + 1, gone)
+        amend(self._history, thing, gone, came, self._last, was, place)
+
+    def _last_seen(self, thing: int) -> tuple[int, int]:
+        """Slot and place of where a forecast starts: where the thing was last known to be (-1: not remembered)."""
+        rows = len(self._history.place)
+        place = int(self._history.place[self._last % rows, thing])
+        if place >= 0:
+            # Not longer ago than a day: its row is still there, and no day differs from the next.
+            return max(self._slot(self._seen[thing]), self._last - self._day), place
+        slot = max(int(self._history.since[self._last % rows, thing]) - 1, self._last - self._day)
+        if slot < self._first:
+            return slot, -1
+        return slot, int(self._history.place[slot % rows, thing])
+
+    def _moments(self, slot: int) -> tuple[Array, Array]:
+        """Past moments like `slot` with their log weights, both (E,)."""
+        key = (slot, self._version)
+        if self._alike is None or self._alike[0] != key:
+            newest = max(slot, self._last)
+            found = moments(self._history, slot, self._oldest(newest), self._last, self._day, self._like)
+            self._alike = key, found
+        return self._alike[1]
+
+    def _forecast(
+        self, thing: int, slot: int, place: int, ahead: int, found: Array, weights: Array, moving: bool
+    ) -> Array:
+        """Probabilities (P,) of where the thing is, or first moves to, `ahead` slots after `slot`."""
+        count = len(self._place_names)
+        prior = self._prior(place, ahead)
+        if place < 0:
+            return prior
+        votes, days = outcomes(
+            self._history,
+            thing,
+            slot,
+            found,
+            weights,
+            self._last,
+            ahead,
+            self._day,
+            moving,
+            self._like,
+            count,
+        )
+        if days <= 0.0:
+            return prior
+        chance: Array = (votes / votes.sum() * days + self.config.prior * prior) / (days + self.config.prior)
+        return chance
+
+    def _prior(self, place: int, ahead: int) -> Array:
+        """What is expected of anything: it stays with the rate at which things move, or goes anywhere."""
+        count = len(self._place_names)
+        if place < 0 or count == 1:
+            return np.full(count, 1.0 / count)
+        rate = (self._moves + 1.0) / (self._exposure + self._day)
+        stays_here = math.exp(-rate * ahead)
+        prior = np.full(count, (1.0 - stays_here) / (count - 1))
+        prior[place] = stays_here
+        return prior
+
+    def _unseen(self, chance: Array, thing: int, stamp: float) -> Array:
+        """Less where somebody looked since the thing was last seen, and did not find it; fades with the time since."""
+        seen = self._slot(self._seen[thing])
+        looked = np.floor(self._looked / self.config.slot)
+        left = np.where(looked > seen, 1.0 - 0.5 ** ((stamp - self._looked) / EMPTY_HALF_LIFE), 1.0)
+        rest = chance * left
+        total = rest.sum()
+        return rest / total if total > 0.0 else chance / chance.sum()
+
+
+def _empty(rows: int, things: int) -> History:
+    """A history in which nothing is known."""
+    shape = rows, things
+    return History(np.full(shape, -1, np.int16), np.full(shape, -1, np.int16), np.zeros(shape, np.int32))
+
+
+def _name(what: str, name: str) -> str:
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{what} must be a name, not {name!r}")
+    return name
+
+
+def _names(objects: Iterable[str]) -> list[str]:
+    """The names, each once."""
+    if isinstance(objects, str):
+        raise InputError("objects must be several names, not one text")
+    return list(dict.fromkeys(_name("objects", name) for name in objects))
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

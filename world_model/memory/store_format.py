@@ -1,0 +1,198 @@
+"""How the store's rows lie in its file: tables, the mark of each row, and the tally over all of them.
+
+Every row carries a mark, a hash over its table's name and its values: a row says by itself whether it is whole, also
+where nothing leads to it any more. The row of `clock` counts the rows of every table and sums their marks, so that one
+that is missing, or an old one that came back, shows as well.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import blake2b
+from operator import itemgetter
+from typing import Any
+
+from world_model.memory.store_rows import COLUMNS
+
+FIRST_VERSION = 1
+"""Without marks; taken over when it is opened."""
+VERSION = 202611
+"""Year and month of the format. A next one differs in two bits or more: one bit is a damage, not a version."""
+APPLICATION = 0x77686272
+"""Marks the file as a world model's among all that SQLite may have written."""
+PAGE = 4096
+MAGIC = b"SQLite format 3\0"
+
+Picked = Callable[[Sequence[Any]], tuple[Any, ...]]
+
+_OBJECT = (
+    "numbers BLOB NOT NULL, existence REAL NOT NULL, lost INTEGER NOT NULL, last_seen REAL NOT NULL, "
+    "first_seen REAL NOT NULL, attributes TEXT NOT NULL, behaviors TEXT NOT NULL, region TEXT"
+)
+SCHEMA = f"""
+CREATE TABLE clock (one INTEGER PRIMARY KEY CHECK (one = 1), epoch INTEGER NOT NULL, stamp REAL,
+  identity TEXT NOT NULL, sequence INTEGER NOT NULL, runs INTEGER NOT NULL, names INTEGER NOT NULL,
+  present INTEGER NOT NULL, past INTEGER NOT NULL, total INTEGER NOT NULL, mark INTEGER NOT NULL);
+CREATE TABLE epochs (epoch INTEGER PRIMARY KEY, first_stamp REAL, last_stamp REAL, mark INTEGER NOT NULL);
+CREATE TABLE objects (key INTEGER PRIMARY KEY, epoch INTEGER NOT NULL, id TEXT NOT NULL, mark INTEGER NOT NULL,
+  UNIQUE (epoch, id));
+CREATE TABLE current (key INTEGER PRIMARY KEY, {_OBJECT}, mark INTEGER NOT NULL);
+CREATE TABLE names (key INTEGER PRIMARY KEY, epoch INTEGER NOT NULL, id TEXT NOT NULL, mark INTEGER NOT NULL);
+CREATE TABLE history (row INTEGER PRIMARY KEY, key INTEGER NOT NULL, stamp REAL NOT NULL, event TEXT NOT NULL,
+  level INTEGER NOT NULL, {_OBJECT}, mark INTEGER NOT NULL);
+"""
+INDICES = """
+CREATE INDEX history_by_object ON history (key, stamp);
+CREATE INDEX history_by_level ON history (level, row);
+"""
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table. columns : without the mark, the integer key first. kinds : a letter for each column, i integer,
+    r real, t text, b bytes."""
+
+    name: str
+    columns: str
+    kinds: str
+
+    @cached_property
+    def _layout(self) -> tuple[struct.Struct, Picked, Picked, Picked, bytes]:
+        whole, real, text = (
+            [index for index, kind in enumerate(self.kinds) if kind in letters]
+            for letters in ("i", "r", "tb")
+        )
+        packer = struct.Struct(f"<{len(whole)}q{len(real)}d{len(text)}q")
+        return packer, _picked(whole), _picked(real), _picked(text), self.name.encode()
+
+    @cached_property
+    def mistyped(self) -> str:
+        """Query for keys of rows with bytes for text, or the other way round: to a mark both are bytes."""
+        names = [name.strip() for name in self.columns.split(",")]
+        wrong = [
+            f"typeof({name}) NOT IN ('{'text' if kind == 't' else 'blob'}', 'null')"
+            for name, kind in zip(names, self.kinds, strict=True)
+            if kind in "tb"
+        ]
+        return f"SELECT {names[0]} FROM {self.name} WHERE {' OR '.join(wrong) or '0'}"
+
+    @cached_property
+    def texts(self) -> list[int]:
+        """Places of text in a row."""
+        return [index for index, kind in enumerate(self.kinds) if kind == "t"]
+
+    @cached_property
+    def insert(self) -> str:
+        """Statement that takes a row and its mark."""
+        return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.kinds) + 1))})"
+
+    def mark(self, values: Sequence[Any]) -> int:
+        """Hash (64 bits, signed) of a row. Raises TypeError or struct.error for values of other kinds."""
+        packer, whole, real, text, name = self._layout
+        texts = text(values)
+        parts = [b"" if part is None else part if type(part) is bytes else part.encode() for part in texts]
+        packed = packer.pack(
+            *whole(values),
+            *[math.nan if value is None else value + 0.0 for value in real(values)],
+            *[-1 if value is None else len(part) for value, part in zip(texts, parts, strict=True)],
+        )
+        digest = blake2b(packed + b"".join(parts), digest_size=8, person=name).digest()
+        return int.from_bytes(digest, "little", signed=True)
+
+    def is_whole(self, row: Sequence[Any]) -> bool:
+        """Whether a row, its mark last, is as it was written."""
+        try:
+            return len(row) == len(self.kinds) + 1 and self.mark(row) == row[-1]
+        except (TypeError, ValueError, AttributeError, struct.error):
+            return False
+
+
+def _picked(places: list[int]) -> Picked:
+    """Takes what is at these places of a row; rows are many."""
+    if len(places) > 1:
+        return itemgetter(*places)
+    return lambda values: tuple(values[place] for place in places)
+
+
+CLOCK = Table(
+    "clock", "one, epoch, stamp, identity, sequence, runs, names, present, past, total", "iirtiiiiii"
+)
+EPOCHS = Table("epochs", "epoch, first_stamp, last_stamp", "irr")
+OBJECTS = Table("objects", "key, epoch, id", "iit")
+NAMES = Table("names", "key, epoch, id", "iit")
+"""The same as `objects`, on other pages: without its name the whole history of an object is worth nothing."""
+CURRENT = Table("current", f"key, {COLUMNS}", "ibrirrttt")
+HISTORY = Table("history", f"row, key, stamp, event, level, {COLUMNS}", "iirtibrirrttt")
+COUNTED = (EPOCHS, OBJECTS, NAMES, CURRENT, HISTORY)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The row of `clock`: the newest run and stamp, whose file it is, its transactions, and the tally.
+
+    runs, names, present, past : rows of epochs, objects (and names), current, history; total : sum of all their marks.
+    """
+
+    epoch: int = 0
+    stamp: float | None = None
+    identity: str = ""
+    sequence: int = 0
+    runs: int = 0
+    names: int = 0
+    present: int = 0
+    past: int = 0
+    total: int = 0
+
+    @classmethod
+    def of(cls, row: Sequence[Any]) -> Clock:
+        """From a row as it is stored, with or without its mark."""
+        _, epoch, stamp, identity, *numbers = row[:10]
+        name = identity.decode() if isinstance(identity, bytes) else identity
+        return cls(epoch, stamp, name, *numbers)
+
+    @property
+    def row(self) -> tuple[Any, ...]:
+        """As it is stored, with its mark."""
+        values = (
+            *(1, self.epoch, self.stamp, self.identity, self.sequence),
+            *(self.runs, self.names, self.present, self.past, self.total),
+        )
+        return (*values, CLOCK.mark(values))
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Rows in the tables `COUNTED`."""
+        return self.runs, self.names, self.names, self.present, self.past
+
+
+def summed(marks: Iterable[int]) -> int:
+    """Sum of marks as 64 bits, signed: does not depend on the order, and one mark can be taken out again."""
+    return (sum(marks) + (1 << 63)) % (1 << 64) - (1 << 63)
+
+
+def header_problem(page: bytes) -> str:
+    """What is wrong with the first hundred bytes of the file, as far as they are always the same; "" if nothing is.
+
+    Says nothing about application and version.
+    """
+    if page[:16] != MAGIC:
+        return "does not begin as a database does"
+    size, write, read, reserved = *struct.unpack(">H", page[16:18]), page[18], page[19], page[20]
+    fixed = (
+        size == PAGE and write == read and read in (1, 2) and reserved == 0 and page[21:24] == b"\x40\x20\x20"
+    )
+    layout, _, root, encoding = struct.unpack(">4I", page[44:60])
+    if not (
+        fixed
+        and layout == 4
+        and root == 0
+        and encoding == 1
+        and not any(page[64:68])
+        and not any(page[72:92])
+    ):
+        return "the head of the file is not as it was written"
+    return ""

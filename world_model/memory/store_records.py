@@ -1,0 +1,374 @@
+"""What the store remembers, read back: the last world, the world at any time, the history of an object."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.places import LIKELY, Place, Places
+from world_model.memory.store_file import StoreFile
+from world_model.memory.store_format import Clock
+from world_model.memory.store_places import EVENT, NAME, RUN, places_of
+from world_model.memory.store_rows import COLUMNS, Written, decode
+from world_model.state import WorldObject, most_probable
+from world_model.symbols import parse_symbol
+
+REACH = 1.0
+"""m around a place from which nothing is there more probably than not."""
+AT_ONCE = 5000
+"""Rows of history that are sooner looked through than objects one by one."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a store remembers. objects : of the most probable world. stamp, epoch : of the last message. names : the
+    highest number used for each class, so that no symbol is given twice."""
+
+    objects: tuple[WorldObject, ...]
+    stamp: float
+    epoch: int
+    names: dict[str, int]
+
+
+@dataclass(frozen=True)
+class HistoryEntry:
+    """One event of an object: appeared, moved, changed, seen, lost, found, gone, returned or renamed, at `stamp`."""
+
+    stamp: float
+    event: str
+    object: WorldObject
+    epoch: int
+
+
+class Note(NamedTuple):
+    """The part of an event that habits are learned from. kind : most probable class. covariance : (3, 3), m²."""
+
+    epoch: int
+    object_id: str
+    stamp: float
+    event: str
+    position: FloatArray
+    covariance: FloatArray
+    lost: bool
+    last_seen: float
+    kind: str
+
+
+class Records:
+    """The reading part of `Store`."""
+
+    _file: StoreFile
+    _clock: Clock
+    _written: dict[str, Written]
+
+    @property
+    def _epoch(self) -> int:
+        return self._clock.epoch
+
+    @property
+    def _stamp(self) -> float | None:
+        return self._clock.stamp
+
+    @property
+    def data_version(self) -> int:
+        """Another number whenever another process has written since."""
+        return int(self._execute("PRAGMA data_version").fetchone()[0])
+
+    def restore(self) -> Memory | None:
+        """What was known at the last message, for a new `WorldModel`; None where nothing is remembered."""
+        if self._stamp is None and self._epoch == 0 and not self._written:
+            return None
+        numbers: dict[str, int] = {}
+        for (name,) in self._execute("SELECT id FROM objects WHERE epoch = ?", self._epoch):
+            parsed = parse_symbol(name)
+            if parsed is not None:
+                numbers[parsed[0]] = max(numbers.get(parsed[0], 0), parsed[1])
+        stamp = -float("inf") if self._stamp is None else self._stamp
+        return Memory(tuple(self.present()), stamp, self._epoch, numbers)
+
+    def places(self, stamp: float = float("inf")) -> Places:
+        """Rooms and furniture as they were at `stamp`, s; the first ones before that. Empty where none were kept."""
+        text = self._places_row(stamp) or self._places_row()
+        return places_of(text) if text else Places()
+
+    def _places_row(self, stamp: float = float("inf")) -> str:
+        found = self._execute(
+            "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch = ? AND o.id = ? "
+            "AND h.stamp <= ? ORDER BY h.row DESC LIMIT 1",
+            RUN,
+            NAME,
+            stamp,
+        ).fetchone()
+        return "" if found is None else str(found[0])
+
+    def epochs(self) -> list[tuple[int, float | None, float | None]]:
+        """All runs: number, first and last stamp."""
+        return list(
+            self._execute("SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch >= 0 ORDER BY epoch")
+        )
+
+    def epoch_at(self, stamp: float) -> int | None:
+        """The newest run that had begun by `stamp`; None before all of them."""
+        found = self._execute(
+            "SELECT max(epoch) FROM epochs WHERE first_stamp <= ? AND epoch >= 0", stamp
+        ).fetchone()
+        return None if found[0] is None else int(found[0])
+
+    def objects_at(self, stamp: float, epoch: int | None = None) -> list[WorldObject]:
+        """All objects as they were known at `stamp`, of the newest run that had begun by then or of `epoch`.
+
+        Covariances have grown by the process noise since the last row.
+        """
+        run = self.epoch_at(stamp) if epoch is None else epoch
+        rows = self._execute(
+            f"SELECT o.id, h.stamp, h.event, {COLUMNS} FROM objects o JOIN history h ON h.row = "
+            "(SELECT row FROM history WHERE key = o.key AND stamp <= ? ORDER BY stamp DESC, row DESC LIMIT 1) "
+            "WHERE o.epoch = ? AND h.event != 'gone' ORDER BY o.key",
+            stamp,
+            run,
+        )
+        return [_aged(decode(name, tuple(values)), stamp - then) for name, then, _, *values in rows]
+
+    def last_seen(self, place: Place, epoch: int | None = None) -> float | None:
+        """The newest stamp at which something was measured at a place in a run (this one by default), None if never."""
+        low, high = place.polygon.min(0) - REACH, place.polygon.max(0) + REACH
+        rows = self._execute(
+            "SELECT DISTINCT h.numbers, h.last_seen FROM history h JOIN objects o ON o.key = h.key "
+            "WHERE o.epoch = ? AND NOT h.lost ORDER BY h.last_seen DESC",
+            self._epoch if epoch is None else epoch,
+        )
+        for numbers, seen in rows:
+            values = np.frombuffer(numbers, "<f8")
+            inside = (values[:2] >= low).all() and (values[:2] <= high).all()
+            if inside and place.probability(values[:3], values[6:15].reshape(3, 3)) > LIKELY:
+                return float(seen)
+        return None
+
+    def history(
+        self,
+        object_id: str,
+        epoch: int | None = None,
+        start: float = -float("inf"),
+        end: float = float("inf"),
+    ) -> list[HistoryEntry]:
+        """Events of one object, oldest first, in the newest run that knew it or in `epoch`."""
+        rows = self._execute(
+            f"SELECT o.epoch, h.stamp, h.event, {COLUMNS} FROM history h JOIN objects o ON o.key = h.key "
+            "WHERE o.id = ? AND o.epoch = ifnull(?, (SELECT max(epoch) FROM objects WHERE id = ?)) "
+            "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row",
+            object_id,
+            epoch,
+            object_id,
+            start,
+            end,
+        )
+        return [
+            HistoryEntry(stamp, happened, decode(object_id, tuple(values)), run)
+            for run, stamp, happened, *values in rows
+        ]
+
+    def events(self, epoch: int | None = None) -> Iterable[tuple[float, str, str]]:
+        """All events of a run (the newest by default) in order of time: stamp, event, object id."""
+        return self._execute(
+            "SELECT h.stamp, h.event, o.id FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch = ? "
+            "ORDER BY h.stamp, h.row",
+            self._epoch if epoch is None else epoch,
+        )
+
+    def notes(self) -> Iterator[Note]:
+        """All events of all runs, by run and object, oldest first."""
+        rows = self._execute(
+            "SELECT o.epoch, o.id, h.stamp, h.event, h.numbers, h.lost, h.last_seen, h.attributes "
+            "FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch >= 0 "
+            "ORDER BY o.epoch, o.id, h.stamp, h.row"
+        )
+        for epoch, name, stamp, happened, numbers, lost, last_seen, text in rows:
+            values = np.frombuffer(numbers, "<f8")
+            around = values[6:15].reshape(3, 3)
+            yield Note(epoch, name, stamp, happened, values[:3], around, bool(lost), last_seen, _kind(text))
+
+    # For questions: read from the file, also while another process writes to it.
+
+    def newest(self) -> tuple[int, float | None, int]:
+        """Run, stamp and number of the last message that the file has."""
+        clock = Clock.of(self._execute("SELECT * FROM clock").fetchone())
+        return clock.epoch, clock.stamp, clock.sequence
+
+    def present(self) -> list[WorldObject]:
+        """The objects of the last message that the file has."""
+        rows = self._execute(
+            f"SELECT o.id, {COLUMNS} FROM current c JOIN objects o ON o.key = c.key ORDER BY c.key"
+        )
+        return [decode(name, tuple(values)) for name, *values in rows]
+
+    def names(self) -> dict[str, int]:
+        """The newest run of every object that was ever known, by id."""
+        return dict(self._execute("SELECT id, epoch FROM objects WHERE epoch >= 0 ORDER BY epoch"))
+
+    def sights(
+        self,
+        object_id: str,
+        epoch: int,
+        start: float = -float("inf"),
+        end: float = float("inf"),
+        most: int = -1,
+        again: bool = True,
+    ) -> list[tuple[float, str, bytes, float, int, float, float]]:
+        """History of an object in a run, oldest first: stamp, event, position (3 × 8 bytes), existence, lost, last and
+        first seen.
+
+        most : how many rows, the newest; all where it is negative. again : also rows that only say that it was seen
+        once more.
+        """
+        without = "" if again else "AND h.event != 'seen' "
+        found = self._execute(
+            "SELECT h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen "
+            "FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
+            f"AND h.stamp BETWEEN ? AND ? {without}ORDER BY h.stamp DESC, h.row DESC LIMIT ?",
+            object_id,
+            epoch,
+            start,
+            end,
+            most,
+        ).fetchall()
+        return found[::-1]
+
+    def happened(
+        self, start: float, most: int, apart_from: str
+    ) -> tuple[dict[int, str], list[tuple[int, float, str, bytes, float, int, float]], float]:
+        """What happened to all objects of the newest run since a stamp, oldest first, among the newest `most` rows.
+
+        apart_from : class of objects that are left out. Returns ids by key, and rows of key, stamp, event, position
+        (3 × 8 bytes), existence, lost, last seen, without those that only say that something was seen again; and from
+        which stamp on they are complete.
+        """
+        prefix = f"{apart_from}-"
+        names = self._execute(
+            "SELECT key, id FROM objects WHERE epoch = (SELECT epoch FROM clock) AND substr(id, 1, ?) != ?",
+            len(prefix),
+            prefix,
+        )
+        ids: dict[int, str] = dict(names.fetchall())
+        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        # Rows lie in the order in which they were written: this is read from one end, without an index.
+        first = self._row_at(start, newest) - 1
+        if first < newest - most:
+            first = newest - most
+            found = self._execute(
+                "SELECT stamp FROM history WHERE row > ? ORDER BY row LIMIT 1", first
+            ).fetchone()
+            start = max(start, float(found[0]))
+        rows = self._execute(
+            "SELECT key, stamp, event, substr(numbers, 1, 24), existence, lost, last_seen FROM history "
+            "WHERE row > ? AND stamp >= ? AND event != 'seen' ORDER BY row",
+            first,
+            start,
+        )
+        return ids, [row for row in rows if row[0] in ids], start
+
+    def _row_at(self, stamp: float, newest: int) -> int:
+        """First row of the newest run from which on all have at least this stamp."""
+        # Rows lie in the order in which they were written, keys in the order in which objects were first met.
+        first = self._execute(
+            "SELECT min(key) FROM objects WHERE epoch = (SELECT epoch FROM clock)"
+        ).fetchone()[0]
+        if first is None:
+            return newest + 1
+        low, high = 0, newest + 1
+        while low < high:
+            middle = (low + high) // 2
+            found = self._execute(
+                "SELECT row, key, stamp FROM history WHERE row >= ? AND event != ? ORDER BY row LIMIT 1",
+                middle,
+                EVENT,
+            ).fetchone()
+            if found is None or (found[1] >= first and found[2] >= stamp):
+                high = middle
+            else:
+                low = found[0] + 1
+        return low
+
+    def lives(self, prefix: str) -> list[tuple[str, float, float, str]]:
+        """Objects of the newest run whose id begins so: id, first and last seen, JSON of the attributes."""
+        return self._execute(
+            "SELECT o.id, h.first_seen, h.last_seen, h.attributes FROM objects o JOIN history h ON h.row = "
+            "(SELECT row FROM history WHERE key = o.key ORDER BY stamp DESC, row DESC LIMIT 1) "
+            "WHERE o.epoch = (SELECT epoch FROM clock) AND substr(o.id, 1, ?) = ?",
+            len(prefix),
+            prefix,
+        ).fetchall()
+
+    def first_look(self, object_id: str, epoch: int) -> str | None:
+        """JSON of the attributes in the oldest row of history of an object."""
+        found = self._execute(
+            "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
+            "ORDER BY h.stamp, h.row LIMIT 1",
+            object_id,
+            epoch,
+        ).fetchone()
+        return None if found is None else str(found[0])
+
+    def look(self, object_id: str, epoch: int) -> WorldObject | None:
+        """The newest row of history of an object."""
+        found = self._execute(
+            f"SELECT {COLUMNS} FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
+            "ORDER BY h.stamp DESC, h.row DESC LIMIT 1",
+            object_id,
+            epoch,
+        ).fetchone()
+        return None if found is None else decode(object_id, tuple(found))
+
+    def active(self, start: float, end: float) -> list[str]:
+        """Objects of the newest run with history between two stamps."""
+        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        first = self._row_at(start, newest)
+        if newest - first < AT_ONCE:
+            rows = self._execute(
+                "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND o.key IN "
+                "(SELECT key FROM history WHERE row >= ? AND stamp BETWEEN ? AND ?) ORDER BY o.key",
+                first,
+                start,
+                end,
+            )
+        else:
+            rows = self._execute(
+                "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND EXISTS "
+                "(SELECT 1 FROM history h WHERE h.key = o.key AND h.stamp BETWEEN ? AND ?) ORDER BY o.key",
+                start,
+                end,
+            )
+        return [name for (name,) in rows]
+
+    def departed(self, start: float) -> list[str]:
+        """Objects of the newest run that went, or were lost, since a stamp."""
+        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        rows = self._execute(
+            "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND o.key IN "
+            "(SELECT key FROM history WHERE row >= ? AND stamp >= ? AND event IN ('gone', 'lost')) ORDER BY o.key",
+            self._row_at(start, newest),
+            start,
+        )
+        return [name for (name,) in rows]
+
+    def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+        return self._file.connection.execute(statement, values)
+
+
+@lru_cache(1024)
+def _kind(attributes: str) -> str:
+    """The most probable class in a row's JSON; few rows differ in it."""
+    return most_probable(json.loads(attributes).get("class"))
+
+
+def _aged(item: WorldObject, age: float) -> WorldObject:
+    """An object of which nothing was heard for `age` seconds."""
+    if age <= 0.0 or item.lost or not item.process_noise.any():
+        return item
+    return replace(item, covariance=item.covariance + age * item.process_noise)

@@ -1,0 +1,360 @@
+"""When to look at which object again: uncertainty-driven, semi-task-dependent maintenance (chapter 3).
+
+The robot imagines driving to each object with each sensor, propagates and updates covariances on the way as it would
+(3.6), and takes the action of the largest expected utility (3.9), (3.10). What an action is worth has two sides, which
+the text adds up in one sum. Whether to go at all is decided by the gain over all objects seen on the way, as in the
+text. Where to go is decided by the gain of the object one goes for, and what is seen in passing counts a tenth
+(`company`): the plain sum prefers busy corners, and the lonely object grows ever more uncertain.
+
+Once something is worth going for, whatever else would bring a good share of the threshold (`tour`) is looked at on the
+same round, along the shortest way through all of them: one at a time, the robot crosses the room for each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_finite, as_vectors
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from world_model.state import WorldObject, WorldState
+from world_model.tasks.looks import Looks, Sensor, looks_at
+from world_model.tasks.maintenance_config import MaintenanceConfig
+from world_model.tasks.maintenance_kernels import single_gains
+from world_model.tasks.maintenance_options import TOUR, TWO_LOOKS, Options, View, looked_at_now, options, tour
+from world_model.tasks.ways import Ways
+
+__all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
+
+OUTCOMES = ("found", "occluded", "not_found")
+INTERVAL = 1.96  # standard deviations to either side that hold 95 %
+
+
+@dataclass(frozen=True)
+class VerificationTask:
+    """Look at one object again.
+
+    object_id : of the object. goal : (3,) x, y, yaw to stand and look from, world frame. region : centre (3,) and
+    size (3,) of the box that holds it with 95 % along each axis, m. sensor : name. gain : nat, expected over all
+    objects seen on the way (3.6). utility : (3.9). reason : one sentence. trigger : who asked, "" where it pays by
+    itself. distance : m to drive. class_name, attributes, quantities : what is known about it, for whoever looks.
+    """
+
+    object_id: str
+    goal: FloatArray
+    region: tuple[FloatArray, FloatArray]
+    sensor: str
+    gain: float
+    utility: float
+    reason: str
+    trigger: str = ""
+    distance: float = 0.0
+    class_name: str = ""
+    attributes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """A component asks for a look: Table 3.1. requester : who, for the reason in the task."""
+
+    object_id: str
+    requester: str = "a task"
+
+
+class Maintenance:
+    """Chooses what to verify next; at most one uncertainty-driven task is pending at a time.
+
+    Raises
+    ------
+    InputError : wrong settings.
+    """
+
+    def __init__(self, config: MaintenanceConfig | None = None) -> None:
+        self.config = config or MaintenanceConfig()
+        self._pending: VerificationTask | None = None
+        self._queue: deque[Trigger] = deque()
+        self._resting: dict[str, float] = {}
+        self._absent: dict[str, float] = {}
+        self._misses: dict[str, int] = {}
+        self._tour: set[str] = set()
+        self.idle_reason = ""
+
+    @property
+    def pending(self) -> VerificationTask | None:
+        """The task handed out last that nobody has reported on."""
+        return self._pending
+
+    @property
+    def tour(self) -> frozenset[str]:
+        """Objects that are still to be looked at on the present tour."""
+        return frozenset(self._tour)
+
+    @property
+    def queue(self) -> tuple[Trigger, ...]:
+        """Triggers still to be served, in order."""
+        return tuple(self._queue)
+
+    def trigger(self, object_id: str, requester: str = "a task") -> bool:
+        """Queue a look at an object, first come first served; False where one is pending or queued already."""
+        if self._pending is not None and self._pending.object_id == object_id:
+            return False
+        if any(waiting.object_id == object_id for waiting in self._queue):
+            return False
+        self._queue.append(Trigger(object_id, requester))
+        return True
+
+    def before(self, action: str, object_id: str) -> bool:
+        """A component is about to act on an object: queue a look where Table 3.1 asks for one; whether it does."""
+        wanted = action in self.config.verified_actions
+        if wanted:
+            self.trigger(object_id, action)
+        return wanted
+
+    def next_task(
+        self,
+        world_state: WorldState,
+        robot_pose: npt.ArrayLike,
+        sensors: Sequence[Sensor],
+        field_of_view: View | None = None,
+        triggers: Sequence[Trigger | str] = (),
+        base_available: bool = True,
+        grid: OccupancyGrid | None = None,
+    ) -> VerificationTask | None:
+        """What to look at next, None where nothing pays (`idle_reason` says why).
+
+        Parameters
+        ----------
+        world_state : its objects; lost ones are left to the search. robot_pose : (3,) x, y, yaw, world frame.
+        sensors : at least one. field_of_view : full opening angle, rad, of every sensor; or {"angle": rad, "range":
+        m}; or a function that says whether a position (3,) is in view. None is all around.
+        triggers : object ids, or `Trigger`s, to be looked at first, in this order. A trigger for the object that is
+        pending anyway is merged with it. base_available : False where another component moves the base: only what
+        is in view may be looked at. grid : ways and goals avoid what it has occupied.
+
+        Raises
+        ------
+        InputError : no sensors, a pose that is not finite, a sensor's covariance that fits no object.
+        """
+        pose = as_vectors("robot_pose", robot_pose, 3)
+        if pose.shape != (3,):
+            raise InputError(f"robot_pose must have shape (3,), not {pose.shape}")
+        if not sensors:
+            raise InputError("sensors: at least one is needed")
+        for wanted in triggers:
+            asked = Trigger(wanted) if isinstance(wanted, str) else wanted
+            self.trigger(asked.object_id, asked.requester)
+        looks = looks_at(world_state.objects, sensors, self.config.process_noise)
+        if not looks.objects:
+            self._pending = None
+            self.idle_reason = self._nothing_known(world_state)
+            return None
+        ways = Ways(pose, grid)
+        served = self._serve_trigger(world_state, looks, ways, field_of_view, base_available)
+        if served is not None:
+            return served
+        kept = self._keep_pending(looks, pose, base_available, field_of_view)
+        if kept is not None:
+            return kept
+        self._pending = self._most_useful(world_state, looks, ways, field_of_view, base_available)
+        return self._pending
+
+    def report(self, task: VerificationTask, outcome: str, stamp: float | None = None) -> None:
+        """Tell how a task ended.
+
+        outcome : "found"; "occluded", no evidence: the object rests for `retry_after`; "not_found": it rests until it
+        has been seen somewhere (the world model makes it lost). stamp : s; that of the next world state by default.
+
+        Raises
+        ------
+        InputError : another outcome.
+        """
+        if outcome not in OUTCOMES:
+            raise InputError(f"outcome: one of {', '.join(OUTCOMES)} expected, got {outcome!r}")
+        if self._pending is not None and self._pending.object_id == task.object_id:
+            self._pending = None
+        when = math.nan if stamp is None else float(stamp)
+        self._resting.pop(task.object_id, None)
+        self._absent.pop(task.object_id, None)
+        if outcome == "found":
+            self._misses.pop(task.object_id, None)
+        else:
+            self._misses[task.object_id] = self._misses.get(task.object_id, 0) + 1
+        if outcome == "occluded":
+            self._resting[task.object_id] = when
+        elif outcome == "not_found":
+            self._absent[task.object_id] = when
+
+    def _nothing_known(self, state: WorldState) -> str:
+        if not state.objects:
+            return "The world model is empty."
+        if all(item.lost for item in state.objects):
+            return "All objects are lost. Finding them is a task for object_search."
+        return "No object has a position that can be used."
+
+    def _rests(self, item: WorldObject, stamp: float) -> bool:
+        """Whether a report keeps an object from being looked at; forgets reports that are over."""
+        if item.id in self._absent:
+            since = self._absent[item.id]
+            if math.isnan(since):
+                self._absent[item.id] = item.last_seen
+                return True
+            if item.last_seen <= since:
+                return True
+            del self._absent[item.id]
+        if item.id in self._resting:
+            since = self._resting[item.id]
+            if math.isnan(since):
+                self._resting[item.id] = stamp
+                return True
+            if 0.0 <= stamp - since < self.config.retry_after:
+                return True
+            del self._resting[item.id]
+        return False
+
+    def _serve_trigger(
+        self, state: WorldState, looks: Looks, ways: Ways, view: View | None, base_available: bool
+    ) -> VerificationTask | None:
+        """The first trigger that can be served; those for unknown or lost objects are dropped."""
+        if self._pending is not None and self._pending.trigger:
+            return self._pending if looks.index(self._pending.object_id) is not None else None
+        for trigger in list(self._queue):
+            index = looks.index(trigger.object_id)
+            if index is None:
+                self._queue.remove(trigger)
+                continue
+            found = options(self.config, looks, ways, [index], view, base_available, self._misses)
+            if not len(found):
+                continue
+            self._queue.remove(trigger)
+            reason = f"{trigger.requester} asked for it."
+            self._pending = replace(self._task(looks, found, found.best(), reason), trigger=trigger.requester)
+            return self._pending
+        return None
+
+    def _keep_pending(
+        self, looks: Looks, pose: FloatArray, base_available: bool, view: View | None
+    ) -> VerificationTask | None:
+        """The pending task while it is worth it: not once its object has been seen, is gone or is out of bounds."""
+        task = self._pending
+        if task is None:
+            return None
+        index = looks.index(task.object_id)
+        if index is None or (not base_available and not looks.in_view(index, pose, view)):
+            return None
+        sensor = looks.sensor_index(task.sensor)
+        if sensor is None:
+            return None
+        now = single_gains(
+            np.zeros(1), looks.P[[index]], looks.Q[[index]], looks.R[sensor][[index]], 1.0, 1.0
+        )[0]
+        return task if now > self._second_look(looks) else None
+
+    def _most_useful(
+        self, state: WorldState, looks: Looks, ways: Ways, view: View | None, base_available: bool
+    ) -> VerificationTask | None:
+        able = list(range(len(looks.objects)))
+        if self._absent or self._resting:
+            able = [k for k in able if not self._rests(looks.objects[k], state.stamp)]
+        if not base_available:
+            self._tour = set()
+        going = self._next_on_tour(looks, ways, able, view)
+        if going is not None:
+            return going
+        found = options(self.config, looks, ways, able, view, base_available, self._misses)
+        if not len(found):
+            self.idle_reason = "No object can be reached and seen."
+            return None
+        thresholds = self._thresholds(looks)
+        worth = found.gain > thresholds[found.items]
+        if not worth.any():
+            self.idle_reason = (
+                f"No action is worth it: {found.gain.max():.1f} nat at most, below the threshold."
+            )
+            return None
+        self.idle_reason = ""
+        best = found.best(worth)
+        if base_available and self.config.tour > 0.0:
+            now = looked_at_now(looks)
+            along = [k for k in able if now[k] > self._taken_along(looks, thresholds[k])]
+            far = np.hypot(*(looks.positions[:, :2] - ways.pose[:2]).T) / self.config.cost_scale
+            worth_along = now / self.config.information_gain_norm - self.config.weight * far
+            along = sorted(along, key=lambda k: -worth_along[k])[:TOUR]
+            if len(along) > 1:
+                self._tour = {looks.objects[k].id for k in (*along, int(found.items[best]))}
+                going = self._next_on_tour(looks, ways, able, view)
+                if going is not None:
+                    return going
+        others = f", the rest from {found.seen[best] - 1:.0f} more on the way" if found.seen[best] > 1 else ""
+        reason = (
+            f"Driving {found.lengths[best]:.1f} m should gain {found.gain[best]:.1f} nat: "
+            f"{found.own[best]:.1f} nat from {looks.objects[found.items[best]].id}{others}."
+        )
+        return self._task(looks, found, best, reason)
+
+    def _next_on_tour(
+        self, looks: Looks, ways: Ways, able: Sequence[int], view: View | None
+    ) -> VerificationTask | None:
+        """The first look on the shortest way through what is left of the tour; drops what has been seen meanwhile."""
+        if not self._tour:
+            return None
+        now, thresholds = looked_at_now(looks), self._thresholds(looks)
+        left = [
+            k
+            for k in able
+            if looks.objects[k].id in self._tour and now[k] > self._left_out(looks, thresholds[k])
+        ]
+        self._tour = {looks.objects[k].id for k in left}
+        for k in tour(looks, ways.pose, left):
+            self._tour.discard(looks.objects[k].id)
+            found = options(self.config, looks, ways, [k], view, True, self._misses)
+            if not len(found):
+                continue
+            best = found.best()
+            reason = (
+                f"Driving {found.lengths[best]:.1f} m should gain {found.own[best]:.1f} nat from "
+                f"{looks.objects[k].id}. {len(self._tour)} more follow on this tour."
+            )
+            self.idle_reason = ""
+            return self._task(looks, found, best, reason)
+        return None
+
+    def _thresholds(self, looks: Looks) -> FloatArray:
+        """(N,) nat, by class where stated."""
+        own, default = self.config.class_thresholds, self.config.information_gain_threshold
+        if not own:
+            return np.full(len(looks.objects), default)
+        return np.array([own.get(item.most_probable("class"), default) for item in looks.objects])
+
+    def _taken_along(self, looks: Looks, threshold: float) -> float:
+        """What one look must bring for an object to be on a tour, nat; more than a second look in a row would."""
+        return max(self.config.tour * threshold, self._second_look(looks))
+
+    def _left_out(self, looks: Looks, threshold: float) -> float:
+        """What one look brings at most, nat, for an object on a tour to count as seen in passing."""
+        return max(0.5 * self.config.tour * threshold, self._second_look(looks))
+
+    @staticmethod
+    def _second_look(looks: Looks) -> float:
+        """Two looks in a row bring at most the logarithm of two per axis; half of it each."""
+        return 0.5 * looks.dimensions * math.log(2.0) + TWO_LOOKS
+
+    def _task(self, looks: Looks, found: Options, at: int, reason: str) -> VerificationTask:
+        k = int(found.items[at])
+        item = looks.objects[k]
+        sigma = np.sqrt(np.maximum(np.diag(as_finite("covariance", item.covariance)), 0.0))
+        size = np.zeros(3)
+        size[: len(sigma)] = 2.0 * INTERVAL * sigma
+        return VerificationTask(
+            item.id, found.goals[at].copy(), (looks.positions[k].copy(), size),
+            looks.sensors[found.sensors[at]].name, float(found.gain[at]), float(found.utility[at]), reason,
+            distance=float(found.lengths[at]), class_name=item.most_probable("class"),
+            attributes=item.attributes,
+            quantities=item.quantities,
+        )  # fmt: skip

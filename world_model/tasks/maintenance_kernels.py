@@ -1,0 +1,233 @@
+"""Looking ahead along paths: what an object's covariance would be after driving there and looking on the way."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from estimation.checks import FloatArray
+
+# mypy: disable-error-code="no-untyped-def"
+
+
+class Things(NamedTuple):
+    """N objects: positions (N, 3), m; P, Q : covariances and their growth by second (N, 3, 3); R : covariance of a look
+    by each of S sensors (S, N, 3, 3)."""
+
+    positions: FloatArray
+    P: FloatArray
+    Q: FloatArray
+    R: FloatArray
+
+
+@njit(cache=True)
+def _log_det(P):
+    """Log of the determinant of a symmetric (3, 3)."""
+    a, b, c = P[0, 0], P[0, 1], P[0, 2]
+    e, f, i = P[1, 1], P[1, 2], P[2, 2]
+    return math.log(max(a * (e * i - f * f) - b * (b * i - f * c) + c * (b * f - e * c), 1e-300))
+
+
+@njit(cache=True)
+def later(P, Q, seconds, into):
+    """P + Q seconds, written `into` (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            into[i, j] = P[i, j] + Q[i, j] * seconds
+
+
+@njit(cache=True)
+def _look(P, R, S, half):
+    """One measurement of covariance R: P becomes R (P + R)⁻¹ P, in place. S, half : (3, 3) to work in."""
+    a, b, c = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[0, 2] + R[0, 2]
+    e, f, i = P[1, 1] + R[1, 1], P[1, 2] + R[1, 2], P[2, 2] + R[2, 2]
+    S[0, 0], S[0, 1], S[0, 2] = e * i - f * f, c * f - b * i, b * f - c * e
+    S[1, 1], S[1, 2], S[2, 2] = a * i - c * c, b * c - a * f, a * e - b * b
+    S[1, 0], S[2, 0], S[2, 1] = S[0, 1], S[0, 2], S[1, 2]
+    scale = 1.0 / (a * S[0, 0] + b * S[0, 1] + c * S[0, 2])
+    for j in range(3):
+        for k in range(3):
+            half[j, k] = scale * (S[j, 0] * P[0, k] + S[j, 1] * P[1, k] + S[j, 2] * P[2, k])
+    for j in range(3):
+        for k in range(j, 3):
+            value = R[j, 0] * half[0, k] + R[j, 1] * half[1, k] + R[j, 2] * half[2, k]
+            P[j, k] = P[k, j] = value
+
+
+@njit(cache=True)
+def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipation):
+    """Expected gain of one way, nat: of the object it is for, of all together, and how many would be seen.
+
+    own : index of that object. path : (K + 1, 3) x, y, heading: of the robot, then after each time step, with a look.
+    positions : (N, 2). P, Q, R : (N, 3, 3) covariance now, growth per second, one look. low, high : m, range of the
+    sensor. opening : full angle of view, rad. anticipation : share of what entropy grows by on the way that counts
+    as gained where a look takes it off again.
+    """
+    gain_own = gain = 0.0
+    seen = 0
+    last = len(path) - 1
+    x0, y0, x1, y1 = path[0, 0], path[0, 1], path[0, 0], path[0, 1]
+    for k in range(1, last + 1):
+        x0, x1 = min(x0, path[k, 0]), max(x1, path[k, 0])
+        y0, y1 = min(y0, path[k, 1]), max(y1, path[k, 1])
+    now, S, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for n in range(len(positions)):
+        x, y = positions[n, 0], positions[n, 1]
+        if x < x0 - high or x > x1 + high or y < y0 - high or y > y1 + high:
+            continue
+        count, before = 0, -1
+        for k in range(1, last + 1):
+            dx, dy = x - path[k, 0], y - path[k, 1]
+            away = math.hypot(dx, dy)
+            if not low <= away <= high:
+                continue
+            if opening < 2.0 * math.pi:
+                off = math.atan2(dy, dx) - path[k, 2]
+                if abs(math.atan2(math.sin(off), math.cos(off))) > 0.5 * opening:
+                    continue
+            if count == 0:
+                for i in range(3):
+                    for j in range(3):
+                        now[i, j] = P[n, i, j] + Q[n, i, j] * step * k
+            else:
+                for i in range(3):
+                    for j in range(3):
+                        now[i, j] += Q[n, i, j] * step * (k - before)
+            _look(now, R[n], S, half)
+            count, before = count + 1, k
+        if count == 0:
+            continue
+        seen += 1
+        for i in range(3):
+            for j in range(3):
+                now[i, j] += Q[n, i, j] * step * (last - before)
+        later(P[n], Q[n], step * last, half)
+        unseen = _log_det(half)
+        reference = anticipation * unseen + (1.0 - anticipation) * _log_det(P[n])
+        share = 0.5 * (reference - _log_det(now))
+        gain += share
+        if n == own:
+            gain_own = share
+    return gain_own, gain, seen
+
+
+@njit(cache=True)
+def single_gains(distances, P, Q, R, speed, anticipation):
+    """Gain (N,) of one look at each object after driving `distances` (N,) metres to it, nat."""
+    gains = np.empty(len(P))
+    now, S, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for n in range(len(P)):
+        later(P[n], Q[n], distances[n] / speed, now)
+        unseen = _log_det(now)
+        _look(now, R[n], S, half)
+        gains[n] = 0.5 * (anticipation * unseen + (1.0 - anticipation) * _log_det(P[n]) - _log_det(now))
+    return gains
+
+
+@njit(cache=True)
+def straight_stop(pose, x, y, low, high, share, aside):
+    """Where to look at (x, y) from after a straight drive: x, y, heading, metres.
+
+    pose : (3,). low, high : m, range of the sensor. share : of `high` to stop at. aside : a quarter to the left of
+    the straight way: what hid the target from here does not hide it from there.
+    """
+    dx, dy = x - pose[0], y - pose[1]
+    away = math.hypot(dx, dy)
+    ahead_x, ahead_y = math.cos(pose[2]), math.sin(pose[2])
+    if away > 1e-9:
+        ahead_x, ahead_y = dx / away, dy / away
+    nearest = min(low + 0.05, 0.5 * (low + high))
+    reach = max(share * high, nearest)
+    if aside:
+        ahead_x, ahead_y = ahead_y, -ahead_x
+    heading = math.atan2(ahead_y, ahead_x)
+    if nearest <= away <= reach and not aside:
+        return pose[0], pose[1], heading, 0.0
+    back = reach if away > reach else nearest
+    stop_x, stop_y = x - ahead_x * back, y - ahead_y * back
+    return stop_x, stop_y, heading, math.hypot(stop_x - pose[0], stop_y - pose[1])
+
+
+@njit(cache=True)
+def straight_gains(items, kinds, shares, aside, pose, things, ranges, opening, stride, step, anticipation):
+    """`path_gain` for straight drives of a robot at `pose` (3,) to look at objects, all at once.
+
+    items, kinds : (M,) indices of an object and of a sensor. shares (M,), aside (M,) : see `straight_stop`.
+    things : `Things`. ranges : (S, 2) m. stride : m in a time step. Returns (M, 3) gain of the object, of all, how many
+    would be seen; (M, 3) goal x, y, yaw; (M,) metres.
+    """
+    positions = things.positions
+    found, goals, lengths = np.zeros((len(items), 3)), np.empty((len(items), 3)), np.empty(len(items))
+    for m in range(len(items)):
+        low, high = ranges[kinds[m], 0], ranges[kinds[m], 1]
+        x, y = positions[items[m], 0], positions[items[m], 1]
+        stop_x, stop_y, heading, length = straight_stop(pose, x, y, low, high, shares[m], aside[m])
+        count = max(math.ceil(length / stride - 1e-9), 1)
+        path = np.empty((count + 1, 3))
+        course = heading
+        if length > 1e-9:
+            course = math.atan2(stop_y - pose[1], stop_x - pose[0])
+        for k in range(count + 1):
+            path[k, 0] = pose[0] + (stop_x - pose[0]) * (k / count)
+            path[k, 1] = pose[1] + (stop_y - pose[1]) * (k / count)
+            path[k, 2] = course
+        path[count, 2] = heading
+        own, gain, seen = path_gain(
+            items[m],
+            path,
+            positions,
+            things.P,
+            things.Q,
+            things.R[kinds[m]],
+            low,
+            high,
+            opening,
+            step,
+            anticipation,
+        )
+        found[m, 0], found[m, 1], found[m, 2] = own, gain, seen
+        goals[m, 0], goals[m, 1], goals[m, 2] = stop_x, stop_y, heading
+        lengths[m] = length
+    return found, goals, lengths
+
+
+@njit(cache=True)
+def shortest_way(x, y, spots, last=-1):
+    """Order (M,) of the shortest way from (x, y) through all of `spots` (M, 2), exact; for some ten of them.
+
+    last : index of the spot to end at, -1 for any.
+    """
+    count = len(spots)
+    full = (1 << count) - 1
+    # rest[S, j] : the shortest way through all of the set S that begins at j.
+    rest = np.full((1 << count, count), np.inf)
+    after = np.full((1 << count, count), -1)
+    for j in range(count):
+        if last < 0 or j == last:
+            rest[1 << j, j] = 0.0
+    for S in range(1, full + 1):
+        for j in range(count):
+            if not (S >> j) & 1 or rest[S, j] == np.inf:
+                continue
+            for k in range(count):
+                if (S >> k) & 1:
+                    continue
+                length = rest[S, j] + math.hypot(spots[j, 0] - spots[k, 0], spots[j, 1] - spots[k, 1])
+                if length < rest[S | (1 << k), k]:
+                    rest[S | (1 << k), k], after[S | (1 << k), k] = length, j
+    order = np.empty(count, np.int64)
+    if count == 0:
+        return order
+    best = np.inf
+    for k in range(count):
+        length = rest[full, k] + math.hypot(spots[k, 0] - x, spots[k, 1] - y)
+        if length < best:
+            best, order[0] = length, k
+    S = full
+    for n in range(1, count):
+        order[n] = after[S, order[n - 1]]
+        S ^= 1 << order[n - 1]
+    return order

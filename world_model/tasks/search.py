@@ -1,0 +1,472 @@
+"""Looking for an object by what is usually found with it (chapter 5).
+
+Two rules choose among the objects in view. "chain" is the text's: expected utility (5.3) over the target and, one
+after the other, intermediate targets (steps 1 to 4 of section 5.3). "belief", the default, differs in three ways that
+shorten the path: an object is worth visiting by how exclusively it goes with the target, sqrt(p'(o|T) p(T|o)) with p'
+what exceeds p(o)², or through one intermediate object; worth is weighed against the drive by division, and near a dead
+end it is discounted, for the target would have been seen; and where nothing in view has much to do with the target,
+the robot goes to the middle of the room, where most can be seen, and in a room nobody knows on to where it has not
+been, instead of trying whatever is near.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_vectors
+from estimation.errors import InputError
+from estimation.grid import OccupancyGrid
+from estimation.places import Place, Places
+from world_model.config import check_ranges, setting
+from world_model.tasks.coverage import Coverage, bounds_of, length_between, middle_of, where_more_is_seen
+from world_model.tasks.relations import IntArray, Relations
+
+METHODS = ("belief", "chain")
+# Where the middle of an unknown room may be, in distances from the door to the middle of what has been seen.
+BEYOND = (2.0,)
+LINKS = 40  # names that a chain may lead through
+FLOOR = 0.1  # least share of p(o | T) that counts, whatever is in view everywhere
+SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
+LIKELY = 0.2  # probability of a place from which on the search goes there first
+MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """Settings of `ObjectSearch`; each field's metadata has its unit, meaning and allowed range."""
+
+    method: str = field(
+        default="belief", metadata={"description": "how the next goal is chosen", "choices": METHODS}
+    )
+    weight: float = setting(0.1, "", "weight of the travel cost in the chain rule (ω)", 0.0, 100.0)
+    threshold: float = setting(
+        0.25, "", "the chain rule drives to an object with at least this utility", 0.0, 100.0
+    )
+    relevance: float = setting(
+        0.3, "", "objects less related to the target than this share of the best are ignored", 0.0, 1.0
+    )
+    nearness: float = setting(0.5, "m", "objects nearer than this count as equally near", 0.01, 10.0)
+    dead_end_radius: float = setting(
+        1.5, "m", "radius around a dead end in which the target is not expected", 0.0, 20.0
+    )
+    chain_share: float = setting(0.7, "", "weight of a relation through a third object", 0.0, 1.0)
+    view: float = setting(2.0, "m", "distance from which the target can be recognised", 0.1, 50.0)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method: one of {', '.join(METHODS)} expected, got {self.method!r}")
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class SearchStep:
+    """Where to go next and why.
+
+    kind : "target", "place" (where it probably is by now), "intermediate", "room", "random", or "none" where nothing is
+    left to try. goal : (2,) m, None for "none". object : the name the step is about, "" where it is about none. reason
+    : one sentence. probability : of finding the target by it, as far as the relations tell.
+    """
+
+    kind: str
+    goal: FloatArray | None
+    object: str
+    reason: str
+    probability: float = 0.0
+
+
+def _telling(share: FloatArray, everywhere: FloatArray) -> FloatArray:
+    """What of p(o | T) counts: what exceeds `everywhere`, the square of how often o is in view at all."""
+    return np.maximum((share - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * share)
+
+
+class Worths:
+    """How much each known name has to do with a target, by type of room."""
+
+    def __init__(self, relations: Relations, chain_share: float, target: str) -> None:
+        self._relations, self._chain_share, self._target = relations, chain_share, target
+        self._known: dict[str, dict[str, float]] = {}
+
+    def of(self, room: str) -> dict[str, float]:
+        """By name, in rooms of a type; "" for anywhere."""
+        if room not in self._known:
+            self._known[room] = self._worth(room)
+        return self._known[room]
+
+    def _worth(self, room: str) -> dict[str, float]:
+        """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
+
+        Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the target is says little where sofas
+        are always in view, as they are for a camera that sees far.
+        """
+        names, target = self._relations.names, self._target
+        if target not in self._relations:
+            return dict.fromkeys(names, 0.0)
+        every, at = np.arange(len(names)), names.index(target)
+        everywhere = self._relations.ubiquity(room)[:, None] ** 2
+        there, back = self._both_ways(every, np.array([at]), room)
+        # What a chain leads through is not in view yet: it may be common where it is.
+        onward = np.sqrt(there * back)[:, 0]
+        onward[at] = 0.0
+        through = np.sqrt(_telling(there, everywhere) * back)[:, 0]
+        through[at] = 0.0
+        # Chains through a name that has little to do with the target are worth little themselves.
+        over = np.argsort(-onward, kind="stable")[:LINKS]
+        there, back = self._both_ways(every, over, room)
+        chained = np.sqrt(_telling(there, everywhere) * back) * onward[None, over]
+        chained[over, np.arange(len(over))] = 0.0
+        chained[at] = 0.0
+        worth = np.maximum(through, self._chain_share * chained.max(axis=1, initial=0.0))
+        return dict(zip(names, worth.tolist(), strict=True))
+
+    def _both_ways(self, names: IntArray, others: IntArray, room: str) -> tuple[FloatArray, FloatArray]:
+        """(N, M) of p(name | other) and of p(other | name)."""
+        return self._relations.block(names, others, room), self._relations.block(others, names, room).T
+
+
+class Chain:
+    """Intermediate targets of a search (section 5.3), the target itself first."""
+
+    def __init__(self, relations: Relations, config: SearchConfig, target: str) -> None:
+        self._relations, self._config, self._target = relations, config, target
+        self._targets = [target]
+
+    def best(
+        self, able: Mapping[str, FloatArray], dead: Iterable[str], place: FloatArray
+    ) -> tuple[str, float]:
+        """Steps 1 to 3: the best of objects in view to go to, (5.3), (5.4), and its probability; dead : dead ends."""
+        cost = {name: 1.0 / max(math.atan(length_between(spot, place)), 1e-3) for name, spot in able.items()}
+        while True:
+            given = [self._given(goal, able) for goal in self._targets]
+            chance = {name: max(one[name] for one in given) for name in able}
+            best = max(able, key=lambda name: chance[name] + self._config.weight * cost[name])
+            added = None
+            if chance[best] + self._config.weight * cost[best] < self._config.threshold:
+                added = self._intermediate(dead)
+            if added is None:
+                return best, chance[best]
+            self._targets.append(added)
+
+    def _given(self, goal: str, observed: Iterable[str]) -> dict[str, float]:
+        """(5.2): p(o_j | o_T) over what is in view; an intermediate target that is in view itself is certain."""
+        chance = self._relations.posterior(goal, list(observed))
+        return {
+            name: 1.0 if self._relations.unified(name) == goal else chance.get(name, 0.0) for name in observed
+        }
+
+    def _intermediate(self, dead: Iterable[str]) -> str | None:
+        """The name with the strongest relation to any intermediate target that is neither one nor a dead end (o_s)."""
+        taken = {*self._targets, *(self._relations.unified(name) for name in dead)}
+        options = [name for name in self._relations.names if name not in taken]
+        if not options or self._target not in self._relations:
+            return None
+        index = {name: k for k, name in enumerate(self._relations.names)}
+        columns = np.array([index[goal] for goal in self._targets if goal in index], dtype=np.int64)
+        strength = self._relations.block(np.arange(len(index)), columns).max(axis=1)
+        return max(options, key=lambda name: strength[index[name]])
+
+
+class ObjectSearch:
+    """Chooses goals until somebody sees the target.
+
+    Parameters
+    ----------
+    relations : what goes with what. places : rooms with their types, to choose the room first. grid : free space, for
+    the middle of the room and for coverage as the last resort.
+    """
+
+    chain_type: type[Chain] = Chain
+
+    def __init__(
+        self,
+        relations: Relations,
+        config: SearchConfig | None = None,
+        places: Places | None = None,
+        grid: OccupancyGrid | None = None,
+    ) -> None:
+        self.relations = relations
+        self.config = config or SearchConfig()
+        self.places = places
+        self._furniture = {place.name for place in places or () if place.kind == "furniture"}
+        self.grid = grid
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget dead ends, intermediate targets and what has been covered: a new search begins."""
+        # By name, where objects were and where the robot looked from.
+        self._dead: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+        self._target = ""
+        self._worths = Worths(self.relations, self.config.chain_share, "")
+        self._chain = self.chain_type(self.relations, self.config, "")
+        self._rooms_left: set[str] = set()
+        self._middles: list[FloatArray] = []
+        self._exploring: tuple[int, FloatArray] | None = None
+        self._start: FloatArray | None = None
+        self._coverage: Coverage | None = None
+        self._track: list[FloatArray] = []
+        self._expected: dict[str, float] = {}
+        self._looked: set[str] = set()
+        self._step: SearchStep | None = None
+
+    @property
+    def dead_ends(self) -> tuple[str, ...]:
+        """Objects that were reached in vain (F)."""
+        return tuple(self._dead)
+
+    def tried(self, name: str, spot: npt.ArrayLike) -> bool:
+        """Whether the object of this name at a place (2,) or (3,) is a dead end; one elsewhere is another."""
+        place = as_vectors("spot", spot, 2, 3)[:2]
+        return any(length_between(place, spot) <= SAME_OBJECT for spot, _ in self._dead.get(name, ()))
+
+    def reached(self, goal: npt.ArrayLike | None = None) -> None:
+        """The robot is at the goal of the last step and the target was not seen: the object is a dead end.
+
+        goal : (2,) where it stopped; that of the step by default.
+        """
+        step = self._step
+        if step is None or step.goal is None:
+            return
+        where = step.goal if goal is None else as_vectors("goal", goal, 2, 3)[:2]
+        if step.kind == "place":
+            self._looked.add(step.object)
+        elif step.kind == "room":
+            self._middles.append(step.goal)
+        elif step.object:
+            self._dead.setdefault(step.object, []).append((step.goal, np.array(where, dtype=np.float64)))
+        if self._coverage is not None:
+            self._coverage.look(np.asarray(where, dtype=np.float64))
+        self._step = None
+
+    def expect(self, places: Mapping[str, float]) -> None:
+        """Where the target probably is by its routines: {place: probability}; the search begins there."""
+        self._expected = dict(places)
+
+    def next_goal(
+        self, observed: Mapping[str, npt.ArrayLike], target: str, robot_pose: npt.ArrayLike
+    ) -> SearchStep:
+        """What to do next.
+
+        observed : {name: position (2,) or (3,) m} of all objects seen so far. target : name to look for; another one
+        than before begins a new search. robot_pose : (3,) x, y, yaw.
+
+        Raises
+        ------
+        InputError : a pose or a position that is not finite, an empty target.
+        """
+        place = as_vectors("robot_pose", robot_pose, 2, 3)[:2].copy()
+        wanted = self.relations.unified(target)
+        if not wanted:
+            raise InputError("target: a name to look for is needed")
+        if wanted != self._target:
+            expected = self._expected
+            self.reset()
+            self._expected = expected
+            self._begin(wanted, place)
+        known = {name: as_vectors(f"position of {name!r}", spot, 2, 3)[:2] for name, spot in observed.items()}
+        self._follow(place)
+        self._step = self._choose(known, place)
+        return self._step
+
+    def _begin(self, target: str, place: FloatArray) -> None:
+        self._target, self._start = target, place
+        self._worths = Worths(self.relations, self.config.chain_share, target)
+        self._chain = self.chain_type(self.relations, self.config, target)
+        if self.places is not None:
+            self._rooms_left = {room.name for room in self.places.rooms}
+
+    def _follow(self, place: FloatArray) -> None:
+        if not self._track or length_between(self._track[-1], place) > 0.2:
+            self._track.append(place)
+            if self._coverage is not None:
+                self._coverage.look(place)
+
+    def _choose(self, known: dict[str, FloatArray], place: FloatArray) -> SearchStep:
+        for name, spot in known.items():
+            if self.relations.unified(name) == self._target:
+                return SearchStep("target", spot, name, f"{name} is in view.", 1.0)
+        likely = self._likely(place)
+        if likely is not None:
+            return likely
+        room = self._room(place)
+        if room is not None and not room.contains(place):
+            said = f"The best room for {self._target} is {room.name}: drive there."
+            return SearchStep("room", np.asarray(room.center), "", said)
+        able = {
+            name: spot
+            for name, spot in known.items()
+            if not self.tried(name, spot) and (room is None or bool(room.contains(spot)))
+        }
+        unknown = self._target not in self.relations
+        rule = self._by_chain if self.config.method == "chain" else self._by_belief
+        step = rule(able, known, place, room, unknown)
+        if step is None and room is not None:
+            self._rooms_left.discard(room.name)
+            if self._room(place) is not None:
+                return self._choose(known, place)
+        return step or self._anywhere(known, place, unknown)
+
+    def _likely(self, place: FloatArray) -> SearchStep | None:
+        """The place where the target probably is by now, of those nobody has looked at yet: probable, and near."""
+        if self.places is None:
+            return None
+        able = {
+            name: p
+            for name, p in self._expected.items()
+            if p >= LIKELY and name not in self._looked and name in self._furniture
+        }
+        if not able:
+            return None
+        centres = {name: np.asarray(self.places[name].center) for name in able}
+        best = max(able, key=lambda name: able[name] / (length_between(centres[name], place) + 3.0))
+        spoken = f"{self.places[best].preposition} the {best.replace('_', ' ')}"
+        said = f"{self._target} is probably {spoken} by now, p = {able[best]:.2f}: look there."
+        return SearchStep("place", centres[best], best, said, able[best])
+
+    def _room(self, place: FloatArray) -> Place | None:
+        """The best room that is left: probable by its type, and near."""
+        if self.places is None or not self._rooms_left:
+            return None
+        rooms = [room for room in self.places.rooms if room.name in self._rooms_left]
+        types = sorted({room.type for room in rooms})
+        share = self.relations.rooms(self._target, types) if types else {}
+        lengths = [
+            0.0 if room.contains(place) else length_between(np.asarray(room.center), place) for room in rooms
+        ]
+        worth = [
+            share.get(room.type, 0.0) / (length + 3.0) for room, length in zip(rooms, lengths, strict=True)
+        ]
+        return rooms[int(np.argmax(worth))]
+
+    def _by_belief(
+        self,
+        able: dict[str, FloatArray],
+        known: dict[str, FloatArray],
+        place: FloatArray,
+        room: Place | None,
+        unknown: bool,
+    ) -> SearchStep | None:
+        of = self._worths.of(room.type if room is not None else "")
+        worth = {name: self._value(name, room) * self._freshness(spot) for name, spot in able.items()}
+        most = max((value for name, value in of.items() if name != self._target), default=0.0)
+        related = {
+            name: value
+            for name, value in worth.items()
+            if value > 0.0 and value >= self.config.relevance * most
+        }
+        if not related:
+            middle = self._middle(known, bool(able), room)
+            if middle is not None and length_between(middle, place) <= 1.0:
+                # It is there: going on must not lead back to it.
+                self._middles.append(middle)
+            elif middle is not None:
+                said = (
+                    f"Nothing in view is usually found with {self._target}: drive to where more can be seen."
+                )
+                if unknown:
+                    said = f"{self._target} is an unknown word: drive to where more can be seen."
+                return SearchStep("room", middle, "", said)
+            if room is None and self.grid is None:
+                spot = self._onward(known, place)
+                if spot is not None:
+                    said = f"Nothing in view is usually found with {self._target}: drive to unseen floor."
+                    return SearchStep("room", spot, "", said)
+            related = worth
+        if not related:
+            return None
+        best = max(
+            related,
+            key=lambda name: (
+                (related[name] + 1e-9) / (length_between(able[name], place) + self.config.nearness)
+            ),
+        )
+        return self._towards(best, able[best], related[best], room)
+
+    def _by_chain(
+        self,
+        able: dict[str, FloatArray],
+        known: dict[str, FloatArray],
+        place: FloatArray,
+        room: Place | None,
+        unknown: bool,
+    ) -> SearchStep | None:
+        if not able:
+            return None
+        best, chance = self._chain.best(able, self._dead, place)
+        return self._towards(best, able[best], chance)
+
+    def _value(self, name: str, room: Place | None) -> float:
+        of = self._worths.of(room.type if room is not None else "")
+        return of.get(self.relations.unified(name), 0.0)
+
+    def _freshness(self, spot: FloatArray) -> float:
+        """Falls to zero where dead ends are: the target would have been seen from there."""
+        radius, value = self.config.dead_end_radius, 1.0
+        for dead in (stop for looks in self._dead.values() for _, stop in looks):
+            if radius > 0.0:
+                value *= 1.0 - math.exp(-((length_between(spot, dead) / radius) ** 2))
+        return value
+
+    def _middle(self, known: Mapping[str, FloatArray], leads: bool, room: Place | None) -> FloatArray | None:
+        """The middle of the room, or where it should be by what has been seen; each once.
+
+        leads : whether there are objects left to go to.
+        """
+        if room is not None:
+            middle = np.asarray(room.center, dtype=np.float64)
+        elif self.grid is not None:
+            found = middle_of(self.grid)
+            if found is None:
+                return None
+            middle = found
+        else:
+            been = len(self._middles)
+            if not known or self._start is None or been >= len(BEYOND) or (leads and been > 0):
+                return None
+            # What is seen from the door lies on this side of the middle.
+            middle = self._start + BEYOND[been] * (np.mean(list(known.values()), axis=0) - self._start)
+        if any(length_between(middle, been) < 1.0 for been in self._middles):
+            return None
+        return middle
+
+    def _onward(self, known: Mapping[str, FloatArray], place: FloatArray) -> FloatArray | None:
+        """Where to explore a floor nobody knows: one goal until it is reached or something new is seen."""
+        if self._exploring is not None:
+            seen, spot = self._exploring
+            if seen == len(known) and not any(spot is been for been in self._middles):
+                return spot
+        found = where_more_is_seen(list(known.values()), self._track, place, self._middles)
+        self._exploring = None if found is None else (len(known), found)
+        return found
+
+    def _towards(self, name: str, spot: FloatArray, chance: float, room: Place | None = None) -> SearchStep:
+        said = f"{self._target} is not in view. It is often found with {name} (p = {chance:.2f}): look there."
+        if self._value(name, room) <= 0.0:
+            said = f"{self._target} is not in view, and neither is anything it is usually found with: look at {name}."
+        return SearchStep("intermediate", spot, name, said, chance)
+
+    def _anywhere(self, known: Mapping[str, FloatArray], place: FloatArray, unknown: bool) -> SearchStep:
+        """The last resort: cover the floor."""
+        if self._coverage is None:
+            every = np.array([*known.values(), *self._track])
+            low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
+            if self.grid is not None:
+                low, high = bounds_of(self.grid)
+            elif self.places is not None and len(self.places.rooms):
+                corners = np.vstack([room.polygon for room in self.places.rooms])
+                low, high = corners.min(axis=0), corners.max(axis=0)
+            self._coverage = Coverage(self.config.view, low, high, self.grid)
+            for been in self._track:
+                self._coverage.look(been)
+        goal = self._coverage.next_place(place)
+        if goal is None:
+            return SearchStep(
+                "none", None, "", f"{self._target} was not found: the whole floor has been seen."
+            )
+        said = f"No object hints at {self._target} any more: search the whole floor ({self._coverage.share:.0%} seen)."
+        if unknown:
+            said = f"{self._target} is an unknown word: search the whole floor ({self._coverage.share:.0%} seen)."
+        return SearchStep("random", goal, "", said)
