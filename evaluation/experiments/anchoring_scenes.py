@@ -48,9 +48,9 @@ class Played:
     worst_ms: float
 
 
-def play(scene: ObjectScene, looks: int = 600, near: float = 0.14) -> Played:
-    """Run a scene through a new model."""
-    model = WorldModel(known(scene))
+def play(scene: ObjectScene, looks: int = 600, near: float = 0.14, **more: Any) -> Played:
+    """Run a scene through a new model; more : settings of it."""
+    model = WorldModel(known(scene, **more))
     score = IdentityScore(near)
     times, met = [], set()
     for seen in scene.looks(looks):
@@ -160,8 +160,11 @@ class AntRun:
     paths: dict[str, list[np.ndarray]]
 
 
-def ants(scene: AntScene, looks: int) -> AntRun:
-    """Identities of ants, judged where they are alone; changes that were taken back count as corrected."""
+def ants(scene: AntScene, looks: int, **more: Any) -> AntRun:
+    """Identities of ants, judged where they are alone; changes that were taken back count as corrected.
+
+    more : settings of the model that are others.
+    """
     half = 0.5 * scene.side + 0.005
     config = WorldModelConfig(
         colors=("brown",),
@@ -182,7 +185,7 @@ def ants(scene: AntScene, looks: int) -> AntRun:
         },
         merged_detections=True,
     )
-    model = WorldModel(config)
+    model = WorldModel(replace(config, **more))
     first: dict[int, str] = {}
     now: dict[int, str] = {}
     changes = merged = 0

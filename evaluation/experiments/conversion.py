@@ -38,7 +38,10 @@ def consistency(options: Options, report: Report) -> None:
         "ANES at 20°",
         "largest |ANES - 2| ↓",
     ]
-    note = "2 is consistent. Up to: inside the 95 % interval of a mean over the text's 500 measurements."
+    note = (
+        "2 is consistent. Up to: inside the 95 % interval of a mean over the text's 500 measurements. The methods are "
+        "the text's as printed, without and with each of its corrections; the unscented transform is not in it."
+    )
     report.tables.append(
         Table(
             "Consistency of converted measurements, exact", columns, rows, note, "consistency",
@@ -259,7 +262,9 @@ def comparison(options: Options, report: Report) -> None:
     note = (
         "Walks of 6, 12 and 12 s, the same for all filters. An ANEES of 2 is consistent. 'polar K' leaves the robot's "
         "position covariance out of K, as the text's modes imply. 'plain Kalman' aligns the measurement's covariance "
-        "with the measured bearing, all others with the predicted one."
+        "with the measured bearing, all others with the predicted one. So these are ours without the robot's position "
+        "in K, without Kalman steps, without particles, and without particles and the predicted bearing. The text "
+        "prints no errors of its filters."
     )
     title = "Error and consistency of the filters"
     report.tables.append(Table(title, columns, rows, note, "filters", data="simulated", samples=count))

@@ -24,7 +24,7 @@ from registration.motion import Array
 from whereabouts.simulation.labelled_pairs import LabelledPair
 
 TREES, DEPTH = 150, 6
-MOST_POINTS = 40  # of a pair, that the trees learn from
+MOST_POINTS = 100  # of a pair, that the trees learn from
 ROUNDS = 50  # decision stumps (IV.C.1)
 AROUND = (
     4  # beams to either side of the true one, and as many drawn ones, that boosting learns to tell from it

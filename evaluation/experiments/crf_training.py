@@ -24,7 +24,7 @@ from whereabouts.simulation.streets import SCENES, traffic
 
 SEED = 2026
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
-LOOKS = {"street": 1600, "hall": 500, "office": 1000, "crowd": 2600}  # pairs the trees are learned from
+LOOKS = {"street": 1600, "hall": 500, "office": 1000, "crowd": 4000}  # pairs the trees are learned from
 SCANNERS = ((361, np.pi), (361, ROUND.opening), (1081, np.deg2rad(270.0)), (541, np.deg2rad(270.0)),
             (360, 2.0 * np.pi * 359 / 360))  # fmt: skip
 STANDING = 0.75  # of the scenes in which things stand that look like those that move

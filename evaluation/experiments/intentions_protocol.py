@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.intentions.motion import estimate
 from tracking.intentions.printed import PrintedModel
+from tracking.intentions.routes import Routes, RouteScales
 from whereabouts.logs.trajectories import EDINBURGH_METRES
 
 Array = NDArray[np.float64]
@@ -20,6 +21,11 @@ CORRECT = 29.0 * EDINBURGH_METRES
 FIRST = 10  # trajectories learned before the first prediction
 OBSERVED, AHEAD = 8, 12  # frames of the hotel recording: 3.2 s seen, 4.8 s predicted
 METHODS = ("routes", "ghmm", "linear")
+# Routes without one of the things that they know.
+STAGES = {
+    "routes, nobody comes together": RouteScales(company=0.0, beside=0.0),
+    "routes, never the other way": RouteScales(back=-1e3),
+}
 PRINTED = "printed"
 
 
@@ -79,7 +85,9 @@ def online(
     """
     both = np.concatenate(walks)
     low, high = both[:, :2].min(axis=0), both[:, :2].max(axis=0)
-    model = IntentionModel(IntentionConfig(method="routes" if method == "linear" else method))
+    model = IntentionModel(IntentionConfig(method="ghmm" if method == "ghmm" else "routes"))
+    if method in STAGES:
+        model.routes = Routes(model.config.routes, STAGES[method])
     outcome = Online(np.zeros((0, len(FRACTIONS)), dtype=bool), model=model)
     correct = []
     waiting: list[Array] = []

@@ -224,32 +224,31 @@ def _mean_of(runs: Sequence[PrintedRun], quantity: str) -> float:
 def _counts(options: Options, report: Report) -> None:
     """Figure 3.7: how often objects were updated and gone to with ω = 1."""
     rooms = _rooms(options, options.share(50, 20))
-    ours = _many(options, [_config(8.0, 1.0)], rooms, "one run")[0]
+    ours, singly = _many(options, [_config(8.0, 1.0), _config(8.0, 1.0, tour=0.0)], rooms, "one run")
     theirs = _many(options, [("fixed", "given")], rooms)[0]
     rule = PrintedRule(8.0, 1.0)
     printed = {how: _printed_runs(options, rooms, rule, how) for how in ("rule", "rule, looking on", "fixed")}
     rows: list[list[object]] = []
-    for name, how, accounts, said in (
-        ("maintenance", "rule", ours, (515, 104)),
-        ("maintenance, looking on while idle", "rule, looking on", ours, (515, 104)),
-        ("fixed path", "fixed", theirs, (973, 263)),
+    for name, how, accounts, without, said in (
+        ("maintenance", "rule", ours, singly, (515, 104)),
+        ("maintenance, looking on while idle", "rule, looking on", ours, singly, (515, 104)),
+        ("fixed path", "fixed", theirs, None, (973, 263)),
     ):
         row: list[object] = [name]
         for what, given in zip(("updates", "goals"), said, strict=True):
-            both = [
-                float(np.mean([getattr(run, what).sum() for run in runs]))
-                for runs in (printed[how], accounts)
-            ]
-            row += [given, *both]
+            both = [_sum_of(runs, what) for runs in (printed[how], accounts)]
+            row += [given, *both, _sum_of(without, what) if without else ""]
         rows.append(row)
     columns = [
         "",
         "text: updates",
         "as printed: updates",
         "updates",
+        "without tours: updates",
         "text: goals",
         "as printed: goals",
         "goals",
+        "without tours: goals",
     ]
     note = (
         "Sums over ten objects. The text shows one run and states neither speed nor time step. As printed: "
@@ -264,6 +263,11 @@ def _counts(options: Options, report: Report) -> None:
         )
     )  # fmt: skip
     report.pictures.append(_draw_counts(options.out, printed))
+
+
+def _sum_of(runs: Sequence[PrintedRun | Account], what: str) -> float:
+    """Of all objects, mean over the runs."""
+    return float(np.mean([getattr(run, what).sum() for run in runs]))
 
 
 def _draw_counts(out: Path, runs: dict[str, list[PrintedRun]]) -> Path:

@@ -64,9 +64,7 @@ def told_by_the_rest(
     rest = among_movers(moving, still, registration.transform)
     share = max(float(np.mean(big)), float(np.mean(other)))
     if not guessed and share > MUCH and rest.converged and rest.reason:
-        reason = (
-            f"a near object fills {share:.0%} of a scan; the rest leaves a direction of motion unconstrained"
-        )
+        reason = f"a near object fills {share:.0%} of a scan; the rest leaves a direction of motion open"
         return replace(registration, converged=False, reason=reason)
     agreed = _agreeing(a, b, registration.transform, ~big)
     if rest.converged and _agreeing(a, b, rest.transform, ~big) > agreed + BETTER:

@@ -7,6 +7,7 @@ of it is in groups.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,9 @@ NAMES = (
     "agreeing", "seen through", "hidden", "unseen", "points seen through", "in groups",
     "piece to mover", "mean depth", "out of view", "hidden by new",
     "extent", "chord", "bulge", "dent", "lower edge", "higher edge",
+    # Of its part of the piece, from one hollow corner to the next: what touches something else.
+    "part agreeing", "part seen through", "part hidden", "part unseen", "part in groups", "part to mover",
+    "part extent", "part chord", "part lower edge", "part higher edge",
     # Of the cluster it is in, -1 without.
     "cluster agreeing", "cluster seen through",
     # Of both scans: how much goes on.
@@ -37,15 +41,21 @@ LONG = 8.0  # metres, of a piece, likewise
 WIDE = 2.0  # metres, of how far a piece bends off its chord, likewise
 MOST = 30.0  # points, of what is counted, likewise
 AROUND = 6  # points of a piece to either side that are near
+ARM = 0.12  # metres to either side of a corner
+HOLLOW = 0.6  # radians that an outline turns away from the scanner, from which it is two parts
 NOTHING_BESIDE = -3.0  # in place of an edge, at the ends of a scan
 
 
 @dataclass(frozen=True, eq=False)
-class _Pieces:
+class Pieces:
     """Points by the piece (n,) they are on: how many (P,), and means and sums over them."""
 
     number: NDArray[np.int64]
     count: Array
+
+    @classmethod
+    def of(cls, number: NDArray[np.int64]) -> Pieces:
+        return cls(number, np.bincount(number).astype(np.float64))
 
     def total(self, values: Array) -> Array:
         """(P,) sums of values (n,)."""
@@ -59,20 +69,36 @@ class _Pieces:
 def evidence(begun: Start, clusters: NDArray[np.int64]) -> Array:
     """(n, len(NAMES)) for the points of scan a in `clusters` (n,), see `groups_as_labels`."""
     a = begun.a
-    pieces = _Pieces(a.pieces, np.bincount(a.pieces).astype(np.float64))
     through = ((begun.sight == THROUGH) | (begun.sight == CLEAR)).astype(np.float64)
     seen = {
         "agreeing": (begun.sight == AGREES).astype(np.float64),
         "seen through": through,
         "hidden": (begun.sight == HIDDEN).astype(np.float64),
+        "unseen": (begun.sight == UNSEEN).astype(np.float64),
+        "in groups": (clusters > 0).astype(np.float64),
     }
-    columns = {name: pieces.mean(values) for name, values in seen.items()}
-    columns["unseen"] = pieces.mean((begun.sight == UNSEEN).astype(np.float64))
+    away = np.minimum(cKDTree(a.points[clusters > 0]).query(a.points)[0], FAR)
+    pieces, parts = Pieces.of(a.pieces), Pieces.of(parts_of(a.points, a.pieces, np.sign(a.step)))
+    columns, ends = _of_pieces(a, seen, away, pieces)
+    columns |= {f"part {name}": values for name, values in _of_pieces(a, seen, away, parts)[0].items()}
+    columns |= {"piece to mover": columns["to mover"], "to mover": away, "in group": seen["in groups"]}
     columns["points seen through"] = np.minimum(pieces.total(through), MOST)[a.pieces]
-    columns |= _around(begun, seen, pieces) | _behind(begun, seen["hidden"], pieces)
-    columns |= _of_groups(a, clusters, pieces) | _of_cluster(clusters, seen)
-    columns |= _of_scans(begun, seen)
+    columns |= _around(begun, seen, ends) | _behind(begun, seen["hidden"], pieces)
+    columns |= _of_cluster(clusters, seen) | _of_scans(begun, seen)
     return np.column_stack([columns[name] for name in NAMES])
+
+
+def _of_pieces(
+    a: Beams, seen: dict[str, Array], away: Array, pieces: Pieces
+) -> tuple[dict[str, Array], NDArray[np.int64]]:
+    """How a piece is seen, how far it is from what moves and its shape, by its points, (n,) each; its `ends_of`."""
+    columns = {name: pieces.mean(values) for name, values in seen.items()}
+    nearest = np.full(len(pieces.count), FAR)
+    np.minimum.at(nearest, pieces.number, away)
+    columns["to mover"] = nearest[pieces.number]
+    shapes, ends = _shapes(a.points, a.ranges[a.beams], pieces.number, pieces.count)
+    names = ("extent", "chord", "bulge", "dent", "lower edge", "higher edge")
+    return columns | dict(zip(names, shapes[pieces.number].T, strict=True)), ends
 
 
 def _of_scans(begun: Start, seen: dict[str, Array]) -> dict[str, Array]:
@@ -86,17 +112,15 @@ def _of_scans(begun: Start, seen: dict[str, Array]) -> dict[str, Array]:
     return {name: np.full(len(begun.a), share) for name, share in shares.items()}
 
 
-def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, Array]:
-    """Shape of the pieces, and what is near on them."""
+def _around(begun: Start, seen: dict[str, Array], ends: NDArray[np.int64]) -> dict[str, Array]:
+    """What is near on the pieces."""
     a = begun.a
-    shapes, ends = _shapes(a.points, a.ranges[a.beams], a.pieces, pieces.count)
-    names = ("extent", "chord", "bulge", "dent", "lower edge", "higher edge")
-    columns = {name: shapes[a.pieces, k] for k, name in enumerate(names)}
+    columns: dict[str, Array] = {}
     index = np.arange(len(a))
     low = np.maximum(index - AROUND, ends[a.pieces, 0])
     high = np.minimum(index + AROUND, ends[a.pieces, 1]) + 1
-    for name, values in seen.items():
-        sums = np.concatenate(([0.0], np.cumsum(values)))
+    for name in ("agreeing", "seen through", "hidden"):
+        sums = np.concatenate(([0.0], np.cumsum(seen[name])))
         columns[f"{name} near"] = (sums[high] - sums[low]) / (high - low)
     kind = seen["agreeing"] + 2.0 * seen["seen through"]
     breaks = np.concatenate(([True], (np.diff(kind) != 0.0) | (np.diff(a.pieces) != 0)))
@@ -105,6 +129,32 @@ def _around(begun: Start, seen: dict[str, Array], pieces: _Pieces) -> dict[str, 
     columns["run"] = np.minimum(np.bincount(runs, steps), LONG)[runs]
     columns["off"] = np.minimum(begun.off / nearness(a, begun.noise), 3.0)
     return columns
+
+
+@njit(cache=True)
+def parts_of(points, pieces, side):  # type: ignore[no-untyped-def]
+    """Number (n,) of the part of each point: a piece is cut at hollow corners, where one thing stands before another.
+
+    side : 1.0 where beams go counterclockwise, -1.0 else.
+    """
+    n = len(points)
+    turn = np.zeros(n)
+    for i in range(n):
+        low = high = i
+        ux = uy = vx = vy = 0.0
+        while low > 0 and pieces[low - 1] == pieces[i] and math.hypot(ux, uy) < ARM:
+            low -= 1
+            ux, uy = points[i, 0] - points[low, 0], points[i, 1] - points[low, 1]
+        while high < n - 1 and pieces[high + 1] == pieces[i] and math.hypot(vx, vy) < ARM:
+            high += 1
+            vx, vy = points[high, 0] - points[i, 0], points[high, 1] - points[i, 1]
+        if min(math.hypot(ux, uy), math.hypot(vx, vy)) > 0.5 * ARM:
+            turn[i] = side * math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+    parts = np.zeros(n, dtype=np.int64)
+    for i in range(1, n):
+        cut = turn[i - 1] > HOLLOW and turn[i - 1] >= turn[i] and turn[i - 1] >= turn[max(i - 2, 0)]
+        parts[i] = parts[i - 1] + (cut or pieces[i] != pieces[i - 1])
+    return parts
 
 
 @njit(cache=True)
@@ -132,7 +182,7 @@ def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
     return shapes, ends
 
 
-def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
+def _behind(begun: Start, hidden: Array, pieces: Pieces) -> dict[str, Array]:
     """How far the points are behind what scan b saw, and whether that is new there or stood before."""
     b, there = begun.b, moved(begun.a.points, begun.registration.transform)
     other, inside = point_at(b, there)
@@ -149,20 +199,6 @@ def _behind(begun: Start, hidden: Array, pieces: _Pieces) -> dict[str, Array]:
     }
 
 
-def _of_groups(a: Beams, clusters: NDArray[np.int64], pieces: _Pieces) -> dict[str, Array]:
-    """Whether points and their pieces are in groups that may have moved, and how far it is to those."""
-    moving = clusters > 0
-    away = np.minimum(cKDTree(a.points[moving]).query(a.points)[0], FAR)
-    nearest = np.full(len(pieces.count), FAR)
-    np.minimum.at(nearest, a.pieces, away)
-    return {
-        "in group": moving.astype(np.float64),
-        "in groups": pieces.mean(moving.astype(np.float64)),
-        "to mover": away,
-        "piece to mover": nearest[a.pieces],
-    }
-
-
 def _of_cluster(clusters: NDArray[np.int64], seen: dict[str, Array]) -> dict[str, Array]:
     """How b sees the other points of the cluster of each point."""
     own = np.maximum(clusters, 0)
@@ -170,5 +206,5 @@ def _of_cluster(clusters: NDArray[np.int64], seen: dict[str, Array]) -> dict[str
     return {
         f"cluster {name}": np.where(clusters > 0, (np.bincount(own, values) / count)[own], -1.0)
         for name, values in seen.items()
-        if name != "hidden"
+        if name in ("agreeing", "seen through")
     }

@@ -46,15 +46,10 @@ class Hypothesis:
 
 
 def hypotheses(
-    a: Beams,
-    b: Beams,
-    background: Array,
-    labels: NDArray[np.int64],
-    fresh: NDArray[np.int64],
-    reach: float,
+    a: Beams, b: Beams, background: Array, labels: NDArray[np.int64], fresh: NDArray[np.int64], reach: float,
     noise: float,
-) -> list[Hypothesis]:
-    """Groups of a that may have moved, the best explained first.
+) -> tuple[list[Hypothesis], NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
+    """Groups of a that may have moved, the best explained first; which points (n,), (m,) of a and b these explain.
 
     background : (3,) motion of what stands. labels : (n,) how b sees the points of a under it (`seen_by`).
     fresh : (m,) how a sees the points of b under its inverse. reach : metres a thing may have gone.
@@ -69,7 +64,8 @@ def hypotheses(
             if came is not None:
                 found.append(came)
     found.sort(key=lambda hypothesis: -hypothesis.gain)
-    return [one for one in found if one.matched][:MOST] + [one for one in found if not one.matched]
+    found = [one for one in found if one.matched][:MOST] + [one for one in found if not one.matched]
+    return found, here, there
 
 
 def left_their_place(a: Beams, labels: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -80,13 +80,9 @@ class JointModel:
         return self.conclude(scan_a, scan_b, start(scan_a, scan_b, registration))
 
     def movers(
-        self,
-        scan_a: Scan,
-        scan_b: Scan,
-        registration: Registration,
-        background: bool = True,
+        self, scan_a: Scan, scan_b: Scan, registration: Registration, background: bool = True,
         known: JointEstimate | None = None,
-    ) -> JointEstimate:
+    ) -> JointEstimate:  # fmt: skip
         """As `infer`, for who wants labels of what moves and knows from elsewhere how the sensor moved.
 
         background : whether its motion is to be refined without what moves.

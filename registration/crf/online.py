@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,40 +33,25 @@ LEAST_BEAMS = 30  # of them, likewise
 SPACING = 0.04  # seconds between scans that are remembered
 
 
+def _setting(default: Any, text: str, **about: Any) -> Any:
+    return field(default=default, metadata={"description": text, **about})
+
+
 @dataclass(frozen=True)
 class SegmenterConfig:
     """Settings of `ScanSegmenter`; each field's metadata has its unit, meaning and allowed range."""
 
-    segment_scans: bool = field(
-        default=True,
-        metadata={"description": "label moving objects in each scan and leave them out of odometry"},
+    segment_scans: bool = _setting(True, "label moving objects in each scan and leave them out of odometry")
+    segment_interval: float = _setting(
+        0.5, "age of the earlier scan that each scan is compared with", unit="s", low=0.1, high=5.0
     )
-    segment_interval: float = field(
-        default=0.5,
-        metadata={
-            "unit": "s",
-            "description": "age of the earlier scan that each scan is compared with",
-            "low": 0.1,
-            "high": 5.0,
-        },
+    segment_references: int = _setting(
+        2, "number of earlier scans that each scan is compared with", low=1, high=8
     )
-    segment_references: int = field(
-        default=2,
-        metadata={
-            "description": "number of earlier scans that each scan is compared with",
-            "low": 1,
-            "high": 8,
-        },
-    )
-    segment_deadline: float = field(
-        default=0.05,
-        metadata={
-            "unit": "s",
-            "description": "time limit for the labels of a scan, less at high scan rates; none in lock-step replay",
-            "low": 0.0,
-            "high": 10.0,
-        },
-    )
+    segment_deadline: float = _setting(
+        0.05, "time limit for the labels of a scan, less at high scan rates; none in lock-step replay",
+        unit="s", low=0.0, high=10.0,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for name, described in self.__dataclass_fields__.items():

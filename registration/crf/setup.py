@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.poses import inverse
-from estimation.sight import AGREES
+from estimation.sight import AGREES, THROUGH
 from registration.align import REACH, TURN, best_of
 from registration.crf.beams import Beams, beams_of, first_look, seen_by
 from registration.crf.dominant import told_by_the_rest
 from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
 from registration.judgement import LENIENT, Asked, judged
 from registration.motion import Array
-from registration.outline import TOUCHING
+from registration.outline import CLEAR, TOUCHING
 from registration.prepared import prepared
 from registration.result import Registration
 from registration.scan import Scan
 
 CROWDED = Asked(0.65, 0.36, 1.15, -np.inf, False)  # of the nearest answer where there is no better one
-LEAST_STANDING = (
-    0.25  # share of either scan's beams that agree with the other: outlines say less where one is filled
-)
+HARDLY = Asked(0.55, 0.31, 0.9, -np.inf, False)  # the same, where what moved explains the rest
+TOLD = 0.88  # share of what agrees or was seen through that then has to agree or to have moved
+# Share of either scan's beams that agree with the other: outlines say less where one is filled.
+LEAST_STANDING = 0.25
 EXPLAINED = 0.7  # of a group that left its place, what is known to move
 FASTEST = 12.0  # m/s, of anything, where stamps tell the interval
 LEAST_REACH, MOST_REACH = 0.8, 1.5  # metres a thing may have gone between the scans
@@ -56,12 +58,9 @@ class Start:
 
 
 def start(
-    scan_a: Scan,
-    scan_b: Scan,
-    registration: Registration | None = None,
-    trusted: bool = False,
+    scan_a: Scan, scan_b: Scan, registration: Registration | None = None, trusted: bool = False,
     known: NDArray[np.bool_] | None = None,
-) -> Start:
+) -> Start:  # fmt: skip
     """Register the background and find what does not follow it (InitialiseRT).
 
     trusted : the registration is not one that a near thing which fills much of the scans may have decided.
@@ -69,24 +68,26 @@ def start(
         looked for.
     """
     a, b = beams_of(scan_a), beams_of(scan_b)
-    guessed = registration is not None
+    guessed, doubtful = registration is not None, False
     if registration is None:
-        registration = _register(scan_a, scan_b)
+        registration, doubtful = _register(scan_a, scan_b)
     if not trusted:
         registration = told_by_the_rest(scan_a, scan_b, a, b, registration, guessed)
     background = registration.transform
     noise, sight, off = first_look(a, b, background)
     fresh, _ = seen_by(b, a, inverse(background), noise, TOUCHING)
-    standing = (
-        min(float(np.mean(sight == AGREES)), float(np.mean(fresh == AGREES))) if len(a) and len(b) else 0.0
-    )
+    standing = min(np.mean(sight == AGREES), np.mean(fresh == AGREES)) if len(a) and len(b) else 0.0
     if registration.converged and standing < LEAST_STANDING:
         reason = f"only {standing:.0%} of the beams agree in both scans"
         registration = replace(registration, converged=False, reason=reason)
     again = _as_known(a, sight, known) if registration.converged and known is not None else None
     groups: list[Hypothesis] = []
     if registration.converged and again is None:
-        groups = hypotheses(a, b, background, sight, fresh, reach_of(scan_a, scan_b), noise)
+        groups, *explained = hypotheses(a, b, background, sight, fresh, reach_of(scan_a, scan_b), noise)
+        told = _told((sight, fresh), explained) if doubtful else 1.0
+        if told < TOLD:
+            reason = f"little agrees, and what moved explains only {told:.0%} of the beams"
+            registration = replace(registration, converged=False, reason=reason)
     found = [group for group in groups if group.matched]
     gone = [group for group in groups if not group.matched]
     return Start(a, b, registration, noise, sight, off, fresh, found, gone, again)
@@ -103,12 +104,27 @@ def _as_known(a: Beams, sight: NDArray[np.int64], known: NDArray[np.bool_]) -> N
     return np.asarray(own & (groups >= 0))
 
 
-def _register(scan_a: Scan, scan_b: Scan) -> Registration:
-    """The background's motion; less is asked of it where it is not enough: in a crowd little of the outlines stands."""
+def _register(scan_a: Scan, scan_b: Scan) -> tuple[Registration, bool]:
+    """The background's motion, and whether so little agrees that it has to be seen first what moved.
+
+    Less is asked of it where it is not enough: in a crowd little of the outlines stands.
+    """
     moving, still = prepared(scan_a), prepared(scan_b)
     nearest = best_of(moving, still, np.zeros(3), REACH, TURN)
-    near = judged(moving, still, *nearest, LENIENT)
-    return near if near.converged else judged(moving, still, *nearest, CROWDED)
+    for asked in (LENIENT, CROWDED):
+        near = judged(moving, still, *nearest, asked)
+        if near.converged:
+            return near, False
+    return judged(moving, still, *nearest, HARDLY), True
+
+
+def _told(sights: Sequence[NDArray[np.int64]], moved: Sequence[NDArray[np.bool_]]) -> float:
+    """Share of what either scan shows of the other that agrees or is known to have `moved`."""
+    agreeing = left = 0.0
+    for sight, gone in zip(sights, moved, strict=True):
+        agreeing += float(np.mean(sight == AGREES))
+        left += float(np.mean(((sight == THROUGH) | (sight == CLEAR)) & ~gone))
+    return agreeing / max(agreeing + left, 1e-9)
 
 
 def reach_of(scan_a: Scan, scan_b: Scan) -> float:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from estimation.gradient_boosting import GradientBoosting
 from estimation.sight import AGREES
-from registration.crf.evidence import evidence
+from registration.crf.evidence import Pieces, evidence, parts_of
 from registration.crf.setup import Start
 from registration.motion import Array
 
@@ -27,8 +27,11 @@ def decided(
 
     labels : (n,) by the groups alone (`groups_as_labels`).
     """
-    odds = trees.decision(evidence(begun, labels)) - MOVES
-    return with_movers(begun, labels, odds > 0.0), 1.0 / (1.0 + np.exp(-odds))
+    a, odds = begun.a, trees.decision(evidence(begun, labels)) - MOVES
+    # What lies between two hollow corners moves as a whole or not at all.
+    parts = Pieces.of(parts_of(a.points, a.pieces, np.sign(a.step)))
+    probability = parts.mean(1.0 / (1.0 + np.exp(-odds)))
+    return with_movers(begun, labels, probability > 0.5), probability
 
 
 def with_movers(begun: Start, labels: NDArray[np.int64], moves: NDArray[np.bool_]) -> NDArray[np.int64]:

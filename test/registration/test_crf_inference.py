@@ -10,7 +10,7 @@ from evaluation.experiments.crf_baselines import free_space
 from evaluation.experiments.crf_metrics import f1_of, scores
 from evaluation.experiments.crf_recordings import _counts, _pairs, read_recording
 from registration import Scan, align
-from registration.crf import JointEstimate, JointModel
+from registration.crf import JointEstimate, JointModel, setup
 from registration.crf.online import ScanSegmenter, SegmenterConfig
 from registration.crf.setup import start
 from registration.crf.window import segment
@@ -150,6 +150,19 @@ def test_scans_of_different_places(model: JointModel) -> None:
         sure += estimate.converged
         assert estimate.converged or nothing(estimate, 361)
     assert sure <= 1
+
+
+def test_where_people_hide_the_room_what_moved_says_whether_it_fits(model: JointModel) -> None:
+    """Pairs in which too little stands to believe the placement are taken where motions explain the rest."""
+    doubtful = right = 0
+    for pair in random_labelled_pairs(np.random.default_rng(61), "crowd", 150):
+        _, asked = setup._register(pair.scan_a, pair.scan_b)
+        if asked:
+            doubtful += 1
+            found = model.infer(pair.scan_a, pair.scan_b)
+            right += found.converged and np.hypot(*(found.motions[0] - pair.motions[0])[:2]) < 0.05
+    assert doubtful >= 3
+    assert right >= 0.4 * doubtful
 
 
 def test_different_scanners(model: JointModel) -> None:

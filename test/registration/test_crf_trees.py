@@ -15,7 +15,7 @@ from evaluation.experiments.crf_metrics import f1_of, scores
 from registration import Scan
 from registration.crf import JointModel
 from registration.crf.estimate import JointEstimate
-from registration.crf.evidence import NAMES, evidence
+from registration.crf.evidence import NAMES, evidence, parts_of
 from registration.crf.labels import groups_as_labels
 from registration.crf.setup import start
 from registration.crf.trees import with_movers
@@ -107,6 +107,23 @@ def test_decisions_join_the_object_beside_or_become_one(model: JointModel, pairs
     rows = evidence(begun, said)
     assert rows.shape == (len(begun.a), len(NAMES))
     assert np.isfinite(rows).all()
+
+
+def test_a_piece_is_cut_where_one_thing_stands_before_another() -> None:
+    """A box against a wall makes two hollow corners, its own corners make none."""
+    wall = [np.column_stack((np.linspace(a, b, 30), np.full(30, 3.0))) for a, b in ((2.0, 0.5), (-0.5, -2.0))]
+    front = np.column_stack((np.linspace(0.5, -0.5, 30), np.full(30, 2.5)))
+    sides = [np.column_stack((np.full(10, x), np.linspace(*ends, 10))) for x, ends in
+             ((0.5, (2.95, 2.55)), (-0.5, (2.55, 2.95)))]  # fmt: skip
+    points = np.concatenate((wall[0], sides[0], front, sides[1], wall[1]))
+    one = np.zeros(len(points), dtype=np.int64)
+    parts = parts_of(points, one, 1.0)
+    assert parts.max() == 2
+    assert abs(np.flatnonzero(parts == 1)[0] - 30) <= 1
+    assert abs(np.flatnonzero(parts == 2)[0] - 80) <= 1
+    assert parts_of(points[::-1].copy(), one, -1.0).max() == 2
+    apart = (np.arange(len(points)) > 49).astype(np.int64)
+    assert parts_of(points, apart, 1.0)[50] == parts_of(points, apart, 1.0)[49] + 1
 
 
 def test_a_saved_model_says_the_same(model: JointModel, pairs: list[LabelledPair], tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
+from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.intentions.printed import PrintedModel
 from tracking.social_forces_printed import PrintedForces, SocialForceFilter, jacobian, step
 
@@ -89,6 +90,21 @@ def test_a_learned_goal_is_walked_to_and_people_are_given_way():
     standing = np.array([[seen[-1, 0] + 1.5, seen[-1, 1] - 0.3, 0.0, 0.0]])
     turned = model.predict(seen, 3.0, others=standing)
     assert turned.path[7, 1] > told.path[7, 1] + 0.02
+
+
+def test_everybody_present_is_predicted_with_the_others_in_the_way(tmp_path):
+    model = IntentionModel.of(IntentionConfig(method="printed"))
+    for k in range(6):
+        model.learn(walk((10.0, 0.1 * k)))
+    seen = walk((10.0, 0.2))[:45]
+    beside = seen + np.array([1.5, -0.3, 0.0])
+    first, second = model.predict_all([seen, beside], 3.0)
+    alone = model.predict_all([seen], 3.0)[0]
+    assert np.array_equal(first.path, model.predict(seen, 3.0, others=[beside]).path)
+    assert not np.allclose(first.path, alone.path, atol=1e-3)
+    assert second.path[0, :2] == pytest.approx(beside[-1, :2], abs=0.1)
+    again = IntentionModel.load(model.save(tmp_path / "printed.npz"))
+    assert np.array_equal(again.predict_all([seen], 3.0)[0].path, alone.path)
 
 
 def test_bad_arguments_are_named():

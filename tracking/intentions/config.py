@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from estimation.errors import InputError
 
-METHODS = ("routes", "ghmm")
+METHODS = ("routes", "ghmm", "printed")
 
 
 def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
@@ -30,7 +30,8 @@ class IntentionConfig:
     method: str = field(
         default="routes",
         metadata={
-            "description": "how goals are found: routes weighs all learned walks, ghmm is the plain model",
+            "description": "how goals are found: routes weighs all learned walks, ghmm is the plain model, printed "
+            "also has the reference's own paths, one for each person",
             "choices": METHODS,
         },
     )

@@ -85,6 +85,13 @@ class IntentionModel:
         self.routes = Routes(c.routes)
         self.learned = 0
 
+    @staticmethod
+    def of(config: IntentionConfig) -> IntentionModel:
+        """The model of `config.method`: "printed" has the text's own paths."""
+        from tracking.intentions.printed import PrintedModel
+
+        return PrintedModel(config) if config.method == "printed" else IntentionModel(config)
+
     def learn(self, trajectory: ArrayLike) -> Learned:
         """Learn from one finished trajectory (N, 3) x, y, t.
 
@@ -192,7 +199,7 @@ class IntentionModel:
 
     def warm_up(self) -> None:
         """Compile what learning and predicting run, before the first person is there. Nothing is learned."""
-        scratch = IntentionModel(self.config)
+        scratch = self.of(self.config)
         t = np.arange(0.0, 4.0, 0.2)
         walk = np.column_stack((t, 0.1 * t, t))
         for _ in range(2):

@@ -26,8 +26,8 @@ class PrintedModel(IntentionModel):
     in the text's benchmark.
     """
 
-    def __init__(self, forces: PrintedForces | None = None) -> None:
-        super().__init__(IntentionConfig(method="ghmm", time_step=0.2))
+    def __init__(self, config: IntentionConfig | None = None, forces: PrintedForces | None = None) -> None:
+        super().__init__(config or IntentionConfig(method="printed", time_step=0.2))
         self.printed = forces or PrintedForces()
 
     def predict(
@@ -69,6 +69,15 @@ class PrintedModel(IntentionModel):
         return Prediction(
             goals, probabilities, np.column_stack((np.array(path), begun + times)), np.array(covariances)
         )
+
+    def predict_all(
+        self, partials: Sequence[ArrayLike], horizon: float, obstacles: ArrayLike | Obstacles | None = None
+    ) -> list[Prediction]:
+        """As `IntentionModel.predict_all`, but each path begins where its own person was last seen."""
+        return [
+            self.predict(partial, horizon, [*partials[:k], *partials[k + 1 :]], obstacles)
+            for k, partial in enumerate(partials)
+        ]
 
     def _filtered(self, rows: FloatArray, pushed: Callable[[float], Acceleration]) -> SocialForceFilter:
         """The filter after the observations."""

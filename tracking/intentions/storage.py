@@ -80,7 +80,7 @@ def load(path: Path, map_id: str | None) -> IntentionModel:
         raise InputError(f"{path}: was learned in map {learned_in!r}, not {map_id!r}")
     try:
         _check_magnitudes(arrays)
-        model = IntentionModel(IntentionConfig(**header["config"]))
+        model = IntentionModel.of(IntentionConfig(**header["config"]))
         model.learned = int(header["learned"])
         for prefix, part in (("places_", model.hmm.places), ("hmm_", model.hmm), ("routes_", model.routes)):
             part.from_arrays({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})

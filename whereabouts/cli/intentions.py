@@ -59,7 +59,6 @@ def intentions(
 
     from evaluation.experiments.intentions_run import learn_and_predict
     from tracking.intentions import IntentionConfig, IntentionModel
-    from tracking.intentions.printed import PrintedModel
     from whereabouts.logs.trajectories import read_trajectories
     from whereabouts.progress import progress_bar
 
@@ -69,10 +68,8 @@ def intentions(
     model: IntentionModel
     if load is not None:
         model = IntentionModel.load(load)
-    elif method == "printed":
-        model = PrintedModel()
     else:
-        model = IntentionModel(replace(IntentionConfig(), method=method))
+        model = IntentionModel.of(replace(IntentionConfig(), method=method))
     with progress_bar() as bar:
         task = bar.add_task(f"learning {source.name}", total=len(recorded.trajectories))
         told = learn_and_predict(

@@ -103,7 +103,7 @@ class MotionPredictorNode(SuiteNode):
         settings = self.settings
         self._refused: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
-        self._model = IntentionModel(settings.intentions)
+        self._model = IntentionModel.of(settings.intentions)
         if settings.model_path and Path(settings.model_path).exists():
             self._adopt(Path(settings.model_path))
         self._model.warm_up()
