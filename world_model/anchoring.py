@@ -26,7 +26,7 @@ from world_model.hindsight import MOST_LOOKS, Hindsight
 from world_model.leaves import MOVING, REST, IntArray, Pool
 from world_model.look import Look
 from world_model.misses import detector_table
-from world_model.occlusion import hide, restrict
+from world_model.occlusion import free, hide, restrict
 from world_model.predictions import Path
 from world_model.quantities import Quantities
 from world_model.rounds import Rounds
@@ -180,8 +180,6 @@ class Anchoring(Corrections):
         born, gap, clutter = self.unseen.look(
             measured.positions, np.sqrt(variances[:, 2]), sensor, known, silent, stamp, measured.view
         )
-        found = born * self.config.detection_probability
-        both = np.maximum(found + clutter, 1e-300)
         active = np.flatnonzero(leaves.track >= 0)
         if verified:
             active = active[~np.isin(leaves.track[active], sorted(verified))]
@@ -225,6 +223,13 @@ class Anchoring(Corrections):
             matrix,
             missing,
         )
+        found = born * self.config.detection_probability
+        false = None if view is None else view.density(measured.positions, measured.covariances)
+        lying = np.full(M, clutter) if false is None else self.config.clutter_per_frame * false
+        if M:
+            bodies = np.array([self._best_leaf(self.tracks[number]) for number in self.shown], np.int64)
+            found *= free(leaves, bodies, measured.positions, measured.covariances, self.quantities)
+        both = np.maximum(found + lying, 1e-300)
         return Look(
             stamp,
             lag,
