@@ -227,7 +227,7 @@ class Anchoring(Corrections):
         false = None if view is None else view.density(measured.positions, measured.covariances)
         lying = np.full(M, clutter) if false is None else self.config.clutter_per_frame * false
         if M:
-            bodies = np.array([self._best_leaf(self.tracks[number]) for number in self.shown], np.int64)
+            bodies = np.array([k for k in chosen[:count].tolist() if self._is_shown(k)], np.int64)
             found *= free(leaves, bodies, measured.positions, measured.covariances, self.quantities)
         both = np.maximum(found + lying, 1e-300)
         return Look(
@@ -246,6 +246,11 @@ class Anchoring(Corrections):
             matrix,
             missing,
         )
+
+    def _is_shown(self, slot: int) -> bool:
+        """Whether a leaf is that of an object of the most probable world."""
+        number = int(self.pool.leaves.track[slot])
+        return number in self.shown and self._best_leaf(self.tracks[number]) == slot
 
     def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:
         """Movers that something else hides are looked for, and shown for as long as it is known where they are."""
