@@ -53,8 +53,12 @@ class View(Protocol):
         """Probability (N,) that objects at positions (N, 3) with deviations sigmas (N,) and of sizes (N,), NaN where
         unknown, m, would have been in view, unhidden and recognisable."""
 
-    def cells(self, centres: FloatArray, heights: FloatArray) -> FloatArray:
-        """Share (N,) of the heights, m, at places (N, 2) where a thing would have been seen."""
+    def cells(self, centres: FloatArray, heights: FloatArray, size: float) -> FloatArray:
+        """Share (N,) of the heights, m, at places (N, 2) where a thing of that size, m, would have been seen."""
+
+    def density(self, positions: FloatArray, covariances: FloatArray) -> FloatArray | None:
+        """Density (M,), 1/m³, of one false detection at positions (M, 3) with covariances (M, 3, 3), m²; None for
+        anywhere in view alike."""
 
     def learn(
         self, objects: Sequence[WorldObject], found: Sequence[str | None], said: Sequence[Mapping[str, float]]

@@ -101,11 +101,13 @@ def walkers(seed: int, looks: int) -> list[Thing]:
 
 @dataclass(frozen=True)
 class Walked:
-    """surplus : movers told of beyond those in view, mean. exact : share of looks with as many. mean_ms : of an
+    """surplus : movers told of beyond those in view, mean. exact : share of looks with as many. known : the same of who
+    knows which detection is of whom, and tells of those in view that were detected twice there. mean_ms : of an
     update."""
 
     surplus: float
     exact: float
+    known: float
     mean_ms: float
 
 
@@ -113,15 +115,20 @@ def walk(seed: int, looks: int, turn: float) -> Walked:
     """Fifty movers around a sensor that has ten in view on average, and turns at `turn` rad/s; from 2 s on."""
     scene = replace(turning(50, 10, HALL, 5.0, seed), things=walkers(seed, looks), turn=turn)
     model = WorldModel(known(scene, motion=WALK))
-    off, times = [], []
+    off, unsure, times = [], [], []
+    detected: dict[int, int] = {}
     for seen in scene.looks(looks):
         begin = process_time()
         told = len(model.update(seen.evidence, seen.stamp).objects)
         times.append(1e3 * (process_time() - begin))
+        view = None if seen.evidence.sensor is None else dict(seen.evidence.sensor)
+        here = [number for number, place in seen.truth.items() if in_view(place, view)]
+        detected = {number: detected.get(number, 0) + (number in seen.sources) for number in here}
         if seen.stamp > 2.0:
-            view = None if seen.evidence.sensor is None else dict(seen.evidence.sensor)
-            off.append(told - sum(in_view(place, view) for place in seen.truth.values()))
-    return Walked(float(np.mean(off)), float(np.mean(np.array(off) == 0)), float(np.mean(times[5:])))
+            off.append(told - len(here))
+            unsure.append(sum(count < 2 for count in detected.values()))
+    exact, known_exact = (float(np.mean(np.array(each) == 0)) for each in (off, unsure))
+    return Walked(float(np.mean(off)), exact, known_exact, float(np.mean(times[5:])))
 
 
 def scenes(seed: int) -> dict[str, ObjectScene]:

@@ -34,8 +34,8 @@ ASKED, QUESTIONS = 3, 5
 MORNING, NIGHT, ROUND = 7.0 * HOUR, 22.0 * HOUR, 20.0 * MINUTE
 AT_ONCE = 3
 """Places of a round."""
-HISTORY = 4000
-"""Rows of the store from which on old ones are thinned out."""
+HISTORY = 2000
+"""Rows of the store from which on old ones are thinned out: those of about ten days."""
 NEAR = 0.4  # m
 FLAT_FROM = 10
 """Day from which on nothing may grow."""

@@ -50,3 +50,15 @@ def test_a_wrong_place_is_false_and_missed() -> None:
     assert (judged.hits[low], judged.false[low], judged.missed[low]) == (1, 2, 2)
     assert (judged.hits[high], judged.false[high], judged.missed[high]) == (0, 0, 3)
     assert judged.scores()[low] == pytest.approx(1.0 / 3.0)
+
+
+def test_in_hindsight_the_more_frequent_way_is_right() -> None:
+    home = clockwork()
+    # On three of the days that are judged, of which there are five, it stays.
+    home.place[[65, 67, 69], :, 0] = 3
+    right, moved = experiment.hindsight(home, 3)
+    steps = np.arange(0, home.place.shape[1] - 18, 3)
+    before, after = home.place[65:, steps, 0], home.place[65:, steps + 18, 0]
+    goes = (before[1] == 3) & (after[1] == 5)  # where two of five days differ from the other three
+    assert right == pytest.approx(100.0 * (1.0 - 2 * goes.sum() / (2 * before.size)))
+    assert moved == pytest.approx(100.0 * (1.0 - 2 * goes.sum() / (before != after).sum()))

@@ -357,3 +357,29 @@ def test_what_was_learned_of_the_detector_is_kept_and_damage_is_told(tmp_path: P
         with pytest.raises(InputError):
             fresh.read(kept)
         assert fresh.figures() == {}
+
+
+def test_a_false_detection_lies_somewhere_in_the_picture_on_what_is_seen() -> None:
+    rng = np.random.default_rng(0)
+    wall, sigma = 4.0, 0.2
+    camera = lens()
+    view = CameraView(camera, np.eye(4), DepthImage(np.full((480, 640), wall, np.float32)))
+    # The integral over the wall and its blur, by drawing points of a block around it.
+    block = np.array([640 / 500.0, 480 / 510.0, 1.0]) * wall
+    points = rng.uniform(-0.5, 0.5, (200_000, 3)) * block + (0.0, 0.0, wall)
+    blur = np.exp(-0.5 * ((points[:, 2] - wall) / sigma) ** 2)
+    points[:, 2] = wall
+    density = view.density(points, np.tile(sigma**2 * np.eye(3), (len(points), 1, 1)))
+    assert density is not None
+    assert float((density * blur).mean() * block.prod()) == pytest.approx(1.0, rel=0.03)
+    assert CameraView(camera, np.eye(4)).density(points[:1], sigma**2 * np.eye(3)[None]) is None
+
+
+def test_a_camera_of_large_things_has_seen_far_places_empty() -> None:
+    shares = [
+        CameraView(lens(), np.eye(4), DepthImage(np.full((480, 640), 60.0, np.float32))).cells(
+            np.array([[0.0, 0.0]]), np.array([25.0]), size
+        )[0]
+        for size in (0.1, 2.0)
+    ]
+    assert shares[0] < 0.1 < 0.9 < shares[1]

@@ -51,3 +51,25 @@ def test_what_would_be_seen_does_not(position: tuple[float, float, float]) -> No
 def test_a_box_of_unknown_size_hides_nothing() -> None:
     plain = ObjectEvidence(BOX.position, BOX.covariance, BOX.attributes)
     assert existence_when_unseen((0.8, 0.0, 1.0), plain) < 0.1
+
+
+def believed_beside(apart: float, size: float) -> float:
+    """Expected number of others after a mover was detected twenty times, and once something beside its middle."""
+    model = WorldModel(
+        WorldModelConfig(
+            region=REGION, motion={"*": {"model": "constant_velocity"}}, quantities={"size": (size, 0.1)}
+        )
+    )
+    told = {"size": (size, 1e-4)}
+    for k in range(20):
+        seen = [ObjectEvidence((0.0, 0.0, 1.0), 1e-4 * np.eye(3), quantities=told)]
+        if k == 19:
+            seen.append(ObjectEvidence((apart, 0.0, 1.0), 1e-4 * np.eye(3)))
+        state = model.update(WorldEvidence(seen, {**SENSOR, "angle": 6.2}), 0.05 * k)
+    return state.expected_count - 1.0
+
+
+def test_two_things_are_not_in_the_same_place() -> None:
+    outside = believed_beside(1.2, size=1.5)
+    assert believed_beside(0.15, size=0.05) == pytest.approx(outside, rel=0.2)
+    assert believed_beside(0.15, size=1.5) < 0.1 * outside

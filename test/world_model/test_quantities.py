@@ -13,6 +13,7 @@ from whereabouts.evidence import Reader
 from whereabouts.world_bag import EvidenceWriter
 from whereabouts.world_log import EvidenceLog
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
+from world_model.anchoring.attributes import Quantities
 
 REGION = ((-3.0, 3.0), (-3.0, 3.0), (0.0, 2.0))
 SENSOR = {"pose": (-4.0, 0.0, 1.0, 0.0), "range": 20.0, "angle": 2.0 * np.pi}
@@ -120,3 +121,24 @@ def test_bad_quantities_are_refused_by_name(bad: Any) -> None:
     assert list(model.usable(wrong)[1]) == [0]
     with pytest.raises(InputError, match="quantities"):
         config(quantities={"size": (0.3, 0.0)})
+
+
+@pytest.mark.parametrize(("model", "follows"), [("static", False), ("constant_velocity", True)])
+def test_what_moves_shows_other_sides(model: str, follows: bool) -> None:
+    world = WorldModel(WorldModelConfig(region=REGION, motion={"*": {"model": model}}))
+    for k in range(40):
+        size = 0.3 if k < 30 else 0.4
+        seen = ObjectEvidence((0.0, 0.0, 1.0), 9e-4 * np.eye(3), quantities={"size": (size, 0.04)})
+        state = world.update(WorldEvidence([seen], SENSOR), 0.05 * k)
+    assert (state.objects[0].quantities["size"][0] > 0.38) == follows
+
+
+def test_a_small_size_is_a_quantile_of_all_sizes() -> None:
+    rng = np.random.default_rng(0)
+    spread = np.sqrt(np.log1p((2.0 / 3.0) ** 2))
+    drawn = rng.lognormal(np.log(3.0) - 0.5 * spread**2, spread, 100_000)
+    assert drawn.mean() == pytest.approx(3.0, rel=0.02)
+    assert Quantities({"size": (3.0, 2.0)}).small("size") == pytest.approx(
+        np.quantile(drawn, 0.1587), rel=0.03
+    )
+    assert np.isnan(Quantities({"ratio": (1.0, 0.5)}).small("size"))

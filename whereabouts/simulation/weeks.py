@@ -57,6 +57,8 @@ class Weeks:
     def __post_init__(self) -> None:
         rng = np.random.default_rng([self.seed, 61])
         self._eyes = np.random.default_rng([self.seed, 62])
+        self._furniture: dict[tuple[float, float, float], str] = {}
+        self._stands: dict[str, tuple[Array, list[float]]] = {}
         self._spots = {name: self._spots_of(index) for index, name in enumerate(CARRIED)}
         self._plan = {name: self._planned(name, rng) for name in CARRIED}
         self._when = {name: [stamp for stamp, _ in plan] for name, plan in self._plan.items()}
@@ -65,8 +67,10 @@ class Weeks:
 
     def place_at(self, spot: tuple[float, float, float]) -> str:
         """The furniture that a spot is on, "" for none."""
-        inside = [place for place in self.places.furniture if place.contains(np.array([spot[:2]]))[0]]
-        return inside[0].name if inside else ""
+        if spot not in self._furniture:
+            inside = [place for place in self.places.furniture if place.contains(np.array([spot[:2]]))[0]]
+            self._furniture[spot] = inside[0].name if inside else ""
+        return self._furniture[spot]
 
     def things(self, stamp: float) -> dict[str, tuple[float, float, float] | None]:
         """Where each thing is; None while it is carried."""
@@ -86,7 +90,9 @@ class Weeks:
 
     def look(self, place: str, stamp: float) -> Iterator[tuple[float, Array, WorldEvidence]]:
         """Images of a place from where the robot stands for it: stamp, pose (3,), evidence in the camera's frame."""
-        stop, yaws = self._stand(place)
+        if place not in self._stands:
+            self._stands[place] = self._stand(place)
+        stop, yaws = self._stands[place]
         for k in range(IMAGES * len(yaws)):
             now = stamp + PERIOD * k
             pose = np.array([*stop, yaws[k % len(yaws)] + self._eyes.normal(0.0, 0.1)])

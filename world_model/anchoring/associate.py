@@ -21,7 +21,7 @@ from world_model.anchoring.loops.expansion import expand, unify
 from world_model.anchoring.loops.gating import touch, weigh
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
 from world_model.anchoring.loops.look import Classes, Detections, Look
-from world_model.anchoring.occlusion import hide, restrict
+from world_model.anchoring.occlusion import free, hide, restrict
 from world_model.anchoring.touching import Touching, sharing, touched_by
 from world_model.anchoring.unseen import sensor_array
 from world_model.evidence import Measurements
@@ -66,8 +66,6 @@ class Association:
         born, gap, clutter = anchors.unseen.look(
             measured.positions, heights, sensor, known, measured.silent, stamp, measured.view
         )
-        found = born * anchors.config.detection_probability
-        both = np.maximum(found + clutter, 1e-300)
         seen = Detections(
             stamp,
             lag,
@@ -75,8 +73,8 @@ class Association:
             measured.positions,
             measured.covariances,
             anchors.vocabulary.likelihoods(measured.attributes),
-            np.log(both),
-            found / both,
+            np.zeros(M),
+            np.zeros(M),
         )
         active = np.flatnonzero(leaves.track >= 0)
         if verified:
@@ -89,8 +87,33 @@ class Association:
         self._hide(measured, chosen, clear, sensor)
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
         weigh(leaves, chosen, clear, seen, self._classes, anchors.detector, matrix, missing)
+        seen = self._with_origins(seen, measured, chosen, born, clutter)
         reach = self.touching.metres(spread, anchors.config.measurement_sigma) if self.merging else 0.0
         return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
+
+    def _with_origins(
+        self,
+        seen: Detections,
+        measured: Measurements,
+        chosen: IntArray,
+        born: FloatArray,
+        clutter: float,
+    ) -> Detections:
+        """The detections with how probable it is that each is new or false, (2.6): nothing new is inside of a body."""
+        anchors, view = self.anchors, measured.view
+        found = born * anchors.config.detection_probability
+        false = None if view is None else view.density(seen.positions, seen.covariances)
+        lying = np.full(len(found), clutter) if false is None else anchors.config.clutter_per_frame * false
+        if len(found):
+            bodies = np.array([slot for slot in chosen.tolist() if self._is_shown(slot)], np.int64)
+            found = found * free(anchors.leaves, bodies, seen.positions, seen.covariances, anchors.quantities)
+        both = np.maximum(found + lying, 1e-300)
+        return seen._replace(log_new=np.log(both), existence=found / both)
+
+    def _is_shown(self, slot: int) -> bool:
+        """Whether a leaf is that of an object of the most probable world."""
+        anchors, number = self.anchors, int(self.anchors.leaves.track[slot])
+        return number in anchors.shown and anchors.best_leaf(anchors.tracks[number]) == slot
 
     def _hide(self, measured: Measurements, chosen: IntArray, clear: FloatArray, sensor: FloatArray) -> None:
         """Lower the probability of having been in view of what is out of the view, or behind something: (2.10)."""

@@ -9,7 +9,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from world_model.anchoring.loops.kernels import MEMORY
-from world_model.anchoring.loops.leaves import IntArray, Leaves
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
 from world_model.evidence import Distribution
 
 LEAST = 0.01  # of a detector's probability goes to values it does not name or excludes
@@ -132,6 +132,8 @@ Gaussian = tuple[float, float]
 """Mean and variance, SI units."""
 OUTLIERS = 0.05
 """Share of measurements that say nothing: of an object that is partly hidden, for one."""
+SIDES = 3.0
+"""Measurements of a mover after which its extent forgets: it looks wider or narrower as it turns."""
 UNKNOWN = -1.0
 """Variance of a quantity that was never measured."""
 
@@ -145,6 +147,17 @@ class Quantities:
         self.measured: set[str] = set()
         self._mean = np.array([usual[name][0] for name in self.names])
         self._variance = np.array([usual[name][1] for name in self.names]) ** 2
+
+    def small(self, name: str) -> float:
+        """A small one, NaN where nothing is known: a deviation below the median, if logarithms are normal."""
+        if name not in self.names:
+            return float("nan")
+        column = self.names.index(name)
+        mean, variance = float(self._mean[column]), float(self._variance[column])
+        if mean <= 0.0:
+            return float("nan")
+        spread = np.log1p(variance / mean**2)
+        return float(mean * np.exp(-0.5 * spread - np.sqrt(spread)))
 
     def check(self, where: str, given: Mapping[str, Gaussian]) -> None:
         """Raises InputError for an unknown name, or for what is no Gaussian."""
@@ -203,8 +216,9 @@ class Quantities:
             r = variances[told, q] + 1e-12
             gain = variance / (variance + r)
             leaves.values[at, q] = mean + gain * (values[told, q] - mean)
-            # Errors are not independent for ever.
-            leaves.variances[at, q] = np.maximum((1.0 - gain) * variance, r / MEMORY)
+            # Errors are not independent for ever, and what moves shows other sides.
+            moves = leaves.behavior[at, MOVING] > leaves.behavior[at, REST]
+            leaves.variances[at, q] = np.maximum((1.0 - gain) * variance, r / np.where(moves, SIDES, MEMORY))
 
     def described(self, leaves: Leaves, slot: int) -> dict[str, Gaussian]:
         """What is known of one leaf."""

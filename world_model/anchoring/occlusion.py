@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from scipy.spatial.distance import cdist
+from scipy.special import ndtr
 
 from estimation.checks import FloatArray
 from world_model.anchoring.attributes import Quantities
@@ -14,6 +16,8 @@ from world_model.evidence import View
 SMALL = 0.05
 """m: width and height of an object whose size is not known."""
 SURELY = 0.9
+FARTHEST = 3.0
+"""Standard deviations beyond a body at which nothing is within it."""
 LEAST_SIGMA = 0.01
 
 
@@ -29,11 +33,8 @@ def hide(
 
     sensor (8,) as in `clearance`. What covers is surely there, and of a size that was measured.
     """
-    if "size" not in quantities.names:
-        return
-    column = quantities.names.index("size")
     here = leaves.behavior[:, REST] + leaves.behavior[:, MOVING]
-    covers = np.flatnonzero((leaves.track >= 0) & (leaves.variances[:, column] >= 0.0) & (here > SURELY))
+    covers = measured(leaves, np.flatnonzero((leaves.track >= 0) & (here > SURELY)), quantities)
     if len(covers) == 0:
         return
     width, height = _extents(leaves, covers, quantities)
@@ -53,7 +54,7 @@ def restrict(leaves: Leaves, chosen: IntArray, clear: FloatArray, view: View, qu
         leaves.moving_cov[slots][:, range(3), range(3)],
         leaves.rest_cov[slots][:, range(3), range(3)],
     )
-    sizes = np.full(len(slots), np.nan)
+    sizes = np.full(len(slots), quantities.small("size"))
     if "size" in quantities.names:
         column = quantities.names.index("size")
         known = leaves.variances[slots, column] >= 0.0
@@ -61,16 +62,56 @@ def restrict(leaves: Leaves, chosen: IntArray, clear: FloatArray, view: View, qu
     clear[index] *= view.seen(positions, np.sqrt(np.maximum(spreads.max(1, initial=0.0), 0.0)), sizes)
 
 
-def _extents(leaves: Leaves, slots: IntArray, quantities: Quantities) -> tuple[FloatArray, FloatArray]:
-    """Widths and heights (n,) from the diagonal, and from height by width where that is known."""
-    size = leaves.values[slots, quantities.names.index("size")]
+def free(
+    leaves: Leaves, slots: IntArray, positions: FloatArray, covariances: FloatArray, quantities: Quantities
+) -> FloatArray:
+    """Probability (M,) that what is at positions (M, 3) is outside of the bodies of the leaves `slots`.
+
+    The middles of two things are no nearer to each other than the smaller side of one; whose size nobody measured is
+    small.
+    """
+    result = np.ones(len(positions))
+    if "size" not in quantities.names or len(slots) == 0 or len(positions) == 0:
+        return result
+    side = _extents(leaves, slots, quantities).min(0)
+    moving = (leaves.behavior[slots, MOVING] > leaves.behavior[slots, REST])[:, None]
+    middle = np.where(moving, leaves.moving[slots, :3], leaves.rest[slots])
+    spread = np.where(moving, _variances(leaves.moving_cov[slots]), _variances(leaves.rest_cov[slots])).max(1)
+    away = cdist(middle, positions)
+    blur = np.sqrt(spread[:, None] + _variances(covariances).max(1))
+    body, at = np.nonzero(away < side[:, None] + FARTHEST * blur)
+    off, width, scale = away[body, at], side[body], blur[body, at]
+    inside = ndtr((width - off) / scale) - ndtr((-width - off) / scale)
+    here = leaves.behavior[slots, REST] + leaves.behavior[slots, MOVING]
+    np.multiply.at(result, at, 1.0 - here[body] * inside)
+    return result
+
+
+def _variances(covariances: FloatArray) -> FloatArray:
+    """Of the position (n, 3), from covariances (n, 3, 3) or (n, 6, 6)."""
+    diagonal: FloatArray = covariances.diagonal(axis1=1, axis2=2)[:, :3]
+    return diagonal
+
+
+def measured(leaves: Leaves, slots: IntArray, quantities: Quantities) -> IntArray:
+    """Of these leaves those of a measured size."""
+    if "size" not in quantities.names:
+        return slots[:0]
+    return slots[leaves.variances[slots, quantities.names.index("size")] >= 0.0]
+
+
+def _extents(leaves: Leaves, slots: IntArray, quantities: Quantities) -> FloatArray:
+    """Widths and heights (2, n) from the diagonal, and from height by width where that is known."""
+    column = quantities.names.index("size")
+    known = leaves.variances[slots, column] >= 0.0
+    size = np.where(known, leaves.values[slots, column], quantities.small("size"))
     ratio = np.ones(len(slots))
     if "ratio" in quantities.names:
         column = quantities.names.index("ratio")
         known = leaves.variances[slots, column] >= 0.0
         ratio = np.where(known, np.maximum(leaves.values[slots, column], 0.05), 1.0)
     width = np.maximum(size, 0.0) / np.sqrt(2.0 + ratio**2)
-    return width, ratio * width
+    return np.stack([width, ratio * width])
 
 
 @numba.njit(cache=True)

@@ -107,7 +107,7 @@ def sharing(leaves: Leaves, slots: IntArray, here: npt.NDArray[np.bool_]) -> Flo
 LONGEST = 0.3
 """s: no mover that nobody looks at is shown for longer."""
 LOOKS = 1.5
-"""Looks of a sensor for which a mover that it saw is shown."""
+"""Looks of the other sensors for which a mover that one has lost is shown."""
 NEAR, TURNED = 0.5, 0.35
 """m and rad between two looks of one sensor at the most. Sensors have no names."""
 Pose = tuple[float, float, float]
@@ -139,8 +139,9 @@ class Rounds:
             period = stamp - last[1] or last[2]
         else:
             period = LONGEST
+        # What this sensor saw and does not look for now has left its view; another may be about to look.
+        self.patience = min(LONGEST, LOOKS * max((entry[2] for entry in known), default=0.0))
         self._sensors = [*known, (pose, stamp, period)]
-        self.patience = min(LONGEST, LOOKS * max(entry[2] for entry in self._sensors))
 
 
 def _one(a: Pose | None, b: Pose | None) -> bool:

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
+from world_model.anchoring.attributes import Quantities
 from world_model.anchoring.loops.kernels import clearance
 from world_model.config import WorldModelConfig
 from world_model.evidence import Sensor, View
@@ -37,6 +38,7 @@ class Unseen:
             low + (np.arange(n) + 0.5) * s
             for low, n, s in zip(self.region[:2, 0], counts, self.size, strict=True)
         )
+        self._small = Quantities(config.quantities).small("size")
         self.centres = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1)
         self.reset()
 
@@ -97,9 +99,10 @@ class Unseen:
             height = min(height, float(extent[2])) if height > 0.0 else float(extent[2])
             surface = min(surface, float(extent[0] * extent[1]))
         shares = cells_in_view(self.centres, self.size, sensor) if known else np.ones(self.expected.shape)
+        # False detections fall anywhere in the cone, also where a thing would be hidden or too small.
+        seen = area * float(shares.sum())
         if view is not None and not silent:
             self._restrict(shares, view)
-        seen = area * float(shares.sum())
         volume = max(min(surface, seen) if seen > 0.0 else surface, area) * height
         cells = self.cells(positions)
         scale = self.scale
@@ -125,7 +128,7 @@ class Unseen:
         heights = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * (high - low)
         cells = np.nonzero(shares > 0.0)
         if len(cells[0]):
-            shares[cells] *= view.cells(self.centres[cells], heights)
+            shares[cells] *= view.cells(self.centres[cells], heights, self._small)
 
     @property
     def scale(self) -> FloatArray:

@@ -108,12 +108,25 @@ class CameraView:
             self.rates.look(surely, self.apparent(positions, sizes)[clear], found)
         self.rates.name(objects, {name: given for name, given in zip(found, said, strict=True) if name})
 
-    def cells(self, centres: FloatArray, heights: FloatArray) -> FloatArray:
-        """Share (N,) of the heights at places (N, 2) where a thing of unknown size would have been detected."""
+    def cells(self, centres: FloatArray, heights: FloatArray, size: float) -> FloatArray:
+        """Share (N,) of the heights at places (N, 2) where a thing of that size, m, would have been detected."""
+        size = size if np.isfinite(size) else SIZE
         points = np.concatenate([np.column_stack([centres, np.full(len(centres), z)]) for z in heights])
-        seen, known = self._unhidden(points, np.full(len(points), SLACK + 0.5 * SIZE))
-        chance = (seen & known) * self.recognisable(points, np.full(len(points), SIZE))
+        seen, known = self._unhidden(points, np.full(len(points), SLACK + 0.5 * size))
+        chance = (seen & known) * self.recognisable(points, np.full(len(points), size))
         result: FloatArray = chance.reshape(len(heights), -1).mean(0)
+        return result
+
+    def density(self, positions: FloatArray, covariances: FloatArray) -> FloatArray | None:
+        """Density (M,), 1/m³, of a false detection: anywhere in the picture, and there at the depth of what is seen."""
+        if self.depth is None:
+            return None
+        away = positions - self.pose[:3, 3]
+        ahead = np.maximum(away @ self.pose[:3, 2], NEAR)
+        ray = away / np.maximum(np.linalg.norm(away, axis=1), NEAR)[:, None]
+        deep = np.sqrt(2.0 * np.pi * np.einsum("ma,mab,mb->m", ray, covariances, ray))
+        pixels = self.camera.fx * self.camera.fy / ahead**2  # of a square metre there
+        result: FloatArray = pixels / (self.camera.width * self.camera.height * deep)
         return result
 
     @cached_property

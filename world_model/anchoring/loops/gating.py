@@ -99,19 +99,21 @@ def _bounds(covariances):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _too_far(leaves, i, z, sharpest, spread):  # type: ignore[no-untyped-def]
-    """Whether a detection is out of the gate by bounds alone: no eigenvalue of S exceeds its trace, det S >= det R."""
-    P = leaves.rest_cov[i]
-    if leaves.behavior[i, REST] > 0.0 and _reaches(leaves.rest[i], P, z, sharpest, spread):
-        return False
-    P = leaves.moving_cov[i]
-    return not (leaves.behavior[i, MOVING] > 0.0 and _reaches(leaves.moving[i], P, z, sharpest, spread))
-
-
-@numba.njit(cache=True)
-def _reaches(x, P, z, sharpest, spread):  # type: ignore[no-untyped-def]
-    square = (z[0] - x[0]) ** 2 + (z[1] - x[1]) ** 2 + (z[2] - x[2]) ** 2
-    return sharpest - 0.5 * square / (P[0, 0] + P[1, 1] + P[2, 2] + spread) >= OUT_OF_GATE
+def _near(leaves, i, positions, sharpest, spread, near):  # type: ignore[no-untyped-def]
+    """Which detections are not out of the gate by bounds alone, into `near` (M,): no eigenvalue of S exceeds its trace,
+    and det S >= det R."""
+    near[:] = False
+    for m in (REST, MOVING):
+        if leaves.behavior[i, m] <= 0.0:
+            continue
+        x = leaves.rest[i] if m == REST else leaves.moving[i, :3]
+        P = leaves.rest_cov[i] if m == REST else leaves.moving_cov[i]
+        x0, x1, x2, trace = x[0], x[1], x[2], P[0, 0] + P[1, 1] + P[2, 2]
+        for j in range(near.size):
+            dx, dy, dz = positions[j, 0] - x0, positions[j, 1] - x1, positions[j, 2] - x2
+            square = dx * dx + dy * dy + dz * dz
+            if sharpest[j] - 0.5 * square / (trace + spread[j]) >= OUT_OF_GATE:
+                near[j] = True
 
 
 @numba.njit(cache=True)
@@ -126,6 +128,7 @@ def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # t
     stamp, lag = seen.stamp, seen.lag
     out, S, inverse = np.empty(2), np.empty((3, 3)), np.empty((3, 3))
     sharpest, spread = _bounds(covariances)
+    near = np.ones(positions.shape[0], np.bool_)
     for k in range(chosen.size):
         i = chosen[k]
         dt = stamp - leaves.stamp[i]
@@ -141,9 +144,11 @@ def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # t
         missing[k, 1] = detectable
         # A detection at the edge of the field of view is no contradiction.
         found = np.log(detected)
+        if lag == 0.0:
+            _near(leaves, i, positions, sharpest, spread, near)
         for j in range(positions.shape[0]):
             matrix[k, j] = -np.inf
-            if lag == 0.0 and _too_far(leaves, i, positions[j], sharpest[j], spread[j]):
+            if not near[j]:
                 continue
             log_likelihoods(leaves, i, positions[j], covariances[j], lag, out, S, inverse)
             top = max(out[0], out[1])
