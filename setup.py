@@ -24,7 +24,7 @@ packages = [
 ]
 # In wheels the simulation belongs to the experiments (evaluation/setup.py); elsewhere the tree stays whole.
 if "bdist_wheel" in sys.argv:
-    packages.remove("whereabouts.simulation")
+    packages = [package for package in packages if not package.startswith("whereabouts.simulation")]
 
 setup(
     name=NAME,
@@ -93,7 +93,7 @@ setup(
     entry_points={
         "console_scripts": [
             "whereabouts = whereabouts.cli.main:main",
-            "bring_up = whereabouts.nodes.bring_up:main",
+            "bring_up = whereabouts.nodes.runtime.bring_up:main",
             *(f"{node} = whereabouts.nodes.{node}_node:main" for node in NODES),
         ],
     },

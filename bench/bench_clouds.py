@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from whereabouts.nodes.conversions import cloud_message, points_from_message
+from whereabouts.nodes.messages.conversions import cloud_message, points_from_message
 
 COUNT = 100_000
 REPEATS = 25

@@ -33,8 +33,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from evaluation.browser import CHROMIUM, Browser
-from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.suite import prepare_environment
+from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.runtime.suite_run import prepare_environment
 from whereabouts_msgs.msg import (
     DiscreteDistribution,
     PredictedPath,
@@ -53,7 +53,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from whereabouts.console.heard import TOPICS
-from whereabouts.nodes.interfaces import message_class
+from whereabouts.nodes.messages.message_types import message_class
 rclpy.init()
 node = Node("bare")
 for topic, name in TOPICS.items():

@@ -15,16 +15,16 @@ import numpy as np
 from registration.crf import JointModel
 from registration.crf.online import ScanSegmenter
 from whereabouts.simulation import Lidar, random_room
-from whereabouts.simulation.labelled_pairs import labelled
 from whereabouts.simulation.movers import crowd, outlines
-from whereabouts.simulation.pairs import free_pose
+from whereabouts.simulation.scenes.labelled_pairs import labelled
+from whereabouts.simulation.scenes.scan_pairs import free_pose
 from whereabouts.simulation.shapes import joined
 
 READY = """
 import time
 begun = time.perf_counter()
 from registration.crf.online import ScanSegmenter
-from registration.warm_up import warm_up_segmenter
+from registration.registration_warm_up import warm_up_segmenter
 warm_up_segmenter(ScanSegmenter())
 print(time.perf_counter() - begun)
 """

@@ -24,12 +24,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from estimation import kalman
-from estimation.assignment import k_best
-from estimation.conversion import condition_ratio, convert, mardia_test
-from estimation.map_frame import convert_to_map, convert_with_ratio
-from estimation.poses import compound, compound_jacobians, pose_from_matrix, pose_to_matrix
-from estimation.switching import ConstantVelocity, SwitchingBank, SwitchingFilter
+from estimation.conversion.map_frame import convert_to_map, convert_with_ratio
+from estimation.conversion.polar import condition_ratio, convert, mardia_test
+from estimation.conversion.switching import ConstantVelocity, SwitchingBank, SwitchingFilter
+from estimation.filters import kalman
+from estimation.filters.assignment import k_best
+from estimation.geometry.poses import compound, compound_jacobians, pose_from_matrix, pose_to_matrix
 
 COUNT = 1000
 ROBOT, ROBOT_COVARIANCE = np.array([0.5, -0.2, 0.3]), np.diag([0.0049, 0.0049, 0.0012])
@@ -136,7 +136,7 @@ def kalman_mode() -> list[tuple[str, float, str, float, str]]:
             b,
             "≤ 5 µs",
         ),
-        ("the same", a / COUNT, "estimation.kalman on arrays, no K, no switching", c / COUNT, ""),
+        ("the same", a / COUNT, "estimation.filters.kalman on arrays, no K, no switching", c / COUNT, ""),
     ]
 
 

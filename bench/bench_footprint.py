@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from whereabouts.cli.run import NODES
-from whereabouts.nodes.suite import prepare_environment
+from whereabouts.nodes.runtime.suite_run import prepare_environment
 
 RESULT = Path(__file__).with_suffix(".txt")
 SETTLE = 3.0
@@ -111,14 +111,14 @@ rclpy.spin(node)
 def command(name: str) -> list[str]:
     if name == "bare":
         return [sys.executable, "-c", BARE]
-    from whereabouts.nodes.supervisor import NodeSpec
+    from whereabouts.nodes.runtime.supervisor import NodeSpec
 
     return NodeSpec(name).command()
 
 
 def from_one_host() -> str:
     """All nodes as `whereabouts run` starts them; the host is counted with them."""
-    from whereabouts.nodes.supervisor import NodeSpec, Supervisor
+    from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 
     with tempfile.TemporaryDirectory() as folder, Supervisor(Path(folder), hosted=True) as supervisor:
         started = time.monotonic()

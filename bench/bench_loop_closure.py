@@ -35,8 +35,8 @@ from loop_closure import (
     pair_features_many,
     shipped_model,
 )
-from loop_closure.matching import match_features
-from loop_closure.outlines import outline_of_scan
+from loop_closure.places.matching import match_features
+from loop_closure.places.outlines import outline_of_scan
 from registration import Scan
 
 MAX_RANGE = 50.0

@@ -22,15 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import theilslopes
 
-from estimation.metrics import absolute_trajectory_error
-from estimation.poses import between, compound, inverse
-from loop_closure.slam import Slam
-from loop_closure.warm_up import warm_up
+from estimation.geometry.poses import between, compound, inverse
+from estimation.metrics.statistics import absolute_trajectory_error
+from loop_closure.loop_closure_warm_up import warm_up
+from loop_closure.slam.trajectory import Slam
 from registration import Scan
-from whereabouts.follow import Follower
 from whereabouts.logs import OdometryRecord, ScanRecord
-from whereabouts.mapping import MapGrid
-from whereabouts.simulation.apartment_day import LASER_MOUNT, Day
+from whereabouts.recorded.follow import Follower
+from whereabouts.recorded.mapping import MapGrid
+from whereabouts.simulation.home.apartment_day import LASER_MOUNT, ApartmentDay
 
 RESULT = Path(__file__).with_suffix(".txt")
 ROUND = 150.0  # s that a round through the apartment takes at least
@@ -49,7 +49,7 @@ def day(hours: float) -> Iterator[tuple[Scan, Array, Array, Array]]:
     """Scans with the sensor's pose by odometry, its covariance, and the true pose."""
     seconds = 3600.0 * hours
     follower = Follower()
-    for moment in Day(rounds=max(3, math.ceil(seconds / ROUND))).moments(seconds):
+    for moment in ApartmentDay(rounds=max(3, math.ceil(seconds / ROUND))).moments(seconds):
         follower.add_wheels(OdometryRecord(moment.wheels, moment.time))
         if moment.scan is None:
             continue

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.metrics import absolute_trajectory_error
-from evaluation.experiments.slam_following import followed
-from evaluation.experiments.slam_judging import Followed
-from loop_closure.slam import Slam
-from loop_closure.warm_up import warm_up, warm_up_recognition
+from estimation.metrics.statistics import absolute_trajectory_error
+from evaluation.slam.slam_following import followed
+from evaluation.slam.slam_judging import Followed
+from loop_closure.loop_closure_warm_up import warm_up, warm_up_recognition
+from loop_closure.slam.trajectory import Slam
 from whereabouts.killian import graph_file
-from whereabouts.mapping import MapGrid
 from whereabouts.nodes.loop_closure_node import DRAWN, PACE
+from whereabouts.recorded.mapping import MapGrid
 
 EVERY = 80  # scans between maps that are drawn at once
 

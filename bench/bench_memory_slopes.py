@@ -31,20 +31,20 @@ from rclpy.serialization import deserialize_message
 from scipy.stats import theilslopes
 from sensor_msgs.msg import LaserScan
 
-from estimation.poses import between, compound, pose_to_quaternion
+from estimation.geometry.poses import between, compound, pose_to_quaternion
 from registration import Scan
-from whereabouts.nodes.base import SuiteNode
-from whereabouts.nodes.conversions import array_of, spatial
 from whereabouts.nodes.loop_closure_node import LoopClosureNode
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.conversions import array_of, spatial
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.world_model_node import WorldModelNode
-from whereabouts.simulation.apartment import CAMERA_HEIGHT
-from whereabouts.simulation.apartment_bag import START, TARGETS
-from whereabouts.simulation.apartment_day import LASER_MOUNT, THINGS, Day
+from whereabouts.recorded.world_bag import SuiteMessages
+from whereabouts.recorded.world_log import EVIDENCE
+from whereabouts.simulation.home.apartment_bag import START, TARGETS
+from whereabouts.simulation.home.apartment_day import LASER_MOUNT, THINGS, ApartmentDay
+from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
 from whereabouts.simulation.people import positions
-from whereabouts.world_bag import SuiteMessages
-from whereabouts.world_log import EVIDENCE
 from whereabouts_msgs.msg import TargetArray
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 
@@ -72,7 +72,7 @@ def place(node: SuiteNode, parent: str, child: str, stamp: int, pose: np.ndarray
 
 def world_model_feed(node: WorldModelNode, looks: int) -> Feed:
     """Evidence and people of the apartment, twice a second."""
-    day, rng = Day(rounds=3), np.random.default_rng(0)
+    day, rng = ApartmentDay(rounds=3), np.random.default_rng(0)
     make = SuiteMessages(EVIDENCE, TARGETS)
     for k in range(looks):
         moment = LOOK_PERIOD * k
@@ -118,7 +118,7 @@ def targets(make: SuiteMessages, people: np.ndarray, moment: float, stamp: float
 def loop_closure_feed(node: LoopClosureNode, hours: float) -> Feed:
     """Scans of the apartment's three rounds, again and again with new noise, by an odometry that drifts."""
     rng = np.random.default_rng(0)
-    lap = [(m.pose, m.scan) for m in Day(rounds=3).moments() if m.scan is not None][::8]
+    lap = [(m.pose, m.scan) for m in ApartmentDay(rounds=3).moments() if m.scan is not None][::8]
     odometry, before = np.zeros(3), lap[0][0]
     for k in range(int(3600.0 * hours)):
         pose, scan = lap[k % len(lap)]

@@ -27,7 +27,7 @@ CLOUD_RATE, CLOUD_COUNT, CLOUD_BYTES = 10.0, 100, 1_200_000
 
 def environment(profile: bool) -> None:
     """Private domain; the shipped DDS profile or Fast DDS's defaults."""
-    from whereabouts.resources import config_file
+    from whereabouts.system.resources import config_file
 
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
@@ -82,7 +82,7 @@ def scan_messages(count: int, beams: int) -> list[Any]:
     """Scans of a drive through a floor, ready to publish."""
     from sensor_msgs.msg import LaserScan
 
-    from whereabouts.nodes.conversions import array_of
+    from whereabouts.nodes.messages.conversions import array_of
     from whereabouts.simulation import Drive, Lidar, random_floor
 
     rng = np.random.default_rng(1)
@@ -181,7 +181,7 @@ def cloud_delivery() -> float:
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import PointCloud2
 
-    from whereabouts.nodes.conversions import array_of
+    from whereabouts.nodes.messages.conversions import array_of
 
     prober = Prober()
     with process([sys.executable, __file__, "--echo"]):

@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from tracking import PeopleTracker
-from tracking.people_warm_up import warm_up
-from whereabouts.simulation.people_scenes import crowded_room
+from tracking.people.people_warm_up import warm_up
+from whereabouts.simulation.scenes.people_scenes import crowded_room
 
 
 def main() -> None:

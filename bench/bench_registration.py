@@ -16,7 +16,7 @@ from registration import Odometry, align, align_globally
 from whereabouts.datasets import recording
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
-from whereabouts.simulation.pairs import CROWDED, EASY, HARD, random_pair
+from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, HARD, random_pair
 
 
 def reference() -> float:

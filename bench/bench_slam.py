@@ -12,15 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimation.poses import between
-from estimation.tiles import TiledGrid
-from loop_closure.esdf import EsdfGraph
-from loop_closure.graph import Edge, SmoothedGraph
-from loop_closure.uncertainty import Uncertainty
-from loop_closure.warm_up import warm_up
-from registration.align_submaps import align_submaps
-from registration.prepared import prepare_scan
-from registration.submap import FAR, fuse
+from estimation.geometry.poses import between
+from estimation.geometry.tiles import TiledGrid
+from loop_closure.graph.esdf import EsdfGraph
+from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.graph.uncertainty import Uncertainty
+from loop_closure.loop_closure_warm_up import warm_up
+from registration.laser.prepared import prepare_scan
+from registration.laser.submap import FAR, fuse
+from registration.placement.align_submaps import align_submaps
 from whereabouts.simulation import Drive, Lidar, random_floor
 
 

@@ -23,7 +23,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.memory.store import Store
 

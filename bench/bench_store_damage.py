@@ -23,8 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from evaluation.store_damage import KINDS, SUFFIXES, Fact, damage, facts_of
-from whereabouts.nodes.suite import prepare_environment
-from whereabouts.nodes.supervisor import NodeSpec, Supervisor
+from whereabouts.nodes.runtime.suite_run import prepare_environment
+from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from world_model.memory.store import Store
 from world_model.memory.store_file import StoreError
 from world_model.state import WorldObject, WorldState

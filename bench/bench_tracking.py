@@ -23,14 +23,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from estimation.metrics import ospa
-from evaluation.experiments.phd_recorded import SCENES, config_of
-from evaluation.stone_soup_phd import StoneSoupPhd
+from estimation.metrics.statistics import ospa
+from evaluation.peers.stone_soup_phd import StoneSoupPhd
+from evaluation.phd.phd_recorded import SCENES, config_of
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
-from tracking.correction import CellStatistics, cell_log_factor
-from tracking.correction_kernels import centroid_log_likelihood
-from tracking.evaluation import positions
-from tracking.partitions import PartitionBuilder
+from tracking.phd.correction import CellStatistics, cell_log_factor
+from tracking.phd.correction_kernels import centroid_log_likelihood
+from tracking.phd.partitions import PartitionBuilder
+from tracking.tracker_evaluation import positions
 from whereabouts.datasets import recording
 
 NOISE = 20.0

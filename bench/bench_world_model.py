@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from evaluation.experiments.anchoring_scenes import ALL_ROUND, FLOOR, HALL, HARD, ROOM, known, turning
+from evaluation.anchoring.anchoring_scenes import ALL_ROUND, FLOOR, HALL, HARD, ROOM, known, turning
 from whereabouts.simulation.objects import ObjectScene, scattered
 from world_model import WorldModel, WorldModelConfig
 

@@ -25,12 +25,12 @@ from scipy.stats import theilslopes
 
 from whereabouts.cli.run import NODES
 from whereabouts.logs import McapWriter, RawMessage, open_raw
-from whereabouts.nodes.interfaces import UnknownTypeError, message_class
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.suite import SuiteRun, prepare_environment, replay_spec, run_suite
-from whereabouts.progress import progress_bar
-from whereabouts.simulation.apartment_bag import record
-from whereabouts.simulation.apartment_day import Day
+from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.runtime.suite_run import SuiteRun, prepare_environment, replay_spec, run_suite
+from whereabouts.simulation.home.apartment_bag import record
+from whereabouts.simulation.home.apartment_day import ApartmentDay
+from whereabouts.system.progress import progress_bar
 
 RESULT = Path(__file__).with_suffix(".txt")
 PICTURE = Path(__file__).parent / "soak.png"
@@ -154,7 +154,7 @@ def main() -> None:
         seconds = 3600.0 * options.hours
         if options.bag is None:
             print("simulating a long day")
-            record(long, seconds, Day(rounds=max(3, math.ceil(seconds / ROUND))))
+            record(long, seconds, ApartmentDay(rounds=max(3, math.ceil(seconds / ROUND))))
         else:
             once = repeat(options.bag, long, 1)
             seconds = repeat(options.bag, long, max(1, round(seconds / once)))

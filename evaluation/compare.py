@@ -20,7 +20,7 @@ BUSY = 0.3
 
 
 @dataclass(frozen=True)
-class Change:
+class FigureChange:
     """A figure that left its spread. verdict : "better", "worse", "changed", "new" or "gone"."""
 
     experiment: str
@@ -48,9 +48,9 @@ def load(path: Path) -> dict[str, Result]:
     return {result.name: result for result in found.values()}
 
 
-def compare(old: Mapping[str, Result], new: Mapping[str, Result]) -> list[Change]:
+def compare(old: Mapping[str, Result], new: Mapping[str, Result]) -> list[FigureChange]:
     """All figures of the experiments in both that left their spread, and those that are in one only."""
-    changes: list[Change] = []
+    changes: list[FigureChange] = []
     for name in (name for name in old if name in new):
         before, after = old[name].figures, new[name].figures
         for key in dict.fromkeys((*before, *after)):
@@ -91,7 +91,7 @@ def spread(figure: Mapping[str, Any]) -> float:
 
 def _change(
     experiment: str, key: str, old: Mapping[str, Any] | None, new: Mapping[str, Any] | None
-) -> Change | None:
+) -> FigureChange | None:
     one = new or old
     assert one is not None
     unit, data = one.get("unit", ""), one.get("data", "")
@@ -100,16 +100,16 @@ def _change(
             return None
         verdict = "new" if old is None or old["value"] is None else "gone"
         before, after = (each["value"] if each else None for each in (old, new))
-        return Change(experiment, key, before, after, 0.0, unit, verdict, data)
+        return FigureChange(experiment, key, before, after, 0.0, unit, verdict, data)
     allowed = math.hypot(spread(old), spread(new))
     difference = new["value"] - old["value"]
     if abs(difference) <= allowed:
         return None
     direction = {"lower": -1.0, "higher": 1.0}.get(one.get("better", ""), 0.0)
     verdict = "changed" if not direction else "better" if difference * direction > 0.0 else "worse"
-    return Change(experiment, key, old["value"], new["value"], allowed, unit, verdict, data)
+    return FigureChange(experiment, key, old["value"], new["value"], allowed, unit, verdict, data)
 
 
-def ordered(changes: Sequence[Change]) -> list[Change]:
+def ordered(changes: Sequence[FigureChange]) -> list[FigureChange]:
     """What is worse first, then what is better, what changed and what is in one only."""
     return sorted(changes, key=lambda change: (VERDICTS.index(change.verdict), change.experiment, change.key))

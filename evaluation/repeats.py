@@ -21,19 +21,19 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from whereabouts.demo.replay import Script, full_script, replay
-from whereabouts.demo.suite import RECORDED
+from whereabouts.demo.demo_suite import RECORDED
+from whereabouts.demo.replay import DemoScript, full_script, replay
 from whereabouts.logs import open_raw
-from whereabouts.nodes.interfaces import message_class
-from whereabouts.nodes.suite import prepare_environment
-from whereabouts.simulation.apartment_bag import START, record
+from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.nodes.runtime.suite_run import prepare_environment
+from whereabouts.simulation.home.apartment_bag import START, record
 
 # What diagnostics tell of the machine and not of the robot: a figure whose name holds one of these.
 BY_WALL_CLOCK = (
     "rate [Hz]", "latency", "[ms]", " ms", "slowest", "checks of the store", "snapshots", "/turn ",
 )  # fmt: skip
 # s of the bag at which the thing is verified and searched in an excerpt, which it has in view then.
-EXCERPT = Script("cup", START + 10.5, START + 11.0)
+EXCERPT = DemoScript("cup", START + 10.5, START + 11.0)
 TOLD = 10
 # A message as (field, value) pairs, and so on down to numbers, texts and the bytes of arrays.
 Plain = Any

@@ -18,7 +18,7 @@ ARROWS = {"↓": "lower", "↑": "higher"}
 
 
 @dataclass(frozen=True)
-class Options:
+class RunOptions:
     """How to run a part of an experiment.
 
     out : folder for pictures. seed : of every random draw. jobs : processes to use.
@@ -122,7 +122,7 @@ class Part:
     below the folder of recordings; where they are absent the part is left out, and the report says so.
     """
 
-    run: Callable[[Options, Report], None]
+    run: Callable[[RunOptions, Report], None]
     random: bool = True
     quick_seeds: int = SEEDS
     needs: tuple[str, ...] = ()

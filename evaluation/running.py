@@ -20,9 +20,9 @@ from typing import Any
 from estimation.errors import InputError
 from evaluation import results
 from evaluation.digest import data_digest, file_digest, source_digest
-from evaluation.report import SEEDS, Options, Part, Report
-from whereabouts.atomic import atomic_path
-from whereabouts.progress import progress_bar, silence
+from evaluation.report import SEEDS, Part, Report, RunOptions
+from whereabouts.system.atomic import atomic_path
+from whereabouts.system.progress import progress_bar, silence
 
 UNFINISHED = ".unfinished"
 """Folder below the output with the reports of parts that are done, until the experiment is."""
@@ -80,7 +80,7 @@ def experiments() -> dict[str, ModuleType]:
     return modules
 
 
-def run_all_parts(name: str, options: Options) -> Report:
+def run_all_parts(name: str, options: RunOptions) -> Report:
     """All parts of an experiment at one seed in one report, without files: for tests and for a quick look."""
     whole = Report(name)
     for part in parts_of(name).values():
@@ -209,7 +209,7 @@ def _kept_or_run(asked: Run, key: str, part: Part, seed: int, digest: str) -> di
         folder.mkdir(parents=True, exist_ok=True)
         report = Report(asked.name)
         seeds = len(_seeds(part, asked))
-        options = Options(folder, seed, asked.jobs, asked.quick, asked.data, seeds, kept.parent)
+        options = RunOptions(folder, seed, asked.jobs, asked.quick, asked.data, seeds, kept.parent)
         part.run(options, report)
     if seed != asked.seed:
         report.pictures = []

@@ -2,13 +2,14 @@
 
 import sys
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
-packages = ["evaluation", "evaluation.chaos", "evaluation.experiments"]
+packages = ["evaluation", *(f"evaluation.{package}" for package in find_packages("."))]
 folders = {"evaluation": "."}
 # An editable install has the simulation from the checkout's `whereabouts`, as has a colcon workspace.
 if "bdist_wheel" in sys.argv:
-    packages.append("whereabouts.simulation")
+    rooms = find_packages("../whereabouts/simulation")
+    packages += ["whereabouts.simulation", *(f"whereabouts.simulation.{room}" for room in rooms)]
     folders["whereabouts.simulation"] = "../whereabouts/simulation"
 
 setup(packages=packages, package_dir=folders, package_data={"whereabouts.simulation": ["defaults/*.yaml"]})

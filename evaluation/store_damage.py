@@ -54,7 +54,7 @@ class Sample:
 
 
 @dataclass
-class Tally:
+class DamageTally:
     """What a number of damages did."""
 
     damages: int = 0
@@ -204,7 +204,7 @@ def _touched(data: bytes, suffix: str, at: int, size: int) -> set[int]:
     return {int.from_bytes(data[start : start + 4], "big") for start in starts}
 
 
-def judge(sample: Sample, rng: np.random.Generator, folder: Path, tally: Tally) -> None:
+def judge(sample: Sample, rng: np.random.Generator, folder: Path, tally: DamageTally) -> None:
     """Damage a copy of a store, open it, and count what came of it."""
     what, files, touched = damage(sample.files, rng)
     shutil.rmtree(folder, ignore_errors=True)
@@ -252,9 +252,9 @@ def judge(sample: Sample, rng: np.random.Generator, folder: Path, tally: Tally) 
             tally.examples.append(f"{sample.name}, {what}: {tally.kept[-1]:.1%} of the facts elsewhere kept")
 
 
-def run(damages: int, seed: int = 0, told: int = 0) -> Tally:
+def run(damages: int, seed: int = 0, told: int = 0) -> DamageTally:
     """Damage stores of all kinds in turn. told : say how far it is as often."""
-    tally, rng = Tally(), np.random.default_rng(seed)
+    tally, rng = DamageTally(), np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         samples = [

@@ -3,7 +3,7 @@
 from launch import LaunchDescription
 
 from whereabouts.node_names import NODES
-from whereabouts.nodes.launching import description
+from whereabouts.nodes.runtime.launching import description
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -2,7 +2,7 @@
 
 from launch import LaunchDescription
 
-from whereabouts.nodes.launching import description
+from whereabouts.nodes.runtime.launching import description
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -1,15 +1,15 @@
 """Place features, the loop-closure classifier, candidate retrieval, pose graph and map. Knows no ROS."""
 
-from estimation.boosting import AdaBoost
-from loop_closure.comparison import PlaceDatabase, pair_features, pair_features_many
-from loop_closure.features import PlaceFeatures, features_2d, features_3d, scan_order
-from loop_closure.localization import Localizer, Located
-from loop_closure.map_file import read_map, write_map
-from loop_closure.outlines import LocalMap, Outline
-from loop_closure.place_model import PlaceModel
-from loop_closure.recognizer import PlaceRecognizer
-from loop_closure.shipped import shipped_model
-from loop_closure.slam import Closure, Slam, SlamUpdate
+from estimation.learning.boosting import AdaBoost
+from loop_closure.maps.localization import Localizer, Located
+from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.places.comparison import PlaceDatabase, pair_features, pair_features_many
+from loop_closure.places.features import PlaceFeatures, features_2d, features_3d, scan_order
+from loop_closure.places.outlines import LocalMap, Outline
+from loop_closure.places.place_model import PlaceModel
+from loop_closure.places.recognizer import PlaceRecognizer
+from loop_closure.places.shipped import shipped_model
+from loop_closure.slam.trajectory import Closure, Slam, SlamUpdate
 from loop_closure.slam_config import SlamConfig
 
 __all__ = [

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from loop_closure.motions import length, motion, turn
-from registration.local_map import LocalMap
-from registration.prepared import PreparedScan, prepare_scan
-from registration.scan import Scan
-from registration.submap import RADIUS, Submap, fuse
+from registration.laser.local_map import LineMap
+from registration.laser.prepared import PreparedScan, prepare_scan
+from registration.laser.scan import Scan
+from registration.laser.submap import RADIUS, Submap, fuse
 
 MOST = 24  # scans in one direction from the anchor: a robot that turns on the spot keeps many
 CACHED = 100  # local maps kept for the next who asks; few are asked for again later than that
@@ -47,7 +47,7 @@ class Keyframes:
         self._count = 0
         # Keyframes the step to which was guessed, and its standard deviation in metres.
         self.breaks: dict[int, float] = {}
-        self._workspace = LocalMap(RADIUS, np.inf)
+        self._workspace = LineMap(RADIUS, np.inf)
         self._cache: OrderedDict[tuple[int, ...], Submap] = OrderedDict()
 
     def __len__(self) -> int:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from estimation.poses import between, compound, inverse, pose_from_matrix
+from estimation.geometry.poses import between, compound, inverse, pose_from_matrix
 
 MOST = 0.25  # m², rad²: of one step, so that sums stay well conditioned
 

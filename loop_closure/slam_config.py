@@ -1,4 +1,4 @@
-"""Settings of `loop_closure.slam`."""
+"""Settings of `loop_closure.slam.trajectory`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 from estimation.errors import InputError
 
 Proposals = Literal["both", "path", "places"]
-"""What says where a loop may close; see `loop_closure.slam.Slam`."""
+"""What says where a loop may close; see `loop_closure.slam.trajectory.Slam`."""
 
 
 def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from registration.motion import Array
+from estimation.checks import FloatArray
 
 UNKNOWN = np.diag([1.0, 1.0, 1.0])  # m², rad²: of a motion nothing is known about
 
@@ -24,8 +24,8 @@ class Registration:
     reason : why it did not converge, or what it leaves open; empty where there is nothing to say.
     """
 
-    transform: Array
-    covariance: Array
+    transform: FloatArray
+    covariance: FloatArray
     fitness: float
     converged: bool
     reason: str = ""

@@ -1,11 +1,11 @@
 """Extended-target PHD filters, people in laser scans, motion prediction. Knows no ROS."""
 
-from tracking.people import PeopleTracker, Person
-from tracking.people_config import PeopleConfig
-from tracking.phd import ExtendedTargetPhd, PhdHealth, PointTargetPhd
-from tracking.phd_config import PhdConfig
-from tracking.scan_filters import PointsTracker, tracker_of
-from tracking.target import Target
+from tracking.mixture.phd_config import PhdConfig
+from tracking.mixture.target import Target
+from tracking.people.people_config import PeopleConfig
+from tracking.people.people_tracker import PeopleTracker, Person
+from tracking.people.scan_filters import PointsTracker, tracker_of
+from tracking.phd.filters import ExtendedTargetPhd, PhdHealth, PointTargetPhd
 
 __all__ = [
     "ExtendedTargetPhd",

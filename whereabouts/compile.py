@@ -12,24 +12,24 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-import loop_closure.warm_up
-import registration.warm_up
-import tracking.people_warm_up
+import loop_closure.loop_closure_warm_up
+import registration.registration_warm_up
+import tracking.people.people_warm_up
 import world_model.tasks.maintenance_warm_up
 import world_model.warm_up
 from registration.crf.online import ScanSegmenter
-from tracking.intentions.model import IntentionModel
+from tracking.intentions.intention_model import IntentionModel
 from whereabouts.compiled_cache import forget_stale, keep_note
 
 
 def _registration() -> None:
-    registration.warm_up.warm_up()
-    registration.warm_up.warm_up_segmenter(ScanSegmenter())
+    registration.registration_warm_up.warm_up()
+    registration.registration_warm_up.warm_up_segmenter(ScanSegmenter())
 
 
 def _loop_closure() -> None:
-    loop_closure.warm_up.warm_up()
-    loop_closure.warm_up.warm_up_recognition()
+    loop_closure.loop_closure_warm_up.warm_up()
+    loop_closure.loop_closure_warm_up.warm_up_recognition()
 
 
 def _motion_prediction() -> None:
@@ -45,7 +45,7 @@ def _world_model() -> None:
 PARTS: dict[str, Callable[[], None]] = {
     "world model": _world_model,
     "registration": _registration,
-    "people": tracking.people_warm_up.warm_up,
+    "people": tracking.people.people_warm_up.warm_up,
     "loop closure": _loop_closure,
     "motion prediction": _motion_prediction,
 }

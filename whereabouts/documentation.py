@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from whereabouts.interfaces import NODE_INTERFACES, interfaces_of, markdown_table
+from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of, markdown_table
 from whereabouts.node_names import NODES
 from whereabouts.parameters.description import markdown_table as parameter_table
 from whereabouts.parameters.registry import expert_names, model_of

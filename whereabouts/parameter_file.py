@@ -12,8 +12,8 @@ from pydantic import ValidationError
 
 from estimation.errors import InputError
 from whereabouts.node_names import NODES
-from whereabouts.parameters.base import NodeParameters
 from whereabouts.parameters.description import explain
+from whereabouts.parameters.parameter_base import NodeParameters
 from whereabouts.parameters.registry import model_of
 
 # What every ROS node has, and what is not checked here.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray, as_finite
 from estimation.errors import InputError
-from estimation.gaussians import repair_covariance
+from estimation.filters.gaussians import repair_covariance
 from world_model.state import WorldObject
 
 Distribution = Mapping[str, float]

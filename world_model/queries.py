@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.errors import InputError
-from estimation.places import LIKELY, Place, Places
+from estimation.geometry.places import LIKELY, Place, Places
 from world_model.describing import ago, named
 from world_model.state import MOVED_ON, WorldObject, WorldState
 from world_model.symbols import Symbols, default_symbols

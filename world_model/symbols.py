@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from estimation.errors import InputError
-from estimation.polygons import interval_mass
+from estimation.geometry.polygons import interval_mass
 from world_model.evidence import Distribution
 from world_model.symbols_file import Interval, Predicate, Quantity, read_relations
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from estimation.checks import as_vectors
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
 from world_model.calibration.corrections import Corrections
 from world_model.calibration.hindsight import FIRST_LOOKS, MOST_LOOKS

@@ -27,7 +27,7 @@ from evaluation.chaos.times import FAULTS
 from evaluation.chaos.worker import OPEN_VARIABLE
 from evaluation.results import commit
 from whereabouts.node_names import NODES
-from whereabouts.nodes.suite import prepare_environment
+from whereabouts.nodes.runtime.suite_run import prepare_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 # s one process runs at most before the next begins with another seed, and beyond its time before it counts as hung.

@@ -23,8 +23,8 @@ from evaluation.chaos.generator import START
 from evaluation.chaos.network import Link
 from evaluation.chaos.times import FAR
 from whereabouts.node_names import NODES
-from whereabouts.nodes.stamps import NANOSECONDS
-from whereabouts.nodes.supervisor import NodeSpec, SuiteError
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
 from whereabouts_msgs.msg import WorldEvidence
 
 HOURS, MORNING, HOUR = 24, 12, 3600 * NANOSECONDS
@@ -69,7 +69,7 @@ def _live(laboratory: Laboratory, seconds: float, seed: int) -> None:
     found, supervisor = laboratory.found, laboratory.supervisor
     with supervisor:
         supervisor.start(laboratory.world)
-        day = Day(laboratory, seed)
+        day = ChaosDay(laboratory, seed)
         begun, hours = time.monotonic(), 0
         try:
             while hours < HOURS or time.monotonic() - begun < seconds:
@@ -86,7 +86,7 @@ def _live(laboratory: Laboratory, seconds: float, seed: int) -> None:
         found.deaths += sum(len(node.deaths) for node in supervisor.nodes.values()) - found.kills
 
 
-class Day:
+class ChaosDay:
     """What happens hour by hour."""
 
     def __init__(self, laboratory: Laboratory, seed: int) -> None:

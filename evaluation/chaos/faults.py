@@ -21,12 +21,12 @@ from rclpy.serialization import deserialize_message
 
 from evaluation.chaos.generator import START, Fuzzer
 from evaluation.chaos.network import Link
-from whereabouts.interfaces import NODE_INTERFACES
-from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.executor import NodeExecutor
-from whereabouts.nodes.interfaces import message_class
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.supervisor import NodeSpec, Supervisor
+from whereabouts.node_interfaces import NODE_INTERFACES
+from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from whereabouts_msgs.msg import Attribute, DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldState
 
 PATIENCE = 300.0

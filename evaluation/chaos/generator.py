@@ -12,10 +12,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from tf2_msgs.msg import TFMessage
 
-from whereabouts.nodes.envelopes import POSITION
-from whereabouts.nodes.interfaces import message_class
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.envelopes import POSITION
+from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts_msgs.msg import Attribute, DiscreteDistribution, GaussianDistribution
 
 START = 1_000 * NANOSECONDS

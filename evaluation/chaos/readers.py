@@ -25,15 +25,15 @@ from pathlib import Path
 import numpy as np
 
 from estimation.errors import WhereaboutsError
-from estimation.grid import OccupancyGrid
-from estimation.places import Places
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.places import Places
 from evaluation.chaos.worker import ROOM, resident
-from loop_closure.map_file import read_map, write_map
-from loop_closure.slam import Slam
-from registration.scan import Scan
+from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.slam.trajectory import Slam
+from registration.laser.scan import Scan
 from tracking.intentions import IntentionModel
 from whereabouts.logs import McapWriter, open_log
-from whereabouts.logs.tum import read_tum
+from whereabouts.logs.formats.tum import read_tum
 from whereabouts.messages.records import OdometryRecord, ScanRecord
 from whereabouts.suite_config import read_config
 from world_model import ObjectEvidence, Relations, WorldEvidence, WorldModel

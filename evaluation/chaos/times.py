@@ -18,8 +18,8 @@ from rclpy.time import Time
 
 from evaluation.chaos.generator import LINKS, Fuzzer
 from evaluation.chaos.network import Link
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts_msgs.srv import Reset
 
 PERIOD = NANOSECONDS // 10
@@ -33,7 +33,7 @@ BEGIN, DAY = 1.6e9, 24.0 * 3600.0
 SETTLED = 1.5
 
 
-class Stage:
+class ChaosStage:
     """The sensors of a node.
 
     call : hands an input a message and takes care of what it does. now : ns that the robot's clock shows.
@@ -117,45 +117,45 @@ class Stage:
             clock.set_ros_time_override(Time(nanoseconds=self.now, clock_type=clock.clock_type))
 
 
-def _ahead(stage: Stage) -> None:
+def _ahead(stage: ChaosStage) -> None:
     stage.go(2.0)
     stage.say(stage.any(), float(stage.rng.choice(FAR)))
     stage.go(2.0)
 
 
-def _behind(stage: Stage) -> None:
+def _behind(stage: ChaosStage) -> None:
     stage.go(2.0)
     stage.say(stage.any(), -float(stage.rng.choice(FAR)))
     stage.go(2.0)
 
 
-def _late(stage: Stage) -> None:
+def _late(stage: ChaosStage) -> None:
     stage.go(6.0, {-1: -LATE})
 
 
-def _apart(stage: Stage) -> None:
+def _apart(stage: ChaosStage) -> None:
     stage.go(6.0, {-len(stage.sources): -LATE})
 
 
-def _stalled(stage: Stage) -> None:
+def _stalled(stage: ChaosStage) -> None:
     stage.go(2.0)
     stage.go(SILENT, silent={-int(stage.rng.integers(1, len(stage.sources) + 1))})
     stage.go(2.0)
 
 
-def _lossy(stage: Stage) -> None:
+def _lossy(stage: ChaosStage) -> None:
     stage.go(1.0)
     stage.go_lossy(6.0)
     stage.go(1.0)
 
 
-def _looped(stage: Stage) -> None:
+def _looped(stage: ChaosStage) -> None:
     stage.go(8.0)
     stage.jump(-BACK)
     stage.go(8.0)
 
 
-def _clock(stage: Stage) -> None:
+def _clock(stage: ChaosStage) -> None:
     stage.simulate(True)
     stage.go(4.0)
     stage.jump(-BACK)
@@ -167,7 +167,7 @@ def _clock(stage: Stage) -> None:
 class Fault:
     """What happens to time, how many runs begin because of it, and how many sources it takes."""
 
-    play: Callable[[Stage], None]
+    play: Callable[[ChaosStage], None]
     runs: int = 0
     sources: int = 1
 
@@ -193,7 +193,7 @@ class Plays:
     wanted: int = 0
 
 
-def play(stage: Stage, name: str, told: dict[str, Plays]) -> str:
+def play(stage: ChaosStage, name: str, told: dict[str, Plays]) -> str:
     """Play a fault and count; what is wrong with what the node made of it, empty where nothing is."""
     fault = FAULTS[name]
     stage.begin()

@@ -27,14 +27,14 @@ from rclpy.serialization import serialize_message
 from unique_identifier_msgs.msg import UUID
 
 from evaluation.chaos.generator import LINKS, START, Fuzzer
-from evaluation.chaos.times import FAULTS, Plays, Stage, play
+from evaluation.chaos.times import FAULTS, ChaosStage, Plays, play
 from whereabouts.node_names import NODES
-from whereabouts.nodes import transforms
-from whereabouts.nodes.base import SuiteNode, start
-from whereabouts.nodes.budget import Budget, Purse
-from whereabouts.nodes.envelopes import envelope
-from whereabouts.nodes.executor import NodeExecutor
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages import transforms
+from whereabouts.nodes.messages.envelopes import envelope
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import SuiteNode, start
+from whereabouts.nodes.ros.budget import Budget, Purse
+from whereabouts.nodes.ros.executor import NodeExecutor
 
 HERE = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
 # Messages between two looks at timers, two calls of each service and two goals of each action.
@@ -56,7 +56,7 @@ PARAMETERS: dict[str, list[dict[str, Any]]] = {
 }
 
 
-class Goal:
+class FedGoal:
     """Stands for the handle of a goal that nobody waits for."""
 
     is_cancel_requested = False
@@ -142,12 +142,12 @@ class Worker:
             if self.actions and self.done % GOALS < len(self.node.inputs):
                 kind, execute = self.actions[self.done % len(self.actions)]
                 self.executor.create_task(
-                    execute(Goal(self._fuzzer.message(kind), UUID(uuid=list(self._fuzzer.rng.bytes(16)))))
+                    execute(FedGoal(self._fuzzer.message(kind), UUID(uuid=list(self._fuzzer.rng.bytes(16)))))
                 )
 
     def play(self, seconds: float) -> None:
         """Stamps that are wrong and messages that get lost, for so long; faults in turn, by seed and node."""
-        stage = Stage(self.node, self._seed, self._count)
+        stage = ChaosStage(self.node, self._seed, self._count)
         names = [name for name, fault in FAULTS.items() if fault.sources <= len(stage.sources)]
         end, turn = time.monotonic() + seconds, AT_LEAST * (self._seed + NODES.index(self.node.node_name))
         first = turn

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.experiments.anchoring_hidden import hidden_run, in_space, through_camera
-from evaluation.experiments.anchoring_landmarks import LandmarkWorld
-from evaluation.experiments.anchoring_pictures import CUP_FIGURES, TABLE_FIGURES, draw_ants, draw_shots
-from evaluation.experiments.anchoring_recorded import anchored, landmark_run, tracking_run
-from evaluation.experiments.anchoring_scenes import AntRun, ants, known, play, scenes, walk
-from evaluation.experiments.anchoring_table import ambiguous_cups, dynamic_table
-from evaluation.report import Options, Part, Printed, Report, Table
-from whereabouts.logs import kitti
-from whereabouts.progress import track
-from whereabouts.simulation.ants import AntScene
+from evaluation.anchoring.anchoring_hidden import hidden_run, in_space, through_camera
+from evaluation.anchoring.anchoring_landmarks import LandmarkWorld
+from evaluation.anchoring.anchoring_pictures import CUP_FIGURES, TABLE_FIGURES, draw_ants, draw_shots
+from evaluation.anchoring.anchoring_recorded import anchored, landmark_run, tracking_run
+from evaluation.anchoring.anchoring_scenes import AntRun, ants, known, play, scenes, walk
+from evaluation.anchoring.anchoring_table import ambiguous_cups, dynamic_table
+from evaluation.report import Part, Printed, Report, RunOptions, Table
+from whereabouts.logs.formats import kitti
+from whereabouts.simulation.scenes.ants import AntScene
+from whereabouts.system.progress import track
 from world_model import WorldModel
 
 # Objects at the end, switches, ms per update.
@@ -46,13 +46,13 @@ STAGES: dict[str, dict[str, Any]] = {"as printed, here": PRINTED, "one hypothesi
 QUICK = ("10 objects", "100 objects, 20 in view", "twins 15 cm apart", "one of 10 removed", "one carried")
 
 
-def _seeds(options: Options, stream: int, count: int) -> list[int]:
+def _seeds(options: RunOptions, stream: int, count: int) -> list[int]:
     """Seeds of the runs of one repetition."""
     seeds: list[int] = np.random.default_rng([options.seed, stream]).integers(2**31, size=count).tolist()
     return seeds
 
 
-def _scenes(options: Options, report: Report) -> None:
+def _scenes(options: RunOptions, report: Report) -> None:
     """Scenes of objects beside WIRE."""
     (seed,) = _seeds(options, 1, 1)
     made = scenes(seed)
@@ -87,7 +87,7 @@ def _scenes(options: Options, report: Report) -> None:
     report.pictures.append(_draw_world(options, seed))
 
 
-def _draw_world(options: Options, seed: int) -> Path:
+def _draw_world(options: RunOptions, seed: int) -> Path:
     """A world from above: symbols, most probable colours and 99 % ellipses of one scene."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Ellipse
@@ -117,7 +117,7 @@ def _draw_world(options: Options, seed: int) -> Path:
     return path
 
 
-def _walkers(options: Options, report: Report) -> None:
+def _walkers(options: RunOptions, report: Report) -> None:
     """Fifty movers, ten in view: how many are told of."""
     (seed,) = _seeds(options, 7, 1)
     looks = 200 if options.quick else LOOKS
@@ -139,7 +139,7 @@ def _walkers(options: Options, report: Report) -> None:
     report.tables.append(Table("Movers", columns, rows, note, "movers", data="simulated", samples=1))
 
 
-def _situations(options: Options, report: Report) -> None:
+def _situations(options: RunOptions, report: Report) -> None:
     """Sections 2.6.1 and 2.6.2."""
     count = options.share(25, 5)
     rows: list[list[Any]] = []
@@ -172,7 +172,7 @@ VIDEO = 113
 """Images of a video on average: the sixteen of section 2.6.3 contain over 1,800."""
 
 
-def _ants(options: Options, report: Report) -> None:
+def _ants(options: RunOptions, report: Report) -> None:
     """Section 2.6.3, in runs as long as the text's videos and in longer ones."""
     count, looks = options.share(15, 5), 300 if options.quick else 600
     made = [AntScene(seed=seed) for seed in _seeds(options, 3, count)]
@@ -232,7 +232,7 @@ def _draw_counts(folder: Path, run: AntRun) -> Path:
     return path
 
 
-def _simulated_landmarks(options: Options, report: Report) -> None:
+def _simulated_landmarks(options: RunOptions, report: Report) -> None:
     """Worlds with and without errors of the camera, each with learning and without; settings were chosen on others."""
     rows: list[list[Any]] = []
     detections: dict[str, int] = {}
@@ -252,7 +252,7 @@ def _simulated_landmarks(options: Options, report: Report) -> None:
     )
 
 
-def _landmarks(options: Options, report: Report) -> None:
+def _landmarks(options: RunOptions, report: Report) -> None:
     """A recording of five robots; the usual size of a camera's errors was taken from it."""
     assert options.data is not None
     rows: list[list[Any]] = []
@@ -270,7 +270,7 @@ def _landmarks(options: Options, report: Report) -> None:
 KITTI = "objects_3d/kitti_tracking"
 
 
-def _vehicles(options: Options, report: Report) -> None:
+def _vehicles(options: RunOptions, report: Report) -> None:
     """Recorded paths of vehicles with simulated detections; rates and accelerations were set for them."""
     assert options.data is not None
     folder = options.data / KITTI
@@ -302,7 +302,7 @@ RUNS = (1.0, 10.0, 60.0)
 """Looks that a run of misses lasts, as told to the model: what it is nobody knows."""
 
 
-def _hidden(options: Options, report: Report) -> None:
+def _hidden(options: RunOptions, report: Report) -> None:
     """Recorded paths with misses by the recorded occlusion; bounds on runs were chosen on 0000, 0002 and 0003."""
     assert options.data is not None
     folder = options.data / KITTI

@@ -8,21 +8,21 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
-from evaluation.experiments import conversion_analysis as analysis
-from evaluation.experiments import conversion_costs as costs
-from evaluation.experiments import conversion_drive as driving
-from evaluation.experiments import conversion_limits as limits
-from evaluation.experiments import conversion_pictures as pictures
-from evaluation.experiments import conversion_tracking as tracking
-from evaluation.report import Options, Part, Report, Table
-from whereabouts.parallel import each
+from evaluation.conversion import conversion_analysis as analysis
+from evaluation.conversion import conversion_costs as costs
+from evaluation.conversion import conversion_drive as driving
+from evaluation.conversion import conversion_limits as limits
+from evaluation.conversion import conversion_pictures as pictures
+from evaluation.conversion import conversion_tracking as tracking
+from evaluation.report import Part, Report, RunOptions, Table
+from whereabouts.system.parallel import each
 
 DEGREES = np.arange(0.5, 20.25, 0.5)
 SOME = (2, 3, 5, 10, 20)
 THEIRS_UP_TO = {"linear": 2.5, "dcm": 16, "ucm": 20, "mucm": 20}
 
 
-def consistency(options: Options, report: Report) -> None:
+def consistency(options: RunOptions, report: Report) -> None:
     """Figures 6.3 and 6.5 without samples, by quadrature, and Figure 6.4."""
     sigmas = np.radians(DEGREES)
     rows: list[list[object]] = []
@@ -66,7 +66,7 @@ def consistency(options: Options, report: Report) -> None:
     report.pictures.append(pictures.bananas(options.out, options.seed))
 
 
-def sampled(options: Options, report: Report) -> None:
+def sampled(options: RunOptions, report: Report) -> None:
     """Figures 6.3, 6.5 and 6.6 with samples, as the text has them."""
     rng = np.random.default_rng([options.seed, 1])
     found: dict[str, FloatArray] = {
@@ -126,7 +126,7 @@ def _binned(report: Report, rng: np.random.Generator) -> None:
     )  # fmt: skip
 
 
-def operating_points(options: Options, report: Report) -> None:
+def operating_points(options: RunOptions, report: Report) -> None:
     """Figure 6.8."""
     rng = np.random.default_rng([options.seed, 2])
     points = limits.operating_points()
@@ -171,7 +171,7 @@ def operating_points(options: Options, report: Report) -> None:
     report.pictures.append(pictures.boxes(options.out, "figure-6-8-boxes", boxes, "critical value / mean"))
 
 
-def where_k_fails(options: Options, report: Report) -> None:
+def where_k_fails(options: RunOptions, report: Report) -> None:
     """Operating points outside the text's: much range noise, an uncertain robot."""
     rng = np.random.default_rng([options.seed, 3])
     rows: list[list[object]] = []
@@ -200,11 +200,13 @@ def where_k_fails(options: Options, report: Report) -> None:
     report.tables.append(Table(title, columns, rows, note, "robot-position", data="simulated"))
 
 
-def drive(options: Options, report: Report) -> None:
+def drive(options: RunOptions, report: Report) -> None:
     """Figure 6.11."""
     simulated = driving.drive(int(np.random.default_rng([options.seed, 4]).integers(2**31)))
     if options.quick:
-        simulated = driving.Drive(simulated.stamps[::10], simulated.path[::10], simulated.covariances[::10])
+        simulated = driving.RecordedDrive(
+            simulated.stamps[::10], simulated.path[::10], simulated.covariances[::10]
+        )
     ranges: dict[str, FloatArray] = {}
     rows: list[list[object]] = []
     for degrees in (1, 2, 3):
@@ -226,7 +228,7 @@ def drive(options: Options, report: Report) -> None:
     report.pictures.append(pictures.drive_ranges(options.out, simulated, ranges))
 
 
-def comparison(options: Options, report: Report) -> None:
+def comparison(options: RunOptions, report: Report) -> None:
     """Section 6.8.2: error and consistency of the filters on the same walks."""
     rows: list[list[object]] = []
     count = options.share(40, 6)
@@ -270,7 +272,7 @@ def comparison(options: Options, report: Report) -> None:
     report.tables.append(Table(title, columns, rows, note, "filters", data="simulated", samples=count))
 
 
-def between(options: Options, report: Report) -> None:
+def between(options: RunOptions, report: Report) -> None:
     """Is there room for a mode between the Kalman filter and 250 samples?"""
     count = options.share(5, 5)
     seeds = np.random.default_rng([options.seed, 6]).integers(2**31, size=count).tolist()

@@ -7,21 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from evaluation.experiments.crf_baselines import free_space, icp_kmeans, matching_kmeans
-from evaluation.experiments.crf_filled import filled
-from evaluation.experiments.crf_metrics import Scores, f1_of, scores
-from evaluation.experiments.crf_pictures import busiest, draw_associations, draw_clusters
-from evaluation.experiments.crf_recordings import recordings
-from evaluation.experiments.crf_stages import NEAREST, stages
-from evaluation.report import Figure, Options, Part, Printed, Report, Table, heading
+from evaluation.crf.crf_baselines import free_space, icp_kmeans, matching_kmeans
+from evaluation.crf.crf_filled import filled
+from evaluation.crf.crf_metrics import Scores, f1_of, scores
+from evaluation.crf.crf_pictures import busiest, draw_associations, draw_clusters
+from evaluation.crf.crf_recordings import recordings
+from evaluation.crf.crf_stages import NEAREST, stages
+from evaluation.report import Figure, Part, Printed, Report, RunOptions, Table, heading
 from registration import Scan, align
 from registration.crf import JointEstimate, JointModel
 from registration.crf.as_printed import PrintedCrf
 from registration.crf.estimate import nothing
 from registration.crf.setup import Start, start
-from whereabouts.parallel import each
-from whereabouts.simulation.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
 from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
+from whereabouts.system.parallel import each
 
 Inference = Callable[[Scan, Scan, Start | None], JointEstimate]
 PRINTED = ("ICP, K-means", "CRF-Matching, K-means", "CRF-Matching, CRF-Clustering", "joint CRF")
@@ -94,7 +94,7 @@ def judged(pair: LabelledPair) -> dict[tuple[str, str], Scores]:
     return found
 
 
-def _tables(options: Options, report: Report) -> None:
+def _tables(options: RunOptions, report: Report) -> None:
     pairs = protocol(options.seed)
     chosen = np.random.default_rng([options.seed, 11]).permutation(len(pairs))
     left = sorted(chosen[: options.share(5 * len(pairs), 3)].tolist())
@@ -180,7 +180,7 @@ def _mean(every: Sequence[Scores], name: str) -> float:
     return float(np.nanmean([getattr(one, name) for one in every]))
 
 
-def _moving(options: Options, report: Report) -> None:
+def _moving(options: RunOptions, report: Report) -> None:
     """Moving beams with the shipped model, every pair of other seeds than its training."""
     model = JointModel.load()
     count = options.share(120, 15)
@@ -206,7 +206,7 @@ def _moving(options: Options, report: Report) -> None:
     )
 
 
-def _crowds(options: Options, report: Report) -> None:
+def _crowds(options: RunOptions, report: Report) -> None:
     """Crowds seen by half a circle, seed by seed: seeds that took no part in any choice."""
     model = JointModel.load()
     rows: list[list[object]] = []
@@ -228,7 +228,7 @@ def _free_space(pair: LabelledPair) -> JointEstimate:
     return free_space(pair.scan_a, pair.scan_b, start(pair.scan_a, pair.scan_b))
 
 
-def _poses(options: Options, report: Report) -> None:
+def _poses(options: RunOptions, report: Report) -> None:
     """The background's motion without what moves beside plain registration, by how much of the view moves."""
     model = JointModel.load()
     count = options.share(120, 50)
@@ -265,7 +265,7 @@ def _poses(options: Options, report: Report) -> None:
     )
 
 
-def _timing(options: Options, report: Report) -> None:
+def _timing(options: RunOptions, report: Report) -> None:
     model, printed = JointModel.load(), PrintedCrf.load()
     rows: list[list[object]] = []
     count = options.share(60, 4)
@@ -292,7 +292,7 @@ def _timing(options: Options, report: Report) -> None:
     )
 
 
-def _pictures(options: Options, report: Report) -> None:
+def _pictures(options: RunOptions, report: Report) -> None:
     """Figures 3 and 4 on the pairs of a street in which an object is on the most beams."""
     run = busiest(protocol(options.seed), 3)
     found: dict[tuple[str, str], list[JointEstimate]] = {}

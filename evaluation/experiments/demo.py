@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from evaluation.report import Options, Part, Report, Table
+from evaluation.report import Part, Report, RunOptions, Table
 
 FIRST_DAY = 200
 """Seed of the first other day."""
@@ -27,7 +27,7 @@ PROCESSES = (
     "whereabouts.nodes.verifier_node",
     "whereabouts.nodes.object_search_node",
 )
-# What is told of a day: name in `whereabouts.demo.report.figures`, heading, and what is asked for.
+# What is told of a day: name in `whereabouts.demo.demo_report.figures`, heading, and what is asked for.
 ROWS: tuple[tuple[str, str, float | None], ...] = (
     ("loops_closed_rmse_m", "trajectory with loops closed, RMS, m ↓", 0.15),
     ("wheels_rmse_m", "trajectory of the wheels, RMS, m", None),
@@ -54,7 +54,7 @@ COSTS: tuple[tuple[str, str, float | None], ...] = (
 )
 
 
-def _shipped_day(options: Options, report: Report) -> None:
+def _shipped_day(options: RunOptions, report: Report) -> None:
     """The bag of `make demo`."""
     with TemporaryDirectory() as folder:
         found = _replayed(None, None, Path(folder))
@@ -62,7 +62,7 @@ def _shipped_day(options: Options, report: Report) -> None:
     report.tables.append(_table("What it costs", "costs", COSTS, found, "simulated"))
 
 
-def _other_days(options: Options, report: Report) -> None:
+def _other_days(options: RunOptions, report: Report) -> None:
     """The same home, people and things, drawn anew: another seed of every noise."""
     with TemporaryDirectory() as folder:
         found = _replayed(FIRST_DAY + options.seed, QUICK if options.quick else None, Path(folder))
@@ -78,18 +78,18 @@ def _other_days(options: Options, report: Report) -> None:
 def _replayed(seed: int | None, duration: float | None, folder: Path) -> dict[str, Any]:
     """Figures of a day, None for the shipped one, or of its first `duration` seconds; needs ROS."""
     from whereabouts.cli.demo import apartment_bag
+    from whereabouts.demo.demo_report import figures, judge
     from whereabouts.demo.replay import replay
-    from whereabouts.demo.report import figures, judge
-    from whereabouts.nodes.suite import prepare_environment
-    from whereabouts.simulation.apartment_bag import record
-    from whereabouts.simulation.apartment_day import Day
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
+    from whereabouts.simulation.home.apartment_bag import record
+    from whereabouts.simulation.home.apartment_day import ApartmentDay
 
     prepare_environment(private=True)
     if seed is None:
         bag = apartment_bag(folder)
     else:
         bag = folder / "day.mcap"
-        record(bag, duration, Day(seed=seed))
+        record(bag, duration, ApartmentDay(seed=seed))
     recording, run = replay(bag, folder / "out")
     return figures(judge(recording, bag, run))
 

@@ -12,15 +12,15 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.experiments import intentions_days as elsewhere
-from evaluation.experiments import intentions_pictures as pictures
-from evaluation.experiments import intentions_protocol as protocol
-from evaluation.report import Figure, Options, Part, Report, Table
+from evaluation.intentions import intentions_days as elsewhere
+from evaluation.intentions import intentions_pictures as pictures
+from evaluation.intentions import intentions_protocol as protocol
+from evaluation.report import Figure, Part, Report, RunOptions, Table
 from tracking.intentions import IntentionConfig, IntentionModel
-from tracking.social_forces import Forces
-from tracking.social_forces_fit import fit_forces
-from whereabouts.logs.trajectories import read_trajectories
-from whereabouts.progress import track
+from tracking.intentions.social_forces_fit import fit_forces
+from tracking.prediction.social_forces import Forces
+from whereabouts.logs.formats.trajectories import read_trajectories
+from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]
 HALL, HOTEL = "trajectories/edinburgh_01Aug.txt.gz", "trajectories/hotel_obsmat.txt.gz"
@@ -35,13 +35,13 @@ THEIRS = {"ghmm": (56, 90), "linear": (5, 77)}
 BY_TIME = "complete walks, by time"
 
 
-def walks_of(options: Options, name: str) -> dict[int, Array]:
+def walks_of(options: RunOptions, name: str) -> dict[int, Array]:
     """The walks of a recording."""
     assert options.data is not None
     return read_trajectories(options.data / name).trajectories
 
 
-def complete_walks(options: Options) -> list[Array]:
+def complete_walks(options: RunOptions) -> list[Array]:
     """Of the hall those from border to border."""
     walks = list(walks_of(options, HALL).values())
     both = np.concatenate(walks)
@@ -54,7 +54,7 @@ def by_time(walks: list[Array]) -> list[Array]:
     return sorted(walks, key=lambda walk: float(walk[0, 2]))
 
 
-def hall(options: Options, report: Report) -> None:
+def hall(options: RunOptions, report: Report) -> None:
     """Figures 4.6, 4.8 and 4.9, and the pictures."""
     walks, complete = list(walks_of(options, HALL).values()), complete_walks(options)
     ended = "complete walks, by time, learned when they had ended"
@@ -101,7 +101,7 @@ def hall(options: Options, report: Report) -> None:
     report.pictures.append(pictures.scenes(options.out, routes, by_time(walks), "hall-scenes"))
 
 
-def growth(options: Options, report: Report, outcomes: dict[str, protocol.Online]) -> None:
+def growth(options: RunOptions, report: Report, outcomes: dict[str, protocol.Online]) -> None:
     """Figure 4.6: size of map and model, and the time to learn a walk."""
     plain, routes = outcomes["ghmm"], outcomes["routes"]
     at = sorted({k for k in (10, 25, 50, 100, len(plain.sizes) - 1) if k < len(plain.sizes)})
@@ -126,7 +126,7 @@ def growth(options: Options, report: Report, outcomes: dict[str, protocol.Online
     report.pictures.append(pictures.growth(options.out, plain))
 
 
-def swings(options: Options, report: Report) -> None:
+def swings(options: RunOptions, report: Report) -> None:
     """Sections 4.6.4 and 4.6.5: consistency of the predicted path over time."""
     rows: list[list[object]] = []
     counts = {}
@@ -142,7 +142,7 @@ def swings(options: Options, report: Report) -> None:
     report.tables.append(Table(title, columns, rows, note, "swing", data="tuned on", samples=counts))
 
 
-def orders(options: Options, report: Report) -> None:
+def orders(options: RunOptions, report: Report) -> None:
     """The hall's complete walks in random orders, and what the number of learned walks is worth."""
     walks = complete_walks(options)
     rng = np.random.default_rng([options.seed, 1])
@@ -157,7 +157,7 @@ def orders(options: Options, report: Report) -> None:
     elsewhere.more_walks(options, report, walks, NAMES)
 
 
-def hotel(options: Options, report: Report) -> None:
+def hotel(options: RunOptions, report: Report) -> None:
     """Displacement errors beside constant velocity, correct exits, and social forces."""
     people = walks_of(options, HOTEL)
     variants = {
@@ -226,7 +226,7 @@ def forces(report: Report, people: list[Array]) -> None:
     )
 
 
-def timing(options: Options, report: Report) -> None:
+def timing(options: RunOptions, report: Report) -> None:
     """Times with 500 learned trajectories between simulated exits, one core."""
     rows: list[list[object]] = []
     learned = 100 if options.quick else 500
@@ -258,7 +258,7 @@ def timing(options: Options, report: Report) -> None:
     report.tables.append(Table("Times", columns, rows, note, "times", data="simulated", samples=20))
 
 
-def days(options: Options, report: Report) -> None:
+def days(options: RunOptions, report: Report) -> None:
     """Whole days of simulated walks, as many as on the text's day."""
     elsewhere.simulated_days(options, report, NAMES)
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evaluation.report import Options, Part, Report, Table
-from whereabouts.demo.live_library import LibraryRobot, Outcome
-from whereabouts.parallel import each
-from whereabouts.simulation.live_apartment import HOME_OF, REACH, LiveDay
+from evaluation.report import Part, Report, RunOptions, Table
+from whereabouts.demo.live.live_library import LibraryRobot, Outcome
+from whereabouts.simulation.home.live_apartment import HOME_OF, REACH, LiveDay
+from whereabouts.system.parallel import each
 
 MAINTAINED, TIMEOUT = 200.0, 240.0
 """s of keeping beliefs, and of the search."""
@@ -50,7 +50,7 @@ def live_day(seed: int, maintained: float = MAINTAINED) -> Day:
     return Day(asked, kept, (ours.outcome, direct.outcome))
 
 
-def _days(options: Options, report: Report) -> None:
+def _days(options: RunOptions, report: Report) -> None:
     """Both questions about the same days."""
     count = options.share(DAYS, QUICK_DAYS)
     seeds = np.random.default_rng([options.seed, 29]).integers(2**31, size=count).tolist()

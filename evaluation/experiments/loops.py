@@ -18,15 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from estimation.gradient_boosting import GradientBoosting
-from evaluation.experiments.loops_across import UNSEEN, across_places, shipped_models
-from evaluation.experiments.loops_changes import dynamic_objects, likelihood_matrix, translation
-from evaluation.experiments.loops_data import Reading, read_recording
-from evaluation.experiments.loops_features import informative_features, repetitive_structure, training_rounds
-from evaluation.experiments.loops_judging import Judgement, draw_curves
-from evaluation.experiments.loops_readings import chosen_logs, readings
-from evaluation.experiments.loops_retrieval import retrieval
-from evaluation.report import Figure, Options, Part, Report, Table
+from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.loops.loops_across import UNSEEN, across_places, shipped_models
+from evaluation.loops.loops_changes import dynamic_objects, likelihood_matrix, translation
+from evaluation.loops.loops_data import Reading, read_recording
+from evaluation.loops.loops_features import informative_features, repetitive_structure, training_rounds
+from evaluation.loops.loops_judging import Judgement, draw_curves
+from evaluation.loops.loops_readings import chosen_logs, readings
+from evaluation.loops.loops_retrieval import retrieval
+from evaluation.report import Figure, Part, Report, RunOptions, Table
 from loop_closure import (
     AdaBoost,
     PlaceDatabase,
@@ -35,14 +35,14 @@ from loop_closure import (
     pair_features_many,
     shipped_model,
 )
-from loop_closure.evaluation import Validation, balanced, k_fold
-from loop_closure.matching import match_pairs
-from loop_closure.pairs import PairRule, Pairs, compare_pairs
-from loop_closure.roc import roc
-from loop_closure.training import Recording
-from registration.scan import Scan
+from loop_closure.places.matching import match_pairs
+from loop_closure.places.pairs import PairRule, Pairs, compare_pairs
+from loop_closure.training.place_evaluation import Validation, balanced, k_fold
+from loop_closure.training.place_training import Recording
+from loop_closure.training.roc import roc
+from registration.laser.scan import Scan
 from whereabouts.killian import bag_directory
-from whereabouts.progress import track
+from whereabouts.system.progress import track
 
 TURN = math.radians(45.0)
 LOGS = {
@@ -83,11 +83,11 @@ def rule_of(recording: Recording, distance: float) -> PairRule:
 
 
 def _part(
-    *functions: Callable[[Options, Report, dict[str, Recording]], None],
-) -> Callable[[Options, Report], None]:
+    *functions: Callable[[RunOptions, Report, dict[str, Recording]], None],
+) -> Callable[[RunOptions, Report], None]:
     """A part of the experiment: functions of the same recordings."""
 
-    def run(options: Options, report: Report) -> None:
+    def run(options: RunOptions, report: Report) -> None:
         recordings = _recordings(options, report)
         if recordings:
             for function in functions:
@@ -101,7 +101,7 @@ def _read(source: Path) -> Recording:
     return read_recording(source, Reading(local_map=0.0))
 
 
-def _recordings(options: Options, report: Report) -> dict[str, Recording]:
+def _recordings(options: RunOptions, report: Report) -> dict[str, Recording]:
     """Recordings as single scans, and the clouds, those that are here."""
     sources: dict[str, Path] = {}
     if options.data is not None:
@@ -119,7 +119,7 @@ def _recordings(options: Options, report: Report) -> dict[str, Recording]:
     return {name: _read(source) for name, source in track(sources.items(), "reading")}
 
 
-def within_recordings(options: Options, report: Report, recordings: dict[str, Recording]) -> None:
+def within_recordings(options: RunOptions, report: Report, recordings: dict[str, Recording]) -> None:
     """Tables 1 and 5, Figure 5: k-fold cross validation within each data set, balanced pairs, the plain method."""
     repetitions, most = options.share(10, 5), 800 if options.quick else 2500
     rows: list[list[Any]] = []
@@ -164,7 +164,7 @@ def _rates(found: Validation) -> list[float]:
     return [100.0 * found.spread(rate).mean for rate in (0.0, 0.01)]
 
 
-def _by_ours(options: Options, recording: Recording, pairs: Pairs, repetitions: int) -> list[float]:
+def _by_ours(options: RunOptions, recording: Recording, pairs: Pairs, repetitions: int) -> list[float]:
     """D of boosted trees, without and with outlines, on the same pairs."""
     outlines = [place.outline for place in recording.places if place.outline is not None]
     plain = compare_pairs(recording.places, pairs)
@@ -175,12 +175,12 @@ def _by_ours(options: Options, recording: Recording, pairs: Pairs, repetitions: 
     return found
 
 
-def _folds(options: Options, recording: Recording, pairs: Pairs, repetitions: int) -> Validation:
+def _folds(options: RunOptions, recording: Recording, pairs: Pairs, repetitions: int) -> Validation:
     F, y = balanced([(compare_pairs(recording.places, pairs), pairs.same)], pairs.positives, options.seed)
     return k_fold(lambda: AdaBoost(50), F, y, 10, repetitions, options.seed)
 
 
-def _resolution(options: Options, report: Report, recordings: dict[str, Recording]) -> None:
+def _resolution(options: RunOptions, report: Report, recordings: dict[str, Recording]) -> None:
     """Table 6: 2D against 3D at 3 m, and every beam against every second."""
     if "freiburg-079" not in recordings or options.data is None:
         return
@@ -216,7 +216,7 @@ def _resolution(options: Options, report: Report, recordings: dict[str, Recordin
     )
 
 
-def _times(options: Options, report: Report) -> None:
+def _times(options: RunOptions, report: Report) -> None:
     """Table 2: times per scan, cloud and pair; the least of several rounds."""
     rng = np.random.default_rng(0)
     scan = Scan(rng.uniform(1.0, 20.0, 361), -math.pi / 2, math.pi / 360, 0.05, 80.0)
@@ -260,12 +260,12 @@ def _least(function: Callable[[], object], rounds: int = 20) -> float:
     return 1e3 * min(seconds)
 
 
-def _shipped(options: Options, report: Report) -> None:
+def _shipped(options: RunOptions, report: Report) -> None:
     del options
     shipped_models(report)
 
 
-def _unseen(options: Options, report: Report) -> None:
+def _unseen(options: RunOptions, report: Report) -> None:
     """The shipped models as they are, on a building that had no part in them."""
     assert options.data is not None
     recording = _read(options.data / LOGS[UNSEEN])

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.experiments import maintenance_scenes as scenes
-from evaluation.report import Options, Part, Report, Table
-from whereabouts.parallel import each
-from whereabouts.progress import track
-from whereabouts.simulation.maintenance import Account, RoomPlan, fixed_path, maintained
+from evaluation.maintenance import maintenance_scenes as scenes
+from evaluation.report import Part, Report, RunOptions, Table
+from whereabouts.simulation.scenes.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
+from whereabouts.system.parallel import each
+from whereabouts.system.progress import track
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import MaintenanceConfig
 from world_model.tasks.maintenance_printed import PrintedRule, PrintedRun, simulate
@@ -31,7 +31,7 @@ QUANTITIES = ("worst", "total", "distance")
 SUMMED = {"company": 1.0, "tour": 0.0}
 # The distance of the fixed path's, as read off the text's figure.
 THEIRS = {5.0: 1.0, 9.0: 0.5, 15.0: 0.12}
-Benchmarks = dict[str, list[Account]]
+Benchmarks = dict[str, list[TourAccount]]
 COLUMNS = [
     "worst, nat ↓",
     "total, nat ↓",
@@ -42,7 +42,7 @@ COLUMNS = [
 ]
 
 
-def _thresholds(options: Options, report: Report) -> None:
+def _thresholds(options: RunOptions, report: Report) -> None:
     """Figures 3.4 and 3.5, and what becomes of them without tours and by the text's own rule."""
     rooms = _rooms(options, options.share(250, 30))
     benchmarks = _benchmarks(options, rooms)
@@ -66,7 +66,7 @@ def _thresholds(options: Options, report: Report) -> None:
     _draw_paths(options.out, report, rooms[0])
 
 
-def _weights(options: Options, report: Report) -> None:
+def _weights(options: RunOptions, report: Report) -> None:
     """Figure 3.6."""
     rooms = _rooms(options, options.share(250, 30))
     weights = (0.25, 0.75, 1.5) if options.quick else WEIGHTS
@@ -77,13 +77,13 @@ def _weights(options: Options, report: Report) -> None:
     _draw(options.out, report, weights, {"maintenance": found}, benchmarks, "figure-3-6", "ω")
 
 
-def _rooms(options: Options, count: int) -> list[int]:
+def _rooms(options: RunOptions, count: int) -> list[int]:
     """Seeds of the rooms of one repetition."""
     seeds: list[int] = np.random.default_rng([options.seed, 1]).integers(2**31, size=count).tolist()
     return seeds
 
 
-def _benchmarks(options: Options, rooms: list[int]) -> Benchmarks:
+def _benchmarks(options: RunOptions, rooms: list[int]) -> Benchmarks:
     found = _many(options, [("fixed", "given"), ("fixed", "tour")], rooms)
     return dict(zip(("fixed path", "shortest tour"), found, strict=True))
 
@@ -95,7 +95,7 @@ def _config(threshold: float, weight: float = 0.75, **changes: float) -> Mainten
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
-def _one(plan: RoomPlan, how: object, seed: int) -> Account:
+def _one(plan: RoomPlan, how: object, seed: int) -> TourAccount:
     if isinstance(how, MaintenanceConfig):
         return maintained(plan, seed, how)
     assert isinstance(how, tuple)
@@ -103,8 +103,8 @@ def _one(plan: RoomPlan, how: object, seed: int) -> Account:
 
 
 def _many(
-    options: Options, ways: Sequence[object], seeds: list[int], label: str = "benchmark", plan: RoomPlan = PLAN
-) -> list[list[Account]]:  # fmt: skip
+    options: RunOptions, ways: Sequence[object], seeds: list[int], label: str = "benchmark", plan: RoomPlan = PLAN
+) -> list[list[TourAccount]]:  # fmt: skip
     """Accounts of every way over all seeds, in parallel."""
     results = []
     for how in track(list(ways), label):
@@ -112,18 +112,18 @@ def _many(
     return results
 
 
-def _mean(accounts: list[Account], quantity: str) -> float:
+def _mean(accounts: list[TourAccount], quantity: str) -> float:
     return float(np.mean([getattr(account, quantity) for account in accounts]))
 
 
-def _interval(accounts: list[Account], quantity: str) -> float:
+def _interval(accounts: list[TourAccount], quantity: str) -> float:
     """Half the 95 % confidence interval of a mean."""
     values = [getattr(account, quantity) for account in accounts]
     return float(1.96 * np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
 def _table(
-    report: Report, name: str, title: str, parameter: str, values: tuple[float, ...], results: list[list[Account]],
+    report: Report, name: str, title: str, parameter: str, values: tuple[float, ...], results: list[list[TourAccount]],
     benchmarks: Benchmarks,
 ) -> None:  # fmt: skip
     """One row per value of the parameter; beside the first table's stand the benchmarks and the text's figures."""
@@ -147,13 +147,13 @@ def _table(
     )
 
 
-def _cells(accounts: list[Account], fixed: list[Account]) -> list[float]:
+def _cells(accounts: list[TourAccount], fixed: list[TourAccount]) -> list[float]:
     worst, total, distance = (_mean(accounts, quantity) for quantity in QUANTITIES)
     of_fixed = [_mean(fixed, quantity) for quantity in QUANTITIES]
     return [worst, total, distance, worst - of_fixed[0], total - of_fixed[1], distance / of_fixed[2]]
 
 
-def _sensors(options: Options, report: Report) -> None:
+def _sensors(options: RunOptions, report: Report) -> None:
     """A precise short sensor, a wide coarse one, and both."""
     rooms = _rooms(options, options.share(50, 20))
     rows: list[list[object]] = []
@@ -170,14 +170,14 @@ def _sensors(options: Options, report: Report) -> None:
     )  # fmt: skip
 
 
-def _printed_runs(options: Options, rooms: list[int], rule: PrintedRule, how: str) -> list[PrintedRun]:
+def _printed_runs(options: RunOptions, rooms: list[int], rule: PrintedRule, how: str) -> list[PrintedRun]:
     """The text's rule in every room; how : "rule", "rule, looking on", or "fixed"."""
     return each(
         simulate, [(rule, seed, how == "fixed", how.endswith("looking on")) for seed in rooms], options.jobs
     )
 
 
-def _as_printed(options: Options, report: Report) -> None:
+def _as_printed(options: RunOptions, report: Report) -> None:
     """Figures 3.4 and 3.6 by the rule without anticipation, stand-off and tours, as fast as Figure 3.7 implies."""
     rooms = _rooms(options, options.share(250, 50))
     fixed = _printed_runs(options, rooms, PrintedRule(), "fixed")
@@ -221,7 +221,7 @@ def _mean_of(runs: Sequence[PrintedRun], quantity: str) -> float:
     return float(np.mean([getattr(found, quantity) for found in runs]))
 
 
-def _counts(options: Options, report: Report) -> None:
+def _counts(options: RunOptions, report: Report) -> None:
     """Figure 3.7: how often objects were updated and gone to with ω = 1."""
     rooms = _rooms(options, options.share(50, 20))
     ours, singly = _many(options, [_config(8.0, 1.0), _config(8.0, 1.0, tour=0.0)], rooms, "one run")
@@ -265,7 +265,7 @@ def _counts(options: Options, report: Report) -> None:
     report.pictures.append(_draw_counts(options.out, printed))
 
 
-def _sum_of(runs: Sequence[PrintedRun | Account], what: str) -> float:
+def _sum_of(runs: Sequence[PrintedRun | TourAccount], what: str) -> float:
     """Of all objects, mean over the runs."""
     return float(np.mean([getattr(run, what).sum() for run in runs]))
 
@@ -291,7 +291,7 @@ def _draw_counts(out: Path, runs: dict[str, list[PrintedRun]]) -> Path:
     return path
 
 
-def _cat(options: Options, report: Report) -> None:
+def _cat(options: RunOptions, report: Report) -> None:
     """Section 3.8.1, Figures 3.9 and 3.10."""
     count = options.share(20, 5)
     seeds = np.random.default_rng([options.seed, 2]).integers(2**31, size=count).tolist()
@@ -326,7 +326,7 @@ def _watched_by_ours(scene: scenes.Film, seed: int) -> scenes.Watched:
     return scenes.watch(scene, seed, ours=True)
 
 
-def _clean_up(options: Options, report: Report) -> None:
+def _clean_up(options: RunOptions, report: Report) -> None:
     """Section 3.8.2, Table 3.2: who looks at what, and when."""
     count = options.share(50, 20)
     seeds = np.random.default_rng([options.seed, 3]).integers(2**31, size=count).tolist()
@@ -351,7 +351,7 @@ def _clean_up(options: Options, report: Report) -> None:
 
 
 def _draw(
-    out: Path, report: Report, thresholds: tuple[float, ...], results: dict[str, list[list[Account]]],
+    out: Path, report: Report, thresholds: tuple[float, ...], results: dict[str, list[list[TourAccount]]],
     benchmarks: Benchmarks, file: str = "figure-3-4", parameter: str = "IG_thr, nat",
 ) -> None:  # fmt: skip
     """Figures 3.4 and 3.6."""
@@ -389,7 +389,7 @@ def _draw_paths(out: Path, report: Report, seed: int) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    from whereabouts.simulation.maintenance import MaintenanceRoom
+    from whereabouts.simulation.scenes.maintenance_world import MaintenanceRoom
 
     things = MaintenanceRoom(PLAN, seed).positions
     steps = int(100.0 / PLAN.time_step)

@@ -17,15 +17,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.metrics import absolute_trajectory_error, anees_bounds
-from estimation.poses import between, compound, wrap_angle
-from evaluation.experiments.odometry_wheels import FAULTS, with_faults
-from evaluation.point_to_line import PointToLine
-from evaluation.report import Options, Part, Report, Table
+from estimation.geometry.poses import between, compound, wrap_angle
+from estimation.metrics.statistics import absolute_trajectory_error, anees_bounds
+from evaluation.peers.point_to_line import PointToLine
+from evaluation.registration.odometry_wheels import FAULTS, with_faults
+from evaluation.report import Part, Report, RunOptions, Table
 from registration import Odometry, OdometryConfig, Scan
 from whereabouts.logs import ScanRecord, open_log
-from whereabouts.progress import track
 from whereabouts.simulation import Drive, Lidar, Wheels, random_floor
+from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]
 RAW = {
@@ -45,7 +45,7 @@ LENGTH = 20.0  # metres over which relative errors are taken
 COLUMNS = ["ATE, m ↓", "20 m error, % ↓", "turn, °/m ↓", "unsure scans", "speed, scans/s ↑"]
 
 
-class Follower(Protocol):
+class OdometryMethod(Protocol):
     """What follows one scanner: `registration.Odometry` and `PointToLine`."""
 
     @property
@@ -55,7 +55,7 @@ class Follower(Protocol):
 
 
 @dataclass
-class Run:
+class OdometryRun:
     """Poses (N, 3), seconds per scan, how many scans were unsure."""
 
     poses: Array
@@ -65,9 +65,9 @@ class Run:
 
 def follow(
     records: list[ScanRecord], wheels: bool, config: OdometryConfig | None = None, by: Any = None
-) -> Run:
+) -> OdometryRun:
     """Odometry over scans, with the motion of the wheels as guess or without; `by` follows in its place."""
-    odometry: Follower = by or Odometry(config)
+    odometry: OdometryMethod = by or Odometry(config)
     poses, seconds, unsure = [], [], 0
     last: Array | None = None
     for record in records:
@@ -79,7 +79,7 @@ def follow(
         poses.append(odometry.register(record.scan, record.stamp, guess))
         seconds.append(time.perf_counter() - begun)
         unsure += odometry.unsure
-    return Run(np.array(poses), np.array(seconds), unsure)
+    return OdometryRun(np.array(poses), np.array(seconds), unsure)
 
 
 def noisy(records: list[ScanRecord], seed: int | Sequence[int], sigma: float = 0.01) -> list[ScanRecord]:
@@ -123,7 +123,7 @@ def _records(path: Path) -> list[ScanRecord]:
         return list(log.scans())
 
 
-def _recorded(options: Options, report: Report) -> None:
+def _recorded(options: RunOptions, report: Report) -> None:
     assert options.data is not None
     folder = options.data / "carmen"
     rows: list[list[object]] = []
@@ -162,7 +162,7 @@ def _recorded(options: Options, report: Report) -> None:
     )
 
 
-def _methods(raw: list[ScanRecord], quick: bool) -> list[tuple[str, Run]]:
+def _methods(raw: list[ScanRecord], quick: bool) -> list[tuple[str, OdometryRun]]:
     """Every method's run over a raw log."""
     odometry = np.array([record.odometry for record in raw])
     runs = [
@@ -170,7 +170,7 @@ def _methods(raw: list[ScanRecord], quick: bool) -> list[tuple[str, Run]]:
         ("ours, no wheels", follow(raw, False)),
         ("point to line, wheels", follow(raw, True, by=PointToLine())),
         ("point to line, no wheels", follow(raw, False, by=PointToLine())),
-        ("wheels alone", Run(odometry, np.full(len(raw), np.nan), 0)),
+        ("wheels alone", OdometryRun(odometry, np.full(len(raw), np.nan), 0)),
     ]
     if not quick:
         config = OdometryConfig(scan_method="kiss_icp")
@@ -181,7 +181,7 @@ def _methods(raw: list[ScanRecord], quick: bool) -> list[tuple[str, Run]]:
     return runs
 
 
-def errors(outcome: Run, estimate: Array, truth: Array) -> list[object]:
+def errors(outcome: OdometryRun, estimate: Array, truth: Array) -> list[object]:
     """The cells of COLUMNS."""
     absolute = absolute_trajectory_error(estimate[:, :2], truth[:, :2]).rmse
     share, turn = relative_errors(estimate, truth)
@@ -190,7 +190,7 @@ def errors(outcome: Run, estimate: Array, truth: Array) -> list[object]:
     return [float(absolute), 100.0 * share, float(np.rad2deg(turn)), outcome.unsure, speed]
 
 
-def _noise(options: Options, report: Report) -> None:
+def _noise(options: RunOptions, report: Report) -> None:
     """One run says little where a single wrong turn decides."""
     assert options.data is not None
     name = CORRECTED[-1]
@@ -213,7 +213,7 @@ def _noise(options: Options, report: Report) -> None:
     )
 
 
-def _corridors(options: Options, records: list[ScanRecord]) -> dict[str, Callable[[], list[ScanRecord]]]:
+def _corridors(options: RunOptions, records: list[ScanRecord]) -> dict[str, Callable[[], list[ScanRecord]]]:
     kinds = {"1 mm": 0.001, "1 cm": 0.01}
     return {
         label: lambda sigma=sigma, k=k: noisy(records, [options.seed, k], sigma)  # type: ignore[misc]
@@ -239,7 +239,7 @@ def simulated_floor(seed: int | Sequence[int], rooms: int, lidar: Lidar) -> tupl
     return records, np.array(truth)
 
 
-def _wheels(options: Options, report: Report) -> None:
+def _wheels(options: RunOptions, report: Report) -> None:
     """Wheels that fail beside good ones, on simulated floors of one scanner."""
     floors = options.share(15, 5)
     found: dict[tuple[str, str], list[list[Any]]] = {}
@@ -252,7 +252,7 @@ def _wheels(options: Options, report: Report) -> None:
             for method, run in (
                 ("ours", follow(driven, True)),
                 ("point to line", follow(driven, True, by=PointToLine())),
-                ("wheels alone", Run(wheels, np.full(len(driven), np.nan), 0)),
+                ("wheels alone", OdometryRun(wheels, np.full(len(driven), np.nan), 0)),
             ):
                 found.setdefault((fault, method), []).append(errors(run, run.poses, truth))
     rows: list[list[object]] = []
@@ -283,7 +283,7 @@ def _means(every: list[list[Any]]) -> list[float]:
     return [float(np.nanmean([each[column] for each in every])) for column in (1, 2, 3)]
 
 
-def _simulated(options: Options, report: Report) -> None:
+def _simulated(options: RunOptions, report: Report) -> None:
     """Errors and NEES of increments and of the pose along simulated floors."""
     floors = options.share(60, 6)
     rows: list[list[object]] = []

@@ -17,25 +17,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.boosting import AdaBoost
-from estimation.gradient_boosting import GradientBoosting
-from estimation.metrics import absolute_trajectory_error, ospa
-from estimation.poses import between
+from estimation.geometry.poses import between
+from estimation.learning.boosting import AdaBoost
+from estimation.learning.gradient_boosting import GradientBoosting
+from estimation.metrics.statistics import absolute_trajectory_error, ospa
 from evaluation.experiments.odometry import simulated_floor
-from evaluation.experiments.phd_recorded import config_of
-from evaluation.experiments.registration_data import read_ply
-from evaluation.kiss_slam_peer import installed, kiss_slam
-from evaluation.report import Options, Part, Report, Table
-from evaluation.stone_soup_phd import StoneSoupPhd
+from evaluation.peers.kiss_slam_peer import installed, kiss_slam
+from evaluation.peers.stone_soup_phd import StoneSoupPhd
+from evaluation.phd.phd_recorded import config_of
+from evaluation.registration.registration_data import read_ply
+from evaluation.report import Part, Report, RunOptions, Table
 from loop_closure import features_2d, pair_features
-from loop_closure.slam import Slam
+from loop_closure.slam.trajectory import Slam
 from registration import Odometry, OdometryConfig, align
 from tracking import ExtendedTargetPhd
-from tracking.evaluation import positions
+from tracking.tracker_evaluation import positions
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.outdoor import SpinningLidar, random_neighbourhood, round_trip
-from whereabouts.simulation.pairs import free_pose
 from whereabouts.simulation.rooms import random_room
+from whereabouts.simulation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
+from whereabouts.simulation.scenes.scan_pairs import free_pose
 
 Array = NDArray[np.float64]
 ROUND = "200 clouds along 206 m. Local maps of KISS-SLAM are 100 m long by default: there are few to close loops with."
@@ -57,7 +57,7 @@ def _milliseconds(function: Callable[[], object]) -> float:
     return 1e3 * (time.process_time() - begun)
 
 
-def _clouds(options: Options, report: Report) -> None:
+def _clouds(options: RunOptions, report: Report) -> None:
     """The two recorded clouds with a known transform."""
     import small_gicp
 
@@ -85,7 +85,7 @@ def _clouds(options: Options, report: Report) -> None:
     )
 
 
-def _scans(options: Options, report: Report) -> None:
+def _scans(options: RunOptions, report: Report) -> None:
     """Odometry of a simulated floor from the same scans and wheels."""
     records, truth = simulated_floor(options.seed, 3, Lidar(361))
     records, truth = records[: options.share(3000, 1000)], truth[: options.share(3000, 1000)]
@@ -110,7 +110,7 @@ def _scans(options: Options, report: Report) -> None:
     _add(report, "Odometry of planar scans: ATE, mm", "scans", rows, "simulated", "", len(records))
 
 
-def _clouds_around(options: Options, report: Report) -> None:
+def _clouds_around(options: RunOptions, report: Report) -> None:
     """A simulated outdoor round, closed at its end."""
     if not installed():
         report.notes.append("KISS-SLAM is not installed: left out; `make peers` installs it")
@@ -150,7 +150,7 @@ def _places(seed: int, count: int) -> tuple[Array, Array]:
     return np.array(same + other), np.where(rng.random(2 * count) < NOISY_LABELS, 1 - labels, labels)
 
 
-def _classifiers(options: Options, report: Report) -> None:
+def _classifiers(options: RunOptions, report: Report) -> None:
     """Learning and scoring pairs of places; quality is the share of held-out pairs told right."""
     count = options.share(2000, 600)
     (F, y), (G, z) = _places(options.seed, count), _places(options.seed + 1000, count)
@@ -192,7 +192,7 @@ def _learners(seed: int) -> list[tuple[str, AdaBoost | GradientBoosting, Any]]:
     return found
 
 
-def _targets(options: Options, report: Report) -> None:
+def _targets(options: RunOptions, report: Report) -> None:
     """Recorded scans of extended targets, other realisations for each seed."""
     assert options.data is not None
     rows: list[list[object]] = []
@@ -245,10 +245,12 @@ def _add(
     )
 
 
-def _installed(module: str, part: Callable[[Options, Report], None]) -> Callable[[Options, Report], None]:
+def _installed(
+    module: str, part: Callable[[RunOptions, Report], None]
+) -> Callable[[RunOptions, Report], None]:
     """The part, or a note where the library is not here."""
 
-    def run(options: Options, report: Report) -> None:
+    def run(options: RunOptions, report: Report) -> None:
         if find_spec(module):
             part(options, report)
         else:

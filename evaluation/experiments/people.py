@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.errors import InputError
-from evaluation.experiments.people_beside import (
+from evaluation.people.people_beside import (
     PHANTOM_NEEDS,
     among_people,
     one_stands,
     phantom_benchmark,
 )
-from evaluation.experiments.people_judging import (
+from evaluation.people.people_judging import (
     SCENE,
     Constant,
     crossing_kept,
@@ -23,14 +23,13 @@ from evaluation.experiments.people_judging import (
     judge_scene,
     phantoms,
 )
-from evaluation.experiments.people_marked import MARKED, marked_legs
-from evaluation.experiments.people_picture import hidden_episodes, picture
-from evaluation.experiments.people_sensitivity import sensitivity
-from evaluation.report import Options, Part, Report, Table
-from tracking.people import PeopleTracker
-from whereabouts.progress import track
-from whereabouts.simulation.apartment_day import SCAN_RATE
-from whereabouts.simulation.occlusion_scenes import (
+from evaluation.people.people_marked import MARKED, marked_legs
+from evaluation.people.people_picture import hidden_episodes, picture
+from evaluation.people.people_sensitivity import sensitivity
+from evaluation.report import Part, Report, RunOptions, Table
+from tracking.people.people_tracker import PeopleTracker
+from whereabouts.simulation.home.apartment_day import SCAN_RATE
+from whereabouts.simulation.scenes.occlusion_scenes import (
     BODIES,
     LAYOUTS,
     MOTIONS,
@@ -39,7 +38,8 @@ from whereabouts.simulation.occlusion_scenes import (
     occlusions,
     to_and_fro,
 )
-from whereabouts.simulation.people_scenes import crossing, crowded_room, hidden
+from whereabouts.simulation.scenes.people_scenes import crossing, crowded_room, hidden
+from whereabouts.system.progress import track
 
 FOLLOWING = "person_following_outdoor_1.bag.zip"
 NEGATIVE = "negative_2.bag"
@@ -50,7 +50,7 @@ DEMO = "demo_stationary_simple_environment.bag"
 REFERENCE = "joint leg tracker, measured on these recordings"
 
 
-def _following(options: Options, report: Report) -> None:
+def _following(options: RunOptions, report: Report) -> None:
     assert options.data is not None
     path = options.data / "people" / FOLLOWING
     judged = follow_person(path, "scan_base2", "ground_truth_people_tracks")
@@ -73,7 +73,7 @@ def _following(options: Options, report: Report) -> None:
     )
 
 
-def _nobody(options: Options, report: Report) -> None:
+def _nobody(options: RunOptions, report: Report) -> None:
     assert options.data is not None
     path = options.data / "people" / "legs_training" / NEGATIVE
     rows: list[list[object]] = []
@@ -96,7 +96,7 @@ def _nobody(options: Options, report: Report) -> None:
     )
 
 
-def _crossings(options: Options, report: Report) -> None:
+def _crossings(options: RunOptions, report: Report) -> None:
     few = options.share(100, 10)
     rows: list[list[object]] = []
     for body in ("legs", "trunk"):
@@ -118,7 +118,7 @@ def _crossings(options: Options, report: Report) -> None:
     )
 
 
-def _rooms(options: Options, report: Report) -> None:
+def _rooms(options: RunOptions, report: Report) -> None:
     rooms = options.share(15, 5)
     rows: list[list[object]] = []
     for moving in (False, True):
@@ -138,7 +138,7 @@ def _rooms(options: Options, report: Report) -> None:
     )
 
 
-def _to_and_fro(options: Options, report: Report) -> None:
+def _to_and_fro(options: RunOptions, report: Report) -> None:
     """People who walk to and fro among what hides them; nobody is excused for being hidden or new."""
     few = options.share(5, 5)
     rows: list[list[object]] = []
@@ -170,7 +170,7 @@ def _to_and_fro(options: Options, report: Report) -> None:
     )
 
 
-def _occlusions(options: Options, report: Report) -> None:
+def _occlusions(options: RunOptions, report: Report) -> None:
     """Plain scenes in which people get wholly hidden; nobody is excused for being hidden or new."""
     few = options.share(5, 5)
     rows: list[list[object]] = []
@@ -199,7 +199,7 @@ def _occlusions(options: Options, report: Report) -> None:
     )
 
 
-def _home(options: Options, report: Report) -> None:
+def _home(options: RunOptions, report: Report) -> None:
     """The demo's home on other days: who lives there comes and goes, stands about and is found again."""
     # The demo shows day 20; `located` was chosen on days 21 and 22.
     day = int(np.random.default_rng([options.seed, 6]).integers(1000, 2**31))
@@ -225,7 +225,7 @@ def _home(options: Options, report: Report) -> None:
     )
 
 
-def _hidden(options: Options, report: Report) -> None:
+def _hidden(options: RunOptions, report: Report) -> None:
     """Figure 4: a person hidden behind a pillar or another one, with constant and variable p_D."""
     few = options.share(60, 10)
     rows: list[list[object]] = []
@@ -252,7 +252,7 @@ def _hidden(options: Options, report: Report) -> None:
     )
 
 
-def _demo(options: Options, report: Report) -> None:
+def _demo(options: RunOptions, report: Report) -> None:
     assert options.data is not None
     rows: list[list[object]] = []
     for name, kind in (("constant", Constant), ("variable", PeopleTracker)):

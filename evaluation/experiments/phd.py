@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.experiments import phd_hidden as hiding
-from evaluation.experiments import phd_monte_carlo as monte_carlo
-from evaluation.experiments import phd_partitions as partitions
-from evaluation.experiments import phd_recorded as recorded
-from evaluation.report import Options, Part, Printed, Report, Table
-from whereabouts.parallel import each
-from whereabouts.simulation.hidden_people import PERIOD
+from evaluation.phd import phd_hidden as hiding
+from evaluation.phd import phd_monte_carlo as monte_carlo
+from evaluation.phd import phd_partitions as partitions
+from evaluation.phd import phd_recorded as recorded
+from evaluation.report import Part, Printed, Report, RunOptions, Table
+from whereabouts.simulation.scenes.hidden_people import PERIOD
+from whereabouts.system.parallel import each
 
 # What is compared, by the name it has in the tables.
 PRINTED = hiding.PRINTED
@@ -43,12 +43,12 @@ WALKS = {
 }
 
 
-def _parallel(options: Options, what: str, function: Any, calls: list[tuple[Any, ...]]) -> list[Any]:
+def _parallel(options: RunOptions, what: str, function: Any, calls: list[tuple[Any, ...]]) -> list[Any]:
     """The function's results in order, on the processes of the options, with progress."""
     return each(function, calls, options.jobs, what)
 
 
-def _figure_3(options: Options, report: Report) -> None:
+def _figure_3(options: RunOptions, report: Report) -> None:
     """OSPA and cardinality over time, extended against point targets, distances against K-means."""
     count = options.share(100, 5)
     rows: list[list[Any]] = []
@@ -94,7 +94,7 @@ def _figure_3(options: Options, report: Report) -> None:
     )
 
 
-def _crossings(options: Options, report: Report) -> None:
+def _crossings(options: RunOptions, report: Report) -> None:
     """Do labels survive?"""
     count = options.share(500, 100)
     rows: list[list[Any]] = []
@@ -120,7 +120,7 @@ def _crossings(options: Options, report: Report) -> None:
     )
 
 
-def _figure_4(options: Options, report: Report) -> None:
+def _figure_4(options: RunOptions, report: Report) -> None:
     """A person hidden by another: constant against variable detection probability."""
     count = options.share(50, 5)
     rows: list[list[Any]] = []
@@ -165,7 +165,7 @@ def _figure_4(options: Options, report: Report) -> None:
     report.pictures.append(hiding.draw(options.out, shown))
 
 
-def _recorded(options: Options, report: Report) -> None:
+def _recorded(options: RunOptions, report: Report) -> None:
     """Mean OSPA on the recorded scans, the others' as published with them."""
     assert options.data is not None
     folder = options.data / "extended_targets"

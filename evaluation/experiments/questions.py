@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from estimation.errors import InputError
-from estimation.places import Places
-from evaluation.report import Options, Part, Report, Table
-from whereabouts.progress import track
+from estimation.geometry.places import Places
+from evaluation.report import Part, Report, RunOptions, Table
+from whereabouts.system.progress import track
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject, WorldState
 from world_model.memory.store import Store
 from world_model.questions import Answer, ask, recall
@@ -74,14 +74,14 @@ def kind_of(name: str) -> str:
 
 
 @dataclass
-class Household:
+class AskedHome:
     """Where everything truly is. moves : by thing, [(stamp, place, position)]. visits : (person, place, from, to)."""
 
     moves: dict[str, list[tuple[float, str, np.ndarray]]]
     visits: list[tuple[str, str, float, float]] = field(default_factory=list)
 
     @classmethod
-    def living(cls, days: int, rng: np.random.Generator) -> Household:
+    def living(cls, days: int, rng: np.random.Generator) -> AskedHome:
         """So many days of habits, of which each is kept in 85 of 100 cases."""
         moves: dict[str, list[tuple[float, str, np.ndarray]]] = {}
         visits = []
@@ -162,7 +162,7 @@ def settings() -> WorldModelConfig:
     )
 
 
-def look(home: Household, place: str, stamp: float, rng: np.random.Generator) -> WorldEvidence:
+def look(home: AskedHome, place: str, stamp: float, rng: np.random.Generator) -> WorldEvidence:
     """What one look finds."""
     found = []
     for name in home.moves:
@@ -177,7 +177,7 @@ def look(home: Household, place: str, stamp: float, rng: np.random.Generator) ->
 
 
 @dataclass
-class Tally:
+class AnswerTally:
     """Answers by kind of question: right, probability, s."""
 
     right: list[bool] = field(default_factory=list)
@@ -201,7 +201,7 @@ def said(place: str) -> str:
     return place.replace("_", " ")
 
 
-def asked(home: Household, now: float, rng: np.random.Generator) -> Iterator[tuple[str, str, Checked]]:
+def asked(home: AskedHome, now: float, rng: np.random.Generator) -> Iterator[tuple[str, str, Checked]]:
     """Kind, question and check, drawn at random, without end."""
     kinds = list(QUESTIONS)
     while True:
@@ -230,13 +230,13 @@ def _when(now: float, rng: np.random.Generator) -> tuple[str, float]:
     return f"at {then:%Y-%m-%dT%H:%M}", at
 
 
-def _where_is(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _where_is(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     name = _thing(rng)
     place, _ = home.at(name, now)
     return f"where is the {name}?", lambda answer: (answer.value or LOST) == place
 
 
-def _where_was(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _where_was(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     name = _thing(rng)
     words, at = _when(now, rng)
     place, _ = home.at(name, at)
@@ -245,7 +245,7 @@ def _where_was(home: Household, now: float, rng: np.random.Generator) -> tuple[s
     return f"where was the {name} {words}?", lambda answer: (answer.value or LOST) == place
 
 
-def _is_at(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _is_at(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     name = _thing(rng)
     truly, _ = home.at(name, now)
     place = truly if truly and rng.random() < 0.5 else str(rng.choice(SPOTS))
@@ -255,7 +255,7 @@ def _is_at(home: Household, now: float, rng: np.random.Generator) -> tuple[str, 
     )
 
 
-def _how_often(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _how_often(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     name = _thing(rng)
     day = datetime.fromtimestamp(now).replace(hour=0, minute=0, second=0).timestamp()
     if now - day < 8 * HOUR:
@@ -264,7 +264,7 @@ def _how_often(home: Household, now: float, rng: np.random.Generator) -> tuple[s
     return f"how often was the {name} moved today?", lambda answer: answer.value == count
 
 
-def _how_long(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _how_long(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     name = _thing(rng)
     long = now - home.began(name, now)
     if long > now - BEGIN - 8 * HOUR or long < 0.5 * HOUR:
@@ -275,7 +275,7 @@ def _how_long(home: Household, now: float, rng: np.random.Generator) -> tuple[st
     )
 
 
-def _last_seen(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _last_seen(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     name = _thing(rng)
     left = home.began(name, now) if not home.at(name, now)[0] else now
 
@@ -286,7 +286,7 @@ def _last_seen(home: Household, now: float, rng: np.random.Generator) -> tuple[s
     return f"when was the {name} last seen?", check
 
 
-def _what_changed(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _what_changed(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     hours = int(rng.integers(2, 7))
     start = now - hours * HOUR
     if start < BEGIN + 9 * HOUR or datetime.fromtimestamp(start).hour < 8:
@@ -318,7 +318,7 @@ IDS: dict[str, str] = {}
 """Things by id where classes have several; of the household that is asked about."""
 
 
-def _what_is_at(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _what_is_at(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     place = str(rng.choice(SPOTS))
     there = {name for name in THINGS if home.at(name, now)[0] == place}
     verb = HOME[place].preposition
@@ -328,7 +328,7 @@ def _what_is_at(home: Household, now: float, rng: np.random.Generator) -> tuple[
     )
 
 
-def _usually(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _usually(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     if now - BEGIN < 5 * DAY:
         return None
     name = _thing(rng)
@@ -344,12 +344,12 @@ def _usually(home: Household, now: float, rng: np.random.Generator) -> tuple[str
     return f"where is the {name} usually?", lambda answer: answer.value == order[0]
 
 
-def _missing(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _missing(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     gone = {name for name in THINGS if not home.at(name, now)[0]}
     return "what is missing?", lambda answer: {by_id(each) for each in answer.value} == gone
 
 
-def _who(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
+def _who(home: AskedHome, now: float, rng: np.random.Generator) -> tuple[str, Checked] | None:
     place = str(rng.choice(["kitchen_table", "sofa", "desk"]))
     today = datetime.fromtimestamp(now).replace(hour=0, minute=0, second=0).timestamp()
     visits = [
@@ -367,7 +367,7 @@ def _who(home: Household, now: float, rng: np.random.Generator) -> tuple[str, Ch
     return None if late else (f"who was {HOME[place].preposition} the {said(place)} today?", check)
 
 
-Maker = Callable[[Household, float, np.random.Generator], "tuple[str, Checked] | None"]
+Maker = Callable[[AskedHome, float, np.random.Generator], "tuple[str, Checked] | None"]
 QUESTIONS: dict[str, Maker] = {
     "where is": _where_is,
     "where was": _where_was,
@@ -383,11 +383,11 @@ QUESTIONS: dict[str, Maker] = {
 }
 
 
-def two_weeks(options: Options, days: int, count: int) -> dict[str, Tally]:
+def two_weeks(options: RunOptions, days: int, count: int) -> dict[str, AnswerTally]:
     """Live through the days, ask each afternoon or evening."""
     rng = np.random.default_rng([options.seed, UNSEEN])
-    home = Household.living(days, rng)
-    tallies: dict[str, Tally] = {}
+    home = AskedHome.living(days, rng)
+    tallies: dict[str, AnswerTally] = {}
     asking = {day: BEGIN + day * DAY + rng.uniform(15.0, 22.4) * HOUR for day in range(days)}
     per_day = -(-count // days)
     with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "home.sqlite") as store:
@@ -403,7 +403,7 @@ def two_weeks(options: Options, days: int, count: int) -> dict[str, Tally]:
     return tallies
 
 
-def _named(model: WorldModel, home: Household, now: float) -> None:
+def _named(model: WorldModel, home: AskedHome, now: float) -> None:
     """Which id each thing has of those whose class several have."""
     IDS.clear()
     for item in model.propagate(now).objects:
@@ -413,7 +413,12 @@ def _named(model: WorldModel, home: Household, now: float) -> None:
 
 
 def _interview(
-    store: Store, home: Household, now: float, count: int, rng: np.random.Generator, tallies: dict[str, Tally]
+    store: Store,
+    home: AskedHome,
+    now: float,
+    count: int,
+    rng: np.random.Generator,
+    tallies: dict[str, AnswerTally],
 ) -> None:
     asking = asked(home, now, rng)
     for _ in range(count):
@@ -425,17 +430,17 @@ def _interview(
             right = check(answer)
         except (TypeError, AttributeError, ValueError):
             right = False
-        tally = tallies.setdefault(kind, Tally())
+        tally = tallies.setdefault(kind, AnswerTally())
         tally.add(right, answer.probability, spent)
         if not right:
             tally.wrong.append(f"{datetime.fromtimestamp(now):%d %H:%M} {question} {answer.sentence}")
 
 
-def _answers(options: Options, report: Report) -> None:
+def _answers(options: RunOptions, report: Report) -> None:
     """Right answers and how far their probabilities can be believed."""
     tallies = two_weeks(options, 5 if options.quick else 14, 110 if options.quick else 300)
     rows: list[list[object]] = []
-    everything = Tally()
+    everything = AnswerTally()
     for kind in QUESTIONS:
         if kind in tallies:
             tally = tallies[kind]
@@ -522,7 +527,7 @@ def _watch(
 PUZZLES = ("exchanged", "removed", "carried", "exchanged twins", "removed of twins", "carried of twins")
 
 
-def _puzzles(options: Options, report: Report) -> None:
+def _puzzles(options: RunOptions, report: Report) -> None:
     """Ghosts and exchanges that are told as sure."""
     rows: list[list[object]] = []
     scenes = 3 if options.quick else 20
@@ -662,7 +667,7 @@ class Costs:
         return spent
 
 
-def _times(options: Options, report: Report) -> None:
+def _times(options: RunOptions, report: Report) -> None:
     """What a question costs on a store of a year."""
     rng = np.random.default_rng([options.seed, UNSEEN])
     each = (100 if options.quick else 300) // len(KINDS)

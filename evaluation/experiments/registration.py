@@ -1,8 +1,8 @@
 """Pairwise, global and spatial registration: success, accuracy, time and honesty beside other libraries.
 
 Simulated rooms (σ = 1 cm), zero initial guess; success is less than 5 cm and 1° off. The pairs are those of
-`whereabouts.simulation.pairs`: easy up to 0.2 m and 10°, hard up to 0.6 m and 35°, crowded as easy with 8 moving
-people and things. Recorded clouds (`scans_3d`) are registered from identity and after a random turn.
+`whereabouts.simulation.scenes.scan_pairs`: easy up to 0.2 m and 10°, hard up to 0.6 m and 35°, crowded as easy
+with 8 moving people and things. Recorded clouds (`scans_3d`) are registered from identity and after a random turn.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimation.metrics import anees_bounds
-from estimation.poses import wrap_angle
-from evaluation.experiments.registration_data import read_3dtk, read_ply
-from evaluation.experiments.registration_others import extruded_gicp, kiss_icp, open3d_point_to_plane
-from evaluation.experiments.registration_pictures import draw_cloud, draw_icp, draw_uncertainty
-from evaluation.report import Options, Part, Report, Table, slug
+from estimation.geometry.poses import wrap_angle
+from estimation.metrics.statistics import anees_bounds
+from evaluation.registration.registration_data import read_3dtk, read_ply
+from evaluation.registration.registration_others import extruded_gicp, kiss_icp, open3d_point_to_plane
+from evaluation.registration.registration_pictures import draw_cloud, draw_icp, draw_uncertainty
+from evaluation.report import Part, Report, RunOptions, Table, slug
 from registration import Registration, Scan, align, align_globally
-from registration.align import agreements, settle
-from registration.align_globally import METHODS as GLOBAL
-from registration.judgement import judged
-from registration.prepared import prepared
-from registration.refine import refine
-from whereabouts.progress import track
+from registration.laser.prepared import prepared
+from registration.placement.align import agreements, settle
+from registration.placement.align_globally import METHODS as GLOBAL
+from registration.placement.judgement import judged
+from registration.placement.refine import refine
 from whereabouts.simulation import Lidar, corridor, random_room
-from whereabouts.simulation.labelled_pairs import random_labelled_pairs
-from whereabouts.simulation.pairs import CROWDED, EASY, HARD, Pair, free_pose, random_pair
 from whereabouts.simulation.robot import relative
+from whereabouts.simulation.scenes.labelled_pairs import random_labelled_pairs
+from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, HARD, Pair, free_pose, random_pair
+from whereabouts.system.progress import track
 
 LIDARS = {
     "361 beams, 360°": Lidar(361, 2.0 * np.pi * 360 / 361),
@@ -42,7 +42,7 @@ Aligner = Callable[[Scan, Scan], Registration]
 
 
 @dataclass
-class Tally:
+class RegistrationTally:
     """Errors of one method on one kind of pair: metres, radians, squares, seconds."""
 
     away: list[float]
@@ -86,9 +86,9 @@ def _refined(source: Scan, target: Scan, searched: bool) -> Registration:
     return judged(moving, still, refined, np.zeros(3), views)
 
 
-def measure(aligner: Aligner, pairs: list[Pair]) -> Tally:
+def measure(aligner: Aligner, pairs: list[Pair]) -> RegistrationTally:
     """Errors and times of one method."""
-    tally = Tally([], [], [], [], [])
+    tally = RegistrationTally([], [], [], [], [])
     aligner(pairs[0].source.scan, pairs[0].target.scan)  # compilation is no part of the time
     for pair in pairs:
         begun = time.perf_counter()
@@ -104,7 +104,7 @@ def measure(aligner: Aligner, pairs: list[Pair]) -> Tally:
     return tally
 
 
-def _pairs(options: Options, report: Report) -> None:
+def _pairs(options: RunOptions, report: Report) -> None:
     count = options.share(400, 40)
     columns = ["method"] + [
         f"{kind}: {what}"
@@ -144,7 +144,7 @@ def _pairs(options: Options, report: Report) -> None:
         )
 
 
-def _honesty(options: Options, report: Report) -> None:
+def _honesty(options: RunOptions, report: Report) -> None:
     """NEES in rooms and corridors, and what becomes of scans of different rooms."""
     count = options.share(500, 100)
     rows: list[list[object]] = []
@@ -189,7 +189,7 @@ def _corridor_pair(rng: np.random.Generator, lidar: Lidar) -> Pair:
     return Pair(scans[0], scans[1], relative(first, second))
 
 
-def _globally(options: Options, report: Report) -> None:
+def _globally(options: RunOptions, report: Report) -> None:
     count = options.share(200, 30)
     rows = []
     for label, lidar in LIDARS.items():
@@ -220,7 +220,7 @@ def _globally(options: Options, report: Report) -> None:
     )
 
 
-def _spatial(options: Options, report: Report) -> None:
+def _spatial(options: RunOptions, report: Report) -> None:
     assert options.data is not None
     folder = options.data / "scans_3d"
     source, target = read_ply(folder / "source.ply"), read_ply(folder / "target.ply")
@@ -276,7 +276,7 @@ def _skew_part(motion: np.ndarray) -> np.ndarray:
     )
 
 
-def _pictures(options: Options, report: Report) -> None:
+def _pictures(options: RunOptions, report: Report) -> None:
     """Figures of chapter 2 of the licentiate thesis, on simulated scans."""
     rng = np.random.default_rng(options.seed)
     (street,) = random_labelled_pairs(rng, "street", 1)

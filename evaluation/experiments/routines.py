@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.report import Options, Part, Report, Table
-from whereabouts.progress import track
+from evaluation.report import Part, Report, RunOptions, Table
+from whereabouts.system.progress import track
 from world_model.memory.routines import Routines, RoutinesConfig
 
 Array = NDArray[np.int64]
@@ -38,14 +38,14 @@ THRESHOLDS = np.round(np.arange(0.15, 0.651, 0.05), 2)
 
 
 @dataclass
-class Household:
+class HomerHome:
     """Where all things are. place : (D, T, N) index. minutes : (D, T) of the day."""
 
     place: Array
     minutes: Array
 
     @classmethod
-    def read(cls, path: Path) -> Household:
+    def read(cls, path: Path) -> HomerHome:
         with np.load(path) as data:
             return cls(data["parent"][:, :, data["movable"]].astype(np.int64), data["times"].astype(np.int64))
 
@@ -60,7 +60,7 @@ class Household:
 
 
 @dataclass
-class Judged:
+class JudgedRoutines:
     """Sums over all forecasts that were judged.
 
     right, all, moved_right, moved, brier : by horizon, hours. hits, false, missed : moves by threshold. looks,
@@ -109,12 +109,12 @@ class Judged:
 
 
 def run(
-    home: Household, config: RoutinesConfig | None, options: Options, views: int = 0, moves: bool = True
-) -> Judged:
+    home: HomerHome, config: RoutinesConfig | None, options: RunOptions, views: int = 0, moves: bool = True
+) -> JudgedRoutines:
     """Live through all days. config : None for last seen. views : places per step while learning, 0 for all."""
     rng = np.random.default_rng([options.seed, 26])
     routines = None if config is None else Routines(replace(config, threshold=float(THRESHOLDS[0])))
-    judged = Judged()
+    judged = JudgedRoutines()
     first, last = (LEARNED - 20, LEARNED + 2) if options.quick else (0, len(home.place))
     for day in range(first, last):
         for step in range(home.place.shape[1]):
@@ -128,7 +128,9 @@ def run(
     return judged
 
 
-def _look(routines: Routines, home: Household, day: int, step: int, seen: Array, judged: Judged) -> None:
+def _look(
+    routines: Routines, home: HomerHome, day: int, step: int, seen: Array, judged: JudgedRoutines
+) -> None:
     stamp = home.stamp(day, step)
     now = home.place[day, step]
     looks = [(str(place), [f"thing {k}" for k in np.flatnonzero(now == place)]) for place in seen]
@@ -140,7 +142,7 @@ def _look(routines: Routines, home: Household, day: int, step: int, seen: Array,
 
 
 def _judge(
-    routines: Routines | None, home: Household, day: int, step: int, judged: Judged, moves: bool
+    routines: Routines | None, home: HomerHome, day: int, step: int, judged: JudgedRoutines, moves: bool
 ) -> None:
     """Forecasts from every third step, moves from every step; both within the day."""
     stamp = home.stamp(day, step)
@@ -167,7 +169,7 @@ def _first_moves(place: Array) -> Iterator[str | None]:
         yield str(each[changed[0]]) if len(changed) else None
 
 
-def hindsight(home: Household, hours: int) -> tuple[float, float]:
+def hindsight(home: HomerHome, hours: int) -> tuple[float, float]:
     """Right of all and of what moved, %, by the best constant rule for the judged days themselves.
 
     For each thing, each place where it is and each time of day it names what came most often: no rule of these three
@@ -189,17 +191,17 @@ def hindsight(home: Household, hours: int) -> tuple[float, float]:
     return 100.0 * right / count, 100.0 * moved_right / max(moved, 1)
 
 
-def _homes(options: Options) -> dict[str, Household]:
+def _homes(options: RunOptions) -> dict[str, HomerHome]:
     assert options.data is not None
-    return {name: Household.read(options.data / path) for name, path in HOUSEHOLDS.items()}
+    return {name: HomerHome.read(options.data / path) for name, path in HOUSEHOLDS.items()}
 
 
-def _forecasts(options: Options, report: Report) -> None:
+def _forecasts(options: RunOptions, report: Report) -> None:
     """Where things are after a full look, which move within half an hour, and what a look costs."""
     places: list[list[object]] = []
     moves: list[list[object]] = []
     costs: list[list[object]] = []
-    found: dict[tuple[str, str], Judged] = {}
+    found: dict[tuple[str, str], JudgedRoutines] = {}
     homes = _homes(options)
     for name, method in track([(name, method) for name in homes for method in METHODS], "households"):
         judged = found[name, method] = run(homes[name], METHODS[method], options)
@@ -260,7 +262,7 @@ def _forecasts(options: Options, report: Report) -> None:
     ]  # fmt: skip
 
 
-def _partial(options: Options, report: Report) -> None:
+def _partial(options: RunOptions, report: Report) -> None:
     """The same, learned from three places in ten minutes, drawn at random."""
     rows: list[list[object]] = []
     shipped = int(np.abs(THRESHOLDS - RoutinesConfig().threshold).argmin())

@@ -12,11 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.places import Places
-from evaluation.report import Options, Part, Report, Table
-from whereabouts.parallel import each
-from whereabouts.progress import track
-from whereabouts.simulation.recipe_rooms import (
+from estimation.geometry.places import Places
+from evaluation.report import Part, Report, RunOptions, Table
+from whereabouts.simulation.scenes.recipe_rooms import (
     RECIPE_SIZE,
     RecipeRoom,
     driven,
@@ -24,6 +22,8 @@ from whereabouts.simulation.recipe_rooms import (
     recipe_room,
     swept,
 )
+from whereabouts.system.parallel import each
+from whereabouts.system.progress import track
 from world_model.tasks.relations import Relations
 from world_model.tasks.search import Chain, ObjectSearch, SearchConfig
 
@@ -39,7 +39,7 @@ TABLE_5_1 = {"book": (0.20, 0.33, 0.11), "three-seater": (0.23, 0.11, 0.12), "ke
 Outcomes = dict[str, list[list[tuple[bool, float]]]]
 
 
-def _relations(options: Options, report: Report) -> None:
+def _relations(options: RunOptions, report: Report) -> None:
     """Table 5.1."""
     relations = _learned(options.seed, 4.0)
     theirs = {f"text: {name}": "Table 5.1" for name in NEIGHBOURS[:3]}
@@ -53,7 +53,7 @@ def _relations(options: Options, report: Report) -> None:
     report.tables.append(Table(title, columns, rows, note, "relations", theirs, "simulated", ROOMS_SEEN))
 
 
-def _strategies(options: Options, report: Report) -> None:
+def _strategies(options: RunOptions, report: Report) -> None:
     """Figures 5.2 and 5.3, and one search with its reasons."""
     scales = QUICK_SCALES if options.quick else SCALES
     relations = _learned(options.seed, 4.0)
@@ -178,7 +178,7 @@ def _room_outcomes(
 
 
 def _all(
-    options: Options, relations: Relations, scales: tuple[float, ...], rooms: int,
+    options: RunOptions, relations: Relations, scales: tuple[float, ...], rooms: int,
     strategies: tuple[str, ...] = STRATEGIES, label: str = "view scales", width: float = RECIPE_SIZE,
 ) -> Outcomes:  # fmt: skip
     """Per strategy and view scale, (failed, length) of every room and corner."""
@@ -201,7 +201,7 @@ def _length(outcomes: list[tuple[bool, float]]) -> float:
     return float(np.mean([length for _, length in outcomes]))
 
 
-def _sizes(options: Options, report: Report) -> None:
+def _sizes(options: RunOptions, report: Report) -> None:
     """In how large a room the text's plain rule still finds its way: its own room's size is not printed."""
     strategies, scales = ("belief", "belief, room unknown", "chain", "direct"), (4.0, 5.0)
     sizes = SIZES[1::2] if options.quick else SIZES
@@ -224,7 +224,7 @@ def _sizes(options: Options, report: Report) -> None:
     )  # fmt: skip
 
 
-def _teachers(options: Options, report: Report) -> None:
+def _teachers(options: RunOptions, report: Report) -> None:
     """Figure 5.4: relations learned with another view scale."""
     teachers = (4.0, 15.0) if options.quick else (4.0, 5.0, 10.0, 15.0)
     scales = (4.0, 8.0) if options.quick else (4.0, 5.0, 7.0, 10.0, 13.0)

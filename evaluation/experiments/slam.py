@@ -15,8 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.metrics import absolute_trajectory_error, relations_error
-from evaluation.experiments import (
+from estimation.metrics.statistics import absolute_trajectory_error, relations_error
+from evaluation.experiments.odometry import CORRECTED, NEEDS, RAW
+from evaluation.report import Part, Printed, Report, RunOptions, Table
+from evaluation.slam import (
     slam_as_node,
     slam_in_map,
     slam_places,
@@ -24,10 +26,9 @@ from evaluation.experiments import (
     slam_proximity,
     slam_shaken,
 )
-from evaluation.experiments.odometry import CORRECTED, NEEDS, RAW
-from evaluation.experiments.slam_direct import Direct, check, single_errors
-from evaluation.experiments.slam_following import followed, mapped
-from evaluation.experiments.slam_judging import (
+from evaluation.slam.slam_direct import Direct, check, single_errors
+from evaluation.slam.slam_following import followed, mapped
+from evaluation.slam.slam_judging import (
     CLOSE,
     Followed,
     against_scans,
@@ -41,14 +42,13 @@ from evaluation.experiments.slam_judging import (
     with_scale,
     worth,
 )
-from evaluation.report import Options, Part, Printed, Report, Table
-from loop_closure.esdf import EsdfGraph
-from loop_closure.graph import PoseGraph, SmoothedGraph
-from loop_closure.slam import Slam
+from loop_closure.graph.esdf import EsdfGraph
+from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph
+from loop_closure.slam.trajectory import Slam
 from registration import Odometry
-from whereabouts.logs.g2o import read_g2o
-from whereabouts.progress import track
-from whereabouts.simulation.outdoor import SpinningLidar, random_neighbourhood, round_trip
+from whereabouts.logs.formats.g2o import read_g2o
+from whereabouts.simulation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
+from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]
 JUDGED = slam_places.JUDGED
@@ -86,7 +86,7 @@ PUBLISHED: dict[str, tuple[float | str, ...]] = {
 }
 
 
-def _logs(options: Options, report: Report) -> None:
+def _logs(options: RunOptions, report: Report) -> None:
     assert options.data is not None
     folder = options.data / "carmen"
     names = ["mit-csail.clf.bz2", CORRECTED[0]] if options.quick else [*RAW, *CORRECTED]
@@ -224,7 +224,7 @@ def _row(
     return row, about, checked
 
 
-def _killian(options: Options, report: Report) -> None:
+def _killian(options: RunOptions, report: Report) -> None:
     from whereabouts.killian import DownloadError, graph_file
 
     if options.quick:
@@ -273,7 +273,7 @@ def _killian(options: Options, report: Report) -> None:
     )
 
 
-def _outdoor(options: Options, report: Report) -> None:
+def _outdoor(options: RunOptions, report: Report) -> None:
     """A simulated outdoor round of clouds."""
     if options.quick:
         return

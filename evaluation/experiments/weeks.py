@@ -15,14 +15,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from estimation.poses import pose_to_matrix
-from evaluation.report import Options, Part, Report, Table
-from whereabouts.demo.live_suite import library_settings
-from whereabouts.evidence import Frame
-from whereabouts.progress import track
-from whereabouts.simulation.apartment import CAMERA_HEIGHT
-from whereabouts.simulation.apartment_day import THINGS
-from whereabouts.simulation.weeks import CARRIED, DAY, HOUR, MINUTE, Weeks
+from estimation.geometry.poses import pose_to_matrix
+from evaluation.report import Part, Report, RunOptions, Table
+from whereabouts.demo.live.live_suite import library_settings
+from whereabouts.recorded.evidence_messages import SeenFrame
+from whereabouts.simulation.home.apartment_day import THINGS
+from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
+from whereabouts.simulation.home.household_weeks import CARRIED, DAY, HOUR, MINUTE, Weeks
+from whereabouts.system.progress import track
 from world_model import WorldEvidence, WorldModel, WorldObject
 from world_model.memory.store import Store
 from world_model.queries import Words
@@ -123,7 +123,7 @@ class Robot:
 def _placed(evidence: WorldEvidence, pose: np.ndarray, covariance: np.ndarray) -> WorldEvidence:
     """What the camera says, in the world; covariance (3, 3) of the robot's pose."""
     eye = pose_to_matrix(np.array([pose[0], pose[1], CAMERA_HEIGHT, 0.0, 0.0, pose[2]]))
-    frame = Frame(eye, pose[:2], covariance)
+    frame = SeenFrame(eye, pose[:2], covariance)
     objects = []
     for item in evidence.objects:
         spread = None if item.covariance is None else np.asarray(item.covariance)
@@ -184,7 +184,7 @@ def _memory() -> float:
     return pages * 4096 / 2**20
 
 
-def _weeks(options: Options, report: Report) -> None:
+def _weeks(options: RunOptions, report: Report) -> None:
     """Searches, answers, store and memory."""
     days = QUICK_DAYS if options.quick else DAYS
     (seed,) = np.random.default_rng([options.seed, 60]).integers(2**31, size=1).tolist()

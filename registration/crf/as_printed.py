@@ -2,7 +2,7 @@
 
 x^A_i is one of the M points of the second scan or an outlier, x^C_i one of D clusters, the last one the outliers, and
 x^RT the motion of every cluster. Two chains, joined only through x^RT (figure 1); Algorithm 1 in `as_printed_messages`;
-weights are learned beside the product (III.B, `evaluation.experiments.crf_learning`). It begins blind, or where `start`
+weights are learned beside the product (III.B, `evaluation.crf.crf_learning`). It begins blind, or where `start`
 is given, with its motions.
 
 What the text leaves open: formulas of the features, so that there are 16 weights here for its 30; InitialiseRT, here
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from estimation.boosting import AdaBoost
+from estimation.checks import FloatArray
+from estimation.learning.boosting import AdaBoost
 from registration.crf.as_printed_messages import (
     FEATURES,
     algorithm_1,
@@ -31,10 +32,9 @@ from registration.crf.beams import Beams, beams_of, moved, per_beam
 from registration.crf.estimate import JointEstimate, nothing, read_model
 from registration.crf.setup import Start
 from registration.crf.shape_features import NAMES, pair_features
-from registration.motion import Array
+from registration.laser.rigid import rigid_motion
+from registration.laser.scan import Scan
 from registration.result import UNKNOWN
-from registration.rigid import rigid_motion
-from registration.scan import Scan
 
 FORMAT, VERSION = "whereabouts.printed_crf", 1
 CLUSTERS = 4  # and the outliers: D = 5 in section V
@@ -47,7 +47,7 @@ REGISTERED = NAMES.index("registered translation")
 class PrintedCrf:
     """Weights (16,) in the order of `FEATURES`, and the boosted classifiers of the association's local features."""
 
-    weights: Array
+    weights: FloatArray
     data: AdaBoost
     outlier: AdaBoost
     card: dict[str, Any] = field(default_factory=dict)
@@ -100,7 +100,9 @@ class PrintedCrf:
         chains.run(True, False, False)
         return chains.partners
 
-    def boosted(self, a: Beams, b: Beams, states: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    def boosted(
+        self, a: Beams, b: Beams, states: NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Data boosting (n, K) without its stumps on x^RT, outlier boosting (n,), and those stumps (T, 3)."""
         features = pair_features(a, b, states, np.zeros((len(a), 3)))
         total = sum(stump.weight for stump in self.data.stumps)
@@ -175,12 +177,12 @@ def all_states(a: Beams, b: Beams) -> NDArray[np.int64]:
     return np.ascontiguousarray(np.broadcast_to(np.arange(len(b)), (len(a), len(b))))
 
 
-def least_of(features: Array) -> Array:
+def least_of(features: FloatArray) -> FloatArray:
     """(n, 11) least of each feature over all states, but for the registered one: inputs of outlier boosting."""
     return np.asarray(np.delete(features, REGISTERED, axis=2).min(axis=1))
 
 
-def initialise_rt(a: Beams, b: Beams, partners: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+def initialise_rt(a: Beams, b: Beams, partners: NDArray[np.int64]) -> tuple[NDArray[np.int64], FloatArray]:
     """InitialiseRT without any knowledge: K-means over the displacements of the associations (n,)."""
     found = k_means(b.points[partners] - a.points, partners >= 0)
     motions = np.zeros((CLUSTERS, 3))
@@ -192,7 +194,10 @@ def initialise_rt(a: Beams, b: Beams, partners: NDArray[np.int64]) -> tuple[NDAr
 
 
 def k_means(
-    displacements: Array, told: NDArray[np.bool_], centres: Array | None = None, clusters: int = CLUSTERS
+    displacements: FloatArray,
+    told: NDArray[np.bool_],
+    centres: FloatArray | None = None,
+    clusters: int = CLUSTERS,
 ) -> NDArray[np.int64]:
     """Clusters (n,) by displacement (n, 2), -1 where none is `told`; without `centres` the largest is 0.
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from registration.rigid import SUMS, add_pair, motion_of
+from registration.laser.rigid import SUMS, add_pair, motion_of
 
 # f_c of equation (1), section IV.C: seven of association, then nine of clustering. Where the text gives no formula, a
 # distance d counts as min(d / scale, CUT) / CUT.

@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from registration.motion import Array
-from registration.outline import TOUCHING, WIDE, length, sightings
-from registration.prepared import once
-from registration.scan import Scan
+from estimation.checks import FloatArray
+from registration.laser.outline import TOUCHING, WIDE, length, sightings
+from registration.laser.prepared import once
+from registration.laser.scan import Scan
 
 NEAR = 0.03  # metres off an outline up to which a point may be noise, at the least
 SIGMAS = 3.5  # standard deviations of the noise the scans themselves show, likewise
@@ -32,12 +32,12 @@ class Beams:
     number : (B,) of each beam's point in `points`, -1 without a return.
     """
 
-    xy: Array
-    ranges: Array
-    clear: Array
+    xy: FloatArray
+    ranges: FloatArray
+    clear: FloatArray
     beams: NDArray[np.int64]
-    points: Array
-    spacing: Array
+    points: FloatArray
+    spacing: FloatArray
     pieces: NDArray[np.int64]
     number: NDArray[np.int64]
     angle_min: float
@@ -68,7 +68,7 @@ def beams_of(scan: Scan) -> Beams:
     )  # fmt: skip
 
 
-def _clear(ranges: Array) -> Array:
+def _clear(ranges: FloatArray) -> FloatArray:
     """What no return says: single beams get lost, but something near does not lose `EMPTY` beams in a row."""
     lost = ~np.isfinite(ranges)
     if lost.all() or not lost.any():
@@ -151,33 +151,33 @@ def ends_of(pieces, count):  # type: ignore[no-untyped-def]
 def sighted(
     a: Beams,
     b: Beams,
-    pose: Array,
-    near: Array,
+    pose: FloatArray,
+    near: FloatArray,
     wanted: NDArray[np.bool_] | None = None,
     wide: float = TOUCHING,
-) -> tuple[NDArray[np.int64], Array]:
+) -> tuple[NDArray[np.int64], FloatArray]:
     """How scan b sees the points of a moved by pose (3,): labels (n,), metres off b's outline (n,); see `sightings`."""
     asked = np.ones(len(a), dtype=np.bool_) if wanted is None else wanted
-    found: tuple[NDArray[np.int64], Array] = sightings(
+    found: tuple[NDArray[np.int64], FloatArray] = sightings(
         a.points, near, asked, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step, wide
     )
     return found
 
 
 def seen_by(
-    a: Beams, b: Beams, pose: Array, noise: float, wide: float = WIDE
-) -> tuple[NDArray[np.int64], Array]:
+    a: Beams, b: Beams, pose: FloatArray, noise: float, wide: float = WIDE
+) -> tuple[NDArray[np.int64], FloatArray]:
     """As `sighted`; noise : metres, standard deviation of points off the other scan's outline (`first_look`)."""
     return sighted(a, b, pose, nearness(a, noise), wide=wide)
 
 
-def moved(points: Array, motion: Array) -> Array:
+def moved(points: FloatArray, motion: FloatArray) -> FloatArray:
     """Points (n, 2), or one (2,), moved by a motion (3,)."""
     c, s = math.cos(motion[2]), math.sin(motion[2])
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])
 
 
-def point_at(b: Beams, points: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def point_at(b: Beams, points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """(n,) point of b that the beam saw which looks at each of `points` (n, 2), -1 for none; whether a beam does."""
     around = 2.0 * np.pi / abs(b.step)
     beam = (np.arctan2(points[:, 1], points[:, 0]) - b.angle_min) / b.step
@@ -187,8 +187,8 @@ def point_at(b: Beams, points: Array) -> tuple[NDArray[np.int64], NDArray[np.boo
 
 
 def per_beam(
-    a: Beams, b: Beams, partners: NDArray[np.int64], clusters: NDArray[np.int64], probability: Array
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    a: Beams, b: Beams, partners: NDArray[np.int64], clusters: NDArray[np.int64], probability: FloatArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """Points of b, clusters and probabilities of the points of a, (n,), by beam: (N,), -1 and NaN without return."""
     beams = np.full((2, len(a.ranges)), -1, dtype=np.int64)
     beams[:, a.beams] = np.where(partners >= 0, b.beams[np.maximum(partners, 0)], -1), clusters
@@ -197,12 +197,12 @@ def per_beam(
     return beams[0], beams[1], probabilities
 
 
-def nearness(a: Beams, noise: float) -> Array:
+def nearness(a: Beams, noise: float) -> FloatArray:
     """(n,) metres off an outline up to which each point of a may be noise."""
     return np.maximum(max(NEAR, SIGMAS * noise), 0.3 * a.spacing)
 
 
-def first_look(a: Beams, b: Beams, pose: Array) -> tuple[float, NDArray[np.int64], Array]:
+def first_look(a: Beams, b: Beams, pose: FloatArray) -> tuple[float, NDArray[np.int64], FloatArray]:
     """Noise of the points of a off the outline of b under pose (3,), and how b sees them then (`seen_by`).
 
     The noise is a standard deviation, metres, 0.005 to 0.05.

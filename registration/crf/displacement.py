@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numba import njit
 
-from estimation.sight import AGREES, THROUGH, UNSEEN, beam_at
-from registration.outline import length, sight
-from registration.rigid import SUMS, add_pair, motion_of
+from estimation.geometry.sight import AGREES, THROUGH, UNSEEN, beam_at
+from registration.laser.outline import length, sight
+from registration.laser.rigid import SUMS, add_pair, motion_of
 
 CELL = 0.1  # metres of the grid of displacements
 PER_METRE = 1.0 / CELL

@@ -11,15 +11,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.poses import between, inverse
-from estimation.sight import AGREES
-from registration.align import among_movers
+from estimation.checks import FloatArray
+from estimation.geometry.poses import between, inverse
+from estimation.geometry.sight import AGREES
 from registration.crf.beams import Beams, seen_by
-from registration.motion import Array
-from registration.outline import TOUCHING
-from registration.prepared import prepared
+from registration.laser.outline import TOUCHING
+from registration.laser.prepared import prepared
+from registration.laser.scan import Scan
+from registration.placement.align import among_movers
 from registration.result import Registration
-from registration.scan import Scan
 
 SHARE = 0.25  # of the returned beams, from which one piece may decide a registration
 LARGEST = 5.0  # metres, extent of what may move
@@ -79,12 +79,12 @@ def told_by_the_rest(
     return registration
 
 
-def _follows(a: Beams, b: Beams, pose: Array, big: NDArray[np.bool_], other: NDArray[np.bool_]) -> bool:
+def _follows(a: Beams, b: Beams, pose: FloatArray, big: NDArray[np.bool_], other: NDArray[np.bool_]) -> bool:
     """Whether what is near in either scan, (n,) and (m,), agrees with an answer; else it has not decided it."""
     shares = (_agreeing(a, b, pose, big), _agreeing(b, a, inverse(pose), other))
     return max(shares) > FOLLOWED
 
 
-def _agreeing(a: Beams, b: Beams, pose: Array, wanted: NDArray[np.bool_]) -> float:
+def _agreeing(a: Beams, b: Beams, pose: FloatArray, wanted: NDArray[np.bool_]) -> float:
     """Share of the wanted points of a, (n,), on b's outline."""
     return float(np.mean(seen_by(a, b, pose, NOISE, TOUCHING)[0][wanted] == AGREES)) if wanted.any() else 0.0

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.checks import FloatArray
 from estimation.errors import InputError
-from registration.motion import Array
 from registration.result import UNKNOWN
 
 Model = TypeVar("Model")
@@ -40,10 +40,10 @@ class JointEstimate:
 
     associations: NDArray[np.int64]
     clusters: NDArray[np.int64]
-    motions: Array
+    motions: FloatArray
     log_score: float
-    covariances: Array
-    probabilities: Array
+    covariances: FloatArray
+    probabilities: FloatArray
     converged: bool = True
     reason: str = ""
 

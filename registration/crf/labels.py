@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from estimation.sight import AGREES, UNSEEN
+from estimation.checks import FloatArray
+from estimation.geometry.sight import AGREES, UNSEEN
 from registration.crf.beams import Beams, moved, nearness, per_beam, point_at
 from registration.crf.estimate import JointEstimate
 from registration.crf.setup import Start
-from registration.motion import Array
 from registration.result import UNKNOWN
 
 LEAST_MEMBERS = 3  # points of an object
@@ -31,7 +31,7 @@ def groups_as_labels(begun: Start) -> NDArray[np.int64]:
     return labels
 
 
-def estimate_of(begun: Start, labels: NDArray[np.int64], probability: Array) -> JointEstimate:
+def estimate_of(begun: Start, labels: NDArray[np.int64], probability: FloatArray) -> JointEstimate:
     """The estimate in which points of scan a are in the clusters `labels` (n,), see `groups_as_labels`.
 
     Clusters beyond the groups have no motion. Those of less than `LEAST_MEMBERS` points are dropped. The partner of a
@@ -66,7 +66,7 @@ def estimate_of(begun: Start, labels: NDArray[np.int64], probability: Array) -> 
     )  # fmt: skip
 
 
-def _log_score(moving: NDArray[np.bool_], probability: Array) -> float:
+def _log_score(moving: NDArray[np.bool_], probability: FloatArray) -> float:
     """Log probability of labels (n,), those of which nothing is known left out."""
     own = np.where(moving, probability, 1.0 - probability)
     return float(np.log(np.maximum(own[np.isfinite(own)], 1e-9)).sum())
@@ -80,7 +80,11 @@ def confirmed(begun: Start, members: NDArray[np.bool_], known: JointEstimate) ->
 
 
 def _associate(
-    begun: Start, members: NDArray[np.bool_], motion: Array, gaps: Array, partners: NDArray[np.int64]
+    begun: Start,
+    members: NDArray[np.bool_],
+    motion: FloatArray,
+    gaps: FloatArray,
+    partners: NDArray[np.int64],
 ) -> None:
     """Write which point of b each member (n,) is under `motion`.
 
@@ -103,14 +107,14 @@ def _associate(
     partners[index] = found
 
 
-def _gaps(b: Beams) -> Array:
+def _gaps(b: Beams) -> FloatArray:
     """(m,) metres from each point of b to the farther neighbour on the same surface, 0 without one."""
     gaps = np.hypot(*np.diff(b.points, axis=0).T)
     gaps = np.where((np.diff(b.pieces) == 0) & (gaps < FARTHEST), gaps, 0.0)
     return np.maximum(np.append(gaps, 0.0), np.insert(gaps, 0, 0.0))
 
 
-def _covariance(points: Array, grain: Array, motion: Array) -> Array:
+def _covariance(points: FloatArray, grain: FloatArray, motion: FloatArray) -> FloatArray:
     """(3, 3) of a motion of x, y, yaw by least squares, from the weights of its points."""
     x, y = (moved(points, motion) - motion[:2]).T
     weights = 1.0 / grain**2

@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.checks import FloatArray
 from estimation.errors import InputError
-from estimation.poses import between, compound, inverse, inverse_covariance
+from estimation.geometry.poses import between, compound, inverse, inverse_covariance
 from registration.crf.estimate import JointEstimate
-from registration.crf.model import JointModel
+from registration.crf.joint_model import JointModel
 from registration.crf.window import FARTHEST, decide, mean_probability
-from registration.expected import near_expected
-from registration.motion import Array
-from registration.pace import Duration
-from registration.prepared import prepared
+from registration.laser.prepared import prepared
+from registration.laser.scan import Scan
+from registration.odometry.pace import Duration
+from registration.placement.expected import near_expected
 from registration.result import UNKNOWN
-from registration.scan import Scan
 
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
 LEAST_BEAMS = 30  # of them, likewise
@@ -67,8 +67,8 @@ class MovingSegment:
     scan's frame; interval : seconds between the two; probability : that it moves."""
 
     label: int
-    motion: Array
-    covariance: Array
+    motion: FloatArray
+    covariance: FloatArray
     interval: float
     probability: float
 
@@ -79,7 +79,7 @@ class Segmented:
     beam moves, NaN where unknown; segments, the background first, none where nothing is known."""
 
     labels: NDArray[np.int64]
-    probabilities: Array
+    probabilities: FloatArray
     segments: list[MovingSegment]
 
     def static(self, scan: Scan) -> Scan:
@@ -99,7 +99,7 @@ class Segmented:
 class _Kept:
     scan: Scan
     stamp: float
-    pose: Array
+    pose: FloatArray
 
 
 class ScanSegmenter:
@@ -128,7 +128,7 @@ class ScanSegmenter:
         self._duration = Duration()
         self.labelled = self.skipped = 0
 
-    def keep(self, scan: Scan, stamp: float, pose: Array) -> None:
+    def keep(self, scan: Scan, stamp: float, pose: FloatArray) -> None:
         """Remember a scan and where odometry puts its sensor, (3,)."""
         if self._kept and stamp <= self._kept[-1].stamp:
             return
@@ -142,7 +142,7 @@ class ScanSegmenter:
         """Whether a comparison with one earlier scan is expected to take at most `limit` seconds."""
         return not self._in_time or self._duration.expected <= limit
 
-    def segment(self, scan: Scan, stamp: float, pose: Array, limit: float = np.inf) -> Segmented:
+    def segment(self, scan: Scan, stamp: float, pose: FloatArray, limit: float = np.inf) -> Segmented:
         """Label a scan whose sensor is expected at `pose` (3,), in the frame of the poses that were kept.
 
         limit : seconds there are; a further comparison that is not expected to fit is left out.
@@ -176,7 +176,7 @@ class ScanSegmenter:
         self.labelled += 1
         return _combined(scan, found)
 
-    def _references(self, stamp: float, pose: Array) -> list[_Kept]:
+    def _references(self, stamp: float, pose: FloatArray) -> list[_Kept]:
         """Earlier scans to compare with, one per multiple of the interval."""
         interval = self.config.segment_interval
         chosen: list[_Kept] = []
@@ -237,7 +237,7 @@ def _some_moves(estimate: JointEstimate) -> bool:
 
 
 def _segment(
-    label: int, motion: Array, covariance: Array, interval: float, probability: float
+    label: int, motion: FloatArray, covariance: FloatArray, interval: float, probability: float
 ) -> MovingSegment:
     """`motion` takes this scan's points to the earlier scan; told is the way forward, in this scan's frame."""
     forward = inverse_covariance(motion, covariance)

@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.poses import inverse
-from estimation.sight import AGREES, THROUGH
-from registration.align import REACH, TURN, best_of
+from estimation.checks import FloatArray
+from estimation.geometry.poses import inverse
+from estimation.geometry.sight import AGREES, THROUGH
 from registration.crf.beams import Beams, beams_of, first_look, seen_by
 from registration.crf.dominant import told_by_the_rest
-from registration.crf.hypotheses import Hypothesis, hypotheses, left_their_place
-from registration.judgement import LENIENT, Asked, judged
-from registration.motion import Array
-from registration.outline import CLEAR, TOUCHING
-from registration.prepared import prepared
+from registration.crf.motion_hypotheses import MotionHypothesis, hypotheses, left_their_place
+from registration.laser.outline import CLEAR, TOUCHING
+from registration.laser.prepared import prepared
+from registration.laser.scan import Scan
+from registration.placement.align import REACH, TURN, best_of
+from registration.placement.judgement import LENIENT, Asked, judged
 from registration.result import Registration
-from registration.scan import Scan
 
 CROWDED = Asked(0.65, 0.36, 1.15, -np.inf, False)  # of the nearest answer where there is no better one
 HARDLY = Asked(0.55, 0.31, 0.9, -np.inf, False)  # the same, where what moved explains the rest
@@ -45,14 +45,14 @@ class Start:
     registration: Registration
     noise: float
     sight: NDArray[np.int64]
-    off: Array
+    off: FloatArray
     fresh: NDArray[np.int64]
-    found: list[Hypothesis]
-    gone: list[Hypothesis]
+    found: list[MotionHypothesis]
+    gone: list[MotionHypothesis]
     again: NDArray[np.bool_] | None = None
 
     @property
-    def motions(self) -> Array:
+    def motions(self) -> FloatArray:
         """(D, 3), background first."""
         return np.array([self.registration.transform, *(each.motion for each in self.found)])
 
@@ -81,7 +81,7 @@ def start(
         reason = f"only {standing:.0%} of the beams agree in both scans"
         registration = replace(registration, converged=False, reason=reason)
     again = _as_known(a, sight, known) if registration.converged and known is not None else None
-    groups: list[Hypothesis] = []
+    groups: list[MotionHypothesis] = []
     if registration.converged and again is None:
         groups, *explained = hypotheses(a, b, background, sight, fresh, reach_of(scan_a, scan_b), noise)
         told = _told((sight, fresh), explained) if doubtful else 1.0

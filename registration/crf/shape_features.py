@@ -12,10 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from estimation.checks import FloatArray
 from registration.crf.beams import Beams
-from registration.motion import Array
-from registration.outline import length
-from registration.prepared import once
+from registration.laser.outline import length
+from registration.laser.prepared import once
 
 NAMES = (
     "distance 1", "distance 3", "distance 5", "angle 1", "angle 3", "angle 5",
@@ -65,7 +65,7 @@ def _compare(points, patterns, others, others_patterns, states, chosen, features
 
 
 @once
-def patterns_of(beams: Beams) -> Array:
+def patterns_of(beams: Beams) -> FloatArray:
     """What surrounds each point, (n, 9): distance, angle, geodesic length to neighbours 1, 3 and 5."""
     patterns = np.zeros((len(beams), 9))
     if len(beams) > 1:
@@ -73,7 +73,7 @@ def patterns_of(beams: Beams) -> Array:
     return patterns
 
 
-def pair_features(a: Beams, b: Beams, states: NDArray[np.int64], chosen: Array) -> Array:
+def pair_features(a: Beams, b: Beams, states: NDArray[np.int64], chosen: FloatArray) -> FloatArray:
     """(n, K, 12) features of each point and candidate; `chosen` (n, 3) is the motion each point is taken to have."""
     features = np.empty((*states.shape, len(NAMES)))
     _compare(a.points, patterns_of(a), b.points, patterns_of(b), states, chosen, features)

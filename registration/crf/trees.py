@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from estimation.gradient_boosting import GradientBoosting
-from estimation.sight import AGREES
-from registration.crf.evidence import Pieces, evidence, parts_of
+from estimation.checks import FloatArray
+from estimation.geometry.sight import AGREES
+from estimation.learning.gradient_boosting import GradientBoosting
+from registration.crf.beam_evidence import Pieces, evidence, parts_of
 from registration.crf.setup import Start
-from registration.motion import Array
 
 MOVES = 1.5  # log odds, both equally likely beforehand, from which a point moves
 LINK = 0.45  # metres between parts of one thing: two legs
@@ -22,7 +22,7 @@ LINK = 0.45  # metres between parts of one thing: two legs
 
 def decided(
     begun: Start, labels: NDArray[np.int64], trees: GradientBoosting
-) -> tuple[NDArray[np.int64], Array]:
+) -> tuple[NDArray[np.int64], FloatArray]:
     """Clusters (n,) of the points of scan a and the probability (n,) that each moves.
 
     labels : (n,) by the groups alone (`groups_as_labels`).

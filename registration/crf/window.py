@@ -12,14 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.poses import between
-from registration.align import among_movers
+from estimation.checks import FloatArray
+from estimation.geometry.poses import between
 from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate
-from registration.crf.model import JointModel
-from registration.motion import Array
-from registration.prepared import prepared
-from registration.scan import Scan
+from registration.crf.joint_model import JointModel
+from registration.laser.prepared import prepared
+from registration.laser.scan import Scan
+from registration.placement.align import among_movers
 
 INTERVALS = (-1.0, -0.8, -0.6, -0.4, 0.4, 0.6, 0.8, 1.0)  # seconds to the scans compared with
 FARTHEST = 1.5  # metres the sensor may have gone between two scans that are compared
@@ -27,7 +27,9 @@ WALL = 2.0  # metres across a piece from which each of its beams decides for its
 MOVES = 0.5  # mean probability of a piece from which it moves
 
 
-def partners(stamps: Array, poses: Array, index: int, intervals: Sequence[float] = INTERVALS) -> list[int]:
+def partners(
+    stamps: FloatArray, poses: FloatArray, index: int, intervals: Sequence[float] = INTERVALS
+) -> list[int]:
     """Which scans to compare scan `index` with: one per interval, where the recording has one near enough."""
     chosen: list[int] = []
     for interval in intervals:
@@ -39,7 +41,7 @@ def partners(stamps: Array, poses: Array, index: int, intervals: Sequence[float]
     return chosen
 
 
-def mean_probability(estimates: Sequence[JointEstimate], beams: int) -> Array:
+def mean_probability(estimates: Sequence[JointEstimate], beams: int) -> FloatArray:
     """(N,) that each beam of one scan moves, by all pairs that say something of it; NaN where none does."""
     said = [each.probabilities for each in estimates if each.converged]
     if not said:
@@ -48,7 +50,7 @@ def mean_probability(estimates: Sequence[JointEstimate], beams: int) -> Array:
     return np.where(told > 0, np.nansum(said, axis=0) / np.maximum(told, 1), np.nan)
 
 
-def decide(scan: Scan, probability: Array) -> NDArray[np.int64]:
+def decide(scan: Scan, probability: FloatArray) -> NDArray[np.int64]:
     """Labels (N,): number of the moving piece from 1, 0 static, -1 no return or nothing known.
 
     probability : (N,) that each beam moves, NaN where nothing is known (`mean_probability`).
@@ -69,7 +71,7 @@ def decide(scan: Scan, probability: Array) -> NDArray[np.int64]:
     return labels
 
 
-def _lengths(points: Array, pieces: NDArray[np.int64]) -> Array:
+def _lengths(points: FloatArray, pieces: NDArray[np.int64]) -> FloatArray:
     """(pieces,) metres across each piece."""
     count = int(pieces.max()) + 1
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
@@ -79,7 +81,7 @@ def _lengths(points: Array, pieces: NDArray[np.int64]) -> Array:
 
 
 def segment(
-    model: JointModel, scans: Sequence[Scan], stamps: Array, poses: Array, index: int,
+    model: JointModel, scans: Sequence[Scan], stamps: FloatArray, poses: FloatArray, index: int,
     intervals: Sequence[float] = INTERVALS,
 ) -> NDArray[np.int64]:  # fmt: skip
     """Labels (N,) of scan `index` of a recording with sensor poses (M, 3) by odometry; see `decide`."""

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from whereabouts.cli.demo import _figures
 from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, read_tum
-from whereabouts.replay_report import Replayed
+from whereabouts.recorded.replay_report import Replayed
 from whereabouts.simulation import Drive, Lidar, box, joined
 
 runner = CliRunner()
@@ -104,7 +104,7 @@ def test_experiments_are_listed_with_what_they_show() -> None:
 
 
 def test_the_demo_counts_what_any_node_dropped() -> None:
-    from whereabouts.nodes.replayer import ReplayAccount
+    from whereabouts.nodes.runtime.replayer import ReplayAccount
 
     said = {
         "scan_registration": {"/scan dropped": "1", "/scan dropped, refused": "1"},

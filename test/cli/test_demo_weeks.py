@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from whereabouts.cli.main import app
-from whereabouts.demo.weeks import figures, live_through, write
+from whereabouts.demo.demo_weeks import figures, live_through, write
 
 
 def test_a_day_at_home_becomes_a_report(tmp_path: Path) -> None:

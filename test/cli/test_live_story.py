@@ -8,11 +8,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from whereabouts.demo.live_story import Script, Teller
-from whereabouts.nodes.live_robot import LiveRobot, Search
-from whereabouts.simulation.apartment_bag import START
-from whereabouts.simulation.apartment_day import THINGS
-from whereabouts.simulation.live_apartment import ASKED
+from whereabouts.demo.live.live_story import Script, Teller
+from whereabouts.nodes.live.live_robot import LiveRobot, SearchRequest
+from whereabouts.simulation.home.apartment_bag import START
+from whereabouts.simulation.home.apartment_day import THINGS
+from whereabouts.simulation.home.live_apartment import ASKED
 
 TABLE, SHELF = np.array([4.0, 0.0, 0.7]), np.array([0.0, 5.0, 0.9])
 
@@ -81,8 +81,8 @@ class Robot:
     def miss(self, object_id: str) -> None:
         self.missed.append(object_id)
 
-    def find(self, kind: str, predicates: tuple[str, ...], timeout: float) -> Search:
-        return Search(
+    def find(self, kind: str, predicates: tuple[str, ...], timeout: float) -> SearchRequest:
+        return SearchRequest(
             result=SimpleNamespace(code=0, FOUND=0, object=[SimpleNamespace(id="cup-1")], message="")
         )
 

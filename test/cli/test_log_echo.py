@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from whereabouts.nodes.log_echo import LogEcho
+from whereabouts.nodes.runtime.log_echo import LogEcho
 
 
 def test_what_nodes_warn_of_is_told_once_and_in_whole_lines(tmp_path: Path) -> None:

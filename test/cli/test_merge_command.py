@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from estimation.errors import InputError
-from estimation.poses import compound
-from loop_closure.map_file import read_map, write_map
-from loop_closure.slam import Slam
+from estimation.geometry.poses import compound
+from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.slam.trajectory import Slam
 from whereabouts.cli.main import app
 from whereabouts.simulation import Drive, Lidar, box, joined
 

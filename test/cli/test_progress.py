@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from whereabouts import progress
+from whereabouts.system import progress
 
 
 def test_off_a_terminal_long_work_says_now_and_then_how_far_it_is(

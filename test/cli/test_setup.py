@@ -12,12 +12,12 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from estimation.poses import pose_to_matrix
+from estimation.geometry.poses import pose_to_matrix
 from registration import Scan
 from whereabouts.cli.main import app
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, Qos, ScanRecord, Topic, TransformRecord
-from whereabouts.logs.encode import transform_message
-from whereabouts.logs.ros_types import standard_types
+from whereabouts.logs.bags.encode import transform_message
+from whereabouts.logs.bags.ros_types import standard_types
 from whereabouts.logs.writer import LATCHED
 from whereabouts.parameter_file import problems_of_file, settings_for
 from whereabouts.robot.choice import choose

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from estimation.metrics import absolute_trajectory_error
-from estimation.poses import between, compound
+from estimation.geometry.poses import between, compound
+from estimation.metrics.statistics import absolute_trajectory_error
 from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, open_log, read_tum
 from whereabouts.simulation import Drive, Lidar, box, joined

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from estimation.errors import InputError
-from whereabouts.state_files import StateFiles, default_state_dir, keep_foreign
+from whereabouts.system.state_files import StateFiles, default_state_dir, keep_foreign
 
 
 def test_a_name_is_a_file_in_the_state_directory(tmp_path: Path) -> None:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from estimation.poses import between, compound
+from estimation.geometry.poses import between, compound
 from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord
 from whereabouts.simulation import Drive, Lidar, box, joined
-from whereabouts.simulation.people import Walker, seen
+from whereabouts.simulation.people import SimulatedWalker, seen
 
 runner = CliRunner()
 DRIVE = Drive([(-3.0, -1.5), (2.5, -1.5)], speed=0.3)
-PERSON = Walker(np.array([(2.5, 1.5), (0.0, -0.5)]), 0.7)
+PERSON = SimulatedWalker(np.array([(2.5, 1.5), (0.0, -0.5)]), 0.7)
 STAMPS = 1_400_000_000.123 + 0.1 * np.arange(50)
 
 

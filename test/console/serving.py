@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import uvicorn
 
-from whereabouts.console.server import Console
+from whereabouts.console.console_server import Console
 
 
 @contextmanager

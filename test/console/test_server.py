@@ -17,8 +17,8 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from websockets.sync.client import connect
 
-import whereabouts.console.server
-from whereabouts.console.server import Console
+import whereabouts.console.console_server
+from whereabouts.console.console_server import Console
 from whereabouts.console.shown import Shown, empty
 from whereabouts.console.sources import ConsoleError, StoreSource
 from world_model import WorldObject, WorldState
@@ -159,7 +159,7 @@ def test_all_who_look_are_told_what_is_new(client: TestClient, source: Source) -
 def test_a_viewer_that_takes_nothing_is_given_up_and_others_are_told(
     source: Source, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(whereabouts.console.server, "STALLED", 0.2)
+    monkeypatch.setattr(whereabouts.console.console_server, "STALLED", 0.2)
     # More than what lies between two sockets.
     source.now = {**empty(), "things": [{"id": "x" * 1000}] * 8000}
     console = Console(source, TOKEN)

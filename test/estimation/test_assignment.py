@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from estimation.assignment import k_best
 from estimation.errors import InputError
+from estimation.filters.assignment import k_best
 
 
 def enumerate_assignments(costs):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.boosting import AdaBoost
 from estimation.errors import InputError
+from estimation.learning.boosting import AdaBoost
 
 
 def predict(stump, F):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.assignment import cheapest, k_best
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
+from estimation.filters.assignment import cheapest, k_best
+from estimation.geometry.grid import OccupancyGrid
 
 
 @pytest.mark.parametrize("far", [1e6, 1e12, 1e19, 1e300])

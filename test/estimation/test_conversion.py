@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.conversion import (
+from estimation.conversion.map_frame import convert_to_map, convert_with_ratio, sample_in_map
+from estimation.conversion.polar import (
     METHODS,
     absolute_bias,
     bias_significance,
@@ -15,9 +16,8 @@ from estimation.conversion import (
     convert,
     convert_samples,
 )
+from estimation.conversion.spherical import convert_spherical, convert_spherical_to_map, spherical_points
 from estimation.errors import InputError
-from estimation.map_frame import convert_to_map, convert_with_ratio, sample_in_map
-from estimation.spherical import convert_spherical, convert_spherical_to_map, spherical_points
 
 CLOSED = [m for m in METHODS if m != "sampled"]
 

@@ -7,11 +7,11 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from estimation import kalman
+from estimation.conversion.particles import Particles, effective_size, particle_entropy, systematic_resample
 from estimation.errors import InputError
-from estimation.gaussians import gaussian_entropy
-from estimation.multiple_model import MultipleModelFilter
-from estimation.particles import Particles, effective_size, particle_entropy, systematic_resample
+from estimation.filters import kalman
+from estimation.filters.gaussians import gaussian_entropy
+from estimation.filters.multiple_model import MultipleModelFilter
 
 F = np.array([[1.0, 0.5], [0.0, 0.9]])
 Q = np.array([[0.1, 0.02], [0.02, 0.2]])

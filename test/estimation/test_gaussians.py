@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
 from estimation.errors import InputError
-from estimation.gaussians import (
+from estimation.filters.gaussians import (
     Gaussian,
     GaussianMixture,
     gaussian_entropy,

@@ -10,7 +10,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.metrics import roc_auc_score
 
 from estimation.errors import InputError
-from estimation.gradient_boosting import GradientBoosting
+from estimation.learning.gradient_boosting import GradientBoosting
 
 
 def problem(count: int = 3000, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
+from estimation.geometry.grid import OccupancyGrid
 
 
 def room(rng: np.random.Generator, looks: int = 5) -> OccupancyGrid:

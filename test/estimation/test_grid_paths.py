@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from estimation.grid import OccupancyGrid
-from estimation.grid_paths import GridPaths
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.grid_paths import GridPaths
 
 
 def searched(free: np.ndarray, start: tuple[int, int]) -> np.ndarray:

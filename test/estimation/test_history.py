@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.history import StampedHistory
+from estimation.geometry.history import StampedHistory
 
 stamps = st.lists(st.integers(0, 1000), max_size=40)
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from estimation import metrics
 from estimation.errors import InputError
-from estimation.poses import compound, pose_to_matrix, pose_to_quaternion
+from estimation.geometry.poses import compound, pose_to_matrix, pose_to_quaternion
 
 
 def walk(rng, count, size):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.conversion import convert_samples, mardia_statistics, mardia_test
+from estimation.conversion.polar import convert_samples, mardia_statistics, mardia_test
 from estimation.errors import InputError
 
 

@@ -12,8 +12,8 @@ from scipy.integrate import dblquad
 from scipy.stats import multivariate_normal
 
 from estimation.errors import InputError
-from estimation.places import Place, Places
-from estimation.polygons import check_outline, clipped_area, gaussian_mass, points_inside
+from estimation.geometry.places import Place, Places
+from estimation.geometry.polygons import check_outline, clipped_area, gaussian_mass, points_inside
 
 L_SHAPE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]])
 

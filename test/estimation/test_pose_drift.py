@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.pose_drift import PoseUncertainty
-from estimation.poses import compound, compound_jacobians
+from estimation.geometry.pose_drift import PoseUncertainty
+from estimation.geometry.poses import compound, compound_jacobians
 
 
 def test_over_a_window_it_is_the_uncertainty_of_the_motion_since() -> None:

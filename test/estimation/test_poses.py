@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from estimation import poses
 from estimation.errors import InputError
+from estimation.geometry import poses
 
 ANGLE = st.floats(-10.0, 10.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.sight import AGREES, HIDDEN, RANGE_SIGMA, SIGMAS, THROUGH, UNSEEN, beam_at, sight
+from estimation.geometry.sight import AGREES, HIDDEN, RANGE_SIGMA, SIGMAS, THROUGH, UNSEEN, beam_at, sight
 
 STEP = np.deg2rad(1.0)
 POSE = np.array([0.3, -0.2, 0.4])

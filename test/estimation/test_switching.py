@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from estimation import kalman
+from estimation.conversion.map_frame import convert_to_map
+from estimation.conversion.switching import SwitchingBank, SwitchingFilter
 from estimation.errors import InputError
-from estimation.gaussians import repairs
-from estimation.map_frame import convert_to_map
-from estimation.metrics import anees_bounds, nees
-from estimation.motion import ConstantVelocity
-from estimation.switching import SwitchingBank, SwitchingFilter
+from estimation.filters import kalman
+from estimation.filters.constant_velocity import ConstantVelocity
+from estimation.filters.gaussians import repairs
+from estimation.metrics.statistics import anees_bounds, nees
 
 MOTION = ConstantVelocity(0.6)
 NOISE = np.diag([0.02**2, np.radians(2) ** 2])

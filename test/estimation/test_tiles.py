@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.grid import HIT, MISS, MOST, OccupancyGrid
-from estimation.grid_kernels import TILE
-from estimation.tiles import TiledGrid
+from estimation.geometry.grid import HIT, MISS, MOST, OccupancyGrid
+from estimation.geometry.grid_kernels import TILE
+from estimation.geometry.tiles import TiledGrid
 
 RESOLUTION = 0.05
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimation.conversion.map_frame import convert_to_map
+from estimation.conversion.uncertain_frame import state_through_uncertain_pose, through_uncertain_pose
 from estimation.errors import InputError
-from estimation.map_frame import convert_to_map
-from estimation.uncertain_frame import state_through_uncertain_pose, through_uncertain_pose
 
 
 @pytest.mark.parametrize("heading", [0.02, 0.15, 0.5])

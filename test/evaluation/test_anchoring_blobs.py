@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evaluation.experiments.anchoring_blobs import (
+from evaluation.anchoring.anchoring_blobs import (
     PRINTED,
     TABLE_2_2,
     Blob,
@@ -12,7 +12,7 @@ from evaluation.experiments.anchoring_blobs import (
     outline,
     pixels,
 )
-from evaluation.experiments.anchoring_table import BOTH, BOX, CAN, CUP, SECOND_BOX, TEA, dynamic_table
+from evaluation.anchoring.anchoring_table import BOTH, BOX, CAN, CUP, SECOND_BOX, TEA, dynamic_table
 
 # Table 2.1, and the two boxes that are seen as one.
 TABLE_2_1 = [

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from estimation.conversion import condition_ratio, convert, convert_samples
+from estimation.conversion.polar import condition_ratio, convert, convert_samples
+from evaluation.conversion import conversion_analysis as analysis
+from evaluation.conversion import conversion_drive as driving
+from evaluation.conversion import conversion_limits as limits
+from evaluation.conversion import conversion_tracking as tracking
 from evaluation.experiments import conversion as experiment
-from evaluation.experiments import conversion_analysis as analysis
-from evaluation.experiments import conversion_drive as driving
-from evaluation.experiments import conversion_limits as limits
-from evaluation.experiments import conversion_tracking as tracking
-from evaluation.report import Options, Report
+from evaluation.report import Report, RunOptions
 
 
 @pytest.mark.parametrize("method", analysis.METHODS)
@@ -88,7 +88,7 @@ def test_the_drive_is_localised_as_its_covariance_says():
 
 def test_figures_of_the_analysis(tmp_path):
     report = Report("conversion")
-    options = Options(out=tmp_path, quick=True)
+    options = RunOptions(out=tmp_path, quick=True)
     experiment.consistency(options, report)
     experiment.drive(options, report)
     figures = {key: figure.value for key, figure in report.every_figure().items()}

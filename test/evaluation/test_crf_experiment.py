@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.crf.crf_filled import filled
+from evaluation.crf.crf_pictures import busiest, draw_associations, draw_clusters
+from evaluation.crf.crf_stages import LENGTH, STAGES, judged_run
 from evaluation.experiments.crf import BLIND, PRINTED, SAME, judged, techniques
-from evaluation.experiments.crf_filled import filled
-from evaluation.experiments.crf_pictures import busiest, draw_associations, draw_clusters
-from evaluation.experiments.crf_stages import LENGTH, STAGES, judged_run
-from evaluation.report import Options, Report
-from whereabouts.simulation.labelled_pairs import protocol, random_labelled_pairs
+from evaluation.report import Report, RunOptions
 from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.scenes.labelled_pairs import protocol, random_labelled_pairs
 
 
 def test_every_technique_is_judged_in_the_same_form() -> None:
@@ -39,7 +39,7 @@ def test_stages_are_added_to_the_same_start(tmp_path: Path) -> None:
 
 def test_a_scan_half_filled_by_a_mover_is_told_right_or_refused(tmp_path: Path) -> None:
     report = Report("crf")
-    filled(Options(tmp_path, seed=3, quick=True), report)
+    filled(RunOptions(tmp_path, seed=3, quick=True), report)
     figures = report.every_figure()
     rows = [f"{share}-percent-of-the-beams" for share in ("0-to-20", "20-to-35", "35-to-50")]
     right, wrong = (

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from evaluation.experiments.live import live_day
-from whereabouts.demo.beliefs import judged
-from whereabouts.demo.live_library import LibraryRobot
-from whereabouts.simulation.apartment_day import THINGS
-from whereabouts.simulation.live_apartment import HOME_OF, REACH, LiveDay
+from whereabouts.demo.belief_judging import judged
+from whereabouts.demo.live.live_library import LibraryRobot
+from whereabouts.simulation.home.apartment_day import THINGS
+from whereabouts.simulation.home.live_apartment import HOME_OF, REACH, LiveDay
 from world_model import WorldObject
 
 SPOTS = {name: np.array(spot) for name, (_, spot) in THINGS.items()}

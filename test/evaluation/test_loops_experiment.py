@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from estimation.gradient_boosting import GradientBoosting
-from evaluation.experiments import loops_across
+from estimation.learning.gradient_boosting import GradientBoosting
 from evaluation.experiments.loops import THEIRS, within_recordings
-from evaluation.experiments.loops_across import across_places, shipped_models
-from evaluation.experiments.loops_changes import dynamic_objects
-from evaluation.experiments.loops_data import Reading, every, simulated
-from evaluation.experiments.loops_features import repetitive_structure, training_rounds
-from evaluation.experiments.loops_readings import READINGS, chosen_logs, readings
-from evaluation.experiments.loops_training import _curves
-from evaluation.report import Options, Report
-from loop_closure.pairs import PairRule
-from loop_closure.training import CascadeConfig, Recording, train_plain
+from evaluation.loops import loops_across
+from evaluation.loops.loops_across import across_places, shipped_models
+from evaluation.loops.loops_changes import dynamic_objects
+from evaluation.loops.loops_data import Reading, every, simulated
+from evaluation.loops.loops_features import repetitive_structure, training_rounds
+from evaluation.loops.loops_readings import READINGS, chosen_logs, readings
+from evaluation.loops.loops_training import _curves
+from evaluation.report import Report, RunOptions
+from loop_closure.places.pairs import PairRule
+from loop_closure.training.place_training import CascadeConfig, Recording, train_plain
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def whole(report: Report) -> None:
 
 
 def test_error_falls_with_rounds_and_ratios_are_given(floor: Recording, tmp_path: Path) -> None:
-    report, options = Report("loops"), Options(tmp_path, quick=True)
+    report, options = Report("loops"), RunOptions(tmp_path, quick=True)
     training_rounds(options, report, {"intel": floor}, rule_of)
     repetitive_structure(options, report, {"intel": floor}, rule_of)
     whole(report)
@@ -56,7 +56,7 @@ def test_a_floor_is_judged_by_what_was_learned_on_another(
         "b": Recording("b", "b", other.places, other.poses, other.path),
     }
     report = Report("loops")
-    across_places(Options(tmp_path), report, recordings, rule_of)
+    across_places(RunOptions(tmp_path), report, recordings, rule_of)
     whole(report)
     rates = [row[5:] for row in report.tables[-1].rows]
     assert all(0.0 <= zero <= tenth <= one <= 100.0 for zero, tenth, one in rates)
@@ -64,7 +64,7 @@ def test_a_floor_is_judged_by_what_was_learned_on_another(
     assert positives["45°, loose"] > positives["45°"]
     assert positives["all headings"] > positives["45°"]
     single = Report("loops")
-    across_places(Options(tmp_path, quick=True), single, {"a": recordings["a"]}, rule_of)
+    across_places(RunOptions(tmp_path, quick=True), single, {"a": recordings["a"]}, rule_of)
     assert not single.tables
     assert single.notes
 
@@ -75,7 +75,7 @@ def test_other_readings_and_other_choices_of_logs_are_judged(floor: Recording, t
         name: Recording(name, name, source.places, source.poses, source.path)
         for name, source in (("a", floor), ("b", other), ("c", floor), ("killian", other))
     }
-    report, options = Report("loops"), Options(tmp_path, quick=True)
+    report, options = Report("loops"), RunOptions(tmp_path, quick=True)
     readings(options, report, {name: recordings[name] for name in "ab"}, rule_of)
     assert [row[0] for row in report.tables[0].rows] == list(READINGS)
     chosen_logs(options, report, recordings, rule_of)
@@ -93,7 +93,7 @@ def test_readings_change_what_they_say() -> None:
     import numpy as np
 
     from loop_closure import features_2d, pair_features
-    from registration.scan import Scan
+    from registration.laser.scan import Scan
 
     ranges = np.array([2.0, 3.0, np.inf, 4.0, 5.0, 49.99, np.inf, 2.0])
     place, near = (features_2d(Scan(r, -1.0, 0.25, 0.0, 80.0), 50.0) for r in (ranges, ranges + 0.05))
@@ -119,7 +119,7 @@ def test_readings_change_what_they_say() -> None:
 
 def test_one_data_set_is_judged_by_cross_validation_and_drawn(floor: Recording, tmp_path: Path) -> None:
     report = Report("loops")
-    within_recordings(Options(tmp_path, quick=True), report, {"intel": floor})
+    within_recordings(RunOptions(tmp_path, quick=True), report, {"intel": floor})
     whole(report)
     assert [row[4:6] for row in report.tables[0].rows] == [list(THEIRS["intel", d]) for d in (1.0, 2.0, 3.0)]
     assert report.pictures[0].stat().st_size > 1000
@@ -127,7 +127,7 @@ def test_one_data_set_is_judged_by_cross_validation_and_drawn(floor: Recording, 
 
 def test_movers_lower_the_likelihood_and_cards_are_listed(tmp_path: Path) -> None:
     report = Report("loops")
-    dynamic_objects(Options(tmp_path, quick=True), report)
+    dynamic_objects(RunOptions(tmp_path, quick=True), report)
     shipped_models(report)
     whole(report)
     likelihoods = [row[2] for row in report.tables[0].rows]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from evaluation.experiments import maintenance_scenes as scenes
+from evaluation.maintenance import maintenance_scenes as scenes
 
 
 def test_the_cat_is_looked_at_less_often_where_it_is_measured_worse():

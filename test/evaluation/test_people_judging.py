@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evaluation.experiments import people_marked
-from evaluation.experiments.people_judging import Expected
-from tracking.people import PeopleTracker
+from evaluation.people import people_marked
+from evaluation.people.people_judging import Expected
+from tracking.people.people_tracker import PeopleTracker
 
 
 def test_expected_are_those_in_view_for_long_until_hidden_for_long_and_then_anew() -> None:

@@ -8,12 +8,12 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from evaluation.experiments.people_yardsticks import Yardstick, best_identities, matched, measure
-from evaluation.nearest_neighbour import NearestNeighbour, detections
-from tracking.target import Target
-from whereabouts.simulation.occlusion_scenes import one_hardly_moves
-from whereabouts.simulation.people import Build, Walker
-from whereabouts.simulation.people_scenes import Scene, empty_floor
+from evaluation.peers.nearest_neighbour import NearestNeighbour, detections
+from evaluation.people.people_yardsticks import Yardstick, best_identities, matched, measure
+from tracking.mixture.target import Target
+from whereabouts.simulation.people import Build, SimulatedWalker
+from whereabouts.simulation.scenes.occlusion_scenes import one_hardly_moves
+from whereabouts.simulation.scenes.people_scenes import PeopleScene, empty_floor
 from whereabouts.simulation.shapes import box
 
 
@@ -24,7 +24,9 @@ def _target(label: int, spot: np.ndarray) -> Target:
 class _Knowing:
     """Tells the truth, less `without`, with labels changed at scan `swap` and a phantom at a place."""
 
-    def __init__(self, scene: Scene, without: int = -1, swap: int = 10**9, phantom: object = None) -> None:
+    def __init__(
+        self, scene: PeopleScene, without: int = -1, swap: int = 10**9, phantom: object = None
+    ) -> None:
         self.scene, self.without, self.swap, self.phantom = scene, without, swap, phantom
         self.count = 0
 
@@ -39,13 +41,13 @@ class _Knowing:
         return found if self.phantom is None else [*found, _target(999, np.array(self.phantom))]
 
 
-def _scene() -> Scene:
+def _scene() -> PeopleScene:
     walkers = [
-        Walker(np.array([[2.0, -1.5], [2.0, 1.5]]), 1.0),
-        Walker(np.array([[4.0, 1.0], [4.0, -1.0]]), 1.0),
-        Walker(np.array([[3.0, 2.0]])),
+        SimulatedWalker(np.array([[2.0, -1.5], [2.0, 1.5]]), 1.0),
+        SimulatedWalker(np.array([[4.0, 1.0], [4.0, -1.0]]), 1.0),
+        SimulatedWalker(np.array([[3.0, 2.0]])),
     ]
-    return Scene(box(12.0, 10.0), walkers, 4.0)
+    return PeopleScene(box(12.0, 10.0), walkers, 4.0)
 
 
 def _measured(**spoilt: object) -> Yardstick:
@@ -102,10 +104,10 @@ def test_the_plain_tracker_finds_a_trunk_and_keeps_its_label() -> None:
     rng = np.random.default_rng(3)
     tracker = NearestNeighbour()
     trunk = replace(scene.people[0], build=Build("trunk"))
-    marks = measure(Scene(scene.room, [trunk], 4.0), rng, tracker)
+    marks = measure(PeopleScene(scene.room, [trunk], 4.0), rng, tracker)
     assert marks.recall > 0.85
     assert marks.switches == 0
-    assert not len(detections(next(iter(Scene(scene.room, [], 0.0).scans(rng))).scan))
+    assert not len(detections(next(iter(PeopleScene(scene.room, [], 0.0).scans(rng))).scan))
 
 
 def test_nobody_is_on_an_empty_floor_and_the_one_goes_less_than_half_a_metre_among_people_who_hide() -> None:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from evaluation.experiments.phd_partitions import algorithm_5, bell_exponent, distinct
-from tracking.partitioning import all_partitions
+from evaluation.phd.phd_partitions import algorithm_5, bell_exponent, distinct
+from tracking.phd.partitioning import all_partitions
 
 
 def test_distinct_partitions_are_those_of_algorithm_5():

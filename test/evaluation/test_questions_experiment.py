@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from evaluation.experiments import questions as experiment
-from evaluation.report import Options
+from evaluation.report import RunOptions
 from world_model.questions import Answer, ask, during, recall
 
 DAY, HOUR = 86400.0, 3600.0
 
 
-def home() -> experiment.Household:
+def home() -> experiment.AskedHome:
     rng = np.random.default_rng(5)
-    return experiment.Household.living(6, rng)
+    return experiment.AskedHome.living(6, rng)
 
 
 def test_the_truth_of_a_household_is_its_moves() -> None:
@@ -46,7 +46,7 @@ def test_wrong_answers_are_found_out(kind: str) -> None:
 
 
 def test_a_day_is_answered(tmp_path: Path) -> None:
-    tallies = experiment.two_weeks(Options(tmp_path, seed=3), 1, 40)
+    tallies = experiment.two_weeks(RunOptions(tmp_path, seed=3), 1, 40)
     right = [each for tally in tallies.values() for each in tally.right]
     assert len(right) == 40
     assert np.mean(right) > 0.85

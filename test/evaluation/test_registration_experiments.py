@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from evaluation.experiments import odometry, registration
-from evaluation.experiments.odometry_wheels import FAULTS, with_faults
-from evaluation.point_to_line import PointToLine
-from evaluation.report import Options, Report
+from evaluation.peers.point_to_line import PointToLine
+from evaluation.registration.odometry_wheels import FAULTS, with_faults
+from evaluation.report import Report, RunOptions
 from evaluation.running import run_all_parts
 from registration import align
 from whereabouts.datasets import recording
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
-from whereabouts.simulation.pairs import EASY, random_pair
 from whereabouts.simulation.robot import relative
+from whereabouts.simulation.scenes.scan_pairs import EASY, random_pair
 
 
 def test_a_method_is_tallied_by_its_errors() -> None:
@@ -40,7 +40,7 @@ def test_other_libraries_have_the_signature_of_align() -> None:
 def test_absent_recordings_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded = {key: part for key, part in odometry.PARTS.items() if part.needs}
     monkeypatch.setattr(odometry, "PARTS", recorded)
-    report = run_all_parts("odometry", Options(out=tmp_path, quick=True))
+    report = run_all_parts("odometry", RunOptions(out=tmp_path, quick=True))
     assert isinstance(report, Report)
     assert any("want of recordings" in note for note in report.notes)
 

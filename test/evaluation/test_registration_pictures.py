@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.conversion import convert
-from evaluation.experiments.registration_pictures import (
+from estimation.conversion.polar import convert
+from evaluation.registration.registration_pictures import (
     MEASURED,
     UNSURE,
     cartesian,

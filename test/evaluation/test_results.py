@@ -21,11 +21,11 @@ from evaluation import digest, markdown, results, running
 from evaluation.compare import compare
 from evaluation.headlines import HEADLINES, Headline
 from evaluation.pages import BEFORE, Book, filled, results_page
-from evaluation.report import SEEDS, Figure, Options, Part, Printed, Report, Table, slug
+from evaluation.report import SEEDS, Figure, Part, Printed, Report, RunOptions, Table, slug
 from whereabouts.cli.main import app
 
 
-def tables(options: Options, report: Report) -> None:
+def tables(options: RunOptions, report: Report) -> None:
     rng = np.random.default_rng([options.seed, 7])
     rows = [["ours", rng.normal(0.3, 0.01), 12.0, 0.4], ["theirs", rng.normal(0.6, 0.01), 24.0, None]]
     columns = ["method", "error, m ↓", "right, % ↑", "text: error"]
@@ -46,7 +46,7 @@ def tables(options: Options, report: Report) -> None:
     report.pictures.append(picture)
 
 
-def fixed(_: Options, report: Report) -> None:
+def fixed(_: RunOptions, report: Report) -> None:
     report.figures["speed"] = Figure(20.0, "1/s", "higher")
 
 
@@ -110,7 +110,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
 ) -> None:
     calls: list[int] = []
 
-    def counted(options: Options, report: Report) -> None:
+    def counted(options: RunOptions, report: Report) -> None:
         calls.append(options.seed)
         if len(calls) == 4:
             raise KeyboardInterrupt
@@ -234,8 +234,8 @@ def test_sources_follow_the_imports() -> None:
         for path in digest.sources("evaluation.experiments.registration")
     }
     assert {
-        "registration/align.py",
-        "registration/refine.py",
+        "registration/placement/align.py",
+        "registration/placement/refine.py",
         "evaluation/experiments/registration.py",
     } <= listed
     assert not any(name.startswith(("tracking/", "world_model/")) for name in listed)

@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 
 from evaluation.experiments import routines as experiment
-from evaluation.report import Options
+from evaluation.report import RunOptions
 
 
-def clockwork() -> experiment.Household:
+def clockwork() -> experiment.HomerHome:
     """Two things for 70 days: one goes from place 3 to 5 at 9:00 and back at 17:00, one rests at place 4."""
     minutes = np.tile(np.arange(360, 1441, 10), (70, 1))
     out = np.where((minutes >= 540) & (minutes < 1020), 5, 3)
-    return experiment.Household(np.stack([out, np.full_like(out, 4)], axis=2), minutes)
+    return experiment.HomerHome(np.stack([out, np.full_like(out, 4)], axis=2), minutes)
 
 
 @pytest.mark.parametrize("views", [0, 2])
 def test_days_that_are_alike_are_foretold(tmp_path: Path, views: int) -> None:
-    judged = experiment.run(clockwork(), experiment.METHODS["routines"], Options(tmp_path, quick=True), views)
+    judged = experiment.run(
+        clockwork(), experiment.METHODS["routines"], RunOptions(tmp_path, quick=True), views
+    )
     for hours in experiment.HOURS:
         right, moved, brier = judged.row(hours)
         assert right > (99.0 if views == 0 else 95.0)
@@ -31,7 +33,7 @@ def test_days_that_are_alike_are_foretold(tmp_path: Path, views: int) -> None:
 
 
 def test_last_seen_is_wrong_about_what_moves(tmp_path: Path) -> None:
-    judged = experiment.run(clockwork(), None, Options(tmp_path, quick=True))
+    judged = experiment.run(clockwork(), None, RunOptions(tmp_path, quick=True))
     right, moved, brier = judged.row(3)
     share = judged.moved[3] / judged.all[3]
     assert right == pytest.approx(100.0 * (1.0 - share))
@@ -41,7 +43,7 @@ def test_last_seen_is_wrong_about_what_moves(tmp_path: Path) -> None:
 
 
 def test_a_wrong_place_is_false_and_missed() -> None:
-    judged = experiment.Judged()
+    judged = experiment.JudgedRoutines()
     judged.move(("sink", 0.4), "table")
     judged.move(("sink", 0.4), "sink")
     judged.move(("sink", 0.4), None)

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.metrics import relations_error
-from estimation.poses import between, compound
-from evaluation.experiments import slam_shaken
-from evaluation.experiments.slam_as_node import Driven
-from evaluation.experiments.slam_as_node import false_closures as false_of_node
-from evaluation.experiments.slam_judging import (
+from estimation.geometry.poses import between, compound
+from estimation.metrics.statistics import relations_error
+from evaluation.slam import slam_shaken
+from evaluation.slam.slam_as_node import Driven
+from evaluation.slam.slam_as_node import false_closures as false_of_node
+from evaluation.slam.slam_judging import (
     CLOSE,
     Followed,
     false_closures,

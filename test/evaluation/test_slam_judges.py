@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.poses import between, compound
-from evaluation.experiments import slam_places, slam_proximity
-from evaluation.experiments.loops_data import Reading, simulated
-from evaluation.experiments.slam_as_node import false_closures
-from evaluation.experiments.slam_direct import Direct, check, single_errors
-from evaluation.experiments.slam_judging import Followed
-from evaluation.report import Options
-from loop_closure import recognizer
-from loop_closure.pairs import PairRule
-from loop_closure.place_model import PlaceModel
-from loop_closure.training import train_plain
+from estimation.geometry.poses import between, compound
+from evaluation.loops.loops_data import Reading, simulated
+from evaluation.report import RunOptions
+from evaluation.slam import slam_places, slam_proximity
+from evaluation.slam.slam_as_node import false_closures
+from evaluation.slam.slam_direct import Direct, check, single_errors
+from evaluation.slam.slam_judging import Followed
+from loop_closure.places import recognizer
+from loop_closure.places.pairs import PairRule
+from loop_closure.places.place_model import PlaceModel
+from loop_closure.training.place_training import train_plain
 from registration import Scan
 from whereabouts.logs import ScanRecord
 from whereabouts.simulation import Drive, Lidar, random_floor, random_room
@@ -102,7 +102,7 @@ def test_slam_is_judged_with_a_model_that_has_not_seen_the_building(
         return model
 
     monkeypatch.setattr(slam_places, "_trained", train)
-    options = Options(tmp_path, data=tmp_path, kept=tmp_path / "kept")
+    options = RunOptions(tmp_path, data=tmp_path, kept=tmp_path / "kept")
     shipped = recognizer.shipped_model
     for _ in range(2):
         with slam_places.without("intel", options):
@@ -121,7 +121,7 @@ def test_no_building_is_among_what_its_model_is_trained_on(tmp_path: Path, quick
     (tmp_path / "carmen").mkdir()
     for name in slam_places.TRAINED:
         (tmp_path / "carmen" / name).touch()
-    table = slam_places.table(list(slam_places.BUILDINGS), Options(tmp_path, quick=quick, data=tmp_path))
+    table = slam_places.table(list(slam_places.BUILDINGS), RunOptions(tmp_path, quick=quick, data=tmp_path))
     rows = {str(log): str(text) for log, text in table.rows}
     assert "intel" not in rows["intel.clf.bz2"]
     assert "mit" not in rows["killian.g2o"]

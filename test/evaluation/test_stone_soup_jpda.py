@@ -7,7 +7,7 @@ from tracking import PhdConfig
 
 pytest.importorskip("stonesoup")
 
-from evaluation.stone_soup_jpda import StoneSoupJpda
+from evaluation.peers.stone_soup_jpda import StoneSoupJpda
 
 
 @pytest.mark.parametrize("joint", [True, False])

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.places import Places
+from estimation.geometry.places import Places
 from evaluation.experiments.weeks import Robot
-from whereabouts.simulation.apartment import places_file
-from whereabouts.simulation.weeks import CARRIED, DAY, HOUR, IN_HAND, Weeks
+from whereabouts.simulation.home.floor_plan import places_file
+from whereabouts.simulation.home.household_weeks import CARRIED, DAY, HOUR, IN_HAND, Weeks
 
 
 @pytest.fixture(scope="module")

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from whereabouts.camera_log import BOXES, IMAGE, INFO, TF
-from whereabouts.evidence import Reader
-from whereabouts.log_errors import NothingRecognisedError
 from whereabouts.logs import McapWriter, Topic
-from whereabouts.simulation.apartment import apartment
-from whereabouts.simulation.apartment_camera import Item
-from whereabouts.simulation.depth_camera import DepthCamera, Framed, looking
-from whereabouts.world_bag import SuiteMessages
-from whereabouts.world_log import EvidenceLog
+from whereabouts.recorded.camera_log import BOXES, IMAGE, INFO, TF
+from whereabouts.recorded.evidence_messages import Reader
+from whereabouts.recorded.world_bag import SuiteMessages
+from whereabouts.recorded.world_log import EvidenceLog
+from whereabouts.simulation.home.apartment_camera import Item
+from whereabouts.simulation.home.depth_camera import DepthCamera, Framed, looking
+from whereabouts.simulation.home.floor_plan import apartment
+from whereabouts.system.log_errors import NothingRecognisedError
 from world_model import WorldModel, WorldModelConfig
 
 CUP = (Item("cup", "red", (0.05, 0.05, 0.06)), np.array([0.0, 3.5, 0.76]))

@@ -21,7 +21,7 @@ from whereabouts.logs import (
     UnknownFormatError,
     open_log,
 )
-from whereabouts.logs.carmen_laser import beam_angles
+from whereabouts.logs.formats.carmen_laser import beam_angles
 
 RANGES = [1.0 + 0.01 * i for i in range(180)]
 

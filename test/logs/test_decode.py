@@ -7,7 +7,7 @@ import pytest
 
 from estimation.errors import InputError
 from whereabouts.logs import CloudRecord, TransformRecord, open_log
-from whereabouts.logs.storage import Qos, format_qos, parse_qos
+from whereabouts.logs.bags.storage import Qos, format_qos, parse_qos
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TYPES = {"f4": 7, "f8": 8, "u4": 6, "u2": 4, "i1": 1}

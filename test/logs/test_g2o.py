@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.poses import compound
+from estimation.geometry.poses import compound
 from whereabouts.logs import G2oLog, NothingRecognisedError, open_log, read_g2o, write_g2o
 
 RANGES = [1.0, 2.0, 3.0]

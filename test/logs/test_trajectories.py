@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from whereabouts.datasets import recording
-from whereabouts.log_errors import EmptyLogError, LogNotFoundError, TrajectoryError, UnknownFormatError
-from whereabouts.logs.trajectories import read_trajectories
+from whereabouts.logs.formats.trajectories import read_trajectories
+from whereabouts.system.log_errors import EmptyLogError, LogNotFoundError, TrajectoryError, UnknownFormatError
 
 EDINBURGH = """% Total number of trajectories in file are  2
 

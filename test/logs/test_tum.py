@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from estimation.errors import InputError
 from whereabouts.logs import EmptyLogError, TrajectoryError, WriteError, read_tum, write_tum
-from whereabouts.messages.rotations import rotation_of
+from whereabouts.messages.message_rotations import rotation_of
 
 FINITE = st.floats(-1e6, 1e6)
 

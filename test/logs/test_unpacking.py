@@ -17,8 +17,8 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from whereabouts.logs import OversizedLogError, open_log, open_raw
-from whereabouts.logs.bag_directory import inflate_message
-from whereabouts.logs.unpacking import unpack
+from whereabouts.logs.bags.bag_directory import inflate_message
+from whereabouts.logs.bags.unpacking import unpack
 
 MUCH = bytes(300 << 20)
 LINES = b"PARAM robot_frontlaser_offset 0.0 0 host 0\n" * 100_000

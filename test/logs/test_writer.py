@@ -27,8 +27,8 @@ from whereabouts.logs import (
     open_log,
     open_raw,
 )
-from whereabouts.logs.encode import nanoseconds
-from whereabouts.logs.storage import Qos, Topic
+from whereabouts.logs.bags.encode import nanoseconds
+from whereabouts.logs.bags.storage import Qos, Topic
 from whereabouts.messages.decode import seconds
 
 SCAN = ScanRecord(Scan([1.0, 2.5, 81.83], -1.0, 0.5, 0.1, 50.0, 3.25, 0.001), 3.25)

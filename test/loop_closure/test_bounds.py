@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from loop_closure.definitions import BINS_PER_METRE, range_histograms
-from loop_closure.outline_kernels import CELLS, RADIUS, grids, sharp_grid, thin
+from loop_closure.places.definitions import BINS_PER_METRE, range_histograms
+from loop_closure.places.outline_kernels import CELLS, RADIUS, grids, sharp_grid, thin
 
 NOWHERE = np.array([[np.nan, 0.0], [0.0, np.nan], [1e30, 0.0], [-1e19, 1e19], [np.inf, -np.inf]])
 HERE = np.array([[1.0, 1.0]])

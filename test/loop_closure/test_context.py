@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.gradient_boosting import GradientBoosting
+from estimation.learning.gradient_boosting import GradientBoosting
 from loop_closure import PlaceDatabase, PlaceFeatures, PlaceModel, PlaceRecognizer
-from loop_closure.context import CONTEXT_FEATURES, GAP, PREDECESSORS, context_features, contexts
-from loop_closure.pairs import PairRule, path_lengths
-from loop_closure.training import Recording
-from loop_closure.training_clouds import pairs_among, tiles, train_clouds
+from loop_closure.places.context import CONTEXT_FEATURES, GAP, PREDECESSORS, context_features, contexts
+from loop_closure.places.pairs import PairRule, path_lengths
+from loop_closure.training.place_training import Recording
+from loop_closure.training.training_clouds import pairs_among, tiles, train_clouds
 
 
 def odds_of_a_second_visit(reverse: bool) -> np.ndarray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from loop_closure.editing import nearest_closure
-from loop_closure.graph import Edge
+from loop_closure.graph.pose_graph import Edge
+from loop_closure.slam.editing import nearest_closure
 
 
 def edge(a: int, b: int, closure: bool = True) -> Edge:

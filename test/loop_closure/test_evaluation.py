@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.boosting import AdaBoost
 from estimation.errors import InputError
-from loop_closure.evaluation import (
+from estimation.learning.boosting import AdaBoost
+from loop_closure.training.place_evaluation import (
     balanced,
     cross_environment,
     first_features,

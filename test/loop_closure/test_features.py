@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from estimation.errors import InputError
 from loop_closure import features_2d, features_3d, scan_order
-from loop_closure.features import BIN_WIDTHS
+from loop_closure.places.features import BIN_WIDTHS
 from registration import Scan
 
 GATE = 2.5

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from whereabouts.follow import Follower, follow
 from whereabouts.logs import OdometryRecord, ScanRecord
+from whereabouts.recorded.follow import Follower, follow
 from whereabouts.simulation import Lidar, box
 
 

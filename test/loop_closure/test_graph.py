@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.poses import (
+from estimation.geometry.poses import (
     between,
     between_jacobians,
     compound,
@@ -13,9 +13,9 @@ from estimation.poses import (
     compound_jacobians,
     pose_to_matrix,
 )
-from loop_closure.esdf import EsdfGraph
-from loop_closure.graph import Edge, SmoothedGraph, residuals
-from loop_closure.uncertainty import Uncertainty
+from loop_closure.graph.esdf import EsdfGraph
+from loop_closure.graph.pose_graph import Edge, SmoothedGraph, residuals
+from loop_closure.graph.uncertainty import Uncertainty
 
 
 class FullEkf:

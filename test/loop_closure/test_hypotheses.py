@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.poses import between, compound, inverse, pose_to_matrix
-from loop_closure.graph import Edge
-from loop_closure.hypotheses import MOST, Guess, Hypotheses, consistent
+from estimation.geometry.poses import between, compound, inverse, pose_to_matrix
+from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.uncertainty import Uncertainty, apart
 from loop_closure.keyframes import Keyframes
-from loop_closure.uncertainty import Uncertainty, apart
+from loop_closure.slam.closure_hypotheses import MOST, ClosureHypotheses, Guess, consistent
 from registration import Scan
 
 FAR = 30  # keyframes, 1 m apart, of a straight path that is driven twice
@@ -30,8 +30,8 @@ def guess(k: int, shift: float, merit: float = 20.0, missed: float = 0.1) -> Gue
     return Guess(edge, merit, 0.97, 0.0, 1.0, True, missed)
 
 
-def waiting(guesses: list[Guess], spread=near) -> Hypotheses:
-    hypotheses = Hypotheses()
+def waiting(guesses: list[Guess], spread=near) -> ClosureHypotheses:
+    hypotheses = ClosureHypotheses()
     for item in guesses:
         hypotheses.add(item, POSES, spread)
     return hypotheses
@@ -98,7 +98,7 @@ def test_what_puts_the_path_at_the_same_place_is_no_rival(shift: float, wins: bo
 
     paths = np.arange(3.0 * FAR)
     poses = np.array([[float(k % FAR), 0.1 * (k // FAR), 0.0] for k in range(3 * FAR)])
-    hypotheses = Hypotheses()
+    hypotheses = ClosureHypotheses()
     for k in range(8):
         for earlier, along, merit in ((k, 0.0, 20.0), (k + FAR, shift, 18.0)):
             motion = between(poses[earlier], poses[k + 2 * FAR]) + np.array([along, 0.0, 0.0])
@@ -163,7 +163,7 @@ def test_closures_tie_together_what_a_guessed_step_left_open() -> None:
 
 def test_many_keyframes_on_the_spot_do_not_push_out_the_path_before_them() -> None:
     """Ten closures of each keyframe that say the same: of too many the weightiest of each stay."""
-    hypotheses = Hypotheses()
+    hypotheses = ClosureHypotheses()
     for k in range(FAR):
         for step in range(10):
             a = max(k - step, 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from loop_closure.keyframes import Keyframes
-from loop_closure.likeness import Likeness
+from loop_closure.slam.likeness import PlaceLikeness
 from whereabouts.simulation import Drive, Lidar, box, joined
 
 CORNERS = [(-6.8, -4.7), (6.8, -4.7), (6.8, 4.7), (-6.8, 4.7)]
@@ -20,7 +20,7 @@ def test_a_second_round_looks_like_the_first() -> None:
     ]
     world, lidar = joined([box(16.0, 12.0), box(11.0, 7.0), *furniture]), Lidar(181)
     drive = Drive([*CORNERS, *CORNERS[:3]], speed=0.7, turn_rate=0.8)
-    keyframes, likeness, found = Keyframes(), Likeness(), []
+    keyframes, likeness, found = Keyframes(), PlaceLikeness(), []
     poses = np.array([drive(float(time)) for time in np.arange(0.0, drive.duration, 1.0)])
     for k, pose in enumerate(poses):
         keyframes.add_scan(lidar.scan(world, pose, rng, float(k)).scan, pose, 25.0)

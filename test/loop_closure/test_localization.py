@@ -9,16 +9,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.errors import InputError
-from estimation.poses import compound
+from estimation.geometry.poses import compound
 from loop_closure.keyframes import Keyframes
-from loop_closure.localization import Localizer, Located
-from loop_closure.map_file import read_map, write_map
-from loop_closure.map_search import SpatialMap
-from loop_closure.slam import Slam
-from loop_closure.spatial import common, common_standing, lay
+from loop_closure.maps.localization import Localizer, Located
+from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.maps.map_search import SpatialMap
+from loop_closure.slam.cloud_closing import common, common_standing, lay
+from loop_closure.slam.trajectory import Slam
 from registration import Scan
 from whereabouts.simulation import Drive, Lidar, box, joined
-from whereabouts.simulation.outdoor import Neighbourhood, SpinningLidar, random_neighbourhood, round_trip
+from whereabouts.simulation.scenes.outdoor import (
+    Neighbourhood,
+    SpinningLidar,
+    random_neighbourhood,
+    round_trip,
+)
 
 ROUND = round_trip(200)  # about a metre apart
 MAPPED = 60

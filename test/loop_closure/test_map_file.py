@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from loop_closure.map_file import is_map, read_map, write_map
-from loop_closure.slam import Slam
+from loop_closure.maps.map_file import is_map, read_map, write_map
+from loop_closure.slam.trajectory import Slam
 
 Arrays = dict[str, Any]
 COUNT = 4

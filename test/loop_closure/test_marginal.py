@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimation.poses import between, compound
-from loop_closure.graph import Edge, as_gtsam, factor
-from loop_closure.marginal import DEGREE, averaged, joined, renumbered, turned_round, without
+from estimation.geometry.poses import between, compound
+from loop_closure.graph.marginal import DEGREE, averaged, joined, renumbered, turned_round, without
+from loop_closure.graph.pose_graph import Edge, as_gtsam, factor
 from loop_closure.motions import compose, invert, motion
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.poses import between
+from estimation.geometry.poses import between
 from loop_closure import LocalMap, features_2d
-from loop_closure.matching import MATCH_FEATURES, NAMES, match_features, match_pairs
-from loop_closure.outline_kernels import CELL, CELLS, RADIUS, mark_free
-from loop_closure.outlines import THIN, _reach, outline_of_scan
-from loop_closure.pairs import Pairs
-from loop_closure.signatures import SCAN_SIZE, range_quantiles
+from loop_closure.places.matching import MATCH_FEATURES, NAMES, match_features, match_pairs
+from loop_closure.places.outline_kernels import CELL, CELLS, RADIUS, mark_free
+from loop_closure.places.outlines import THIN, _reach, outline_of_scan
+from loop_closure.places.pairs import Pairs
+from loop_closure.places.signatures import SCAN_SIZE, range_quantiles
 from registration import Scan
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.shapes import box, joined

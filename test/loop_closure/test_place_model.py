@@ -9,8 +9,8 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from estimation.boosting import AdaBoost
 from estimation.errors import InputError
+from estimation.learning.boosting import AdaBoost
 from loop_closure import (
     PlaceDatabase,
     PlaceModel,
@@ -20,10 +20,9 @@ from loop_closure import (
     pair_features_many,
     shipped_model,
 )
-from loop_closure.pairs import PairRule, path_lengths, sample_pairs
-from loop_closure.roc import roc
-from loop_closure.shipped import NAMES
-from loop_closure.training import (
+from loop_closure.places.pairs import PairRule, path_lengths, sample_pairs
+from loop_closure.places.shipped import NAMES
+from loop_closure.training.place_training import (
     NEGATIVE_SHARE,
     CascadeConfig,
     Recording,
@@ -31,6 +30,7 @@ from loop_closure.training import (
     train_cascade,
     train_plain,
 )
+from loop_closure.training.roc import roc
 from whereabouts.simulation import Lidar, random_floor
 from whereabouts.simulation.robot import Drive
 
@@ -189,7 +189,7 @@ def test_shipped_models_say_what_they_were_trained_on(name: str) -> None:
 
 
 def test_shipped_models_are_small() -> None:
-    sizes = [len(path.read_bytes()) for path in files("loop_closure").joinpath("models").iterdir()]
+    sizes = [len(path.read_bytes()) for path in files("loop_closure.places").joinpath("models").iterdir()]
     assert sum(sizes) < 1_000_000
 
 

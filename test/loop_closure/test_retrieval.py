@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from loop_closure.retrieval import Embedding, NearestPlaces, learn_embedding
+from loop_closure.places.retrieval import Embedding, NearestPlaces, learn_embedding
 
 
 def along_a_walk(count: int, dimension: int = 8) -> np.ndarray:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.metrics import absolute_trajectory_error, align_points
-from estimation.poses import between, compound
-from loop_closure import closing
-from loop_closure.closing import Fit
-from loop_closure.graph import Edge
-from loop_closure.localization import Localizer
-from loop_closure.map_file import read_map, write_map
-from loop_closure.merging import merge
-from loop_closure.slam import Slam
+from estimation.geometry.poses import between, compound
+from estimation.metrics.statistics import absolute_trajectory_error, align_points
+from loop_closure.graph.pose_graph import Edge
+from loop_closure.maps.localization import Localizer
+from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.maps.merging import merge
+from loop_closure.slam import closing
+from loop_closure.slam.closing import Fit
+from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import SlamConfig
 from loop_closure.work import Steps
 from registration import Scan
@@ -127,7 +127,7 @@ def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.Monke
         fits = yield from closing.looking(*given)
         return [replace(fit, certain=False, expected=in_hindsight and fit.expected) for fit in fits]
 
-    monkeypatch.setattr("loop_closure.slam.looking", undecided)
+    monkeypatch.setattr("loop_closure.slam.trajectory.looking", undecided)
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:2]]), 1, 0.004)
     slam = mapped(scans, odometry)
     assert slam.closures == []
@@ -146,7 +146,7 @@ def test_a_group_that_has_won_is_closed_with_other_passes_too(monkeypatch: pytes
             return fits
         return [replace(fit, certain=False) for fit in fits if frames[fit.edge.a].path < 40.0]
 
-    monkeypatch.setattr("loop_closure.slam.looking", first_round_only)
+    monkeypatch.setattr("loop_closure.slam.trajectory.looking", first_round_only)
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS, *CORNERS[:3]]), 1, 0.004)
     slam = mapped(scans, odometry)
     slam.trajectory()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.poses import between, compound
+from estimation.geometry.poses import between, compound
+from loop_closure.graph.steps import DOUBTED, StepDoubt
 from loop_closure.keyframes import Keyframes
 from loop_closure.slam_config import SlamConfig
-from loop_closure.steps import DOUBTED, StepDoubt
-from registration.motion import Step, accumulate
+from registration.odometry.odometry_step import Step, accumulate
 from whereabouts.simulation import Lidar, Shapes, box, joined
 
 CONFIG = SlamConfig()

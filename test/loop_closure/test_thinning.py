@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.metrics import absolute_trajectory_error
-from estimation.poses import between, compound
-from loop_closure.closing import Gate
-from loop_closure.esdf import EsdfGraph
+from estimation.geometry.poses import between, compound
+from estimation.metrics.statistics import absolute_trajectory_error
+from loop_closure.graph.esdf import EsdfGraph
 from loop_closure.keyframes import Keyframes
-from loop_closure.map_file import read_map, write_map
-from loop_closure.slam import Slam
-from loop_closure.thinning import BATCH, Thinning
+from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.slam.closing import Gate
+from loop_closure.slam.thinning import BATCH, Thinning
+from loop_closure.slam.trajectory import Slam
 from registration import Scan
-from whereabouts.mapping import MapGrid, map_grid
+from whereabouts.recorded.mapping import MapGrid, map_grid
 from whereabouts.simulation import Lidar, Shapes, box, joined
 
 ROUND = 20  # scans of a round of 12 m

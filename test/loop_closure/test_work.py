@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from loop_closure.features import features_2d
-from loop_closure.graph import Edge, SmoothedGraph
-from loop_closure.marginal import renumbered, without
-from loop_closure.recognizer import PlaceRecognizer
-from loop_closure.slam import MOST_WAITING, Slam
+from loop_closure.graph.marginal import renumbered, without
+from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.places.features import features_2d
+from loop_closure.places.recognizer import PlaceRecognizer
+from loop_closure.slam.trajectory import MOST_WAITING, Slam
 from loop_closure.work import Allowance, Job, Steps, at_once
 from registration import Scan
 

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from whereabouts.interfaces import NODE_INTERFACES
+from whereabouts.node_interfaces import NODE_INTERFACES
 
 ROOT = Path(__file__).resolve().parents[2]
 TREES = sorted((ROOT / "config/behavior_trees").glob("*.xml"))

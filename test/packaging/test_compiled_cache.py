@@ -81,15 +81,15 @@ def test_a_damaged_note_is_no_note(tree: Path) -> None:
 
 def test_imports_of_the_real_tree_are_found_as_python_finds_them() -> None:
     """Against Python itself: what is loaded with a module is what it depends on."""
-    import estimation.gradient_boosting
+    import estimation.learning.gradient_boosting
 
-    root, name = Path(__file__).resolve().parents[2], estimation.gradient_boosting.__name__
+    root, name = Path(__file__).resolve().parents[2], estimation.learning.gradient_boosting.__name__
     script = f"import sys, {name}; print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('estimation.')))"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=root
     )
     loaded = {Path(file).relative_to(root).as_posix() for file in done.stdout.split()}
-    own = Path(estimation.gradient_boosting.__file__).relative_to(root).as_posix()
+    own = Path(estimation.learning.gradient_boosting.__file__).relative_to(root).as_posix()
     files = digests(root)
     kernels = [file for file in loaded if not file.endswith("__init__.py")]
     assert len(kernels) > 3

@@ -68,7 +68,7 @@ def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_carries_all_packages_and_their_data(installed: Path, tmp_path: Path) -> None:
     code = (
         f"import importlib; ms = [importlib.import_module(n) for n in {PACKAGES!r}]; "
-        "from whereabouts.resources import config_file; "
+        "from whereabouts.system.resources import config_file; "
         "print('\\n'.join([m.__file__ for m in ms] + [str(config_file('fastdds.xml'))]))"
     )
     found = checked([str(installed / "bin/python"), "-c", code], cwd=tmp_path).splitlines()

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 import yaml
 
-from whereabouts.interfaces import NODE_INTERFACES
+from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.node_names import NODES
 from whereabouts.parameters.registry import model_of
 
 ROOT = Path(__file__).resolve().parents[2]
-BUILDER = ast.parse((ROOT / "whereabouts/nodes/launching.py").read_text(encoding="utf-8"))
+BUILDER = ast.parse((ROOT / "whereabouts/nodes/runtime/launching.py").read_text(encoding="utf-8"))
 
 
 def constant(name: str) -> Any:
@@ -42,8 +42,8 @@ def test_a_launch_file_describes_its_nodes(name: str) -> None:
 
 def test_launch_files_load_nothing_a_launch_machine_may_lack() -> None:
     known = ("launch", "launch_ros", "ament_index_python", "pathlib", "os", "typing", "__future__")
-    ours = ("whereabouts.nodes.launching", "whereabouts.node_names")
-    for path in [*(ROOT / "launch").glob("*.py"), ROOT / "whereabouts/nodes/launching.py"]:
+    ours = ("whereabouts.nodes.runtime.launching", "whereabouts.node_names")
+    for path in [*(ROOT / "launch").glob("*.py"), ROOT / "whereabouts/nodes/runtime/launching.py"]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             assert not isinstance(node, ast.Import) or all(a.name in known for a in node.names)
             if isinstance(node, ast.ImportFrom):
@@ -80,7 +80,7 @@ def test_what_is_launched_is_installed() -> None:
     assert ("executable", "bring_up") in launched
     for kind, name in launched:
         if kind == "executable" and name not in ("rviz2", "lifecycle_manager"):
-            assert f'"{name} = whereabouts.nodes.{name}:main"' in setup
+            assert f'"{name} = whereabouts.nodes.runtime.{name}:main"' in setup
 
 
 def test_rviz_shows_what_the_suite_publishes() -> None:

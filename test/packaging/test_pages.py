@@ -15,7 +15,7 @@ from evaluation.digest import ROOT
 from evaluation.pages import BEFORE, Book, pages, results_page
 from evaluation.results import read_all
 from whereabouts.cli.main import app
-from whereabouts.interfaces import NODE_INTERFACES, interfaces_of
+from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of
 from whereabouts.node_names import NODES
 from whereabouts.parameters.registry import model_of
 

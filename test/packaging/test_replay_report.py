@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.poses import between, compound
-from whereabouts.logs import CloudRecord, Edge, G2oGraph, McapWriter, OdometryRecord
-from whereabouts.replay_report import read_replay, revisit_errors, write_report
+from estimation.geometry.poses import between, compound
+from whereabouts.logs import CloudRecord, G2oEdge, G2oGraph, McapWriter, OdometryRecord
+from whereabouts.recorded.replay_report import read_replay, revisit_errors, write_report
 
 
 @pytest.fixture
@@ -51,8 +51,8 @@ def test_revisit_error_is_what_the_trajectory_misses() -> None:
     for _ in range(99):
         poses.append(compound(poses[-1], rng.normal([0.5, 0.0, 0.0], [0.1, 0.02, 0.2])))
     truth = np.array(poses)
-    edge = Edge(3, 90, between(truth[3], truth[90]), np.eye(3))
-    near = Edge(3, 5, np.array([9.0, 9.0, 0.0]), np.eye(3))
+    edge = G2oEdge(3, 90, between(truth[3], truth[90]), np.eye(3))
+    near = G2oEdge(3, 5, np.array([9.0, 9.0, 0.0]), np.eye(3))
     graph = G2oGraph(np.arange(100), truth, [edge, near])
     assert np.allclose(revisit_errors(truth, graph), [0.0], atol=1e-9)
     drifted = truth.copy()

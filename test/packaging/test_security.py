@@ -9,9 +9,9 @@ from lxml import etree
 from typer.testing import CliRunner
 
 from whereabouts.cli.main import app
-from whereabouts.interfaces import interfaces_of
+from whereabouts.node_interfaces import interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.security import WRITES_OR_FORGETS, policies, unclassified
+from whereabouts.sros2_policies import WRITES_OR_FORGETS, policies, unclassified
 from whereabouts.suite_config import NodeConfig, SuiteConfig
 
 SCHEMA = Path(__file__).parent / "sros2" / "policy.xsd"

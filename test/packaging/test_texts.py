@@ -64,10 +64,10 @@ def test_names_exist():
     for module, names in {
         "tracking": ("PhdConfig",),
         "loop_closure": ("AdaBoost", "Slam", "pair_features"),
-        "loop_closure.esdf": ("EsdfGraph",),
+        "loop_closure.graph.esdf": ("EsdfGraph",),
         "registration": ("align", "align_globally"),
         "world_model.tasks.maintenance_printed": ("PrintedRule",),
-        "estimation.switching_printed": ("PrintedSwitchingFilter",),
+        "estimation.conversion.switching_printed": ("PrintedSwitchingFilter",),
     }.items():
         for name in names:
             assert re.search(rf"`[^`]*\b{name}\b[^`]*`", PAGE), name

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.poses import between
+from estimation.geometry.poses import between
 from whereabouts.logs import read_tum
 from whereabouts.simulation.small_robot import record
 

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.errors import InputError
-from estimation.poses import compound, inverse, transform_points, wrap_angle
+from estimation.geometry.poses import compound, inverse, transform_points, wrap_angle
 from registration import Registration, Scan, align
-from registration.prepared import prepare
+from registration.laser.prepared import prepare
 from whereabouts.simulation import Lidar, box, corridor, joined
-from whereabouts.simulation.pairs import CROWDED, EASY, HARD, Difficulty, random_pair
+from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, HARD, Difficulty, random_pair
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
 

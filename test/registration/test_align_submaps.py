@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimation.poses import between, wrap_angle
-from registration import align_submaps as submaps
-from registration.align_submaps import LOOSEST, align_submaps, ambiguous, place
-from registration.prepared import prepare_scan
-from registration.refine import TRAIL, Refined, _wavering, refine
-from registration.submap import FAR, Submap, fuse, judge
+from estimation.geometry.poses import between, wrap_angle
+from registration.laser.prepared import prepare_scan
+from registration.laser.submap import FAR, Submap, fuse, judge
+from registration.placement import align_submaps as submaps
+from registration.placement.align_submaps import LOOSEST, align_submaps, ambiguous, place
+from registration.placement.refine import TRAIL, Refined, _wavering, refine
 from whereabouts.simulation import Drive, Lidar, Shapes, box, corridor, joined, random_floor
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from estimation.errors import InputError
 from registration import Odometry, Scan
-from registration.scan import FARTHEST
-from registration.submap import _see
+from registration.laser.scan import FARTHEST
+from registration.laser.submap import _see
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-9, -1e-9, 7.0, 1e30])

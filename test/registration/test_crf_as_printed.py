@@ -11,20 +11,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import approx_fprime, minimize
 
 from estimation.errors import InputError
-from evaluation.experiments.crf_learning import (
+from evaluation.crf.crf_learning import (
     ASSOCIATION,
-    Truth,
+    PairTruth,
     learned_printed,
     negative_pseudo_likelihood,
     node_features,
 )
-from evaluation.experiments.crf_metrics import scores
+from evaluation.crf.crf_metrics import scores
 from registration.crf.as_printed import PrintedCrf, k_means
 from registration.crf.as_printed_messages import FEATURES, algorithm_1, log_score
 from registration.crf.setup import start
-from registration.rigid import rigid_motion
-from whereabouts.simulation.labelled_pairs import protocol, random_labelled_pairs
+from registration.laser.rigid import rigid_motion
 from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.scenes.labelled_pairs import protocol, random_labelled_pairs
 
 N, M, D = 5, 3, 3
 
@@ -111,7 +111,7 @@ def test_equation_6_is_the_least_squares_motion() -> None:
 
 def test_pseudo_likelihood_is_the_product_over_markov_blankets(printed: PrintedCrf) -> None:
     """Each node's probability given all the others, from equation (1) with that node's state varied."""
-    truth = Truth.of(protocol(5)[2])
+    truth = PairTruth.of(protocol(5)[2])
     few = slice(40, 49)
     a, b = truth.a, truth.b
     nodes = node_features(printed, truth)
@@ -132,7 +132,7 @@ def test_pseudo_likelihood_is_the_product_over_markov_blankets(printed: PrintedC
 
 
 def test_the_gradient_of_the_pseudo_likelihood(printed: PrintedCrf) -> None:
-    nodes = node_features(printed, Truth.of(protocol(5)[2]))
+    nodes = node_features(printed, PairTruth.of(protocol(5)[2]))
     at = np.random.default_rng(0).uniform(0.1, 1.0, len(FEATURES))
     by_steps = approx_fprime(at, lambda w: negative_pseudo_likelihood(w, nodes)[0], 1e-6)
     assert_allclose(negative_pseudo_likelihood(at, nodes)[1], by_steps, atol=1e-5)
@@ -183,7 +183,7 @@ def test_blind_and_with_all_states_it_answers_in_the_same_form(printed: PrintedC
 def test_training_gives_weights_that_explain_the_truth_better_than_none() -> None:
     pairs = protocol(13)[:2]
     model = learned_printed(pairs)
-    nodes = [group for pair in pairs for group in node_features(model, Truth.of(pair))]
+    nodes = [group for pair in pairs for group in node_features(model, PairTruth.of(pair))]
     learned, without = (
         negative_pseudo_likelihood(weights, nodes)[0] for weights in (model.weights, np.zeros(len(FEATURES)))
     )

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from estimation.sight import AGREES, THROUGH
+from estimation.geometry.sight import AGREES, THROUGH
 from registration.crf.beams import beams_of, nearness, seen_by
 from registration.crf.displacement import _explained, _nearest
-from whereabouts.simulation.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
+from whereabouts.simulation.scenes.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
 
 
 @pytest.fixture(scope="module")

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from evaluation.experiments.crf_metrics import f1_of, scores
+from evaluation.crf.crf_metrics import f1_of, scores
 from registration import Scan
-from registration.align import among_movers
 from registration.crf import JointEstimate, JointModel, setup
-from registration.crf.hypotheses import hypotheses
-from registration.prepared import prepare
+from registration.crf.motion_hypotheses import hypotheses
+from registration.laser.prepared import prepare
+from registration.placement.align import among_movers
 from whereabouts.simulation import Lidar, Mover, SimulatedScan, box, joined, outlines, random_room
-from whereabouts.simulation.labelled_pairs import protocol
-from whereabouts.simulation.pairs import free_pose
+from whereabouts.simulation.scenes.labelled_pairs import protocol
+from whereabouts.simulation.scenes.scan_pairs import free_pose
 
 LIDAR = Lidar(361, 2.0 * np.pi * 360 / 361)
 

@@ -10,20 +10,20 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from estimation.errors import InputError
-from evaluation.experiments.crf_learning import learned_trees
-from evaluation.experiments.crf_metrics import f1_of, scores
+from evaluation.crf.crf_learning import learned_trees
+from evaluation.crf.crf_metrics import f1_of, scores
 from registration import Scan
 from registration.crf import JointModel
+from registration.crf.beam_evidence import NAMES, evidence, parts_of
 from registration.crf.estimate import JointEstimate
-from registration.crf.evidence import NAMES, evidence, parts_of
 from registration.crf.labels import groups_as_labels
 from registration.crf.setup import start
 from registration.crf.trees import with_movers
 from registration.crf.window import decide, mean_probability
 from whereabouts.simulation import Lidar, random_room
-from whereabouts.simulation.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
 from whereabouts.simulation.movers import crowd, outlines
-from whereabouts.simulation.pairs import free_pose
+from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
+from whereabouts.simulation.scenes.scan_pairs import free_pose
 from whereabouts.simulation.shapes import joined
 
 LIDAR = Lidar(361, 2.0 * np.pi * 360 / 361)

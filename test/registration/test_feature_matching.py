@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.feature_matching import match_features
+from registration.clouds.feature_matching import match_features
 
 pytest.importorskip("kiss_matcher")
 

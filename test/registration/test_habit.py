@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from registration.habit import Habit
+from registration.odometry.habit import Habit
 
 
 def walked(motions: np.ndarray) -> Habit:

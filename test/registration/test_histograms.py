@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.poses import inverse, transform_points, wrap_angle
+from estimation.geometry.poses import inverse, transform_points, wrap_angle
 from registration import align_globally
-from registration.histograms import (
+from registration.laser.prepared import prepare
+from registration.placement.histograms import (
     BINS,
     CELL,
     CELLS,
@@ -17,10 +18,9 @@ from registration.histograms import (
     shifts,
     turns,
 )
-from registration.prepared import prepare
 from whereabouts.simulation import Lidar, random_room
-from whereabouts.simulation.pairs import EASY, free_pose, random_pair
 from whereabouts.simulation.robot import relative
+from whereabouts.simulation.scenes.scan_pairs import EASY, free_pose, random_pair
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
 

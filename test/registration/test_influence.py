@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from registration.align import among_movers
 from registration.crf.online import _segment
-from registration.influence import _more
-from registration.prepared import prepare
+from registration.laser.prepared import prepare
+from registration.placement.align import among_movers
+from registration.placement.influence import _more
 from whereabouts.simulation import Lidar, box, corridor, joined
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)

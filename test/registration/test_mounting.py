@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from registration.mounting import level_pose, seen_from_robot, upright
-from registration.scan import Scan
+from registration.laser.mounting import level_pose, seen_from_robot, upright
+from registration.laser.scan import Scan
 
 
 def mounting(x: float, y: float, rotation: Rotation) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.optimize import approx_fprime
 from scipy.spatial.transform import Rotation
 
 from registration import align
-from registration.ndt import among_outliers, derivatives, grids_of
+from registration.clouds.ndt import among_outliers, derivatives, grids_of
 
 CELL = 1.3
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from registration.crf.online import ScanSegmenter, SegmenterConfig
-from registration.pace import DURATIONS, EARLY, Duration, Pace
+from registration.odometry.pace import DURATIONS, EARLY, Duration, Pace
 from whereabouts.simulation import Lidar
-from whereabouts.simulation.labelled_pairs import random_labelled_pairs
+from whereabouts.simulation.scenes.labelled_pairs import random_labelled_pairs
 
 ROUND = Lidar(beams=361, opening=2.0 * np.pi, range_max=25.0)
 

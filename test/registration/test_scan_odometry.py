@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from estimation.poses import between, compound, wrap_angle
+from estimation.geometry.poses import between, compound, wrap_angle
 from registration import Odometry, OdometryConfig, Scan
-from registration.scan_odometry import ScanTracker
+from registration.odometry.scan_odometry import ScanTracker
 from whereabouts.simulation import Drive, Lidar, Wheels, box, corridor, crowd, joined, outlines, random_floor
 
 LIDAR = Lidar(181)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.metrics import anees_bounds
-from estimation.poses import wrap_angle
+from estimation.geometry.poses import wrap_angle
+from estimation.metrics.statistics import anees_bounds
 from registration import align
-from registration.scatter import _sandwich
+from registration.placement.scatter import _sandwich
 from whereabouts.simulation import Lidar, corridor
-from whereabouts.simulation.pairs import EASY, random_pair
 from whereabouts.simulation.robot import relative
+from whereabouts.simulation.scenes.scan_pairs import EASY, random_pair
 
 LIDARS = {
     "around": Lidar(361, 2.0 * np.pi * 360 / 361),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from registration.odometry import Odometry
-from registration.warm_up import _room_scan, warm_up
+from registration.odometry.follower import Odometry
+from registration.registration_warm_up import _room_scan, warm_up
 
 
 def test_room_scans_are_of_a_room() -> None:

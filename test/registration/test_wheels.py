@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.poses import between, compound
-from registration.wheels import NANOSECONDS, WheelHistory
+from estimation.geometry.poses import between, compound
+from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
 
 
 def on_circle(time: float) -> np.ndarray:

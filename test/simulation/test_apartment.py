@@ -10,18 +10,18 @@ import pytest
 from estimation.errors import InputError
 from whereabouts.logs import open_raw
 from whereabouts.simulation import Drive
-from whereabouts.simulation.apartment import CAMERA_HEIGHT, apartment, first_hits
-from whereabouts.simulation.apartment_bag import record
-from whereabouts.simulation.apartment_camera import Camera, Item
-from whereabouts.simulation.apartment_day import MOVED, PUT, THINGS, Day
-from whereabouts.simulation.apartment_people import CLEAR, SPOTS, WAYS, route
+from whereabouts.simulation.home.apartment_bag import record
+from whereabouts.simulation.home.apartment_camera import Camera, Item
+from whereabouts.simulation.home.apartment_day import MOVED, PUT, THINGS, ApartmentDay
+from whereabouts.simulation.home.apartment_people import CLEAR, SPOTS, WAYS, route
+from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT, apartment, first_hits
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "apartment.mcap"
 
 
 @pytest.fixture(scope="module")
-def day() -> Day:
-    return Day()
+def day() -> ApartmentDay:
+    return ApartmentDay()
 
 
 def test_rays_meet_boxes_where_marching_along_them_says() -> None:
@@ -62,7 +62,7 @@ def test_ways_of_people_keep_off_walls_and_furniture() -> None:
         route("desk", "nowhere")
 
 
-def test_nobody_walks_into_anybody(day: Day) -> None:
+def test_nobody_walks_into_anybody(day: ApartmentDay) -> None:
     times = np.arange(0.0, day.duration, 0.5)
     robot = np.array([day.drive(time)[:2] for time in times])
     ways = [np.array([person.walker.position(time) for time in times]) for person in day.people]
@@ -71,7 +71,7 @@ def test_nobody_walks_into_anybody(day: Day) -> None:
             assert np.linalg.norm(way - other, axis=1).min() > CLEAR - 0.15
 
 
-def test_things_are_where_they_were_put(day: Day) -> None:
+def test_things_are_where_they_were_put(day: ApartmentDay) -> None:
     assert 300.0 <= day.duration <= 600.0
     begin, end = day.things(0.0), day.things(day.duration)
     assert {name: tuple(spot) for name, spot in begin.items()} == {

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from whereabouts.simulation.apartment import apartment
-from whereabouts.simulation.apartment_day import MOVED, THINGS
-from whereabouts.simulation.driving import Base, Driver, floor_plan
-from whereabouts.simulation.live_apartment import ASKED, ELBOW, HOME_OF, REACH, LiveDay, household, tour
+from whereabouts.simulation.home.apartment_day import MOVED, THINGS
+from whereabouts.simulation.home.driving import Base, Driver, floor_plan
+from whereabouts.simulation.home.floor_plan import apartment
+from whereabouts.simulation.home.live_apartment import ASKED, ELBOW, HOME_OF, REACH, LiveDay, household, tour
 
 NOBODY = np.zeros((0, 2))
 STEP = 0.125

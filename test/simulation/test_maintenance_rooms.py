@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from whereabouts.simulation.maintenance import (
+from whereabouts.simulation.scenes.maintenance_world import (
     MaintenanceRoom,
     RoomPlan,
     fixed_path,

@@ -22,10 +22,10 @@ from whereabouts.simulation import (
     random_floor,
     random_room,
 )
-from whereabouts.simulation.pairs import CROWDED, EASY, random_pair
-from whereabouts.simulation.people_scenes import peopled_floor
 from whereabouts.simulation.robot import relative
-from whereabouts.simulation.varied_floors import disturbed, varied_floor
+from whereabouts.simulation.scenes.people_scenes import peopled_floor
+from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, random_pair
+from whereabouts.simulation.scenes.varied_floors import disturbed, varied_floor
 
 angles = st.floats(-np.pi, np.pi)
 

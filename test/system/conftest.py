@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from harness import Graph
 
-from whereabouts.nodes import supervisor
-from whereabouts.nodes.domain import free_domain, release_domain
-from whereabouts.nodes.host import Forked, Host
-from whereabouts.resources import config_file
+from whereabouts.nodes.ros.host import Forked, Host
+from whereabouts.nodes.runtime import supervisor
+from whereabouts.nodes.runtime.domain import free_domain, release_domain
+from whereabouts.system.resources import config_file
 
 
 class Lent:

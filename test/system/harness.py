@@ -24,13 +24,13 @@ from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from registration import Scan
-from whereabouts.nodes.base import TF_STATIC_QOS
-from whereabouts.nodes.conversions import array_of, fill_pose, spatial
-from whereabouts.nodes.dead_ends import DeadEnds
-from whereabouts.nodes.executor import NodeExecutor
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.supervisor import NodeSpec, Supervisor
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.conversions import array_of, fill_pose, spatial
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import TF_STATIC_QOS
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.runtime.dead_ends import DeadEnds
+from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
 from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
@@ -286,12 +286,12 @@ class Robot:
 
     def truth(self, time: float) -> np.ndarray:
         """Pose of the robot in the frame of its start."""
-        from estimation.poses import between
+        from estimation.geometry.poses import between
 
         return np.asarray(between(self.drive(0.0), self.drive(time)))
 
     def scan(self, time: float, mount: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Scan:
-        from estimation.poses import compound
+        from estimation.geometry.poses import compound
 
         return self.lidar.scan(self.world, compound(self.drive(time), np.array(mount)), self.rng, time).scan
 

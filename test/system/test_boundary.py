@@ -21,15 +21,15 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
 from registration import Scan
-from whereabouts.interfaces import NODE_INTERFACES
-from whereabouts.nodes.base import LATCHED, TF_STATIC_QOS, SuiteNode, start
-from whereabouts.nodes.budget import BURST, Budget, Purse
-from whereabouts.nodes.envelopes import envelope
-from whereabouts.nodes.executor import NodeExecutor
-from whereabouts.nodes.inputs import HEARD_LATCHED
-from whereabouts.nodes.interfaces import message_class
-from whereabouts.nodes.packed import Packed
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.node_interfaces import NODE_INTERFACES
+from whereabouts.nodes.messages.envelopes import envelope
+from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.nodes.messages.packed import Packed
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.ros.base import LATCHED, TF_STATIC_QOS, SuiteNode, start
+from whereabouts.nodes.ros.budget import BURST, Budget, Purse
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.inputs import HEARD_LATCHED
 from whereabouts.nodes.verifier_node import VerifierNode
 from whereabouts_msgs.msg import DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldObject, WorldState
 

@@ -14,8 +14,8 @@ import yaml
 from harness import Graph
 from lifecycle_msgs.msg import State, Transition
 
-from whereabouts.nodes.bring_up import bring_up
-from whereabouts.nodes.supervisor import SuiteError
+from whereabouts.nodes.runtime.bring_up import bring_up
+from whereabouts.nodes.runtime.supervisor import SuiteError
 
 UNCONFIGURED, INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
 ACTIVE = State.PRIMARY_STATE_ACTIVE
@@ -54,7 +54,7 @@ def test_waiting_ends_and_says_for_whom() -> None:
 
 
 def test_one_that_compiles_is_waited_for_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("whereabouts.nodes.bring_up.SAY_AFTER", 0.0)
+    monkeypatch.setattr("whereabouts.nodes.runtime.bring_up.SAY_AFTER", 0.0)
     told: list[str] = []
     slow = Pretender("slow", [], UNCONFIGURED)
     bring_up([slow], timeout=0.0, tell=told.append)  # type: ignore[list-item]
@@ -66,7 +66,7 @@ def test_one_that_compiles_is_waited_for_and_named(monkeypatch: pytest.MonkeyPat
 def test_a_node_that_cannot_be_configured_is_named(graph: Graph) -> None:
     home = str(files("world_model").joinpath("defaults/home.yaml"))
     graph.start("world_model", wait=False, autostart=False, places_file=home, map_frame="elsewhere")
-    command = [sys.executable, "-m", "whereabouts.nodes.bring_up", "world_model"]
+    command = [sys.executable, "-m", "whereabouts.nodes.runtime.bring_up", "world_model"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     graph.until(lambda: process.poll() is not None, "bring_up ends")
     assert process.returncode == 1
@@ -98,7 +98,14 @@ def test_run_with_a_file_brings_up_what_it_names(graph: Graph, tmp_path: Path) -
 
 def test_watching_brings_up_again_what_was_started_again(graph: Graph) -> None:
     specs = [graph.start(name, wait=False, autostart=False) for name in ("verifier", "object_search")]
-    command = [sys.executable, "-m", "whereabouts.nodes.bring_up", "--watch", "verifier", "object_search"]
+    command = [
+        sys.executable,
+        "-m",
+        "whereabouts.nodes.runtime.bring_up",
+        "--watch",
+        "verifier",
+        "object_search",
+    ]
     # As a shell starts what is to run in the background.
     process = subprocess.Popen(command, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
     try:

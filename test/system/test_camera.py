@@ -27,11 +27,11 @@ from vision_msgs.msg import (
     Pose2D,
 )
 
-from whereabouts.nodes.base import TF_STATIC_QOS
-from whereabouts.nodes.stamps import time_message
-from whereabouts.simulation.apartment import apartment, places_file
-from whereabouts.simulation.apartment_camera import Item
-from whereabouts.simulation.depth_camera import DepthCamera, Framed, looking
+from whereabouts.nodes.messages.stamps import time_message
+from whereabouts.nodes.ros.base import TF_STATIC_QOS
+from whereabouts.simulation.home.apartment_camera import Item
+from whereabouts.simulation.home.depth_camera import DepthCamera, Framed, looking
+from whereabouts.simulation.home.floor_plan import apartment, places_file
 from world_model.camera import Box
 from world_model.warm_up import warm_up
 

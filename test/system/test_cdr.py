@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 
 from whereabouts.console.heard import TOPICS
 from whereabouts.messages.cdr import UnreadableTypeError, reader
-from whereabouts.nodes.interfaces import definition, message_class
+from whereabouts.nodes.messages.message_types import definition, message_class
 
 WORDS = ("", "a", "cup", "réd", "living room", "x" * 37)
 

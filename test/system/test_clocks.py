@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from whereabouts.clocks import SECOND, TOLERANCE, Clocks
+from whereabouts.system.clocks import SECOND, TOLERANCE, Clocks
 
 YEAR = 365 * 24 * 3600
 START = 1_700_000_000.0

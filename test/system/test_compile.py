@@ -31,7 +31,7 @@ BUSY_WORLD = """
 import gc
 from numba.core.dispatcher import Dispatcher
 import numpy as np
-from evaluation.experiments.anchoring_scenes import ALL_ROUND, HARD, ROOM, known
+from evaluation.anchoring.anchoring_scenes import ALL_ROUND, HARD, ROOM, known
 from whereabouts.simulation.objects import ObjectScene, scattered
 from world_model import WorldModel
 from world_model.warm_up import warm_up

@@ -16,11 +16,11 @@ from serving import served
 from tf2_msgs.msg import TFMessage
 
 from evaluation.browser import CHROMIUM, Browser
+from whereabouts.console.console_server import Console
 from whereabouts.console.heard import TOPICS, Heard
-from whereabouts.console.server import Console
 from whereabouts.console.sources import ConsoleError
-from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.console_source import LiveSource, reader_of
+from whereabouts.nodes.live.console_source import LiveSource, reader_of
+from whereabouts.nodes.ros.base import LATCHED
 from whereabouts_msgs.msg import (
     Attribute,
     DiscreteDistribution,

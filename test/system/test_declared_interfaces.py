@@ -15,9 +15,9 @@ from rclpy.action.graph import (
 )
 from rclpy.qos import DurabilityPolicy
 
-from whereabouts.interfaces import NODE_INTERFACES, interfaces_of
+from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.nodes.base import SuiteNode
+from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.parameters.registry import model_of
 
 ROS_OWN = (

@@ -9,9 +9,9 @@ import pytest
 from estimation.errors import InputError
 from whereabouts.cli.demo import node_parameters
 from whereabouts.demo import recorded
-from whereabouts.demo.replay import Script, replay
-from whereabouts.demo.report import figures, judge, write
-from whereabouts.simulation.apartment_bag import START, record
+from whereabouts.demo.demo_report import figures, judge, write
+from whereabouts.demo.replay import DemoScript, replay
+from whereabouts.simulation.home.apartment_bag import START, record
 
 SECONDS = 12.0
 
@@ -20,7 +20,7 @@ def test_an_excerpt_of_the_apartment_becomes_a_report(tmp_path: Path) -> None:
     bag = tmp_path / "excerpt.mcap"
     record(bag, SECONDS)
     # The cup on the kitchen table is in view then.
-    recording, run = replay(bag, tmp_path / "out", script=Script("cup", START + 10.5, START + 11.0))
+    recording, run = replay(bag, tmp_path / "out", script=DemoScript("cup", START + 10.5, START + 11.0))
     judged = judge(recording, bag, run)
     page = write(tmp_path / "out", judged)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from action_msgs.msg import GoalStatus
 
-from whereabouts.nodes.driving import Approach, Navigator
+from whereabouts.nodes.navigation.goals import Approach, Navigator
 
 
 class Later:

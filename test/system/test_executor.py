@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Int32
 
-from whereabouts.nodes.executor import NodeExecutor
+from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts_msgs.srv import Reset
 
 PATIENCE = 60.0

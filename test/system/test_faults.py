@@ -18,10 +18,10 @@ from tf2_msgs.msg import TFMessage
 
 from evaluation.chaos.generator import Fuzzer
 from whereabouts.cli.run import NODES
-from whereabouts.nodes.base import TF_STATIC_QOS
-from whereabouts.nodes.interfaces import message_class
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import TF_STATIC_QOS
 from whereabouts.simulation import Drive, Lidar
 from whereabouts_msgs.msg import Processed
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from whereabouts.nodes.flow import Flow
+from whereabouts.nodes.ros.flow import Flow
 
 LISTENERS = {"/middle": ["/b", "/c"], "/tf": ["/a", "/b"]}
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from whereabouts.nodes.footprint import LIBRARY, settle
+from whereabouts.nodes.ros.footprint import LIBRARY, settle
 
 
 def resident() -> float:
@@ -46,7 +46,7 @@ import sys
 sys.path.insert(0, {str(tmp_path)!r})
 from numba import njit
 from tripled import triple
-from whereabouts.nodes.footprint import keep_packed
+from whereabouts.nodes.ros.footprint import keep_packed
 
 keep_packed()
 keep_packed()

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from whereabouts.nodes import host as module
-from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
+from whereabouts.nodes.ros import host as module
+from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError, Supervisor
 
 NAMES = ("verifier", "object_search", "world_maintenance")
 
@@ -82,7 +82,7 @@ def test_where_children_of_children_cannot_be_adopted_nodes_start_alone(
 
 ADOPTED = """
 import ctypes, os, time
-from whereabouts.nodes.host import PR_SET_CHILD_SUBREAPER, _wait_for_parent
+from whereabouts.nodes.ros.host import PR_SET_CHILD_SUBREAPER, _wait_for_parent
 ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 supervisor = os.getpid()
 if os.fork() == 0:

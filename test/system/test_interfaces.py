@@ -11,8 +11,8 @@ import pytest
 from rosbags.typesys import get_types_from_msg
 from vision_msgs.msg import Detection3DArray, ObjectHypothesisWithPose
 
-from whereabouts.logs.ros_types import standard_types
-from whereabouts.nodes.interfaces import UnknownTypeError, definition, message_class
+from whereabouts.logs.bags.ros_types import standard_types
+from whereabouts.nodes.messages.message_types import UnknownTypeError, definition, message_class
 from whereabouts_msgs.action import FindObject, VerifyObject
 from whereabouts_msgs.msg import WorldState
 from whereabouts_msgs.srv import (

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from whereabouts.interrupts import interrupts_kept
-from whereabouts.nodes import base
-from whereabouts.nodes.executor import NodeExecutor
+from whereabouts.nodes.ros import base
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.system.interrupts import interrupts_kept
 
 
 def interrupted() -> SystemError:

@@ -12,11 +12,11 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from whereabouts.nodes.base import LATCHED, TF_STATIC_QOS
-from whereabouts.nodes.listener import Listener
+from whereabouts.nodes.live.listener import Listener
+from whereabouts.nodes.ros.base import LATCHED, TF_STATIC_QOS
 from whereabouts.simulation import Lidar
+from whereabouts.viewer.drawable import Points
 from whereabouts.viewer.scene import Scene
-from whereabouts.viewer.shapes import Points
 
 
 def test_sensors_and_what_was_said_before_are_heard_and_drawn(graph: Graph) -> None:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from whereabouts.demo.live import run_live
-from whereabouts.demo.live_library import Outcome
-from whereabouts.demo.live_report import Told, figures, write
-from whereabouts.demo.live_story import Script, within_reach
+from whereabouts.demo.live.live_demo import run_live
+from whereabouts.demo.live.live_library import Outcome
+from whereabouts.demo.live.live_report import LiveTold, figures, write
+from whereabouts.demo.live.live_story import Script, within_reach
 from whereabouts.logs import open_raw
-from whereabouts.simulation.live_apartment import REACH, LiveDay
+from whereabouts.simulation.home.live_apartment import REACH, LiveDay
 
 NODES = ("scan_registration", "loop_closure", "world_model", "object_search")
 
@@ -39,7 +39,7 @@ def test_a_search_drives_the_robot_to_the_right_one_of_two_books(tmp_path: Path)
         names = {topic.name for topic in bag.topics}
     assert {"/scan", "/wheel_odom", "/evidence", "/ground_truth/pose", "/ground_truth/objects"} <= names
 
-    told = Told(story, day, robot.map, Outcome(fetched="blue book"), Outcome())
+    told = LiveTold(story, day, robot.map, Outcome(fetched="blue book"), Outcome())
     page = write(tmp_path, told)
     text = page.read_text(encoding="utf-8")
     assert "took the blue book, the right one" in text

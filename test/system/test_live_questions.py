@@ -17,9 +17,9 @@ from mcp.client.stdio import stdio_client
 from rclpy.action.server import ActionServer, CancelResponse
 from test_world_model import ON_COUNTER, ON_TABLE, World, seen
 
-from whereabouts.nodes import live_actions
-from whereabouts.nodes.live_actions import find, forget, goal_for
-from whereabouts.nodes.live_world import Client, NoWorldError, live_world
+from whereabouts.nodes.live import live_actions
+from whereabouts.nodes.live.live_actions import find, forget, goal_for
+from whereabouts.nodes.live.live_world import Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldObject
 from world_model import ask

@@ -15,9 +15,8 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from estimation.grid import OccupancyGrid
-from estimation.metrics import absolute_trajectory_error
-from estimation.poses import (
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.poses import (
     between,
     compound,
     pose_from_matrix,
@@ -25,17 +24,18 @@ from estimation.poses import (
     pose_to_matrix,
     pose_to_quaternion,
 )
+from estimation.metrics.statistics import absolute_trajectory_error
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, TransformRecord, open_raw
-from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.conversions import cloud_message, fill_pose, spatial
-from whereabouts.nodes.interfaces import message_class
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
-from whereabouts.nodes.supervisor import NodeSpec
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.conversions import cloud_message, fill_pose, spatial
+from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
+from whereabouts.nodes.runtime.supervisor import NodeSpec
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, box, joined
-from whereabouts.simulation.outdoor import SpinningLidar, random_neighbourhood
-from whereabouts.simulation.outdoor import round_trip as street_round
+from whereabouts.simulation.scenes.outdoor import SpinningLidar, random_neighbourhood
+from whereabouts.simulation.scenes.outdoor import round_trip as street_round
 from whereabouts_msgs.msg import LoopClosure, Processed
 from whereabouts_msgs.srv import LoadMap, SaveMap
 

@@ -11,8 +11,8 @@ from nav_msgs.srv import GetMap
 from std_srvs.srv import SetBool, Trigger
 from test_loop_closure import Mapper
 
-from estimation.poses import between
-from whereabouts.nodes.base import LATCHED
+from estimation.geometry.poses import between
+from whereabouts.nodes.ros.base import LATCHED
 from whereabouts.simulation import Drive, Lidar
 from whereabouts_msgs.msg import LoopClosure
 

@@ -12,10 +12,10 @@ from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
-from estimation.poses import pose_to_quaternion
-from whereabouts.mapping import MapGrid
-from whereabouts.nodes.map_messages import packed_path
+from estimation.geometry.poses import pose_to_quaternion
 from whereabouts.nodes.map_output import MapOutput
+from whereabouts.nodes.messages.map_messages import packed_path
+from whereabouts.recorded.mapping import MapGrid
 
 
 class Listener:

@@ -17,10 +17,10 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 from test_search_and_maintenance import TABLE, House, figures, run_until, start_maintenance, the, trigger
 
-from whereabouts.evidence import NOT_FOUND
-from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.driving import Navigator
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.navigation.goals import Navigator
+from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import ObjectEvidence, WorldEvidence
 

@@ -14,9 +14,9 @@ from std_srvs.srv import Empty
 from test_loop_closure import Mapper
 
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
-from estimation.poses import between
-from whereabouts.nodes.nav2_maps import file_of
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.poses import between
+from whereabouts.nodes.navigation.nav2_maps import file_of
 
 services = pytest.importorskip("nav2_msgs.srv")
 SaveMap, LoadMap = services.SaveMap, services.LoadMap

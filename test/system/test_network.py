@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from harness import Graph, Robot, scan_message
 
-from whereabouts.nodes.supervisor import NodeSpec
+from whereabouts.nodes.runtime.supervisor import NodeSpec
 
 NAMESPACE, HERE, THERE = "whereabouts_test", "whereabouts0", "whereabouts1"
 

@@ -7,9 +7,9 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
-from whereabouts.nodes.packed import Packed
-from whereabouts.nodes.stamps import nanoseconds, time_message
-from whereabouts.nodes.world_reading import LatestState
+from whereabouts.nodes.messages.packed import Packed
+from whereabouts.nodes.messages.stamps import nanoseconds, time_message
+from whereabouts.nodes.messages.world_reading import LatestState
 from whereabouts_msgs.msg import WorldObject, WorldState
 
 

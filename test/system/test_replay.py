@@ -29,9 +29,9 @@ from whereabouts.logs import (
     open_log,
     open_raw,
 )
-from whereabouts.nodes.replayer import Replayer
-from whereabouts.nodes.stamps import NANOSECONDS
-from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.runtime.replayer import Replayer
+from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.simulation import Drive, Lidar
 from whereabouts_msgs.msg import Connections
 
@@ -184,7 +184,7 @@ def test_message_in_the_hands_of_a_killed_node_is_counted(bag: Path, tmp_path: P
 def test_somebody_else_who_speaks_on_a_topic_of_the_bag_stops_nobody(
     graph: Graph, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("whereabouts.nodes.replayer.PATIENCE", 3.0)
+    monkeypatch.setattr("whereabouts.nodes.runtime.replayer.PATIENCE", 3.0)
     other = graph.node.create_publisher(Odometry, "/wheel_odom", 10)
     run = suite_run(bag, tmp_path)
     spoken = 0
@@ -256,8 +256,8 @@ def test_what_is_latched_is_waited_for_only_where_it_is_kept(graph: Graph, tmp_p
 
 
 def test_namespaced_replay(bag: Path, tmp_path: Path) -> None:
-    from whereabouts.nodes.suite import REPLAY_PARAMETERS
-    from whereabouts.nodes.supervisor import NodeSpec
+    from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS
+    from whereabouts.nodes.runtime.supervisor import NodeSpec
 
     spec = NodeSpec("scan_registration", "/robot1", dict(REPLAY_PARAMETERS))
     run = SuiteRun(

@@ -15,13 +15,13 @@ from harness import START, Graph, Robot, scan_message
 from tf2_msgs.msg import TFMessage
 from typer.testing import CliRunner
 
-from estimation.poses import between, compound, pose_from_matrix
+from estimation.geometry.poses import between, compound, pose_from_matrix
 from whereabouts.cli.main import app
 from whereabouts.logs import TransformRecord, open_log
-from whereabouts.nodes.base import TF_STATIC_QOS
-from whereabouts.nodes.conversions import fill_pose, spatial
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.conversions import fill_pose, spatial
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import TF_STATIC_QOS
 from whereabouts.simulation.small_robot import record
 
 PLANAR = [0, 1, 5]

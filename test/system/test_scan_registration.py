@@ -14,9 +14,9 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from registration import Scan
-from whereabouts.nodes.conversions import cloud_message, points_from_message
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.supervisor import SuiteError
+from whereabouts.nodes.messages.conversions import cloud_message, points_from_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.runtime.supervisor import SuiteError
 from whereabouts_msgs.srv import Reset
 
 NODE = "scan_registration"
@@ -187,7 +187,7 @@ def test_two_robots_in_two_namespaces_do_not_meet(graph: Graph) -> None:
         transform = TransformStamped()
         transform.header.frame_id, transform.child_frame_id = "base_link", "laser"
         transform.transform.rotation.w = 1.0
-        from whereabouts.nodes.base import TF_STATIC_QOS
+        from whereabouts.nodes.ros.base import TF_STATIC_QOS
 
         graph.publish(f"/{name}/tf_static", TFMessage(transforms=[transform]), TF_STATIC_QOS)
     for time in np.arange(0.0, 1.5, 0.1):
@@ -351,7 +351,7 @@ def test_bad_transforms_are_refused_and_good_ones_of_the_same_message_kept(graph
     spec = graph.start(NODE)
     from harness import mounting
 
-    from whereabouts.nodes.base import TF_STATIC_QOS
+    from whereabouts.nodes.ros.base import TF_STATIC_QOS
 
     broken = mounting("broken", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     good = mounting("laser", (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0))

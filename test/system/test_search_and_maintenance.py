@@ -16,10 +16,10 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
 
-from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.conversions import spatial_covariance
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.conversions import spatial_covariance
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import LATCHED
 from whereabouts_msgs.action import FindObject, VerifyObject
 from whereabouts_msgs.msg import (
     Attribute,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from harness import START, Graph, Robot, room, scan_message
 
-from estimation.poses import between
+from estimation.geometry.poses import between
 from whereabouts.logs import McapWriter, MessageRecord, OdometryRecord, ScanRecord, TransformRecord, open_log
-from whereabouts.nodes.stamps import NANOSECONDS
-from whereabouts.nodes.suite import SuiteRun, replay_spec, run_suite
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.simulation import Drive, Lidar, Mover, joined, outlines
 from whereabouts_msgs.msg import ScanSegments
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from harness import Graph
 
-from whereabouts.nodes import shared_memory
-from whereabouts.nodes.shared_memory import FOLDER, LOCK, remove_orphans
+from whereabouts.nodes.runtime import shared_memory
+from whereabouts.nodes.runtime.shared_memory import FOLDER, LOCK, remove_orphans
 
 
 def segments(pid: int) -> list[Path]:

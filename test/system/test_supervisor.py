@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from whereabouts.nodes import supervisor as module
-from whereabouts.nodes.supervisor import NodeSpec, SuiteError, Supervisor
+from whereabouts.nodes.runtime import supervisor as module
+from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError, Supervisor
 
 ACTIVE = "import os, pathlib, sys; pathlib.Path(os.environ['WHEREABOUTS_ACTIVE_MARK']).touch(); "
 

@@ -9,11 +9,11 @@ from harness import START, Graph, room, scan_message
 from sensor_msgs.msg import LaserScan
 from visualization_msgs.msg import MarkerArray
 
-from estimation.metrics import ospa
-from estimation.poses import between, compound
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
+from estimation.geometry.poses import between, compound
+from estimation.metrics.statistics import ospa
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.simulation import Drive, Lidar, joined
-from whereabouts.simulation.people import Build, Walker, positions, seen
+from whereabouts.simulation.people import Build, SimulatedWalker, positions, seen
 from whereabouts_msgs.msg import Processed, TargetArray
 from whereabouts_msgs.srv import Reset
 
@@ -28,8 +28,8 @@ class Scene:
         self.world = room()
         self.drive = Drive([(-3.0, -1.5), (2.5, -1.5)], speed=0.3)
         self.people = [
-            Walker(np.array([(0.5, 2.0), (0.5, -0.9), (3.0, -0.6)]), 1.0, Build(), 0.5),
-            Walker(
+            SimulatedWalker(np.array([(0.5, 2.0), (0.5, -0.9), (3.0, -0.6)]), 1.0, Build(), 0.5),
+            SimulatedWalker(
                 np.array([(3.5, -1.0), (1.0, -2.2), (0.0, -2.4)]),
                 0.8,
                 Build(leg_radius=0.075),
@@ -161,8 +161,8 @@ def still_there(graph: Graph, time: float) -> None:
     """tf of a robot that does not move."""
     from tf2_msgs.msg import TFMessage
 
-    from whereabouts.nodes.base import TF_QOS
-    from whereabouts.nodes.transforms import transform_message
+    from whereabouts.nodes.messages.transforms import transform_message
+    from whereabouts.nodes.ros.base import TF_QOS
 
     stamp = START + round(time * NANOSECONDS)
     transform = transform_message("odom", "base_link", stamp, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))

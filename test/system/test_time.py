@@ -16,9 +16,9 @@ from test_target_tracker import LIDAR, Scene
 from test_world_model import ON_COUNTER, ON_DESK, ON_TABLE, World, evidence, seen, stamp
 from tf2_msgs.msg import TFMessage
 
-from estimation.poses import between
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import transform_message
+from estimation.geometry.poses import between
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.simulation import joined
 from whereabouts.simulation.people import seen as people
 from whereabouts_msgs.msg import TargetArray, WorldState

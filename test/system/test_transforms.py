@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from estimation.errors import InputError
-from whereabouts.nodes.stamps import NANOSECONDS
-from whereabouts.nodes.transforms import TransformBuffer, TransformError, transform_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.messages.transforms import TransformBuffer, TransformError, transform_message
 
 SECOND = NANOSECONDS
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from whereabouts.nodes.stamps import NANOSECONDS
-from whereabouts.nodes.turn_giver import TurnGiver
-from whereabouts.nodes.turns import (
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.ros.turns import (
     GOALS,
     RESULTS,
     Turns,
@@ -19,6 +18,7 @@ from whereabouts.nodes.turns import (
     mark_of,
     results_name,
 )
+from whereabouts.nodes.runtime.turn_giver import TurnGiver
 
 ACTION = "/verify_object"
 

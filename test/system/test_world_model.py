@@ -18,9 +18,9 @@ from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose
 from visualization_msgs.msg import MarkerArray
 
-from whereabouts.nodes.base import TF_STATIC_QOS
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.transforms import transform_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.ros.base import TF_STATIC_QOS
 from whereabouts.nodes.world_model_node import STATE_QOS
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts_msgs.msg import (

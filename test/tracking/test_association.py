@@ -9,7 +9,7 @@ import pytest
 from scipy.special import gammaln, logsumexp
 from scipy.stats import invwishart, multivariate_normal, nbinom
 
-from tracking import association_kernels as kernels
+from tracking.mixture import association_kernels as kernels
 
 GATE, LOG_CLUTTER = 1e9, -6.0
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.scan import Scan
-from tracking.background import Background
-from tracking.occlusion import _shares, seen_shares
+from registration.laser.scan import Scan
+from tracking.mixture.occluders import _shares, seen_shares
+from tracking.people.free_space import Background
 
 
 def test_a_scan_of_one_beam_shows_what_it_shows() -> None:

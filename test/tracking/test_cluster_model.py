@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.gradient_boosting import GradientBoosting
-from evaluation.experiments.people_yardsticks import measure
-from registration.scan import Scan
-from tracking.background import Background
-from tracking.cluster_model import MOVING, ClusterScan, ScanDetection, StandingOrWalking
-from tracking.people import PeopleTracker
-from tracking.people_config import PeopleConfig
-from tracking.people_shape import shape_model
-from tracking.people_sweep import Sweep
-from tracking.person_class import NAMES, ClassModel
-from tracking.phd_config import PhdConfig
-from tracking.phd_models import ConstantVelocityMotion, Labels
+from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.people.people_yardsticks import measure
+from registration.laser.scan import Scan
+from tracking.mixture.phd_config import PhdConfig
+from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
+from tracking.people.cluster_model import MOVING, ClusterScan, ScanDetection, StandingOrWalking
+from tracking.people.free_space import Background
+from tracking.people.people_config import PeopleConfig
+from tracking.people.people_shape import shape_model
+from tracking.people.people_sweep import Sweep
+from tracking.people.people_tracker import PeopleTracker
+from tracking.people.person_class import NAMES, ClassModel
 from whereabouts.simulation import Drive, Lidar, box, circle, joined
-from whereabouts.simulation.occlusion_scenes import (
+from whereabouts.simulation.people import Build, SimulatedWalker
+from whereabouts.simulation.scenes.occlusion_scenes import (
     BODIES,
     LAYOUTS,
     MOTIONS,
@@ -29,8 +30,7 @@ from whereabouts.simulation.occlusion_scenes import (
     occlusions,
     one_hardly_moves,
 )
-from whereabouts.simulation.people import Build, Walker
-from whereabouts.simulation.people_scenes import Scene
+from whereabouts.simulation.scenes.people_scenes import PeopleScene
 
 LIDAR = Lidar(361, np.pi, range_max=12.0, sigma=0.01)
 
@@ -138,8 +138,8 @@ def test_the_legs_of_one_person_are_not_followed_as_two_for_long() -> None:
 def test_people_abreast_stay_two() -> None:
     strides = Build("legs", leg_radius=0.05, leg_gap=0.28, stride=0.75)
     ways = [[(3.0, -3.0), (3.0, 3.0)], [(3.6, -3.0), (3.6, 3.0)]]
-    people = [Walker(np.array(way), 1.0, strides, phase=1.0 + k) for k, way in enumerate(ways)]
-    scene = Scene(box(16.0, 12.0), people, 5.5, Lidar(1081, 1.5 * np.pi, range_max=12.0), rate=25.0)
+    people = [SimulatedWalker(np.array(way), 1.0, strides, phase=1.0 + k) for k, way in enumerate(ways)]
+    scene = PeopleScene(box(16.0, 12.0), people, 5.5, Lidar(1081, 1.5 * np.pi, range_max=12.0), rate=25.0)
     tracker, counts = everybody(), []
     for scan in scene.scans(np.random.default_rng(5)):
         tracker.step(scan.scan, scan.pose, scan.scan.stamp)
@@ -184,9 +184,9 @@ def test_velocity_fades_the_same_over_two_steps_as_over_one_and_who_stands_stays
 
 def test_the_shipped_classes_tell_somebody_who_stands_from_a_pole() -> None:
     """Neither ever moves; the robot drives past both."""
-    person = Walker(np.array([[3.0, 1.2]]), build=Build("legs"))
+    person = SimulatedWalker(np.array([[3.0, 1.2]]), build=Build("legs"))
     drive = Drive([(0.0, 0.0), (2.0, 0.0)], 0.4)
-    scene = Scene(box(14.0, 9.0), [person], 5.0, LIDAR, drive, things=circle(3.0, -1.2, 0.04))
+    scene = PeopleScene(box(14.0, 9.0), [person], 5.0, LIDAR, drive, things=circle(3.0, -1.2, 0.04))
     tracker, odds = PeopleTracker(), []
     for scan in scene.scans(np.random.default_rng(4)):
         tracker.step(scan.scan, scan.pose, scan.scan.stamp)

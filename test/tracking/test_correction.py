@@ -7,12 +7,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from tracking import PhdConfig, PointTargetPhd
-from tracking.components import Components
-from tracking.correction import CellStatistics, Corrector, cell_log_factor
-from tracking.correction_kernels import centroid_log_likelihood
-from tracking.partitioning import Distances, Exhaustive, Singletons, all_partitions
-from tracking.partitions import PartitionBuilder, PredictedTargets
-from tracking.phd_models import (
+from tracking.mixture.components import Components
+from tracking.mixture.phd_models import (
     ConstantVelocityMotion,
     Labels,
     OneReturn,
@@ -20,6 +16,10 @@ from tracking.phd_models import (
     PositionMeasurement,
     Sight,
 )
+from tracking.phd.correction import CellStatistics, Corrector, cell_log_factor
+from tracking.phd.correction_kernels import centroid_log_likelihood
+from tracking.phd.partitioning import Distances, Exhaustive, Singletons, all_partitions
+from tracking.phd.partitions import PartitionBuilder, PredictedTargets
 
 CONFIG = PhdConfig(measurement_noise=2.0, measurement_rate=3.0, clutter_rate=4.0, prune_weight=0.0)
 
@@ -128,7 +128,7 @@ def test_independent_groups_weigh_like_their_product() -> None:
 
 def test_distance_partitions_weigh_in_proportion_to_the_exhaustive_ones() -> None:
     """Restricting the sum to the distance partitions keeps their weights in the same proportions."""
-    from tracking.correction import partition_log_weights
+    from tracking.phd.correction import partition_log_weights
 
     rng = np.random.default_rng(11)
     z = rng.normal(0, 2, (6, 2))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from evaluation.experiments.phd_hidden import FILTERS, follow
+from evaluation.phd.phd_hidden import FILTERS, follow
 from tracking import ExtendedTargetPhd, PhdConfig
-from tracking.components import Components
-from tracking.detection import BearingDetection, OcclusionDetection
-from tracking.phd_models import ConstantVelocityMotion, Labels, Sight
+from tracking.mixture.components import Components
+from tracking.mixture.detection import BearingDetection, OcclusionDetection
+from tracking.mixture.phd_models import ConstantVelocityMotion, Labels, Sight
 
 POSE = np.array([0.0, 0.0, 0.5 * np.pi])
 CONFIG = PhdConfig(measurement_noise=0.1, measurement_rate=12.0, detection_probability=0.95)

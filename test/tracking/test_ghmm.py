@@ -9,7 +9,7 @@ import pytest
 
 from tracking.intentions.ghmm import GrowingHmm
 from tracking.intentions.ghmm_kernels import expected_counts, forward, log_observation
-from tracking.topological_map import TopologicalMap
+from tracking.prediction.topological_map import TopologicalMap
 
 
 def small_model(seed: int, states: int = 4, nodes: int = 3, steps: int = 5) -> tuple[np.ndarray, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracking.intentions.motion import estimate
+from tracking.intentions.walking_motion import estimate
 
 
 def line(rate: float, noise: float, rng: np.random.Generator, duration: float = 6.0) -> np.ndarray:

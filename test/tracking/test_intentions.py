@@ -161,7 +161,7 @@ def test_old_walks_fade_when_people_change_their_ways() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_what_was_learned_moves_with_the_map(method: str) -> None:
-    from estimation.poses import compound
+    from estimation.geometry.poses import compound
 
     model, moved, pose = taught(method), taught(method), np.array([3.0, -7.0, 2.1])
     moved.move(pose)

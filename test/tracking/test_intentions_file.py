@@ -13,7 +13,7 @@ import pytest
 
 from estimation.errors import InputError
 from tracking.intentions import IntentionModel
-from tracking.intentions.storage import is_saved_model
+from tracking.intentions.intention_storage import is_saved_model
 
 
 def taught() -> IntentionModel:

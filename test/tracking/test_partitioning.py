@@ -9,8 +9,8 @@ from scipy.stats import chi2
 
 from estimation.errors import InputError
 from tracking import PhdConfig
-from tracking.partitioning import Distances, Exhaustive, KMeans, Singletons, all_partitions
-from tracking.partitions import PredictedTargets
+from tracking.phd.partitioning import Distances, Exhaustive, KMeans, Singletons, all_partitions
+from tracking.phd.partitions import PredictedTargets
 
 NONE = PredictedTargets.none()
 PLAIN = PhdConfig(subpartitions=False)

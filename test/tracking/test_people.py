@@ -9,8 +9,8 @@ import pytest
 from people_scans import STEP, scan_of, walk, wall, with_leg
 
 from estimation.errors import InputError
-from estimation.poses import compound
-from evaluation.experiments.people_judging import (
+from estimation.geometry.poses import compound
+from evaluation.people.people_judging import (
     Constant,
     crossing_kept,
     follow_person,
@@ -20,17 +20,17 @@ from evaluation.experiments.people_judging import (
 )
 from registration import Scan
 from tracking import PeopleConfig, PeopleTracker
-from tracking.background import Background
-from tracking.cluster_model import UNKNOWN, ClusterScan
-from tracking.legs import clusters_of
-from tracking.occlusion import PLACES, WEIGHTS, seen_shares
-from tracking.people_middle import depths
-from tracking.people_shape import shape_model
-from tracking.people_sweep import Sweep
+from tracking.mixture.occluders import PLACES, WEIGHTS, seen_shares
+from tracking.people.cluster_model import UNKNOWN, ClusterScan
+from tracking.people.free_space import Background
+from tracking.people.legs import clusters_of
+from tracking.people.people_middle import depths
+from tracking.people.people_shape import shape_model
+from tracking.people.people_sweep import Sweep
 from whereabouts.datasets import recording
 from whereabouts.simulation import Lidar, circle
-from whereabouts.simulation.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
-from whereabouts.simulation.people_scenes import crossing, hidden
+from whereabouts.simulation.scenes.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
+from whereabouts.simulation.scenes.people_scenes import crossing, hidden
 
 
 def test_the_robots_own_uncertainty_is_in_what_is_reported() -> None:

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
-from evaluation.experiments.people_class_training import Examples, balanced, calibrated, folds
-from tracking.legs import FEATURES
-from tracking.person_class import AVERAGED, NAMES, Evidence, class_model
-from tracking.target import Target
+from evaluation.people.people_class_training import ClassExamples, balanced, calibrated, folds
+from tracking.mixture.target import Target
+from tracking.people.legs import FEATURES
+from tracking.people.person_class import AVERAGED, NAMES, ClassEvidence, class_model
 
 
 def target_at(x: float, y: float = 0.0) -> Target:
     return Target(0, np.array([x, y, 0.5, 0.0]), np.eye(4), 1.0, np.eye(2), 1.0)
 
 
-def looks(count: int, dt: float, rng: np.random.Generator) -> tuple[Evidence, list[SimpleNamespace]]:
+def looks(count: int, dt: float, rng: np.random.Generator) -> tuple[ClassEvidence, list[SimpleNamespace]]:
     """Evidence of a target that walks along x and shows two legs, and what it was made of."""
-    evidence, seen = Evidence(np.array([1.0, 0.0])), []
+    evidence, seen = ClassEvidence(np.array([1.0, 0.0])), []
     for k in range(count):
         x = 1.0 + 0.8 * dt * k
         scan = SimpleNamespace(
@@ -91,9 +91,9 @@ def test_calibration_is_the_logistic_regression_of_the_log_odds() -> None:
 
 
 def test_recordings_count_as_much_as_scenes_and_are_left_out_as_a_whole() -> None:
-    def source(name: str, count: int, real: bool) -> Examples:
+    def source(name: str, count: int, real: bool) -> ClassExamples:
         parts = np.zeros(count, dtype=np.int64) if real else np.arange(count) // 10
-        return Examples(
+        return ClassExamples(
             name, np.zeros((count, len(NAMES))), np.arange(count) % 2 == 0, np.ones(count), parts, real
         )
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.metrics import ospa
+from estimation.metrics.statistics import ospa
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd, Target
-from tracking.components import Components
-from tracking.phd_config import FIELDS
-from tracking.phd_models import ConstantDetection, Labels
-from tracking.phd_recursion import PhdRecursion
-from tracking.reduction import Reducer, distinct_labels
+from tracking.mixture.components import Components
+from tracking.mixture.phd_config import FIELDS
+from tracking.mixture.phd_models import ConstantDetection, Labels
+from tracking.mixture.reduction import Reducer, distinct_labels
+from tracking.phd.phd_recursion import PhdRecursion
 from whereabouts.datasets import recording
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from evaluation.experiments.phd_monte_carlo import crossing_kept, scored
-from evaluation.experiments.phd_recorded import config_of
+from evaluation.phd.phd_monte_carlo import crossing_kept, scored
+from evaluation.phd.phd_recorded import config_of
 from tracking import ExtendedTargetPhd, PhdConfig
-from tracking.components import Components
-from tracking.evaluation import Score, clear_mot, labels_kept
-from tracking.hypotheses import Hypotheses
-from tracking.hypothesis_kernels import single_linkage
-from tracking.phd_models import ConstantVelocityMotion, Labels
-from tracking.pmbm import PmbmRecursion
+from tracking.mixture.components import Components
+from tracking.mixture.global_hypotheses import Hypotheses
+from tracking.mixture.hypothesis_kernels import single_linkage
+from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
+from tracking.mixture.pmbm import PmbmRecursion
+from tracking.tracker_evaluation import Score, clear_mot, labels_kept
 from whereabouts.datasets import recording
-from whereabouts.simulation.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
+from whereabouts.simulation.scenes.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from registration.scan import Scan
+from registration.laser.scan import Scan
 from tracking import PeopleTracker, PointsTracker, tracker_of
-from whereabouts.simulation.people import Build, Walker
-from whereabouts.simulation.people_scenes import Scene
+from whereabouts.simulation.people import Build, SimulatedWalker
+from whereabouts.simulation.scenes.people_scenes import PeopleScene
 from whereabouts.simulation.shapes import box, circle, joined
 
 
-def _scene(duration: float = 6.0) -> Scene:
+def _scene(duration: float = 6.0) -> PeopleScene:
     """Somebody walks by in a room with a pillar; he comes in after a second and a half."""
-    walker = Walker(np.array([[3.0, -6.0], [3.0, 6.0]]), 1.2, Build("trunk"))
-    return Scene(joined([box(16.0, 9.0), circle(5.0, 3.0, 0.15)]), [walker], duration)
+    walker = SimulatedWalker(np.array([[3.0, -6.0], [3.0, 6.0]]), 1.2, Build("trunk"))
+    return PeopleScene(joined([box(16.0, 9.0), circle(5.0, 3.0, 0.15)]), [walker], duration)
 
 
 @pytest.mark.parametrize("name", ["phd", "gmphd"])

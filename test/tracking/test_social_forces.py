@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from tracking.social_forces import Forces, Obstacles, Walker, simulate
-from tracking.social_forces_fit import fit_forces
-from tracking.social_forces_kernels import push
+from tracking.intentions.social_forces_fit import fit_forces
+from tracking.prediction.social_forces import Forces, Obstacles, Walker, simulate
+from tracking.prediction.social_forces_kernels import push
 
 
 def walker(x: float, y: float, vx: float, vy: float, goal: tuple[float, float] | None) -> Walker:
@@ -50,8 +50,8 @@ def test_companions_stay_together() -> None:
 
 
 def test_nearest_obstacle_is_found_as_by_brute_force() -> None:
-    from tracking.social_forces import CELL
-    from tracking.social_forces_kernels import nearest_in_cells
+    from tracking.prediction.social_forces import CELL
+    from tracking.prediction.social_forces_kernels import nearest_in_cells
 
     rng = np.random.default_rng(0)
     around = Obstacles(rng.uniform(-5, 5, (400, 2)))

@@ -6,7 +6,7 @@ import pytest
 from estimation.errors import InputError
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.intentions.printed import PrintedModel
-from tracking.social_forces_printed import PrintedForces, SocialForceFilter, jacobian, step
+from tracking.prediction.social_forces_printed import PrintedForces, SocialForceFilter, jacobian, step
 
 X = np.array([1.0, 2.0, 0.4, -0.3])
 THINGS, RADII = np.array([[1.5, 2.2], [0.8, 1.8], [4.0, 4.0]]), np.array([0.3, 0.3, 0.0])

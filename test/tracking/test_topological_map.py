@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from tracking.topological_map import TopologicalMap
+from tracking.prediction.topological_map import TopologicalMap
 
 
 def line(count: int, step: float = 0.5) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.places import Places
+from estimation.geometry.places import Places
 from evaluation.browser import CHROMIUM, Browser
 from whereabouts.demo.page import Page
 from whereabouts.demo.reasons import plain

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from whereabouts.viewer.drawable import Boxes, Lines, PlaceShape, Points, TextNote, Value
 from whereabouts.viewer.fields import ellipse
 from whereabouts.viewer.frames import Frames
 from whereabouts.viewer.picture_sink import PictureSink
 from whereabouts.viewer.scene import MOVING, STATIC, UNKNOWN, Scene, stamp_of
-from whereabouts.viewer.shapes import Boxes, Lines, Note, Place, Points, Value
 
 
 def by_path(shapes: list[Any]) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def test_closures_join_keyframes_once_the_trajectory_has_both(messages: Any) -> 
 
     scene = Scene()
     first = take(scene, "loop_closures", "whereabouts_msgs/LoopClosure", closure(1.0, 3.0, True))
-    assert first["log/closures"] == Note("log/closures", "because")
+    assert first["log/closures"] == TextNote("log/closures", "because")
     assert not first["map/closures"].strips
     take(scene, "loop_closures", "whereabouts_msgs/LoopClosure", closure(1.0, 2.0, False))
     poses = [
@@ -248,7 +248,7 @@ def test_the_time_of_a_message_is_its_stamp_or_when_it_was_recorded(messages: An
 def test_a_picture_puts_shapes_through_their_frames(tmp_path: Any) -> None:
     sink = PictureSink(tmp_path / "p.png")
     quarter = np.array([[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]])
-    sink.draw(0.0, [Place("map/odom", quarter), Place("map/odom/base_link", quarter)])
+    sink.draw(0.0, [PlaceShape("map/odom", quarter), PlaceShape("map/odom/base_link", quarter)])
     assert sink.transform("map/odom/base_link/scan") @ (0, 0, 0, 1) == pytest.approx((-1, 3, 0, 1))
     one = np.zeros((1, 3))
     sink.draw(1.0, [Points("map/a", one, (1, 2, 3), labels=("x",)), Lines("map/b", (np.eye(3),), (1, 2, 3))])

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from whereabouts.camera_messages import Cameras, camera_from_message, check_depth, depth_from_message
-from whereabouts.simulation.apartment import apartment
-from whereabouts.simulation.apartment_camera import Item
-from whereabouts.simulation.depth_camera import DepthCamera, looking
+from whereabouts.recorded.camera_messages import Cameras, camera_from_message, check_depth, depth_from_message
+from whereabouts.simulation.home.apartment_camera import Item
+from whereabouts.simulation.home.depth_camera import DepthCamera, looking
+from whereabouts.simulation.home.floor_plan import apartment
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 from world_model.camera import (
     Box,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
 from world_model.memory.habits import Habits
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
 from world_model.describing import ago, named
 from world_model.memory.household import DAYS, FEWEST_DAYS, Household

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.experiments.anchoring_landmarks import DELAY, LandmarkWorld
-from evaluation.experiments.anchoring_recorded import anchored
+from evaluation.anchoring.anchoring_landmarks import DELAY, LandmarkWorld
+from evaluation.anchoring.anchoring_recorded import anchored
 
 
 def test_errors_are_learned_where_there_are_some() -> None:

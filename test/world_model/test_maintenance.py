@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
+from estimation.geometry.grid import OccupancyGrid
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from whereabouts.evidence import Reader
-from whereabouts.world_bag import EvidenceWriter
-from whereabouts.world_log import EvidenceLog
+from whereabouts.recorded.evidence_messages import Reader
+from whereabouts.recorded.world_bag import EvidenceWriter
+from whereabouts.recorded.world_log import EvidenceLog
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.anchoring.attributes import Quantities
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.places import Place, Places
+from estimation.geometry.places import Place, Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.memory.store import Store
 from world_model.queries import Answer

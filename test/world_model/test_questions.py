@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model import WorldModel, WorldObject, WorldState, ask
 from world_model.memory.store import Store, StoreError
 from world_model.memory.store_file import StoreVersionError

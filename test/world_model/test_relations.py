@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from whereabouts.parameters.object_search import ObjectSearchParameters
 from world_model.tasks.relations import Relations
 from world_model.tasks.search import ObjectSearch

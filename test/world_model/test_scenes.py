@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from evaluation.experiments.anchoring_scenes import ALL_ROUND, HALL, HARD, ROOM, WALK, known, turning, walkers
-from whereabouts.simulation.objects import ObjectScene, Seen, Thing, in_view, scattered
+from evaluation.anchoring.anchoring_scenes import ALL_ROUND, HALL, HARD, ROOM, WALK, known, turning, walkers
+from whereabouts.simulation.objects import ObjectScene, SeenObject, Thing, in_view, scattered
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 
 
 @dataclass
 class Outcome:
     state: WorldState
-    seen: Seen
+    seen: SeenObject
     switches: int
     ids: dict[int, str]
     states: list[WorldState]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
-from estimation.poses import pose_to_matrix
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.poses import pose_to_matrix
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts.simulation.shapes import Shapes
 from world_model.tasks.appearance import Appearance

@@ -10,7 +10,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model import WorldObject, WorldState, ask
 from world_model.memory.store import Store
 from world_model.questions import moment

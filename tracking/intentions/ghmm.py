@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from tracking.intentions.ghmm_kernels import expected_counts, forward, log_observation, propagate, weigh
-from tracking.topological_map import MapChanges, TopologicalMap
+from tracking.prediction.topological_map import MapChanges, TopologicalMap
 
 IntArray = NDArray[np.int64]
 # Manifolds whose goal explains the end of a trajectory this much worse than the best are left out of its update.

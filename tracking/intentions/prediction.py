@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from estimation.checks import FloatArray, as_floats
 from estimation.errors import InputError
-from tracking.intentions.config import IntentionConfig
+from tracking.intentions.intention_config import IntentionConfig
 
 
 @dataclass(frozen=True)

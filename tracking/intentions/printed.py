@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimation.checks import FloatArray, as_points, require_positive
-from tracking.intentions.config import IntentionConfig
-from tracking.intentions.model import IntentionModel
+from tracking.intentions.intention_config import IntentionConfig
+from tracking.intentions.intention_model import IntentionModel
 from tracking.intentions.observations import clean
 from tracking.intentions.prediction import Prediction, parse_others
-from tracking.social_forces import Obstacles
-from tracking.social_forces_printed import Acceleration, PrintedForces, SocialForceFilter
+from tracking.prediction.social_forces import Obstacles
+from tracking.prediction.social_forces_printed import Acceleration, PrintedForces, SocialForceFilter
 
 RECENT = 25  # observations that the filter runs over; older ones say nothing of the velocity any more
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from tracking.intentions.company import Company
+from tracking.intentions.groups import Company
 from tracking.intentions.observations import directions, filled, heading, spaced
 from tracking.intentions.route_kernels import gather, match
 

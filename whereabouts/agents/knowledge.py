@@ -14,7 +14,7 @@ from world_model.memory.store_file import is_store
 from world_model.questions import Recall, recall
 
 if TYPE_CHECKING:
-    from whereabouts.nodes.live_actions import Done
+    from whereabouts.nodes.live.live_actions import Done
 
 ACTING = ("find_object", "verify_object", "forget", "relabel")
 
@@ -52,7 +52,7 @@ class Knowledge:
         with self._lock, ExitStack() as stack:
             if self._store is not None:
                 return call(recall(self._store))
-            from whereabouts.nodes.live_world import live_world
+            from whereabouts.nodes.live.live_world import live_world
 
             return call(stack.enter_context(live_world(self.client())))
 
@@ -60,7 +60,7 @@ class Knowledge:
         """A node of this process; made when it is first needed. Raises WhereaboutsError without ROS."""
         if self._client is None:
             try:
-                from whereabouts.nodes.live_world import Client
+                from whereabouts.nodes.live.live_world import Client
             except ImportError as error:
                 raise InputError(
                     f"there is no running suite here ({error.name} is not installed): start the server with "

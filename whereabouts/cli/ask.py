@@ -82,10 +82,10 @@ def stored(words: list[str]) -> tuple[Path | None, str]:
 def opened(store: Path | None, places: Path | None = None, namespace: str = "") -> Iterator[Recall]:
     """What a store knows, or the running suite. Raises WhereaboutsError, and ImportError without ROS."""
     from estimation.errors import InputError
-    from estimation.places import Places
+    from estimation.geometry.places import Places
 
     if store is None:
-        from whereabouts.nodes.live_world import Client, live_world
+        from whereabouts.nodes.live.live_world import Client, live_world
 
         client = Client(namespace)
         try:

@@ -18,7 +18,7 @@ def target_file(path: Path | None) -> Path | None:
     ------
     WriteError : its folder does not exist or may not be written, or a folder stands in its place.
     """
-    from whereabouts.log_errors import WriteError
+    from whereabouts.system.log_errors import WriteError
 
     if path is None:
         return None
@@ -38,7 +38,7 @@ def target_folder(path: Path | None) -> Path | None:
     ------
     WriteError : a file stands in the way, or the folder may not be made or written.
     """
-    from whereabouts.log_errors import WriteError
+    from whereabouts.system.log_errors import WriteError
 
     if path is None:
         return None
@@ -90,7 +90,7 @@ Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of processes.")
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:
     """Write figures as JSON, atomically; nothing where no file was asked for."""
-    from whereabouts.atomic import atomic_path
+    from whereabouts.system.atomic import atomic_path
 
     if path is None:
         return

@@ -50,7 +50,7 @@ def console(
     import uvicorn
 
     from estimation.errors import InputError
-    from whereabouts.console.server import Console
+    from whereabouts.console.console_server import Console
 
     token = token or secrets.token_urlsafe(16)
     is_live = store is None if live is None else live
@@ -82,8 +82,8 @@ def _source(stack: ExitStack, store: Path | None, live: bool, namespace: str) ->
         source = StoreSource(store)
         stack.callback(source.close)
         return source
-    from whereabouts.nodes.console_source import LiveSource
-    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.nodes.live.console_source import LiveSource
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
 
     prepare_environment()
     return stack.enter_context(LiveSource(namespace, store))

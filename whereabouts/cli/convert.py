@@ -10,7 +10,7 @@ import typer
 from whereabouts.cli.common import JsonFile, write_figures
 
 if TYPE_CHECKING:
-    from whereabouts.logs.conversion import Conversion
+    from whereabouts.logs.log_conversion import Conversion
 
 
 def convert(
@@ -68,8 +68,8 @@ def convert(
     OUT appears only when everything is written. Warnings on standard error list what was left out or is unusual, and
     where it occurs first.
     """
-    from whereabouts.logs.conversion import convert_log
-    from whereabouts.progress import progress_bar
+    from whereabouts.logs.log_conversion import convert_log
+    from whereabouts.system.progress import progress_bar
 
     with progress_bar() as bar:
         task = bar.add_task(f"converting {source.name}", total=100)

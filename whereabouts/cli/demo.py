@@ -11,8 +11,8 @@ from estimation.errors import InputError
 from whereabouts.cli.common import JsonFile, target_folder, write_figures
 
 if TYPE_CHECKING:
-    from whereabouts.nodes.replayer import ReplayAccount
-    from whereabouts.replay_report import Replayed
+    from whereabouts.nodes.runtime.replayer import ReplayAccount
+    from whereabouts.recorded.replay_report import Replayed
 
 RECORDED = [
     ("odometry", "nav_msgs/msg/Odometry"),
@@ -125,10 +125,15 @@ def _laser_only(
 ) -> None:
     """A bag or a log through registration and loop closure."""
     from whereabouts.logs import read_g2o
-    from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, prepare_environment, run_suite
-    from whereabouts.nodes.supervisor import NodeSpec, SuiteError
-    from whereabouts.progress import progress_bar
-    from whereabouts.replay_report import read_replay, revisit_errors, revisit_recall, write_report
+    from whereabouts.nodes.runtime.suite_run import (
+        REPLAY_PARAMETERS,
+        SuiteRun,
+        prepare_environment,
+        run_suite,
+    )
+    from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
+    from whereabouts.recorded.replay_report import read_replay, revisit_errors, revisit_recall, write_report
+    from whereabouts.system.progress import progress_bar
 
     prepare_environment(private=True)
     killian = bag == "killian"
@@ -185,10 +190,10 @@ def _laser_only(
 
 def _apartment(out: Path, rate: float | None, seconds: float | None, json_file: Path | None) -> None:
     """The shipped bag through all nodes; where it is not there it is made first."""
+    from whereabouts.demo.demo_report import figures, judge, summary, write
     from whereabouts.demo.replay import replay
-    from whereabouts.demo.report import figures, judge, summary, write
-    from whereabouts.nodes.suite import prepare_environment
-    from whereabouts.progress import progress_bar
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
+    from whereabouts.system.progress import progress_bar
 
     prepare_environment(private=True)
     out.mkdir(parents=True, exist_ok=True)
@@ -239,13 +244,13 @@ def _live_day(out: Path, seed: int) -> dict[str, Any]:
     """The robot acts; beside it the same day with a robot that patrols and searches directly. Returns the figures."""
     from time import monotonic
 
-    from whereabouts.demo.live import run_live
-    from whereabouts.demo.live_library import run_naive, run_ours
-    from whereabouts.demo.live_report import Told, figures, sentences, summary, write
-    from whereabouts.demo.live_story import Script
-    from whereabouts.nodes.suite import prepare_environment
-    from whereabouts.progress import progress_bar
-    from whereabouts.simulation.live_apartment import LiveDay
+    from whereabouts.demo.live.live_demo import run_live
+    from whereabouts.demo.live.live_library import run_naive, run_ours
+    from whereabouts.demo.live.live_report import LiveTold, figures, sentences, summary, write
+    from whereabouts.demo.live.live_story import Script
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
+    from whereabouts.simulation.home.live_apartment import LiveDay
+    from whereabouts.system.progress import progress_bar
 
     prepare_environment(private=True)
     day, script, begun = LiveDay(seed), Script(), monotonic()
@@ -261,7 +266,7 @@ def _live_day(out: Path, seed: int) -> dict[str, Any]:
     typer.echo("the same day with a robot that patrols and searches directly")
     library = run_ours(seed, script.maintained, script.timeout)
     naive = run_naive(seed, library.metres, script.maintained, script.timeout)
-    told = Told(story, day, robot.map, library, naive, wall)
+    told = LiveTold(story, day, robot.map, library, naive, wall)
     page = write(out, told)
     for sentence in sentences(told):
         typer.echo(f"  {sentence}")
@@ -274,8 +279,8 @@ def _live_day(out: Path, seed: int) -> dict[str, Any]:
 
 def _weeks(out: Path, weeks: int, seed: int, json_file: Path | None) -> None:
     """A month at home, remembered."""
-    from whereabouts.demo.weeks import figures, live_through, summary, write
-    from whereabouts.progress import progress_bar
+    from whereabouts.demo.demo_weeks import figures, live_through, summary, write
+    from whereabouts.system.progress import progress_bar
 
     typer.echo(f"living through {weeks} weeks at home")
     with progress_bar() as bar:
@@ -295,8 +300,8 @@ def _weeks(out: Path, weeks: int, seed: int, json_file: Path | None) -> None:
 def _recorded(name: str, out: Path, seconds: float | None, json_file: Path | None) -> None:
     """A real recording through the nodes that need a laser alone."""
     from whereabouts.demo.recorded import bag_of, figures, run_recorded, write
-    from whereabouts.nodes.suite import prepare_environment
-    from whereabouts.progress import progress_bar
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
+    from whereabouts.system.progress import progress_bar
 
     prepare_environment(private=True)
     bag = _excerpt(bag_of(name, out), out, seconds)
@@ -318,7 +323,7 @@ def _recorded(name: str, out: Path, seconds: float | None, json_file: Path | Non
 
 def apartment_bag(out: Path, seconds: float | None = None) -> Path:
     """The apartment's bag: the checkout's, else made in `out`. seconds : only so many from its beginning."""
-    from whereabouts.simulation.apartment_bag import record
+    from whereabouts.simulation.home.apartment_bag import record
 
     shipped = Path(__file__).resolve().parents[2] / "bags" / "apartment.mcap"
     if shipped.exists():
@@ -348,11 +353,11 @@ def node_parameters(path: Path) -> dict[str, dict[str, Any]]:
     ------
     NothingRecognisedError : there are neither scans nor clouds in it.
     """
-    from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.robot.bags import survey_bag
     from whereabouts.robot.choice import choose
     from whereabouts.robot.findings import findings
     from whereabouts.robot.settings import parameters
+    from whereabouts.system.log_errors import NothingRecognisedError
 
     survey = survey_bag(path)
     choice = choose(survey)
@@ -396,7 +401,7 @@ def _relative_errors(name: str, poses: Any, solved: Any) -> dict[str, float]:
     """Median error over 20 m against the solved graph, in per cent and degrees."""
     import numpy as np
 
-    from estimation.metrics import relative_pose_error
+    from estimation.metrics.statistics import relative_pose_error
 
     if len(poses) != len(solved):
         return {}

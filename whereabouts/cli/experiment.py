@@ -48,7 +48,7 @@ def experiment(
     from estimation.errors import InputError
     from evaluation.running import Run, experiments, run_each
     from whereabouts.datasets import data_directory
-    from whereabouts.parallel import cluster
+    from whereabouts.system.parallel import cluster
 
     if name == "compare":
         _compare(folders or [])

@@ -57,10 +57,10 @@ def intentions(
     """
     from dataclasses import replace
 
-    from evaluation.experiments.intentions_run import learn_and_predict
+    from evaluation.intentions.intentions_run import learn_and_predict
     from tracking.intentions import IntentionConfig, IntentionModel
-    from whereabouts.logs.trajectories import read_trajectories
-    from whereabouts.progress import progress_bar
+    from whereabouts.logs.formats.trajectories import read_trajectories
+    from whereabouts.system.progress import progress_bar
 
     recorded = read_trajectories(source)
     for line in recorded.summary.lines():
@@ -93,7 +93,7 @@ def intentions(
     if save is not None:
         typer.echo(f"saved to {model.save(save)}")
     if picture is not None:
-        from evaluation.experiments.intentions_run import draw
+        from evaluation.intentions.intentions_run import draw
 
         typer.echo(f"drawn to {draw(model, list(recorded.trajectories.values()), picture)}")
     write_figures(json_file, {"source": str(source), "method": model.config.method, **told.figures()})

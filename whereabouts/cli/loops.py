@@ -11,10 +11,10 @@ import typer
 from whereabouts.cli.common import Dask, Jobs, JsonFile, target_file, write_figures
 
 if TYPE_CHECKING:
-    from loop_closure.pairs import PairRule
-    from loop_closure.place_model import PlaceModel
-    from loop_closure.roc import Roc
-    from loop_closure.training import Recording
+    from loop_closure.places.pairs import PairRule
+    from loop_closure.places.place_model import PlaceModel
+    from loop_closure.training.place_training import Recording
+    from loop_closure.training.roc import Roc
 
 app = typer.Typer(help="Train, evaluate and inspect the loop-closure classifier.", no_args_is_help=True)
 
@@ -105,10 +105,10 @@ def train(
 
     The cascade is trained on single scans (headings within 45°) and on local maps (up to --heading) alike.
     """
-    from evaluation.experiments.loops_training import train_on_logs
-    from loop_closure.pairs import PairRule
-    from whereabouts.parallel import cluster
-    from whereabouts.progress import progress_bar
+    from evaluation.loops.loops_training import train_on_logs
+    from loop_closure.places.pairs import PairRule
+    from whereabouts.system.parallel import cluster
+    from whereabouts.system.progress import progress_bar
 
     rule = PairRule(distance, path_gap, math.radians(heading), apart, index_gap)
     with cluster(dask), progress_bar() as bar:
@@ -183,11 +183,11 @@ def evaluate(
     """
     from dataclasses import replace
 
-    from evaluation.experiments.loops_data import Reading, read_recording
-    from evaluation.experiments.loops_judging import draw_curves, judge
-    from loop_closure.pairs import PairRule
-    from whereabouts.parallel import cluster
-    from whereabouts.progress import track
+    from evaluation.loops.loops_data import Reading, read_recording
+    from evaluation.loops.loops_judging import draw_curves, judge
+    from loop_closure.places.pairs import PairRule
+    from whereabouts.system.parallel import cluster
+    from whereabouts.system.progress import track
 
     reading = Reading(local_map=local_map)
     recordings = [read_recording(log, reading) for log in track(logs, "reading")]
@@ -239,10 +239,10 @@ def inspect(
     Test 1: the features of the first five rounds. Test 2: the features whose removal costs most. After the tests it
     prints training and validation error by rounds, and the features that do not differ between places.
     """
-    from evaluation.experiments.loops_data import Reading, read_recording
-    from evaluation.experiments.loops_judging import look_into
-    from loop_closure.pairs import PairRule
-    from whereabouts.progress import track
+    from evaluation.loops.loops_data import Reading, read_recording
+    from evaluation.loops.loops_judging import look_into
+    from loop_closure.places.pairs import PairRule
+    from whereabouts.system.progress import track
 
     rule = PairRule(distance, path_gap, math.radians(heading), index_gap=index_gap)
     results = []
@@ -278,8 +278,8 @@ def _numbers(text: str) -> list[float]:
 
 
 def _model(name: str, recordings: list[Recording]) -> PlaceModel:
-    from loop_closure.place_model import PlaceModel
-    from loop_closure.shipped import shipped_model
+    from loop_closure.places.place_model import PlaceModel
+    from loop_closure.places.shipped import shipped_model
 
     if name in ("best", "plain"):
         return shipped_model(f"{name}_{recordings[0].dimension}d")

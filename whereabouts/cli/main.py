@@ -30,7 +30,7 @@ from whereabouts.cli.slam import slam
 from whereabouts.cli.track import track
 from whereabouts.cli.view import view
 from whereabouts.cli.world import world
-from whereabouts.interrupts import listen_to_interrupts
+from whereabouts.system.interrupts import listen_to_interrupts
 
 # What to install for a package that is missing, by the package. ROS's own are told apart by their names.
 EXTRAS = {

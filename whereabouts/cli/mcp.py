@@ -66,7 +66,7 @@ def mcp(
 
 
 def _stdio(knowledge: Knowledge) -> None:
-    from whereabouts.agents.server import server_of
+    from whereabouts.agents.mcp_server import server_of
 
     server_of(knowledge).run("stdio")
 
@@ -84,7 +84,7 @@ def _http(knowledge: Knowledge, port: int) -> None:
 
 def guarded(knowledge: Knowledge, token: str) -> Any:
     """The application of the server, for those who have the token."""
-    from whereabouts.agents.server import server_of
+    from whereabouts.agents.mcp_server import server_of
 
     inner = server_of(knowledge).streamable_http_app(host=HOST)
     expected = f"Bearer {token}".encode()

@@ -26,9 +26,9 @@ def merge(
     ],
 ) -> None:
     """Merge two saved maps: the second is found in the first without a guess, and both close loops with each other."""
-    from loop_closure.map_file import read_map
-    from loop_closure.merging import merge as joined
-    from whereabouts.mapping import write_map_files
+    from loop_closure.maps.map_file import read_map
+    from loop_closure.maps.merging import merge as joined
+    from whereabouts.recorded.mapping import write_map_files
 
     slam, other = read_map(first), read_map(second)
     known, added = len(slam.keyframes), len(other.keyframes)

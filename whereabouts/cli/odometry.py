@@ -29,10 +29,10 @@ def odometry(
     """
     import numpy as np
 
-    from whereabouts.follow import follow
-    from whereabouts.log_errors import NothingRecognisedError
     from whereabouts.logs import TumWriter, open_log
-    from whereabouts.progress import progress_bar
+    from whereabouts.recorded.follow import follow
+    from whereabouts.system.log_errors import NothingRecognisedError
+    from whereabouts.system.progress import progress_bar
 
     count, unsure, length = 0, 0, 0.0
     last: np.ndarray | None = None
@@ -47,7 +47,7 @@ def odometry(
             records: Any = log
             config = None
             if params is not None:
-                from whereabouts.robot.log import RobotLog
+                from whereabouts.robot.robot_log import RobotLog
 
                 records = RobotLog(log, params, topic)
                 topic, config = records.topic, records.settings.odometry

@@ -28,8 +28,8 @@ def parameters(
 ) -> None:
     """Write a ROS parameter file with the defaults, and the meaning, unit and range of each parameter."""
     from estimation.errors import InputError
-    from whereabouts.atomic import atomic_path
     from whereabouts.parameters.yaml_text import parameter_file
+    from whereabouts.system.atomic import atomic_path
 
     unknown = [name for name in nodes or () if name not in NODES]
     if unknown:

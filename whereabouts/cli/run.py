@@ -12,7 +12,7 @@ from whereabouts.cli.common import target_file, target_folder
 from whereabouts.node_names import NODES
 
 if TYPE_CHECKING:
-    from whereabouts.nodes.supervisor import NodeSpec
+    from whereabouts.nodes.runtime.supervisor import NodeSpec
     from whereabouts.suite_config import SuiteConfig
 
 __all__ = ["NODES", "run"]
@@ -81,7 +81,7 @@ def run(
     replayed with /clock at --rate (default 1), or in lock-step. At the end it prints how many messages were
     sent, lost and not processed. The replay has a ROS domain of its own on this machine, unless ROS_DOMAIN_ID is set.
     """
-    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
     from whereabouts.suite_config import read_config
 
     options: dict[str, Any] = {
@@ -118,7 +118,7 @@ def _recorded(text: str) -> tuple[str, str]:
 
 def _specs(config: SuiteConfig, **above: Any) -> list[NodeSpec]:
     """What to start, in order; `above` are parameters below those of the nodes themselves."""
-    from whereabouts.nodes.supervisor import NodeSpec
+    from whereabouts.nodes.runtime.supervisor import NodeSpec
 
     return [
         NodeSpec(
@@ -136,9 +136,9 @@ def _run_live(config: SuiteConfig) -> None:
     import time
     from dataclasses import replace
 
-    from whereabouts.nodes.bring_up import bring_up, lifecycle_clients
-    from whereabouts.nodes.log_echo import LogEcho
-    from whereabouts.nodes.supervisor import Supervisor
+    from whereabouts.nodes.runtime.bring_up import bring_up, lifecycle_clients
+    from whereabouts.nodes.runtime.log_echo import LogEcho
+    from whereabouts.nodes.runtime.supervisor import Supervisor
 
     several = len(config.nodes) > 1
     echo = LogEcho(lambda text: typer.echo(text, err=True))
@@ -167,9 +167,9 @@ def _run_live(config: SuiteConfig) -> None:
 
 
 def _run_bag(config: SuiteConfig, bag: Path) -> None:
-    from whereabouts.nodes.log_echo import LogEcho
-    from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
-    from whereabouts.progress import progress_bar
+    from whereabouts.nodes.runtime.log_echo import LogEcho
+    from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
+    from whereabouts.system.progress import progress_bar
 
     echo = LogEcho(lambda text: typer.echo(text, err=True))
     domain = os.environ["ROS_DOMAIN_ID"]

@@ -18,7 +18,7 @@ def security(
 
     docs/security.md says how to use them.
     """
-    from whereabouts.security import write_policies
+    from whereabouts.sros2_policies import write_policies
     from whereabouts.suite_config import read_config
 
     for path in write_policies(read_config(config, {}), out):

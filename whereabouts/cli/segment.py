@@ -12,7 +12,7 @@ import typer
 from whereabouts.cli.common import JsonFile, TopicToUse, target_file, target_folder, write_figures
 
 if TYPE_CHECKING:
-    from registration.scan import Scan
+    from registration.laser.scan import Scan
 
 METHODS = ("trees", "as_printed")
 PAIR = (-0.6, 0.6)  # seconds to the scan that the text's method compares with: the earlier, or else the later
@@ -72,7 +72,7 @@ def segment(
 
 
 def _train(out: Path, method: str, json_file: Path | None) -> None:
-    from evaluation.experiments.crf_training import train_printed, train_shipped
+    from evaluation.crf.crf_training import train_printed, train_shipped
 
     started = time.perf_counter()
     model = train_shipped() if method == "trees" else train_printed()
@@ -89,7 +89,7 @@ def _label(
 ) -> None:  # fmt: skip
     import numpy as np
 
-    from whereabouts.progress import track
+    from whereabouts.system.progress import track
 
     segment_scan = _segmenter(*how)
     scans, stamps, poses = read(source, topic)
@@ -140,9 +140,9 @@ def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
     """Scans of a log, their stamps (N,) and sensor poses (N, 3) by odometry."""
     import numpy as np
 
-    from registration.odometry import Odometry
-    from whereabouts.log_errors import NothingRecognisedError
+    from registration.odometry.follower import Odometry
     from whereabouts.logs import ScanRecord, open_log
+    from whereabouts.system.log_errors import NothingRecognisedError
 
     odometry = Odometry()
     scans: list[Scan] = []
@@ -168,7 +168,7 @@ def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
 def _write(out: Path, labels: Any, stamps: Any, poses: Any) -> None:
     import numpy as np
 
-    from whereabouts.atomic import atomic_path
+    from whereabouts.system.atomic import atomic_path
 
     with atomic_path(out) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, labels=labels, stamps=stamps, poses=poses)

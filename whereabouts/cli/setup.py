@@ -54,12 +54,12 @@ def setup(
     The file is a ROS parameter file, for `whereabouts run --config`, for launch files, and for `--params`.
     """
     from estimation.errors import InputError
-    from whereabouts.atomic import atomic_path
     from whereabouts.robot.choice import choose
     from whereabouts.robot.findings import findings
     from whereabouts.robot.preset import preset as preset_of
     from whereabouts.robot.settings import as_text, parameters
     from whereabouts.robot.survey import Survey
+    from whereabouts.system.atomic import atomic_path
 
     wanted = None if preset is None else preset_of(preset)
     if not look and wanted is None:
@@ -88,8 +88,8 @@ def survey_of(bag: Path | None, seconds: float) -> Survey:
         from whereabouts.robot.bags import survey_bag
 
         return survey_bag(bag)
-    from whereabouts.nodes.graph_survey import survey_graph
-    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.nodes.live.graph_survey import survey_graph
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
 
     prepare_environment()
     typer.echo(f"listening for {seconds:g} s")

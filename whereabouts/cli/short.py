@@ -11,7 +11,7 @@ import typer
 from whereabouts.cli.ask import Namespace, StoreFile, opened
 
 if TYPE_CHECKING:
-    from whereabouts.nodes.live_actions import Done
+    from whereabouts.nodes.live.live_actions import Done
 
 Named = Annotated[
     list[str], typer.Argument(metavar="NAME", help='An id ("cup-3"), a class, or a colour and a class.')
@@ -47,9 +47,9 @@ def find(name: Named, store: StoreFile = None, namespace: Namespace = "") -> Non
 
 
 def _found(client: Any, words: str) -> Done:
-    from whereabouts.nodes.live_actions import find as search
-    from whereabouts.nodes.live_actions import goal_for
-    from whereabouts.nodes.live_world import NoWorldError, live_world
+    from whereabouts.nodes.live.live_actions import find as search
+    from whereabouts.nodes.live.live_actions import goal_for
+    from whereabouts.nodes.live.live_world import NoWorldError, live_world
 
     try:
         with live_world(client) as world:
@@ -89,8 +89,8 @@ def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> N
 
 
 def _forgotten(client: Any, words: str) -> Done:
-    from whereabouts.nodes.live_actions import forget as take_out
-    from whereabouts.nodes.live_world import live_world
+    from whereabouts.nodes.live.live_actions import forget as take_out
+    from whereabouts.nodes.live.live_world import live_world
     from world_model.questions.naming import one_named
 
     with live_world(client) as world:
@@ -102,7 +102,7 @@ def save_map(path: MapPath = "", namespace: Namespace = "") -> None:
     """Have the running node loop_closure write its map."""
 
     def call(client: Any) -> Done:
-        from whereabouts.nodes.live_actions import save_map as written
+        from whereabouts.nodes.live.live_actions import save_map as written
 
         return written(client, path)
 
@@ -119,7 +119,7 @@ def load_map(
     """Have the running node loop_closure read a map and localise in it."""
 
     def call(client: Any) -> Done:
-        from whereabouts.nodes.live_actions import load_map as read
+        from whereabouts.nodes.live.live_actions import load_map as read
 
         return read(client, path, extend)
 
@@ -132,7 +132,7 @@ def _live(namespace: str, call: Callable[[Any], Done]) -> None:
     from whereabouts.cli.ask import without_ros
 
     try:
-        from whereabouts.nodes.live_world import Client, NoWorldError
+        from whereabouts.nodes.live.live_world import Client, NoWorldError
     except ImportError as error:
         _end(2, f"whereabouts: {without_ros(error)}")
     client = Client(namespace)

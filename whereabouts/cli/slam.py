@@ -24,7 +24,7 @@ from whereabouts.cli.common import (
 
 if TYPE_CHECKING:
     from whereabouts.logs import Log
-    from whereabouts.mapping import Mapped
+    from whereabouts.recorded.mapping import Mapped
 
 
 class Proposals(StrEnum):
@@ -112,7 +112,7 @@ class _Input:
         """What to iterate, and the topic: of the parameter file where there is one."""
         if self.params is None:
             return log, self.topic
-        from whereabouts.robot.log import RobotLog
+        from whereabouts.robot.robot_log import RobotLog
 
         robot = RobotLog(log, self.params, self.topic)
         return robot, robot.topic
@@ -128,9 +128,9 @@ def _map(
 ) -> None:
     import numpy as np
 
-    from whereabouts.atomic import atomic_path
     from whereabouts.logs import write_tum
-    from whereabouts.mapping import closure_rows, write_map_files
+    from whereabouts.recorded.mapping import closure_rows, write_map_files
+    from whereabouts.system.atomic import atomic_path
 
     source = given.source
     started = time.perf_counter()
@@ -166,7 +166,7 @@ def _map(
 
 
 def _mapped(given: _Input, proposals: Proposals) -> Mapped:
-    from whereabouts.mapping import map_log
+    from whereabouts.recorded.mapping import map_log
 
     with _reading(given.source, "mapping") as (log, advance):
         if given.params is None:
@@ -174,7 +174,7 @@ def _mapped(given: _Input, proposals: Proposals) -> Mapped:
                 log, use_wheels=given.wheels, topic=given.topic, on_scan=advance, proposals=proposals.value
             )
         from whereabouts.parameter_file import settings_for
-        from whereabouts.robot.log import RobotLog, map_robot
+        from whereabouts.robot.robot_log import RobotLog, map_robot
 
         settings = settings_for(given.params, "loop_closure")
         chosen: Any = settings.proposals if proposals is Proposals.both else proposals.value
@@ -191,9 +191,9 @@ def _locate(
     out: Path | None,
     json_file: Path | None,
 ) -> None:
-    from loop_closure.map_file import read_map
+    from loop_closure.maps.map_file import read_map
     from whereabouts.logs import write_tum
-    from whereabouts.mapping import locate_log
+    from whereabouts.recorded.mapping import locate_log
 
     first = None if initial is None else _pose(initial)
     places = read_map(in_map)
@@ -237,7 +237,7 @@ def _locate(
 def _reading(source: Path, what: str) -> Iterator[tuple[Log, Callable[[int], None]]]:
     """A log, and what to call with the number of its scans so far; says in the end what was in it."""
     from whereabouts.logs import open_log
-    from whereabouts.progress import progress_bar
+    from whereabouts.system.progress import progress_bar
 
     with open_log(source) as log, progress_bar() as bar:
         task = bar.add_task(f"{what} {source.name}", total=100)
@@ -253,14 +253,14 @@ def _reading(source: Path, what: str) -> Iterator[tuple[Log, Callable[[int], Non
 
 def _say(records: Any) -> None:
     """What a robot's recording has to be told of, where a parameter file is in use."""
-    from whereabouts.robot.log import RobotLog
+    from whereabouts.robot.robot_log import RobotLog
 
     for line in records.lines() if isinstance(records, RobotLog) else ():
         typer.echo(line, err=True)
 
 
 def _require_scans(source: Path, topic: str | None, count: int) -> None:
-    from whereabouts.log_errors import NothingRecognisedError
+    from whereabouts.system.log_errors import NothingRecognisedError
 
     if not count:
         wanted = f"on topic {topic}" if topic else "in it"

@@ -29,7 +29,7 @@ class Targets(StrEnum):
     all = "all"
 
 
-class Frame(StrEnum):
+class TrackedFrame(StrEnum):
     """Frames in which tracks are written."""
 
     laser = "laser"
@@ -50,8 +50,9 @@ def track(
         ),
     ] = None,
     frame: Annotated[
-        Frame, typer.Option(help="Frame of the tracks: the scanner, or the robot's pose at the first scan.")
-    ] = Frame.odom,
+        TrackedFrame,
+        typer.Option(help="Frame of the tracks: the scanner, or the robot's pose at the first scan."),
+    ] = TrackedFrame.odom,
     filter_: Annotated[
         Filter,
         typer.Option(
@@ -79,15 +80,15 @@ def track(
     import csv
 
     from estimation.errors import InputError
-    from tracking.people import Person
-    from tracking.scan_filters import tracker_of
-    from whereabouts.atomic import atomic_path
-    from whereabouts.log_errors import NothingRecognisedError
+    from tracking.people.people_tracker import Person
+    from tracking.people.scan_filters import tracker_of
     from whereabouts.logs import open_log
     from whereabouts.parameter_file import settings_for
-    from whereabouts.progress import progress_bar
-    from whereabouts.robot.log import RobotLog
-    from whereabouts.track import track_people
+    from whereabouts.recorded.people_tracks import track_people
+    from whereabouts.robot.robot_log import RobotLog
+    from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.log_errors import NothingRecognisedError
+    from whereabouts.system.progress import progress_bar
 
     every = targets is Targets.all
     columns = (*COLUMNS, "person") if every else COLUMNS
@@ -114,7 +115,7 @@ def track(
             most = max(most, len(tracked.targets))
             for target in tracked.targets:
                 labels.add(target.label)
-                state = tracked.in_laser(target) if frame is Frame.laser else target.mean
+                state = tracked.in_laser(target) if frame is TrackedFrame.laser else target.mean
                 numbers = [f"{value:.4f}" for value in (*state, target.weight)]
                 if every:
                     assert isinstance(target, Person)

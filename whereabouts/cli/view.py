@@ -93,7 +93,7 @@ def _sink(save: Path | None, picture: Path | None) -> RerunSink | PictureSink:
 
 
 def _bags(bags: list[Path], sink: Any, until: float | None, namespace: str, hidden: list[str]) -> Scene:
-    from whereabouts.progress import progress_bar
+    from whereabouts.system.progress import progress_bar
     from whereabouts.viewer.playback import play
 
     with progress_bar() as bar:
@@ -104,8 +104,8 @@ def _bags(bags: list[Path], sink: Any, until: float | None, namespace: str, hidd
 
 
 def _live(sink: Any, until: float | None, namespace: str) -> Scene:
-    from whereabouts.nodes.listener import listen
-    from whereabouts.nodes.suite import prepare_environment
+    from whereabouts.nodes.live.listener import listen
+    from whereabouts.nodes.runtime.suite_run import prepare_environment
     from whereabouts.viewer.scene import Scene, stamp_of
 
     scene = Scene()

@@ -14,7 +14,7 @@ from whereabouts.cli.common import JsonFile, target_file, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.parameters.world_model import WorldModelParameters
-    from whereabouts.world_log import Look
+    from whereabouts.recorded.world_log import LoggedLook
     from world_model import WorldEvidence, WorldModel
 
 
@@ -91,7 +91,7 @@ def world(
     line per object, the most probable first.
     """
     from estimation.errors import InputError
-    from whereabouts.world_output import moment, settings_from, write_events, write_looked_back
+    from whereabouts.recorded.world_output import moment, settings_from, write_events, write_looked_back
     from world_model.memory.store_file import is_store
 
     settings = settings_from(params, places, store)
@@ -148,14 +148,14 @@ def _asked_store(path: Path, settings: WorldModelParameters) -> Iterator[WorldMo
         yield model
 
 
-def _looks(source: Path, settings: WorldModelParameters) -> Iterator[Look]:
+def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]:
     """Evidence with a progress bar; what was skipped is said at the end."""
     import numpy as np
 
-    from whereabouts.camera_log import CameraSettings
-    from whereabouts.evidence import Reader
-    from whereabouts.progress import progress_bar
-    from whereabouts.world_log import EvidenceLog
+    from whereabouts.recorded.camera_log import CameraSettings
+    from whereabouts.recorded.evidence_messages import Reader
+    from whereabouts.recorded.world_log import EvidenceLog
+    from whereabouts.system.progress import progress_bar
 
     config = settings.world
     known = {"class": config.classes, "color": config.colors}
@@ -190,8 +190,8 @@ def _take_in(
     from contextlib import ExitStack
 
     from estimation.errors import InputError
-    from whereabouts.atomic import atomic_path
-    from whereabouts.world_output import state_record
+    from whereabouts.recorded.world_output import state_record
+    from whereabouts.system.atomic import atomic_path
 
     refused: dict[str, int] = {}
     left_out: dict[str, int] = {}
@@ -248,7 +248,7 @@ def _answer(
     min_probability: float,
     figures: dict[str, Any],
 ) -> None:
-    from whereabouts.world_output import answer_record, moment
+    from whereabouts.recorded.world_output import answer_record, moment
 
     answers = model.query(
         class_name=class_name,
@@ -265,7 +265,9 @@ def _answer(
         typer.echo("no object matches")
 
 
-def _usable(looks: Iterable[Look], settings: WorldModelParameters) -> Iterator[tuple[float, WorldEvidence]]:
+def _usable(
+    looks: Iterable[LoggedLook], settings: WorldModelParameters
+) -> Iterator[tuple[float, WorldEvidence]]:
     """Stamp and evidence of what a world model takes; what it refuses is said."""
     from estimation.errors import InputError
     from world_model import WorldModel
@@ -286,7 +288,7 @@ def _usable(looks: Iterable[Look], settings: WorldModelParameters) -> Iterator[t
 def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dict[str, Any]) -> None:
     import json
 
-    from whereabouts.atomic import atomic_path
+    from whereabouts.system.atomic import atomic_path
     from world_model.learning import learn
 
     looks = list(_usable(_looks(source, settings), settings))

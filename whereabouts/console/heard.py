@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.poses import compound
+from estimation.geometry.poses import compound
 from whereabouts.console.shown import Shown, empty, map_picture, moved, person, thing_of_message
 from whereabouts.messages.records import MAP_FRAME, strip_slash
 from whereabouts.viewer.fields import nanoseconds

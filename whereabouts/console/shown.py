@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from estimation.checks import FloatArray
-from estimation.places import LIKELY
+from estimation.geometry.places import LIKELY
 from world_model.state import WorldObject, most_probable
 
 Shown = dict[str, Any]

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.experiments.people_judging import Expected, SceneJudgement, judge_people
-from whereabouts.demo.reading import Said, Thing, Truth
+from evaluation.people.people_judging import Expected, SceneJudgement, judge_people
+from whereabouts.demo.reading import Said, TrueThing, Truth
 
 Array = NDArray[np.float64]
 SAME = 0.4
@@ -100,13 +100,13 @@ def judge_tracks(truth: Truth, said: Said) -> tuple[SceneJudgement, Array]:
     return judged, np.array(stamps)
 
 
-def judge_things(truth: Truth, said: Mapping[float, list[Thing]]) -> Identities:
+def judge_things(truth: Truth, said: Mapping[float, list[TrueThing]]) -> Identities:
     """Ids of all things over time, and the account at the end. said : worlds by stamp."""
     found = Identities()
     worlds = sorted(said)
     if not worlds or not truth.things:
         return found
-    known: list[Thing] = []
+    known: list[TrueThing] = []
     for stamp, things in sorted(truth.things.items()):
         index = int(np.searchsorted(worlds, stamp + 0.02)) - 1
         if index < 0:
@@ -132,18 +132,18 @@ def judge_things(truth: Truth, said: Mapping[float, list[Thing]]) -> Identities:
     return found
 
 
-def _nearest(known: list[Thing], kind: str, spot: Array) -> Thing | None:
+def _nearest(known: list[TrueThing], kind: str, spot: Array) -> TrueThing | None:
     near = [thing for thing in known if thing.kind == kind and _apart(thing, spot) < SAME]
     return min(near, key=lambda thing: _apart(thing, spot), default=None)
 
 
-def _apart(thing: Thing, spot: Array) -> float:
+def _apart(thing: TrueThing, spot: Array) -> float:
     return float(np.linalg.norm(thing.position - spot))
 
 
 def _matched(
-    things: Mapping[str, Array], kinds: Mapping[str, tuple[str, str]], known: list[Thing]
-) -> dict[str, Thing]:
+    things: Mapping[str, Array], kinds: Mapping[str, tuple[str, str]], known: list[TrueThing]
+) -> dict[str, TrueThing]:
     """One object at most for each thing, the nearest pairs first."""
     pairs = sorted(
         (_apart(thing, spot), name, thing.id)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from whereabouts.demo.judging import Trajectories
-from whereabouts.demo.reading import Grid, Prediction, Said, Thing, Tracked, Truth
-from whereabouts.simulation.apartment import Apartment
+from whereabouts.demo.reading import Grid, Said, SaidPrediction, Tracked, TrueThing, Truth
+from whereabouts.simulation.home.floor_plan import Apartment
 
 Array = NDArray[np.float64]
 INK, QUIET, TRUE = "#22303c", "#9aa7b1", "#1b9e77"
@@ -157,7 +157,7 @@ def draw_predictions(
     save(figure, path)
 
 
-def _prediction(axes: Any, prediction: Prediction, person: Tracked | None) -> None:
+def _prediction(axes: Any, prediction: SaidPrediction, person: Tracked | None) -> None:
     color = "#d62728"
     if person is not None:
         axes.plot(*person.position, "o", color=color, markersize=7)
@@ -211,7 +211,7 @@ def draw_worlds(path: Path, home: Apartment, said: Said, truth: Truth, moments: 
     save(figure, path)
 
 
-def _symbols(axes: Any, things: Sequence[Thing]) -> None:
+def _symbols(axes: Any, things: Sequence[TrueThing]) -> None:
     """Ids beside their objects; neighbours are written above each other."""
     taken: list[tuple[float, float]] = []
     for thing in sorted(things, key=lambda thing: (thing.position[1], thing.position[0])):

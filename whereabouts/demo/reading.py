@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.poses import compound, transform_points
+from estimation.geometry.poses import compound, transform_points
 from whereabouts.logs import MessageRecord, OdometryRecord, TransformRecord, open_log
-from whereabouts.replay_report import Replayed, read_replay
+from whereabouts.recorded.replay_report import Replayed, read_replay
 
 Array = NDArray[np.float64]
 BELIEVED = 0.5
@@ -38,7 +38,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Thing:
+class TrueThing:
     """An object as the world model believed in it. seen : s, its last measurement."""
 
     id: str
@@ -67,7 +67,7 @@ class Tracked:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class SaidPrediction:
     """One predicted path: label, points (T, 2) m with standard deviations (T,), goals (G, 2) and probabilities (G,)."""
 
     label: int
@@ -104,9 +104,9 @@ class Said:
     replayed: Replayed
     corrections: list[tuple[float, Array]] = field(default_factory=list)
     people: dict[float, list[Tracked]] = field(default_factory=dict)
-    paths: dict[float, list[Prediction]] = field(default_factory=dict)
-    worlds: dict[float, list[Thing]] = field(default_factory=dict)
-    shipped: dict[float, list[Thing]] = field(default_factory=dict)
+    paths: dict[float, list[SaidPrediction]] = field(default_factory=dict)
+    worlds: dict[float, list[TrueThing]] = field(default_factory=dict)
+    shipped: dict[float, list[TrueThing]] = field(default_factory=dict)
     tasks: list[Task] = field(default_factory=list)
     grid: Grid | None = None
 
@@ -201,7 +201,9 @@ def _take_paths(said: Said, stamp: float, message: Any) -> None:
         spread = np.array([point.covariance for point in path.points]).reshape(-1, 2, 2)
         sigmas = np.sqrt(np.trace(spread, axis1=1, axis2=2) / 2.0)
         goals = np.array([_point(goal)[:2] for goal in path.goals]).reshape(-1, 2)
-        paths.append(Prediction(int(path.label), points, sigmas, goals, np.asarray(path.goal_probabilities)))
+        paths.append(
+            SaidPrediction(int(path.label), points, sigmas, goals, np.asarray(path.goal_probabilities))
+        )
     said.paths[stamp] = paths
 
 
@@ -213,9 +215,9 @@ def _take_shipped(said: Said, stamp: float, message: Any) -> None:
     said.shipped[stamp] = _things(message)
 
 
-def _things(message: Any) -> list[Thing]:
+def _things(message: Any) -> list[TrueThing]:
     return [
-        Thing(
+        TrueThing(
             item.id,
             _most_probable(item.class_distribution),
             _point(item.pose.pose.position),

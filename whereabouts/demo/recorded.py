@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from whereabouts.datasets import data_directory, recording
+from whereabouts.demo.demo_suite import RECORDED
 from whereabouts.demo.files import files_of
 from whereabouts.demo.page import Page
 from whereabouts.demo.reading import Said, Truth, read_said
 from whereabouts.demo.report_screen import screen_of
-from whereabouts.demo.suite import RECORDED
 from whereabouts.logs import convert_log
-from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
-from whereabouts.nodes.supervisor import NodeSpec, SuiteError
+from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
+from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
 
 SHARED = {
     "outdoor": "people/person_following_outdoor_1.bag.zip",

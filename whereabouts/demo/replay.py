@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from whereabouts.demo.report import Run
-from whereabouts.demo.suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
+from whereabouts.demo.demo_report import DemoRun
+from whereabouts.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
 from whereabouts.logs import RawMessage
-from whereabouts.nodes.demo_director import Director
-from whereabouts.nodes.suite import REPLAY_PARAMETERS, SuiteRun, run_suite
-from whereabouts.nodes.supervisor import NodeSpec, SuiteError
-from whereabouts.process_usage import UsageMeter
-from whereabouts.simulation.apartment_bag import START
-from whereabouts.simulation.apartment_day import MOVED, THINGS, stop
+from whereabouts.nodes.live.demo_director import Director
+from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
+from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
+from whereabouts.simulation.home.apartment_bag import START
+from whereabouts.simulation.home.apartment_day import MOVED, THINGS, stop
+from whereabouts.system.process_usage import UsageMeter
 
 CLOCK_PERIOD = 0.25
 """s of the bag: as exact as timers of a second and more need."""
@@ -23,7 +23,7 @@ SEARCH_AFTER = 13.0
 
 
 @dataclass(frozen=True)
-class Script:
+class DemoScript:
     """What is asked for while the bag plays: class of the thing, and s of the bag at which it is verified, searched."""
 
     wanted: str
@@ -31,19 +31,19 @@ class Script:
     search_at: float
 
 
-def full_script() -> Script:
+def full_script() -> DemoScript:
     """Verify the moved thing where it was, from the stop in the hall, and then look for it."""
-    return Script(THINGS[MOVED][0].kind, START + stop(), START + stop() + SEARCH_AFTER)
+    return DemoScript(THINGS[MOVED][0].kind, START + stop(), START + stop() + SEARCH_AFTER)
 
 
 def replay(
     bag: Path,
     folder: Path,
     rate: float | None = None,
-    script: Script | None = None,
+    script: DemoScript | None = None,
     on_event: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[float], None] = lambda share: None,
-) -> tuple[Path, Run]:
+) -> tuple[Path, DemoRun]:
     """The apartment's bag through all nodes; returns the recording of what they said, and an account.
 
     rate : multiple of the recorded speed, None for lock-step. Nothing is told of what was asked where the bag ends
@@ -97,4 +97,4 @@ def replay(
     if silent:
         raise SuiteError(f"{', '.join(silent)} took in nothing of {bag}; the logs say why: {folder / 'logs'}")
     asked = director.account.verified_at is not None or director.account.started is not None
-    return recording, Run(account, director.account if asked else None, meter.usage)
+    return recording, DemoRun(account, director.account if asked else None, meter.usage)

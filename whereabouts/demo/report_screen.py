@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.places import Places
+from estimation.geometry.places import Places
 from whereabouts.demo.pictures import COLORS
-from whereabouts.demo.reading import BELIEVED, NOBODY, Said, Task, Thing, Truth
+from whereabouts.demo.reading import BELIEVED, NOBODY, Said, Task, TrueThing, Truth
 from whereabouts.demo.reasons import plain
 from whereabouts.demo.screen import GONE, HERE, LOST, Known, Screen, at_place, person_names, thinned
 
@@ -73,7 +73,7 @@ def _true_people(truth: Truth, known: Sequence[float], stamp: float) -> Array | 
     return truth.people[known[at]][0].reshape(-1, 2) if at >= 0 else None
 
 
-def take_world(screen: Screen, stamp: float, things: Iterable[Thing], places: Places) -> None:
+def take_world(screen: Screen, stamp: float, things: Iterable[TrueThing], places: Places) -> None:
     """What was known of every thing at a moment."""
     named = {thing.id: thing for thing in things if thing.kind not in NOBODY}
     for own, thing in named.items():
@@ -93,7 +93,7 @@ def take_world(screen: Screen, stamp: float, things: Iterable[Thing], places: Pl
             rows.append(Known(stamp, last.name, last.position, 0.0, GONE, last.place, last.seen))
 
 
-def called(thing: Thing) -> str:
+def called(thing: TrueThing) -> str:
     """ "red cup"."""
     color = next((word for word in thing.predicates if word in COLORS), "")
     return f"{color} {thing.kind}".strip() or thing.id

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.places import Place, Places
+from estimation.geometry.places import Place, Places
 from whereabouts.console.shown import map_picture
 
 Array = NDArray[np.float64]

@@ -1,6 +1,24 @@
 """Readers and writers of robot logs. Knows no ROS installation."""
 
-from whereabouts.log_errors import (
+from whereabouts.logs.bags.ros import RawLog, RawMessage, RosLog, open_raw
+from whereabouts.logs.bags.storage import Qos, Topic
+from whereabouts.logs.formats.carmen import CarmenLog
+from whereabouts.logs.formats.g2o import G2oEdge, G2oGraph, G2oLog, read_g2o, write_g2o
+from whereabouts.logs.formats.tum import Trajectory, TumWriter, read_tum, write_tum
+from whereabouts.logs.log import Log
+from whereabouts.logs.log_conversion import Conversion, convert_log
+from whereabouts.logs.opening import open_log
+from whereabouts.logs.summary import Summary
+from whereabouts.logs.writer import McapWriter
+from whereabouts.messages.records import (
+    CloudRecord,
+    MessageRecord,
+    OdometryRecord,
+    Record,
+    ScanRecord,
+    TransformRecord,
+)
+from whereabouts.system.log_errors import (
     DamagedLogError,
     EmptyLogError,
     LogError,
@@ -11,33 +29,14 @@ from whereabouts.log_errors import (
     UnknownFormatError,
     WriteError,
 )
-from whereabouts.messages.records import (
-    CloudRecord,
-    MessageRecord,
-    OdometryRecord,
-    Record,
-    ScanRecord,
-    TransformRecord,
-)
-
-from .carmen import CarmenLog
-from .conversion import Conversion, convert_log
-from .g2o import Edge, G2oGraph, G2oLog, read_g2o, write_g2o
-from .log import Log
-from .opening import open_log
-from .ros import RawLog, RawMessage, RosLog, open_raw
-from .storage import Qos, Topic
-from .summary import Summary
-from .tum import Trajectory, TumWriter, read_tum, write_tum
-from .writer import McapWriter
 
 __all__ = [
     "CarmenLog",
     "CloudRecord",
     "Conversion",
     "DamagedLogError",
-    "Edge",
     "EmptyLogError",
+    "G2oEdge",
     "G2oGraph",
     "G2oLog",
     "Log",

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
+from whereabouts.logs.summary import Summary
 from whereabouts.messages.records import (
     CloudRecord,
     OdometryRecord,
@@ -16,8 +17,6 @@ from whereabouts.messages.records import (
     TransformRecord,
     strip_slash,
 )
-
-from .summary import Summary
 
 R = TypeVar("R", ScanRecord, OdometryRecord, CloudRecord, TransformRecord)
 

@@ -6,11 +6,10 @@ import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from whereabouts.log_errors import EmptyLogError, LogNotFoundError, UnknownFormatError
-
-from .log import Log
-from .text import ZIP_MAGIC, TextSource, open_file
-from .unpacking import UNPACKED_LIMIT
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
+from whereabouts.logs.formats.text import ZIP_MAGIC, TextSource, open_file
+from whereabouts.logs.log import Log
+from whereabouts.system.log_errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 
 ROS_MAGIC = {
     b"#ROSBAG V": "rosbag1",
@@ -50,14 +49,14 @@ def open_log(
     source = Path(path)
     name, member = detect(source)
     if name == "carmen":
-        from .carmen import CarmenLog
+        from whereabouts.logs.formats.carmen import CarmenLog
 
         return CarmenLog(source, topics, max_range, member, unpacked_limit)
     if name == "g2o":
-        from .g2o import G2oLog
+        from whereabouts.logs.formats.g2o import G2oLog
 
         return G2oLog(source, topics, max_range, member, unpacked_limit=unpacked_limit)
-    from .ros import RosLog
+    from whereabouts.logs.bags.ros import RosLog
 
     return RosLog(source, topics, name, unpacked_limit)
 
@@ -110,8 +109,8 @@ def _is_content(name: str) -> bool:
 
 
 def _text_format(path: Path, member: str | None) -> str:
-    from .carmen import KEYWORDS
-    from .g2o_format import KEYWORDS as G2O_KEYWORDS
+    from whereabouts.logs.formats.carmen import KEYWORDS
+    from whereabouts.logs.formats.g2o_format import KEYWORDS as G2O_KEYWORDS
 
     head = TextSource(path, member).head()
     if not head:

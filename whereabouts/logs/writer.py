@@ -12,11 +12,7 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from estimation.errors import InputError
-from whereabouts.atomic import atomic_path
-from whereabouts.log_errors import WriteError
-from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
-
-from .encode import (
+from whereabouts.logs.bags.encode import (
     CLOUD_TYPE,
     ODOMETRY_TYPE,
     SCAN_TYPE,
@@ -27,8 +23,11 @@ from .encode import (
     scan_message,
     transform_message,
 )
-from .ros_types import standard_types
-from .storage import Qos, Topic, format_qos
+from whereabouts.logs.bags.ros_types import standard_types
+from whereabouts.logs.bags.storage import Qos, Topic, format_qos
+from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
+from whereabouts.system.atomic import atomic_path
+from whereabouts.system.log_errors import WriteError
 
 RELIABLE = Qos()
 LATCHED = Qos(depth=1, durability="transient_local")

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from registration.scan import FARTHEST, Scan
-
-from .records import (
+from registration.laser.scan import FARTHEST, Scan
+from whereabouts.messages.message_rotations import rotation_of, to_plane
+from whereabouts.messages.records import (
     CloudRecord,
     MessageRecord,
     OdometryRecord,
@@ -20,7 +20,6 @@ from .records import (
     TransformRecord,
     strip_slash,
 )
-from .rotations import rotation_of, to_plane
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.scan import Scan
+from registration.laser.scan import Scan
 
 Array = NDArray[np.float64]
 

@@ -14,13 +14,13 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
 from estimation.errors import InputError
-from whereabouts.camera_messages import Cameras, check_depth, depth_from_message
-from whereabouts.evidence import Frame
-from whereabouts.nodes.conversions import scan_from_message
-from whereabouts.nodes.inputs import Input
-from whereabouts.nodes.packed import Packed
-from whereabouts.nodes.stamps import NANOSECONDS
-from whereabouts.nodes.transforms import TransformError, frame_name
+from whereabouts.nodes.messages.conversions import scan_from_message
+from whereabouts.nodes.messages.packed import Packed
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.messages.transforms import TransformError, frame_name
+from whereabouts.nodes.ros.inputs import Input
+from whereabouts.recorded.camera_messages import Cameras, check_depth, depth_from_message
+from whereabouts.recorded.evidence_messages import SeenFrame
 from world_model.camera import Box, CameraModel, CameraView, DepthImage, LevelScan, Located, SightRates
 from world_model.camera import located as placed_by_depth
 from world_model.camera import located_by_scan as placed_by_scan
@@ -131,8 +131,8 @@ class CameraDoor:
         """The camera that detections are of, with its frame; None where nobody says. Raises InputError."""
         return self.cameras.lens_for(frame_name(message.header.frame_id), of_image)
 
-    def view(self, lens: tuple[str, CameraModel], stamp: int, robot: Frame) -> CameraView:
-        """What the camera saw at a stamp, ns; robot : as `Frame` of the camera has it. Raises TransformError."""
+    def view(self, lens: tuple[str, CameraModel], stamp: int, robot: SeenFrame) -> CameraView:
+        """What the camera saw at a stamp, ns; robot : as `SeenFrame` of the camera has it. Raises TransformError."""
         frame, camera = lens
         self.keep(stamp)
         depth = scan = None

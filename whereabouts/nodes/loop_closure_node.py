@@ -23,20 +23,19 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
-from estimation.grid import is_grid_file
-from estimation.poses import compound, inverse, pose_from_matrix, pose_to_matrix, pose_to_quaternion
-from loop_closure.earlier_map import EarlierMap
-from loop_closure.localization import Localizer
-from loop_closure.map_file import is_map, read_map, write_map
+from estimation.geometry.grid import is_grid_file
+from estimation.geometry.poses import compound, inverse, pose_from_matrix, pose_to_matrix, pose_to_quaternion
+from loop_closure.loop_closure_warm_up import warm_up
+from loop_closure.maps.earlier_map import EarlierMap
+from loop_closure.maps.localization import Localizer
+from loop_closure.maps.map_file import is_map, read_map, write_map
 from loop_closure.motions import planar
-from loop_closure.slam import Closure, Slam
-from loop_closure.warm_up import warm_up
-from registration.mounting import level_pose, seen_from_robot, upright
-from registration.scan import Scan
-from whereabouts.atomic import atomic_path
-from whereabouts.mapping import MapGrid, map_points
-from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
-from whereabouts.nodes.conversions import (
+from loop_closure.slam.trajectory import Closure, Slam
+from registration.laser.mounting import level_pose, seen_from_robot, upright
+from registration.laser.scan import Scan
+from whereabouts.nodes.map_editing import MapEditing
+from whereabouts.nodes.map_output import MapOutput
+from whereabouts.nodes.messages.conversions import (
     PLANAR,
     cloud_message,
     points_from_message,
@@ -44,17 +43,18 @@ from whereabouts.nodes.conversions import (
     scan_from_message,
     spatial,
 )
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.inputs import Input
-from whereabouts.nodes.map_editing import MapEditing
-from whereabouts.nodes.map_messages import closure_message, marker_messages, packed_path
-from whereabouts.nodes.map_output import MapOutput
-from whereabouts.nodes.nav2_maps import Nav2Maps
-from whereabouts.nodes.odometry_source import OdometrySource
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import frame_name, transform_message
+from whereabouts.nodes.messages.map_messages import closure_message, marker_messages, packed_path
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import frame_name, transform_message
+from whereabouts.nodes.navigation.nav2_maps import Nav2Maps
+from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.inputs import Input
+from whereabouts.nodes.ros.odometry_source import OdometrySource
 from whereabouts.parameters.loop_closure import LoopClosureParameters
-from whereabouts.state_files import StateFiles, keep_foreign
+from whereabouts.recorded.mapping import MapGrid, map_points
+from whereabouts.system.atomic import atomic_path
+from whereabouts.system.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.msg import LoopClosure
 from whereabouts_msgs.srv import LoadMap, SaveMap
 

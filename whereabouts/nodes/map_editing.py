@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from std_srvs.srv import SetBool, Trigger
 
 from estimation.errors import InputError
-from loop_closure.editing import nearest_closure
-from loop_closure.graph import Edge
+from loop_closure.graph.pose_graph import Edge
 from loop_closure.motions import positions
-from loop_closure.slam import Slam
-from whereabouts.nodes.base import SuiteNode
-from whereabouts.nodes.inputs import Input
-from whereabouts.nodes.transforms import frame_name
+from loop_closure.slam.editing import nearest_closure
+from loop_closure.slam.trajectory import Slam
+from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.nodes.ros.inputs import Input
 
 REACH = 3.0  # metres from a clicked point within which a closure is meant
 

@@ -10,14 +10,14 @@ from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
-from estimation.grid_kernels import TILE
-from estimation.tiles import View
-from whereabouts.mapping import MapGrid
-from whereabouts.nodes.base import LATCHED
-from whereabouts.nodes.map_messages import grid_message, update_message
+from estimation.geometry.grid_kernels import TILE
+from estimation.geometry.tiles import TileView
+from whereabouts.nodes.messages.map_messages import grid_message, update_message
+from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.recorded.mapping import MapGrid
 
 if TYPE_CHECKING:
-    from whereabouts.nodes.base import SuiteNode
+    from whereabouts.nodes.ros.base import SuiteNode
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class MapOutput:
         self._most = most
         self._whole = node.add_output(GridMessage, "map", LATCHED)
         self._updates = node.add_output(OccupancyGridUpdate, "map_updates")
-        self._view: View | None = None  # that was sent last
+        self._view: TileView | None = None  # that was sent last
 
     def forget(self) -> None:
         """Begin anew: the next map is sent whole."""
@@ -75,6 +75,6 @@ class MapOutput:
         if len(inside):
             low = inside.min(axis=0)
             rows, columns = (inside.max(axis=0) + 1 - low).tolist()
-            box = View((int(low[0]) + view.low[0], int(low[1]) + view.low[1]), (rows, columns))
+            box = TileView((int(low[0]) + view.low[0], int(low[1]) + view.low[1]), (rows, columns))
             offset = int(low[1]) * TILE, int(low[0]) * TILE
             self._updates.publish(update_message(header, offset, grid.tiles.values(box)))

@@ -21,26 +21,26 @@ from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
 from tracking.intentions import IntentionModel, Prediction
-from tracking.intentions.storage import is_saved_model
+from tracking.intentions.intention_storage import is_saved_model
 from tracking.intentions.tracks import TrackKeeper
-from tracking.social_forces import Obstacles
-from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
-from whereabouts.nodes.conversions import cloud_message
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.inputs import EVENTS, Input
-from whereabouts.nodes.intention_messages import (
-    Ways,
+from tracking.prediction.social_forces import Obstacles
+from whereabouts.nodes.messages.conversions import cloud_message
+from whereabouts.nodes.messages.intention_messages import (
+    PathMarkers,
     markers_message,
     occupancy_points,
     occupied_points,
     paths_message,
     people_from_message,
 )
-from whereabouts.nodes.people_mask import PeopleMask, Reach
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import TransformError, frame_name
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import TransformError, frame_name
+from whereabouts.nodes.navigation.keepout_mask import PeopleMask, Reach
+from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.inputs import EVENTS, Input
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
-from whereabouts.state_files import StateFiles, keep_foreign
+from whereabouts.system.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
@@ -169,10 +169,12 @@ class MotionPredictorNode(SuiteNode):
             self._mask.hear(self._predictions, now)
 
     @property
-    def _ways(self) -> Ways:
+    def _ways(self) -> PathMarkers:
         """What of the predictions costmaps are told."""
         settings = self.settings
-        return Ways(settings.occupancy_horizon, settings.point_interval / 2.0, settings.occupancy_probability)
+        return PathMarkers(
+            settings.occupancy_horizon, settings.point_interval / 2.0, settings.occupancy_probability
+        )
 
     def _send_mask(self) -> None:
         settings = self.settings

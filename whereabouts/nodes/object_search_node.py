@@ -18,18 +18,18 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
-from whereabouts.nodes.base_claim import BaseClaim
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.driving import PATIENCE, SAME, Approach
-from whereabouts.nodes.errands import is_errand
-from whereabouts.nodes.inputs import HEARD_LATCHED
-from whereabouts.nodes.nav2 import figures_of, navigator_of
-from whereabouts.nodes.packed import Packed
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.transforms import frame_name
-from whereabouts.nodes.world_messages import object_message
-from whereabouts.nodes.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
+from whereabouts.nodes.messages.packed import Packed
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.world_messages import object_message
+from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
+from whereabouts.nodes.navigation.base_claim import BaseClaim
+from whereabouts.nodes.navigation.errands import is_errand
+from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach
+from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
+from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.inputs import HEARD_LATCHED
 from whereabouts.parameters.object_search import ObjectSearchParameters
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldState as StateMessage

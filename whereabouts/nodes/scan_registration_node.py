@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
-from estimation.poses import (
+from estimation.geometry.poses import (
     compound,
     compound_covariance,
     inverse,
@@ -27,14 +27,13 @@ from estimation.poses import (
     transform_points,
 )
 from registration.crf.online import ScanSegmenter, Segmented
-from registration.mounting import level_pose, seen_from_robot, upright
-from registration.odometry import Odometry
-from registration.pace import EARLY, LATE, Pace
-from registration.scan import Scan
-from registration.warm_up import warm_up, warm_up_segmenter
-from registration.wheels import WheelHistory
-from whereabouts.nodes.base import SuiteNode, exit_with
-from whereabouts.nodes.conversions import (
+from registration.laser.mounting import level_pose, seen_from_robot, upright
+from registration.laser.scan import Scan
+from registration.odometry.follower import Odometry
+from registration.odometry.pace import EARLY, LATE, Pace
+from registration.odometry.wheel_history import WheelHistory
+from registration.registration_warm_up import warm_up, warm_up_segmenter
+from whereabouts.nodes.messages.conversions import (
     cloud_message,
     fill_pose,
     points_from_message,
@@ -44,11 +43,12 @@ from whereabouts.nodes.conversions import (
     spatial_covariance,
     wheel_pose,
 )
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.frame_owner import FrameOwner
-from whereabouts.nodes.inputs import Input
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import frame_name, transform_message
+from whereabouts.nodes.messages.frame_owner import FrameOwner
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import frame_name, transform_message
+from whereabouts.nodes.ros.base import SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.inputs import Input
 from whereabouts.parameters.scan_registration import ScanRegistrationParameters
 from whereabouts_msgs.msg import ScanSegments
 

@@ -20,18 +20,18 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
-from estimation.pose_drift import PoseUncertainty
-from registration.mounting import level_pose, upright
-from tracking.people import Person
-from tracking.people_warm_up import warm_up
-from tracking.scan_filters import tracker_of
-from whereabouts.nodes.base import SuiteNode, exit_with
-from whereabouts.nodes.conversions import PLANAR, pose_from_message, scan_from_message
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.inputs import Input
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.target_messages import labels_from_segments, people_markers, targets_message
-from whereabouts.nodes.transforms import frame_name
+from estimation.geometry.pose_drift import PoseUncertainty
+from registration.laser.mounting import level_pose, upright
+from tracking.people.people_tracker import Person
+from tracking.people.people_warm_up import warm_up
+from tracking.people.scan_filters import tracker_of
+from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message, scan_from_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.target_messages import labels_from_segments, people_markers, targets_message
+from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.ros.base import SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.inputs import Input
 from whereabouts.parameters.target_tracker import TargetTrackerParameters
 from whereabouts_msgs.msg import ScanSegments, TargetArray
 

@@ -13,15 +13,15 @@ from nav_msgs.msg import OccupancyGrid as GridMessage
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
-from estimation.poses import transform_points
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.poses import transform_points
 from whereabouts.messages.decode import cloud_colors
-from whereabouts.nodes.base import SuiteNode, exit_with
-from whereabouts.nodes.conversions import points_from_message, pose_from_message, spatial_covariance
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds
-from whereabouts.nodes.transforms import Matrix, TransformError, frame_name
-from whereabouts.nodes.world_reading import grid_from_message
+from whereabouts.nodes.messages.conversions import points_from_message, pose_from_message, spatial_covariance
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.messages.transforms import Matrix, TransformError, frame_name
+from whereabouts.nodes.messages.world_reading import grid_from_message
+from whereabouts.nodes.ros.base import SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.parameters.verifier import VerifierParameters
 from whereabouts_msgs.action import VerifyObject
 from whereabouts_msgs.msg import ObjectEvidence, Region

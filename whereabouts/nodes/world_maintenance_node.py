@@ -20,17 +20,11 @@ from rclpy.duration import Duration
 from std_msgs.msg import Bool, Header
 
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
-from whereabouts.evidence import NOT_FOUND
-from whereabouts.nodes.base import LATCHED, SuiteNode, exit_with
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.errands import Errands
-from whereabouts.nodes.inputs import HEARD_LATCHED
-from whereabouts.nodes.nav2 import figures_of, navigator_of
-from whereabouts.nodes.packed import Packed
-from whereabouts.nodes.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.transforms import frame_name
-from whereabouts.nodes.world_reading import (
+from estimation.geometry.grid import OccupancyGrid
+from whereabouts.nodes.messages.packed import Packed
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.world_reading import (
     LatestState,
     box_region,
     distribution_message,
@@ -38,7 +32,13 @@ from whereabouts.nodes.world_reading import (
     planar_pose,
     pose_stamped,
 )
+from whereabouts.nodes.navigation.errands import Errands
+from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
+from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.inputs import HEARD_LATCHED
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
+from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts_msgs.action import VerifyObject
 from whereabouts_msgs.msg import Attribute, GaussianDistribution, ObjectEvidence, WorldEvidence
 from whereabouts_msgs.msg import VerificationTask as TaskMessage

@@ -23,16 +23,11 @@ from vision_msgs.msg import Detection2DArray, Detection3DArray
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
-from whereabouts.camera_messages import box_from_message
-from whereabouts.evidence import PERSON, Frame, Reader, most_probably
-from whereabouts.nodes.base import SuiteNode, exit_with
 from whereabouts.nodes.camera_door import CameraDoor
-from whereabouts.nodes.conversions import PLANAR, pose_from_message
-from whereabouts.nodes.diagnostics import Health
-from whereabouts.nodes.inputs import EVENTS, Input
-from whereabouts.nodes.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.transforms import TransformError, frame_name
-from whereabouts.nodes.world_messages import (
+from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import TransformError, frame_name
+from whereabouts.nodes.messages.world_messages import (
     ObjectMessages,
     by_id,
     detections_message,
@@ -42,9 +37,14 @@ from whereabouts.nodes.world_messages import (
     region_from_message,
     state_message,
 )
-from whereabouts.nodes.world_reading import paths_from_message
+from whereabouts.nodes.messages.world_reading import paths_from_message
+from whereabouts.nodes.ros.base import SuiteNode, exit_with
+from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.inputs import EVENTS, Input
 from whereabouts.parameters.world_model import WorldModelParameters
-from whereabouts.state_files import StateFiles
+from whereabouts.recorded.camera_messages import box_from_message
+from whereabouts.recorded.evidence_messages import PERSON, Reader, SeenFrame, most_probably
+from whereabouts.system.state_files import StateFiles
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray, WorldHypotheses
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
@@ -228,21 +228,21 @@ class WorldModelNode(SuiteNode):
         frame = frame_name(message.header.frame_id)
         return [(self.map_frame, frame)] if frame else []
 
-    def _frame(self, message: Any, stamp: int) -> Frame:
+    def _frame(self, message: Any, stamp: int) -> SeenFrame:
         """From the message's frame to the world, with what is uncertain about it."""
         frame = frame_name(message.header.frame_id)
         if not frame:
             raise InputError("header.frame_id is empty")
-        return Frame() if frame == self.map_frame else self._frame_of(frame, stamp)
+        return SeenFrame() if frame == self.map_frame else self._frame_of(frame, stamp)
 
-    def _frame_of(self, frame: str, stamp: int) -> Frame:
+    def _frame_of(self, frame: str, stamp: int) -> SeenFrame:
         """From a frame to the world, with what is uncertain about it."""
         matrix = self.transforms.lookup(self.map_frame, frame, stamp)
         try:
             origin = self.transforms.lookup(self.map_frame, self.settings.base_frame, stamp)[:2, 3]
         except TransformError:
             origin = matrix[:2, 3]
-        return Frame(matrix, origin, self._pose_covariance(stamp))
+        return SeenFrame(matrix, origin, self._pose_covariance(stamp))
 
     def _pose_covariance(self, stamp: int) -> Array:
         """Of the robot in the map over x, y, yaw: the one it was given with its pose, else the configured one."""

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from whereabouts.parameters.base import NodeParameters
+from whereabouts.parameters.parameter_base import NodeParameters
 
 
 def extra(field: FieldInfo, name: str) -> Any:

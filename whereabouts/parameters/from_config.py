@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import MISSING, fields
 from typing import Any, Literal, get_type_hints
 
-from whereabouts.parameters.base import setting
+from whereabouts.parameters.parameter_base import setting
 
 
 def settings_of(config_type: type) -> dict[str, tuple[Any, Any]]:

@@ -7,10 +7,10 @@ from typing import Literal
 
 from pydantic import create_model
 
-from estimation.tiles import VIEW_CELLS
+from estimation.geometry.tiles import VIEW_CELLS
 from loop_closure.slam_config import SlamConfig
-from whereabouts.parameters.base import FileParameters, FrameParameters, setting
 from whereabouts.parameters.from_config import settings_of
+from whereabouts.parameters.parameter_base import FileParameters, FrameParameters, setting
 
 _WithSlam = create_model("_WithSlam", __base__=(FrameParameters, FileParameters), **settings_of(SlamConfig))  # type: ignore[call-overload]
 

@@ -7,8 +7,8 @@ from dataclasses import fields
 from pydantic import create_model
 
 from tracking.intentions import IntentionConfig
-from whereabouts.parameters.base import FileParameters, setting
 from whereabouts.parameters.from_config import settings_of
+from whereabouts.parameters.parameter_base import FileParameters, setting
 
 _WithIntentions = create_model("_WithIntentions", __base__=FileParameters, **settings_of(IntentionConfig))  # type: ignore[call-overload]
 

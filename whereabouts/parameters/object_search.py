@@ -7,9 +7,9 @@ from pathlib import Path
 
 from pydantic import create_model
 
-from estimation.places import Places
-from whereabouts.parameters.base import NodeParameters, setting
+from estimation.geometry.places import Places
 from whereabouts.parameters.from_config import settings_of
+from whereabouts.parameters.parameter_base import NodeParameters, setting
 from world_model.tasks.relations import Relations
 from world_model.tasks.search import SearchConfig
 

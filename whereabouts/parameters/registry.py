@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 
 from whereabouts.node_names import NODES
-from whereabouts.parameters.base import NodeParameters
+from whereabouts.parameters.parameter_base import NodeParameters
 
 
 def is_parameter_of_any(name: str) -> bool:

@@ -7,9 +7,9 @@ from dataclasses import fields
 from pydantic import create_model, field_validator
 
 from registration.crf.online import SegmenterConfig
-from registration.odometry import OdometryConfig
-from whereabouts.parameters.base import FrameParameters, setting
+from registration.odometry.follower import OdometryConfig
 from whereabouts.parameters.from_config import settings_of
+from whereabouts.parameters.parameter_base import FrameParameters, setting
 
 _WithOdometry = create_model(  # type: ignore[call-overload]
     "_WithOdometry",

@@ -7,12 +7,12 @@ from typing import Literal
 
 from pydantic import create_model
 
-from tracking.people_config import PeopleConfig
-from whereabouts.clocks import SECOND, TOLERANCE
-from whereabouts.parameters.base import NodeParameters, setting
+from tracking.people.people_config import PeopleConfig
 from whereabouts.parameters.from_config import settings_of
+from whereabouts.parameters.parameter_base import NodeParameters, setting
+from whereabouts.system.clocks import SECOND, TOLERANCE
 
-# How late a scan may be is the same for all nodes (`whereabouts.clocks`).
+# How late a scan may be is the same for all nodes (`whereabouts.system.clocks`).
 _SETTINGS = {name: value for name, value in settings_of(PeopleConfig).items() if name != "late_window"}
 _WithPeople = create_model("_WithPeople", __base__=NodeParameters, **_SETTINGS)  # type: ignore[call-overload]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from whereabouts.parameters.base import NodeParameters, setting
+from whereabouts.parameters.parameter_base import NodeParameters, setting
 
 
 class VerifierParameters(NodeParameters):

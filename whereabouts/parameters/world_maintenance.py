@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import create_model, model_validator
 
 from estimation.errors import InputError
-from whereabouts.parameters.base import NodeParameters, setting
 from whereabouts.parameters.from_config import settings_of
+from whereabouts.parameters.parameter_base import NodeParameters, setting
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import MaintenanceConfig
 

@@ -9,15 +9,15 @@ import yaml
 from pydantic import create_model, field_validator, model_validator
 
 from estimation.errors import InputError
-from estimation.places import Places
-from whereabouts.clocks import SECOND, TOLERANCE
-from whereabouts.parameters.base import FileParameters, setting
+from estimation.geometry.places import Places
 from whereabouts.parameters.from_config import settings_of
+from whereabouts.parameters.parameter_base import FileParameters, setting
+from whereabouts.system.clocks import SECOND, TOLERANCE
 from world_model import WorldModelConfig
 from world_model.memory.store import LIMIT
 from world_model.symbols import Symbols, default_symbols
 
-# s: what comes later than that is not of the node's time (`whereabouts.clocks`).
+# s: what comes later than that is not of the node's time (`whereabouts.system.clocks`).
 LATEST = 2 * TOLERANCE / SECOND
 # Those that ROS cannot express as they are, or that all nodes have.
 _OTHERWISE = ("classes", "colors", "attributes", "region", "motion", "late_window", "sensor_bias")

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import yaml
 
 from whereabouts.node_names import NODES
-from whereabouts.parameters.base import NodeParameters
 from whereabouts.parameters.description import allowed, extra
+from whereabouts.parameters.parameter_base import NodeParameters
 from whereabouts.parameters.registry import expert_names, model_of
 
 WIDTH = 112  # characters of a line

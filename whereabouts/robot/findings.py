@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from registration.mounting import level_pose
+from registration.laser.mounting import level_pose
 from whereabouts.robot.choice import Choice
 from whereabouts.robot.survey import CAMERAS, CLOUD, IMU, ODOMETRY, SCAN, TF, UNTAKEN, Survey, names
 

@@ -84,7 +84,7 @@ class Seen:
 
 
 @dataclass
-class Edge:
+class FrameEdge:
     """One transform: where `child` is in `parent`, as often as it was looked at.
 
     topics : it came on. stamps, places : of the moving one, s and (3,) m, in order of arrival. matrix : the last
@@ -126,7 +126,7 @@ class Survey:
     live: bool = False
     seconds: float = 0.0
     topics: dict[str, Seen] = field(default_factory=dict)
-    edges: dict[tuple[str, str], Edge] = field(default_factory=dict)
+    edges: dict[tuple[str, str], FrameEdge] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)
 
@@ -137,7 +137,7 @@ class Survey:
     def add_transform(self, parent: str, child: str, matrix: Matrix, stamp: float, topic: str) -> None:
         """One transform that was heard; matrix (4, 4)."""
         static = topic.endswith("tf_static")
-        edge = self.edges.setdefault((parent, child), Edge(parent, child, static))
+        edge = self.edges.setdefault((parent, child), FrameEdge(parent, child, static))
         edge.static = edge.static and static
         edge.topics.add(topic)
         edge.stamps.append(stamp)

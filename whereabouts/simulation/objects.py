@@ -39,7 +39,7 @@ class Thing:
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenObject:
     """One look: evidence, where everything truly is, and the object behind each detection (-1: clutter)."""
 
     stamp: float
@@ -77,7 +77,7 @@ class ObjectScene:
     drop: Sequence[tuple[tuple[float, float], Sequence[int]]] = field(default=())
     """((from, to) s, things): things that are occluded then, inside a part of the view that is said to be hidden."""
 
-    def looks(self, count: int) -> Iterator[Seen]:
+    def looks(self, count: int) -> Iterator[SeenObject]:
         """`count` looks, the first at time 0."""
         rng = np.random.default_rng(self.seed)
         hidden = np.zeros(len(self.things), bool)
@@ -90,7 +90,7 @@ class ObjectScene:
             hidden = np.where(hidden, change < 1.0 - 1.0 / run, change < begin)
             yield self._look(stamp, rng, hidden)
 
-    def _look(self, stamp: float, rng: np.random.Generator, hidden: NDArray[np.bool_]) -> Seen:
+    def _look(self, stamp: float, rng: np.random.Generator, hidden: NDArray[np.bool_]) -> SeenObject:
         sensor = self._sensor(stamp)
         truth: dict[int, Array] = {}
         found: list[tuple[int, ObjectEvidence]] = []
@@ -111,7 +111,7 @@ class ObjectScene:
         evidence = WorldEvidence(
             [found[i][1] for i in order], sensor if self.say_sensor and not shut else None
         )
-        return Seen(stamp, evidence, truth, tuple(found[i][0] for i in order))
+        return SeenObject(stamp, evidence, truth, tuple(found[i][0] for i in order))
 
     def _sensor(self, stamp: float) -> dict[str, Any] | None:
         if self.sensor is None:

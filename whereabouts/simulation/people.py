@@ -49,7 +49,7 @@ def random_build(rng: np.random.Generator, body: str = "legs") -> Build:
 
 
 @dataclass(frozen=True)
-class Walker:
+class SimulatedWalker:
     """A person who walks straight from waypoint to waypoint and rests at some.
 
     waypoints : (K, 2) metres. speed : m/s. start : seconds at which the walk begins. rests : (K,) seconds at each
@@ -140,12 +140,12 @@ class Walker:
         return float((0.5 if moving else 0.15) * self.build.stride * 0.9 * wave)
 
 
-def seen(walkers: list[Walker], time: float) -> Shapes:
+def seen(walkers: list[SimulatedWalker], time: float) -> Shapes:
     """All people at `time` seconds, owners counting from 1 in the order of the list."""
     return joined([walker.shapes(time, owner) for owner, walker in enumerate(walkers, start=1)])
 
 
-def positions(walkers: list[Walker], time: float) -> Array:
+def positions(walkers: list[SimulatedWalker], time: float) -> Array:
     """Where they are at `time` seconds, (P, 2) metres."""
     return np.array([walker.position(time) for walker in walkers]).reshape(-1, 2)
 
@@ -158,7 +158,7 @@ def wander(
     build: Build | None = None,
     speed: tuple[float, float] = (0.7, 1.4),
     rest: tuple[float, float] = (0.0, 4.0),
-) -> Walker:
+) -> SimulatedWalker:
     """Somebody who walks about for `duration` seconds, 0.5 m off every outline, within ±reach (x, y) metres."""
 
     def clear(a: ArrayLike, b: ArrayLike) -> bool:
@@ -182,4 +182,6 @@ def wander(
         points.append(there)
         rests.append(pause)
         here = there
-    return Walker(np.array(points), pace, build or random_build(rng), 0.0, np.array(rests), rng.uniform(0, 6))
+    return SimulatedWalker(
+        np.array(points), pace, build or random_build(rng), 0.0, np.array(rests), rng.uniform(0, 6)
+    )

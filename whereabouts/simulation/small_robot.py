@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.poses import compound, pose_to_matrix
+from estimation.geometry.poses import compound, pose_to_matrix
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, TransformRecord
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.robot import Drive, Wheels

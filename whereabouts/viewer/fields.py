@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from whereabouts.messages.rotations import rotation_of
-from whereabouts.viewer.shapes import Array
+from whereabouts.messages.message_rotations import rotation_of
+from whereabouts.viewer.drawable import Array
 
 ELLIPSE = np.linspace(0.0, 2.0 * np.pi, 25)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from whereabouts.messages.decode import transforms
 from whereabouts.messages.records import BASE_FRAME, MAP_FRAME, ODOM_FRAME, strip_slash
-from whereabouts.viewer.shapes import Array, Place
+from whereabouts.viewer.drawable import Array, PlaceShape
 
 DEPTH = 32
 
@@ -29,16 +29,16 @@ class Frames:
         """Whether tf has said where a frame is."""
         return strip_slash(frame) in self._told
 
-    def take(self, message: Any, topic: str) -> Iterator[Place]:
+    def take(self, message: Any, topic: str) -> Iterator[PlaceShape]:
         """Places of a tf2_msgs/TFMessage."""
         for record in transforms(message, topic):
             self._told.add(record.child_frame_id)
             yield self.put(record.child_frame_id, record.frame_id, record.transform, record.static)
 
-    def put(self, child: str, parent: str, matrix: Array, static: bool = False) -> Place:
+    def put(self, child: str, parent: str, matrix: Array, static: bool = False) -> PlaceShape:
         """Note a frame, and where it is, (4, 4)."""
         self._parents[strip_slash(child)] = strip_slash(parent)
-        return Place(self.path(child), np.asarray(matrix, dtype=np.float64), static)
+        return PlaceShape(self.path(child), np.asarray(matrix, dtype=np.float64), static)
 
     def path(self, frame: str, sensor: bool = False) -> str:
         """Path of a frame. sensor : one that tf does not know is on the robot, not in the map."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from whereabouts.viewer.shapes import Array, Boxes, Lines, Place, Points, Shape, Value
+from whereabouts.viewer.drawable import Array, Boxes, Lines, PlaceShape, Points, Shape, Value
 
 
 class PictureSink:
@@ -30,7 +30,7 @@ class PictureSink:
     def draw(self, stamp: float, shapes: Iterable[Shape]) -> None:
         """Shapes that hold from `stamp` (s) on."""
         for shape in shapes:
-            if isinstance(shape, Place):
+            if isinstance(shape, PlaceShape):
                 self._places[shape.path] = shape.matrix
             elif isinstance(shape, Value):
                 self._values.setdefault(shape.path, []).append((stamp, shape.value))

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from whereabouts.log_errors import NothingRecognisedError
 from whereabouts.logs import open_raw
-from whereabouts.logs.ros_types import Decoder, UnreadableTypeError
+from whereabouts.logs.bags.ros_types import Decoder, UnreadableTypeError
+from whereabouts.system.log_errors import NothingRecognisedError
+from whereabouts.viewer.drawable import Shape
 from whereabouts.viewer.scene import Scene, stamp_of
-from whereabouts.viewer.shapes import Shape
 
 
 class Sink(Protocol):

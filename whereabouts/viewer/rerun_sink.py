@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimation.errors import WhereaboutsError
-from whereabouts.viewer.shapes import Boxes, Lines, Note, Place, Points, Shape, Value
+from whereabouts.viewer.drawable import Boxes, Lines, PlaceShape, Points, Shape, TextNote, Value
 
 APPLICATION = "whereabouts"
 TIMELINE = "time"
@@ -64,12 +64,12 @@ class RerunSink:
         """Shapes that hold from `stamp` (s) on."""
         self._recording.set_time(TIMELINE, timestamp=stamp)
         for shape in shapes:
-            static = isinstance(shape, Place) and shape.static
+            static = isinstance(shape, PlaceShape) and shape.static
             self._recording.log(entity_path(shape.path), self._component(shape), static=static)
 
     def _component(self, shape: Shape) -> Any:
         rr = self._rerun
-        if isinstance(shape, Place):
+        if isinstance(shape, PlaceShape):
             return rr.Transform3D(translation=shape.matrix[:3, 3], mat3x3=shape.matrix[:3, :3])
         if isinstance(shape, Points):
             return rr.Points3D(
@@ -91,7 +91,7 @@ class RerunSink:
             )
         if isinstance(shape, Value):
             return rr.Scalars(shape.value)
-        assert isinstance(shape, Note)
+        assert isinstance(shape, TextNote)
         return rr.TextLog(shape.text)
 
     def _layout(self) -> Any:

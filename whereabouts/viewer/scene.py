@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from whereabouts.messages.decode import UnusableMessageError, clouds, odometry, scans
+from whereabouts.messages.message_rotations import planar_matrix
 from whereabouts.messages.records import MAP_FRAME, ODOM_FRAME, strip_slash
-from whereabouts.messages.rotations import planar_matrix
+from whereabouts.viewer.drawable import Array, Color, Lines, Points, Shape, TextNote
 from whereabouts.viewer.fields import matrix_of, nanoseconds, rows, xyz
 from whereabouts.viewer.frames import Frames
-from whereabouts.viewer.objects import evidence, hypotheses, task, world
-from whereabouts.viewer.people import predictions, targets
-from whereabouts.viewer.shapes import Array, Color, Lines, Note, Points, Shape
+from whereabouts.viewer.object_shapes import evidence, hypotheses, task, world
+from whereabouts.viewer.people_shapes import predictions, targets
 
 STATIC, MOVING, UNKNOWN = (90, 90, 90), (230, 40, 40), (190, 170, 120)
 TRAVELLED, WHEELS, TRAJECTORY, CLOSURE = (60, 110, 230), (170, 170, 170), (25, 100, 230), (230, 60, 30)
@@ -162,7 +162,7 @@ class Scene:
     def _closure(self, message: Any, _: str) -> Iterable[Shape]:
         ends = nanoseconds(message.earlier_stamp), nanoseconds(message.header.stamp)
         self._closures[ends] = bool(message.accepted)
-        yield Note("log/closures", str(message.reason))
+        yield TextNote("log/closures", str(message.reason))
         yield self._closure_lines(self.frames.path("map"))
 
     def _closure_lines(self, path: str) -> Lines:

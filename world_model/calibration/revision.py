@@ -14,8 +14,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from estimation.assignment import cheapest
 from estimation.checks import FloatArray
+from estimation.filters.assignment import cheapest
 from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW, STEPS, UNKNOWN
 from world_model.calibration.sensor_bias import ASIDE, CONSTANT, PRIOR, depth_share, within

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.assignment import cheapest
 from estimation.checks import FloatArray
+from estimation.filters.assignment import cheapest
 from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.drift import JITTER, RANGES, STEPS
 from world_model.calibration.sensor_filter import ERRORS, LOG_2PI, SHARED, SensorFilter

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model.memory.store_records import Note
 from world_model.state import Box, WorldObject
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model.behaviors import motion_of
 from world_model.config import WorldModelConfig
 from world_model.kept_file import read_kept, set_aside, write_kept

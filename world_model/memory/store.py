@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 
 from estimation.checks import require_count
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model.memory.store_file import StoreError, StoreFile, copy_store, is_damage, is_full
 from world_model.memory.store_format import (
     CLOCK,

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.places import Place, Places
+from estimation.geometry.places import Place, Places
 from world_model.memory.store_rows import encode
 from world_model.state import WorldObject
 

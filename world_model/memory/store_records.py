@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.places import LIKELY, Place, Places
+from estimation.geometry.places import LIKELY, Place, Places
 from world_model.memory.store_file import StoreFile
 from world_model.memory.store_format import Clock
 from world_model.memory.store_places import EVENT, NAME, RUN, places_of

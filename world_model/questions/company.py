@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.places import Place
+from estimation.geometry.places import Place
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span
 from world_model.questions.naming import (

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from estimation.errors import InputError
-from estimation.places import Places
+from estimation.geometry.places import Places
 from world_model.memory.store import Store
 from world_model.questions.answers import (
     AmbiguousError,

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from estimation.places import Place, Places
+from estimation.geometry.places import Place, Places
 from world_model.memory.store import Store
 from world_model.state import WorldObject
 from world_model.symbols import Symbols, default_symbols, parse_symbol

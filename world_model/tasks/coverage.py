@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.grid import OccupancyGrid
-from estimation.grid_paths import GridPaths
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.grid_paths import GridPaths
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from estimation.gaussians import repair_covariance
+from estimation.filters.gaussians import repair_covariance
 from world_model.state import WorldObject
 
 # Variance that stands for an axis nobody estimates: nothing is gained along it.

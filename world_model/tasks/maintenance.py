@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray, as_finite, as_vectors
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
+from estimation.geometry.grid import OccupancyGrid
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Looks, Sensor, looks_at
 from world_model.tasks.maintenance_config import MaintenanceConfig

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from estimation.grid import OccupancyGrid
+from estimation.geometry.grid import OccupancyGrid
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig

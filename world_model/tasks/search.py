@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray, as_vectors
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
-from estimation.places import Place, Places
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.places import Place, Places
 from world_model.config import check_ranges, setting
 from world_model.tasks.coverage import Coverage, bounds_of, length_between, middle_of, where_more_is_seen
 from world_model.tasks.relations import IntArray, Relations

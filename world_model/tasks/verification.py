@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray, as_vectors, require_count
 from estimation.errors import InputError
-from estimation.grid import OccupancyGrid
-from estimation.sight import AGREES, THROUGH, sight
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.sight import AGREES, THROUGH, sight
 from world_model.tasks.appearance import Appearance
 
 CELLS = 9  # probes along each side of a region

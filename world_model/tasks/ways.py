@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.grid import OccupancyGrid
-from estimation.grid_paths import GridPaths
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.grid_paths import GridPaths
 from world_model.tasks.maintenance_kernels import straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.murty import k_best_full
+from estimation.filters.murty import k_best_full
 from world_model.anchoring.loops.contacts import (
     AT_ONCE,
     MOST_COMBINATIONS,

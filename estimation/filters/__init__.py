@@ -1,0 +1,1 @@
+"""Gaussians, motion, Kalman filters and the assignment of measurements."""

@@ -1,0 +1,184 @@
+"""Murty's k best assignments on successive shortest paths: the compiled part of `estimation.filters.assignment`.
+
+Costs are (n, m) with n ≤ m; every row gets a column. A subproblem fixes rows 0..t-1 to its parent's columns
+and forbids row t some columns (Murty 1968). It starts from its parent's solution and dual variables, so that
+one shortest augmenting path from row t solves it (Miller, Stone, Cox 1997).
+
+Columns left over count as held by identical idle rows of cost 0; the duals are kept so that v ≤ 0 on columns
+in use and v = 0 on idle ones. A search may therefore pass through an idle row: the freed column of row t can
+attract another row although row t itself settles on an idle column.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+IDLE = -1
+_NO_ROW = -2
+
+
+@numba.njit(cache=True)
+def augment(costs, source, first, banned, freed, limit, row_of, column_of, u, v):  # type: ignore[no-untyped-def]
+    """Give row `source` a column by the shortest augmenting path over columns whose row is ≥ `first`.
+
+    row_of (m,) : row of each column, IDLE or -2 for the freed one (`freed`, or -1 where all are idle).
+    Changes row_of, column_of, u, v in place; returns the increase of the cost, inf where there is no way or
+    where it would exceed `limit` (then nothing is changed).
+    """
+    n, m = costs.shape
+    distance = np.full(m, np.inf)
+    previous = np.empty(m, np.int64)
+    state = np.zeros(m, np.int8)  # 0 open, 1 scanned, 2 out of reach
+    for j in range(m):
+        if row_of[j] >= 0 and row_of[j] < first:
+            state[j] = 2
+    scanned = np.empty(m, np.int64)
+    count = 0
+    row, base = source, 0.0
+    via = _NO_ROW
+    idle_column = -1
+    while True:
+        if row != IDLE:
+            for j in range(m):
+                if state[j] == 0 and not (row == source and banned[j]):
+                    value = base + costs[row, j] - u[row] - v[j]
+                    if value < distance[j]:
+                        distance[j] = value
+                        previous[j] = via
+        else:
+            for j in range(m):
+                if state[j] == 0 and base - v[j] < distance[j]:
+                    distance[j] = base - v[j]
+                    previous[j] = via
+        best, column = np.inf, -1
+        for j in range(m):
+            if state[j] == 0 and distance[j] < best:
+                best, column = distance[j], j
+        if column < 0 or best > limit:
+            return np.inf
+        if row_of[column] == _NO_ROW or (freed < 0 and row_of[column] == IDLE):
+            break
+        state[column] = 1
+        scanned[count] = column
+        count += 1
+        row, base, via = row_of[column], best, column
+        if row == IDLE:
+            if idle_column >= 0:
+                # All idle rows are alike: the first one reached has already been expanded.
+                continue
+            idle_column = column
+    u[source] += best
+    for k in range(count):
+        j = scanned[k]
+        if row_of[j] >= 0:
+            u[row_of[j]] += best - distance[j]
+        v[j] -= best - distance[j]
+    end = column
+    while True:
+        before = previous[end]
+        row = source if before == _NO_ROW else row_of[before]
+        row_of[end] = row
+        if row >= 0:
+            column_of[row] = end
+        if before == _NO_ROW:
+            break
+        end = before
+    if idle_column >= 0:
+        shift = best - distance[idle_column]
+        for j in range(m):
+            v[j] += shift
+        for i in range(n):
+            u[i] -= shift
+    return best
+
+
+@numba.njit(cache=True)
+def _rows_by_column(columns, m):  # type: ignore[no-untyped-def]
+    row_of = np.full(m, IDLE, np.int64)
+    for i in range(columns.size):
+        row_of[columns[i]] = i
+    return row_of
+
+
+@numba.njit(cache=True)
+def k_best_full(costs, k):  # type: ignore[no-untyped-def]
+    """Columns (K, n) of the K ≤ k cheapest complete assignments in ascending order; n ≤ m, inf forbids."""
+    n, m = costs.shape
+    found = np.empty((k, n), np.int64)
+    no_ban = np.zeros(m, np.bool_)
+    row_of = np.full(m, IDLE, np.int64)
+    columns = np.full(n, -1, np.int64)
+    u, v = np.zeros(n), np.zeros(m)
+    total = 0.0
+    for i in range(n):
+        # Reduced costs of a new row may be negative; starting at its smallest keeps them at 0 or above.
+        smallest = np.inf
+        for j in range(m):
+            smallest = min(smallest, costs[i, j] - v[j])
+        if smallest == np.inf:
+            return found[:0]
+        u[i] = smallest
+        step = augment(costs, i, 0, no_ban, -1, np.inf, row_of, columns, u, v)
+        if step == np.inf:
+            return found[:0]
+    for i in range(n):
+        total += costs[i, columns[i]]
+    # The pool holds at most as many open subproblems as solutions are still wanted.
+    pool_cost = np.full(k, np.inf)
+    pool_first = np.zeros(k, np.int64)
+    pool_columns = np.empty((k, n), np.int64)
+    pool_banned = np.empty((k, m), np.bool_)
+    pool_u, pool_v = np.empty((k, n)), np.empty((k, m))
+    pool_cost[0] = total
+    pool_columns[0], pool_banned[0], pool_u[0], pool_v[0] = columns, no_ban, u, v
+    size = 1
+    count = 0
+    while size > 0:
+        at = np.argmin(pool_cost[:size])
+        cost, first = pool_cost[at], pool_first[at]
+        columns, banned = pool_columns[at].copy(), pool_banned[at].copy()
+        u, v = pool_u[at].copy(), pool_v[at].copy()
+        found[count] = columns
+        count += 1
+        size -= 1
+        if at != size:
+            _move(pool_cost, pool_first, pool_columns, pool_banned, pool_u, pool_v, size, at)
+        if count == k:
+            break
+        while size > k - count:
+            worst = np.argmax(pool_cost[:size])
+            size -= 1
+            if worst != size:
+                _move(pool_cost, pool_first, pool_columns, pool_banned, pool_u, pool_v, size, worst)
+        parent_rows = _rows_by_column(columns, m)
+        for t in range(first, n):
+            slot = int(size)
+            limit = np.inf
+            if size == k - count:
+                slot = int(np.argmax(pool_cost[:size]))
+                limit = pool_cost[slot] - cost
+            if t > first:
+                banned = np.zeros(m, np.bool_)
+            banned[columns[t]] = True
+            child_rows, child_columns = parent_rows.copy(), columns.copy()
+            child_u, child_v = u.copy(), v.copy()
+            child_rows[columns[t]] = _NO_ROW
+            step = augment(
+                costs, t, t, banned, columns[t], limit, child_rows, child_columns, child_u, child_v
+            )
+            if step == np.inf or (slot < size and step >= limit):
+                continue
+            pool_cost[slot] = cost + step
+            pool_first[slot] = t
+            pool_columns[slot], pool_banned[slot] = child_columns, banned
+            pool_u[slot], pool_v[slot] = child_u, child_v
+            size = max(size, slot + 1)
+    return found[:count]
+
+
+@numba.njit(cache=True)
+def _move(cost, first, columns, banned, u, v, source, target):  # type: ignore[no-untyped-def]
+    cost[target], first[target] = cost[source], first[source]
+    columns[target], banned[target] = columns[source], banned[source]
+    u[target], v[target] = u[source], v[source]

@@ -1,0 +1,1 @@
+"""Poses, rotations, polygons, grids and what a planar scan sees."""

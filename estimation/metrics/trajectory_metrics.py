@@ -1,0 +1,242 @@
+"""Errors of trajectories: absolute (ATE), relative (RPE), and the Freiburg relations metric.
+
+Poses are (N, 3) SE(2), (N, 6) SE(3) Euler, or homogeneous matrices (N, 3, 3), (N, 4, 4); metres, radians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_finite, as_points, as_vectors, require_positive
+from estimation.errors import InputError
+from estimation.geometry.poses import pose_to_matrix
+
+
+@dataclass(frozen=True)
+class TrajectoryErrors:
+    """Distances (N,), m, of a trajectory to its reference after `transform` was applied to the trajectory."""
+
+    errors: FloatArray
+    transform: FloatArray
+
+    @cached_property
+    def rmse(self) -> float:
+        """Root mean square, m."""
+        return math.sqrt(float((self.errors**2).mean()))
+
+    @cached_property
+    def mean(self) -> float:
+        """Mean, m."""
+        return float(self.errors.mean())
+
+    @cached_property
+    def max(self) -> float:
+        """Largest, m."""
+        return float(self.errors.max())
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors of relative poses: translation (M,), m; rotation (M,), rad, in [0, π]; `pairs` (M, 2)."""
+
+    translation: FloatArray
+    rotation: FloatArray
+    pairs: npt.NDArray[np.int64]
+
+    @cached_property
+    def translation_rmse(self) -> float:
+        """Root mean square, m."""
+        return math.sqrt(float((self.translation**2).mean()))
+
+    @cached_property
+    def rotation_rmse(self) -> float:
+        """Root mean square, rad."""
+        return math.sqrt(float((self.rotation**2).mean()))
+
+
+@dataclass(frozen=True)
+class RelationErrors:
+    """The Freiburg metric: mean and standard deviation of |translational| (m) and |rotational| (rad) error.
+
+    `translation` and `rotation` (M,) hold the single errors, NaN where a stamp had no partner; `used` and
+    `skipped` count the relations. The standard deviation is that of the population, as in the benchmark.
+    """
+
+    translation: FloatArray
+    rotation: FloatArray
+
+    @property
+    def used(self) -> int:
+        """Relations both of whose stamps were found."""
+        return int(np.isfinite(self.translation).sum())
+
+    @property
+    def skipped(self) -> int:
+        """Relations left out because a stamp has no pose within the tolerance."""
+        return int(np.isnan(self.translation).sum())
+
+    @property
+    def translation_mean(self) -> float:
+        """m."""
+        return float(np.nanmean(self.translation))
+
+    @property
+    def translation_std(self) -> float:
+        """m."""
+        return float(np.nanstd(self.translation))
+
+    @property
+    def rotation_mean(self) -> float:
+        """rad."""
+        return float(np.nanmean(self.rotation))
+
+    @property
+    def rotation_std(self) -> float:
+        """rad."""
+        return float(np.nanstd(self.rotation))
+
+
+def _matrices(name: str, poses: npt.ArrayLike) -> FloatArray:
+    array = as_finite(name, poses)
+    if array.ndim == 2 and array.shape[1] in (3, 6):
+        return pose_to_matrix(array)
+    if array.ndim == 3 and array.shape[1:] in ((3, 3), (4, 4)):
+        return array
+    raise InputError(f"{name} must have shape (N, 3), (N, 6), (N, 3, 3) or (N, 4, 4), not {array.shape}")
+
+
+def _motions(T: FloatArray, pairs: npt.NDArray[np.int64]) -> FloatArray:
+    return np.linalg.inv(T[pairs[:, 0]]) @ T[pairs[:, 1]]
+
+
+def _magnitudes(T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Length of the translation and angle of the rotation of homogeneous matrices (M, d + 1, d + 1)."""
+    size = T.shape[-1] - 1
+    R = T[:, :size, :size]
+    if size == 2:
+        angle = np.abs(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+    else:
+        # atan2 of both parts: arccos of the trace alone loses half the digits of small angles.
+        axis = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], -1)
+        angle = np.arctan2(np.linalg.norm(axis, axis=-1), np.trace(R, axis1=1, axis2=2) - 1.0)
+    return np.linalg.norm(T[:, :size, size], axis=-1), angle
+
+
+def align_points(source: npt.ArrayLike, target: npt.ArrayLike) -> FloatArray:
+    """Rigid transform (d + 1, d + 1) that brings points `source` (N, d) closest to `target`, d = 2 or 3.
+
+    Umeyama 1991 without scale: a proper rotation even where a reflection would fit better. With all points
+    on a line in 3D the roll about it is arbitrary.
+    """
+    source, target = as_points("source", source, 2, 3), as_points("target", target, 2, 3)
+    if source.shape != target.shape or len(source) == 0:
+        raise InputError(f"source and target must be equally many points, not {source.shape}, {target.shape}")
+    size = source.shape[1]
+    centre_s, centre_t = source.mean(0), target.mean(0)
+    U, _, Vt = np.linalg.svd((target - centre_t).T @ (source - centre_s))
+    sign = np.ones(size)
+    sign[-1] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    T = np.eye(size + 1)
+    T[:size, :size] = (U * sign) @ Vt
+    T[:size, size] = centre_t - T[:size, :size] @ centre_s
+    return T
+
+
+def absolute_trajectory_error(
+    estimate: npt.ArrayLike, reference: npt.ArrayLike, align: bool = True
+) -> TrajectoryErrors:
+    """Distances between associated positions (N, 2) or (N, 3), after the best rigid alignment if `align`.
+
+    A trajectory of SE(2) poses [x, y, yaw] must be passed as its positions, `poses[:, :2]`.
+    """
+    estimate, reference = as_points("estimate", estimate, 2, 3), as_points("reference", reference, 2, 3)
+    if estimate.shape != reference.shape or len(estimate) == 0:
+        raise InputError(
+            f"estimate and reference must be equally many positions, not {estimate.shape}, {reference.shape}"
+        )
+    size = estimate.shape[1]
+    T = align_points(estimate, reference) if align else np.eye(size + 1)
+    moved = estimate @ T[:size, :size].T + T[:size, size]
+    return TrajectoryErrors(np.linalg.norm(moved - reference, axis=1), T)
+
+
+def relative_pose_error(
+    estimate: npt.ArrayLike,
+    reference: npt.ArrayLike,
+    delta: float = 1,
+    unit: Literal["steps", "metres"] = "steps",
+    all_pairs: bool = True,
+) -> PoseErrors:
+    """Errors of the motions between poses `delta` apart: (ref_i⁻¹ ref_j)⁻¹ (est_i⁻¹ est_j).
+
+    unit "steps": j = i + delta. unit "metres": j is the first pose whose path along the reference is at least
+    delta from i. `all_pairs` starts a pair at every pose, else where the last one ended.
+    Raises InputError for unequal lengths and where no pair is that far apart.
+    """
+    require_positive("delta", delta)
+    est, ref = _matrices("estimate", estimate), _matrices("reference", reference)
+    if est.shape != ref.shape:
+        raise InputError(f"estimate and reference must be equally many poses, not {est.shape}, {ref.shape}")
+    if unit == "steps":
+        path = np.arange(len(ref), dtype=np.float64)
+    elif unit == "metres":
+        step = np.linalg.norm(np.diff(ref[:, :-1, -1], axis=0), axis=1)
+        path = np.concatenate([[0.0], np.cumsum(step)])
+    else:
+        raise InputError(f"unit must be 'steps' or 'metres', not {unit!r}")
+    # Rounding of the running sum must not push a pair exactly delta apart to the next pose.
+    ends = np.searchsorted(path, path + delta * (1 - 1e-9))
+    pairs = []
+    start = 0
+    while start < len(path) and ends[start] < len(path):
+        pairs.append((start, ends[start]))
+        start = start + 1 if all_pairs else int(ends[start])
+    if not pairs:
+        raise InputError(f"delta must be below the length of the trajectory, {path[-1]:g} {unit}")
+    index = np.array(pairs, dtype=np.int64)
+    error = np.linalg.inv(_motions(ref, index)) @ _motions(est, index)
+    return PoseErrors(*_magnitudes(error), index)
+
+
+def associate(stamps: npt.ArrayLike, queries: npt.ArrayLike, tolerance: float) -> npt.NDArray[np.int64]:
+    """Index (M,) of the nearest of the ascending `stamps` (N,) to each query (M,); -1 beyond tolerance, s."""
+    stamps, queries = as_vectors("stamps", stamps), as_vectors("queries", queries)
+    if len(stamps) == 0 or (np.diff(stamps) < 0).any():
+        raise InputError("stamps must be ascending and not empty")
+    right = np.clip(np.searchsorted(stamps, queries), 1, max(len(stamps) - 1, 1))
+    right = np.minimum(right, len(stamps) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(queries - stamps[left] <= stamps[right] - queries, left, right)
+    return np.where(np.abs(stamps[nearest] - queries) <= tolerance, nearest, -1)
+
+
+def relations_error(
+    trajectory: npt.ArrayLike, relations: npt.ArrayLike, tolerance: float = 0.05
+) -> RelationErrors:
+    """Errors over given relations (Kümmerle et al. 2009): |trans| and |rot| of (x_j ⊖ x_i) ⊖ δ_ij.
+
+    trajectory : (N, 4) [stamp, x, y, yaw] or (N, 7) [stamp, x, y, z, roll, pitch, yaw], stamps ascending, s.
+    relations : (M, 5) [stamp_i, stamp_j, x, y, yaw] or (M, 8), the benchmark's form; of a 2D trajectory only
+    x, y and yaw of these are used. tolerance : largest distance of a stamp to its nearest pose, s.
+    Raises InputError where no relation can be used.
+    """
+    track = as_points("trajectory", trajectory, 4, 7)
+    relation = as_points("relations", relations, 5, 8)
+    if track.shape[1] == 7 and relation.shape[1] == 5:
+        raise InputError("relations must have 8 columns for a trajectory in 3D")
+    expected = relation[:, 2:] if track.shape[1] == 7 or relation.shape[1] == 5 else relation[:, [2, 3, 7]]
+    pairs = np.stack([associate(track[:, 0], relation[:, k], tolerance) for k in (0, 1)], -1)
+    found = (pairs >= 0).all(1)
+    if not found.any():
+        raise InputError(f"relations must have stamps within tolerance = {tolerance} s of the trajectory")
+    motion = _motions(pose_to_matrix(track[:, 1:]), pairs[found])
+    translation, rotation = _magnitudes(np.linalg.inv(pose_to_matrix(expected[found])) @ motion)
+    out = np.full((2, len(relation)), np.nan)
+    out[0, found], out[1, found] = translation, rotation
+    return RelationErrors(out[0], out[1])

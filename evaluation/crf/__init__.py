@@ -1,0 +1,1 @@
+"""Parts of the experiment `crf`, and the training of its trees."""

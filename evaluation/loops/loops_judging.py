@@ -1,0 +1,185 @@
+"""Protocols of `whereabouts loops evaluate` and `inspect` on recordings."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.errors import InputError
+from estimation.learning.boosting import AdaBoost
+from loop_closure.places.pairs import PairRule, compare_pairs
+from loop_closure.places.place_model import PlaceModel
+from loop_closure.training.place_evaluation import (
+    Validation,
+    balanced,
+    first_features,
+    k_fold,
+    removal_errors,
+    repetitiveness,
+    round_curve,
+)
+from loop_closure.training.place_training import CascadeConfig, Recording, train_cascade, train_plain
+from loop_closure.training.roc import Roc, roc
+from whereabouts.system.parallel import each
+
+PROTOCOLS = ("model", "cross", "k-fold")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """D of one recording at one distance; with k-fold the curve of the first permutation, and all."""
+
+    name: str
+    rule: PairRule
+    curve: Roc
+    validation: Validation | None = None
+
+    def spread_text(self) -> str:
+        """Mean and deviation over permutations, for the end of a line; nothing without."""
+        if self.validation is None:
+            return ""
+        return "   " + ", ".join(
+            f"{100 * s.mean:.1f} ± {100 * s.deviation:.1f}" for s in self.validation.spreads()
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        spread = {}
+        if self.validation is not None:
+            spread = {
+                f"spread_at_{100 * s.false_alarm:g}_percent": [
+                    100.0 * value for value in (s.mean, s.deviation, s.least, s.most)
+                ]
+                for s in self.validation.spreads()
+            }
+        return {
+            "log": self.name,
+            "distance_m": self.rule.distance,
+            "positives": self.curve.positives,
+            "negatives": self.curve.negatives,
+            **self.curve.as_dict(),
+            **spread,
+        }
+
+
+def judge(
+    recordings: Sequence[Recording],
+    rules: Sequence[PairRule],
+    protocol: str,
+    model: PlaceModel | None,
+    method: str = "plain",
+    rounds: int = 50,
+    positives: int = 3000,
+    negatives: int = 20_000,
+    folds: int = 10,
+    repetitions: int = 5,
+    seed: int = 0,
+    jobs: int = 1,
+    what: str = "",
+) -> list[Judgement]:
+    """D of every recording at every distance, by one of PROTOCOLS.
+
+    jobs, what : as of `parallel.each`; the places at each distance are judged independently.
+
+    Raises
+    ------
+    InputError : an unknown protocol, or nothing to train on.
+    """
+    if protocol not in PROTOCOLS:
+        raise InputError(f"protocol: one of {', '.join(PROTOCOLS)} expected, got {protocol!r}")
+    if protocol == "cross" and len({recording.environment for recording in recordings}) < 2:
+        raise InputError("protocol cross: logs of at least two places are needed (LOG@PLACE names the place)")
+    how = (protocol, model, method, rounds, positives, negatives, folds, repetitions, seed)
+    environments = list(dict.fromkeys(recording.environment for recording in recordings))
+    calls = [(rule, environment, recordings, how) for rule in rules for environment in environments]
+    judged = [row for rows in each(_judged_place, calls, jobs, what) for row in rows]
+    # As the recordings were given, also where those of one place were not given together.
+    rank = {(rule, k): i for i, (rule, k) in enumerate(itertools.product(rules, range(len(recordings))))}
+    return [row for _, row in sorted(judged, key=lambda item: rank[item[1].rule, item[0]])]
+
+
+def _judged_place(
+    rule: PairRule, environment: str, recordings: Sequence[Recording], how: tuple[Any, ...]
+) -> list[tuple[int, Judgement]]:
+    """Number and judgement of the recordings of one place, at one distance."""
+    protocol, model, method, rounds, positives, negatives, folds, repetitions, seed = how
+    if protocol == "cross" or (protocol != "k-fold" and model is None):
+        others = [other for other in recordings if other.environment != environment]
+        model = _trained(others, rule, method, rounds, seed)
+    found = []
+    for number, recording in enumerate(recordings):
+        if recording.environment != environment:
+            continue
+        pairs = recording.pairs(rule, negatives, positives, seed)
+        if not 0 < pairs.positives < len(pairs):
+            raise InputError(f"recording {recording.name}: no pairs of both classes within {rule.distance} m")
+        if protocol == "k-fold":
+            F, y = balanced([(compare_pairs(recording.places, pairs), pairs.same)], pairs.positives, seed)
+            validation = k_fold(lambda: AdaBoost(rounds), F, y, folds, repetitions, seed)
+            found.append((number, Judgement(recording.name, rule, validation.curves[0], validation)))
+        else:
+            curve = roc(model.score_pairs(recording.places, pairs), pairs.same)
+            found.append((number, Judgement(recording.name, rule, curve)))
+    return found
+
+
+def _trained(
+    recordings: Sequence[Recording], rule: PairRule, method: str, rounds: int, seed: int
+) -> PlaceModel:
+    if method == "plain":
+        return train_plain(recordings, rule, rounds, seed=seed)
+    return train_cascade(recordings, CascadeConfig(rule=rule, seed=seed))
+
+
+def draw_curves(found: Sequence[Judgement], path: Path) -> None:
+    """ROC curves as a picture, false alarms on a logarithmic axis."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(9, 5), layout="constrained")
+    for k, row in enumerate(found):
+        axes.plot(
+            100 * np.maximum(row.curve.false_alarm, 1e-4),
+            100 * row.curve.detection,
+            # Ten colours are not enough for all data sets at all distances.
+            linestyle=("-", "--", ":")[k // 10 % 3],
+            label=f"{row.name}, {row.rule.distance:g} m",
+        )
+    axes.set(xscale="log", xlim=(0.01, 100), ylim=(0, 100), xlabel="FA, %", ylabel="D, %")
+    axes.grid(True, alpha=0.3)
+    figure.legend(fontsize=7, loc="outside right upper")
+    figure.savefig(path, dpi=120)
+    pyplot.close(figure)
+
+
+def look_into(recording: Recording, rule: PairRule, rounds: int, most: int, seed: int) -> dict[str, Any]:
+    """Tests 1 and 2 of Tables 3 and 4, the curve of Figure 4 and the ratios of Figure 10, of one recording."""
+    pairs = recording.pairs(rule, most, most, seed)
+    F = compare_pairs(recording.places, pairs)
+    rng = np.random.default_rng(seed)
+    half = rng.permutation(len(pairs)) < len(pairs) // 2
+    counts = [t for t in (1, 2, 5, 10, 20, 30, 40, 50, 75, 100, 150, 200) if t <= max(rounds, 1)]
+    means, deviations = repetitiveness(F, pairs.same)
+    alike = [int(k) + 1 for k in np.flatnonzero((means > 0.9) & (deviations > 0.9))]
+    return {
+        "name": recording.name,
+        "positives": pairs.positives,
+        "negatives": len(pairs) - pairs.positives,
+        "chosen_first": first_features(F, pairs.same),
+        "missed_most": [
+            (k, 100.0 * error) for k, error in removal_errors(F, pairs.same, rounds, seed=seed)[:5]
+        ],
+        "error_by_rounds": [
+            (t, 100.0 * a, 100.0 * b)
+            for t, a, b in round_curve(counts, (F[half], pairs.same[half]), (F[~half], pairs.same[~half]))
+        ],
+        "repetitive": alike,
+        "mean_ratios": [None if np.isnan(value) else round(float(value), 3) for value in means],
+        "deviation_ratios": [None if np.isnan(value) else round(float(value), 3) for value in deviations],
+    }

@@ -1,0 +1,103 @@
+"""Monte Carlo runs of Section 5.2: new noise, returns and clutter on every run of one scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
+from tracking.mixture.target import Target
+from tracking.tracker_evaluation import Score, labels_kept
+from whereabouts.simulation.scenes.targets import (
+    TargetScene,
+    TargetSensor,
+    cross_and_spawn,
+    crossing,
+    side_by_side,
+)
+
+SENSOR = TargetSensor()
+SCENES = {"crossing and spawning": cross_and_spawn, "side by side": side_by_side}
+
+
+def follow(scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[int]) -> np.ndarray:
+    """One run: OSPA, expected and reported number over the scans, (K, 3). "point" among the settings: GM-PHD."""
+    return np.column_stack(_columns(scored(scene, settings, seed)))
+
+
+def _columns(score: Score) -> list[np.ndarray]:
+    return [np.array(score.ospa), np.array(score.expected), np.array(score.count, dtype=float)]
+
+
+def scored(
+    scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[int], births: Any = None
+) -> Score:
+    """One run's score; `births` as in PhdConfig, the text's where None."""
+    rng = np.random.default_rng(seed)
+    settings = dict(settings)
+    association = settings.pop("association", None)
+    if association is not None:
+        return _scored_clusters(scene, str(association), rng)
+    kind = PointTargetPhd if settings.pop("point", False) else ExtendedTargetPhd
+    if births is not None:
+        settings["births"] = births
+    filter_ = kind(PhdConfig(**settings))
+    score = Score(60.0)
+    for k, there in enumerate(scene.positions):
+        targets = filter_.step(SENSOR.returns(there, rng), float(k))
+        score.add(targets, there, filter_.expected_count)
+    return score
+
+
+def _scored_clusters(scene: TargetScene, association: str, rng: np.random.Generator) -> Score:
+    """One run of "pda" or "jpda" on clusters of returns."""
+    from evaluation.peers.stone_soup_jpda import StoneSoupJpda
+
+    tracker, score = StoneSoupJpda(PhdConfig(), association == "jpda"), Score(60.0)
+    for k, there in enumerate(scene.positions):
+        spots = tracker.step(SENSOR.returns(there, rng), float(k))
+        told = [
+            Target(j, np.array([*spot, 0.0, 0.0]), np.eye(4), 1.0, np.eye(2), 0.0)
+            for j, spot in enumerate(spots)
+        ]
+        score.add(told, there, tracker.expected_count)
+    return score
+
+
+def crossing_kept(settings: dict[str, Any], seed: int | Sequence[int]) -> bool:
+    """Whether both targets of a random crossing carry their labels from 12 scans before to 12 scans after it."""
+    scene = crossing(np.random.default_rng([*np.atleast_1d(seed), 7]))
+    births = [
+        (0.1, np.array([*there, 0.0, 0.0]), np.diag([100.0, 100.0, 100.0, 100.0]))
+        for there in scene.positions[0]
+    ]
+    score = scored(scene, settings, seed, births)
+    middle = len(scene) // 2
+    return labels_kept(score, scene.positions, middle - 12, middle + 12)
+
+
+def draw(out: Path, name: str, runs: dict[str, np.ndarray], scene: TargetScene) -> Path:
+    """Figures 3b and 3c: mean OSPA with one standard deviation, and mean expected number, over the scans."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    scans = np.arange(1, len(scene) + 1)
+    for label, values in runs.items():
+        mean, deviation = values[:, :, 0].mean(0), values[:, :, 0].std(0)
+        (line,) = left.plot(scans, mean, label=label)
+        left.fill_between(scans, mean - deviation, mean + deviation, alpha=0.15, color=line.get_color())
+        right.plot(scans, values[:, :, 1].mean(0), label=label)
+    right.plot(scans, [len(there) for there in scene.positions], "k:", label="true")
+    left.set(xlabel="scan", ylabel="OSPA, m", ylim=(0, None))
+    right.set(xlabel="scan", ylabel="expected number of targets", ylim=(0, 6))
+    figure.legend(*left.get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside lower center")
+    path = out / f"{name}.png"
+    figure.savefig(path, dpi=75)
+    plt.close(figure)
+    return path

@@ -1,0 +1,1 @@
+"""Parts of the experiments `registration` and `odometry`."""

@@ -1,0 +1,1 @@
+"""The trajectory as a graph of poses: smoothed, filtered, thinned out."""

@@ -1,0 +1,1 @@
+"""Maps on disk: saved, checked, merged, and a robot found in them."""

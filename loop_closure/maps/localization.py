@@ -1,0 +1,161 @@
+"""Where in a finished map: tracking from a known pose, and finding it again without one; scans and clouds alike.
+
+What was seen over the last metres is laid on what the map shows (`loop_closure.maps.map_search`). While the
+place is known, only its surroundings are searched; lost, every part of the map is, and a place is believed
+once several keyframes along the path agree on it and no other place has as much for itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray
+from estimation.errors import InputError
+from loop_closure.keyframes import Keyframes
+from loop_closure.maps.map_search import PlanarMap, SpatialMap
+from loop_closure.motions import as_pose, compose, invert, length, motion, planar, turn
+from registration.laser.scan import Scan
+
+AGREE = (0.4, 0.1)  # metres and radians between placements that say the same
+VOTES = 3  # keyframes that have to agree before a lost robot believes it
+MEMORY = 60  # keyframes for which a vote counts
+LOST_AFTER = 8.0  # metres of standard deviation beyond which the place is given up
+UNPROVEN = (
+    10.0  # metres of path after which a pose that was only said, and never seen to be true, is given up
+)
+DRIFT = (0.03, 0.01)  # metres and radians that odometry is taken to be off per metre
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """One scan or cloud against the map.
+
+    pose : (3,) or (4, 4) in the map, None while lost. sure : it was confirmed by this scan.
+    """
+
+    pose: FloatArray | None
+    sure: bool
+
+
+class Localizer:
+    """Follows a range sensor in a map of keyframes that is not changed.
+
+    places : keyframes of the map; poses (N, 3) or (N, 4, 4) of them in the map. initial : as for `place`.
+    """
+
+    def __init__(self, places: Keyframes, poses: FloatArray, initial: FloatArray | None = None) -> None:
+        self._poses = np.asarray(poses, dtype=np.float64)
+        self._map: PlanarMap | SpatialMap
+        self._map = (PlanarMap if planar(self._poses) else SpatialMap)(places, self._poses)
+        self._recent = Keyframes()
+        self.correction: FloatArray | None = None  # the odometry frame in the map
+        self._sigma, self._turn = 1.0, 0.35
+        self._unproven = 0.0  # metres travelled since the place was last seen to be right
+        self._proven = False
+        self._votes: list[tuple[FloatArray, float, int]] = []
+        self._serial = 0
+        self._pending: FloatArray | None = None
+        if initial is not None:
+            self.place(initial)
+
+    def place(self, pose: npt.ArrayLike, sigma: float = 1.0, turn: float = 0.35) -> None:
+        """The sensor is said to be at `pose` in the map, give or take `sigma` m and `turn` rad.
+
+        pose : (3,), in a map of clouds on the ground that the map has there; or there (4, 4). What the map does not
+        confirm within 10 m of path is given up.
+
+        Raises
+        ------
+        InputError : another shape, or numbers that are not finite.
+        """
+        said = as_pose("pose", pose)
+        if planar(self._poses) and not planar(said):
+            raise InputError("pose: (3,) expected in a map of scans, got (4, 4)")
+        self._pending = self._map.on_the_ground(said)
+        self._sigma, self._turn = sigma, turn
+        self._votes.clear()
+
+    def process(self, scan: Scan | npt.ArrayLike, odometry: npt.ArrayLike) -> Located:
+        """Take the next scan, or cloud (N, 3), with the pose (3,) or (4, 4) of the sensor by odometry.
+
+        Raises
+        ------
+        InputError : wrong shapes, numbers that are not finite, a scan in a map of clouds or a cloud in one of scans.
+        """
+        here = as_pose("odometry", odometry)
+        if isinstance(scan, Scan) != planar(self._poses) or planar(here) != planar(self._poses):
+            kind = "a Scan and (3,)" if planar(self._poses) else "a cloud and (4, 4)"
+            raise InputError(f"scan: {kind} expected in this map")
+        if self._pending is not None:
+            self.correction = compose(self._pending, invert(here))
+            self._pending = None
+            self._recent, self._unproven, self._proven = Keyframes(), 0.0, False
+        if not self._recent.wanted(here, *self._map.step):
+            return self._said(here, False)
+        travelled = length(motion(self._recent[-1].odometry, here)) if len(self._recent) else 0.0
+        self._map.remember(self._recent, scan, here)
+        self._serial += 1
+        self._sigma, self._turn = self._sigma + DRIFT[0] * travelled, self._turn + DRIFT[1] * travelled
+        self._unproven += travelled
+        if self.correction is not None and not self._given_up:
+            return self._said(here, self._follow(here))
+        self.correction = None
+        self._search(here)
+        return self._said(here, self.correction is not None)
+
+    @property
+    def _given_up(self) -> bool:
+        return self._sigma >= LOST_AFTER or (not self._proven and self._unproven > UNPROVEN)
+
+    def _said(self, here: FloatArray, sure: bool) -> Located:
+        return Located(None if self.correction is None else compose(self.correction, here), sure)
+
+    def _follow(self, here: FloatArray) -> bool:
+        """Lay what was seen on the map around where it should be; whether that worked."""
+        assert self.correction is not None
+        found = self._map.track(self._recent, compose(self.correction, here), self._sigma, self._turn)
+        if found is None:
+            return False
+        self.correction = compose(found, invert(here))
+        self._believe(0.05, 0.02)
+        return True
+
+    def _believe(self, sigma: float, turn: float) -> None:
+        self._sigma, self._turn, self._unproven, self._proven = sigma, turn, 0.0, True
+
+    def _search(self, here: FloatArray) -> None:
+        """Try parts of the map, in turn, and let them vote."""
+        for pose, merit in self._map.search(self._recent):
+            self._votes.append((compose(pose, invert(here)), merit, self._serial))
+        self._votes = [vote for vote in self._votes if self._serial - vote[2] < MEMORY]
+        if not self._votes:
+            return
+        # Compared where the robot is now: odometry may have begun far away, where the least turn moves everything.
+        placed = [compose(correction, here) for correction, _, _ in self._votes]
+        groups = [self._group(pose, placed) for pose in placed]
+        best = max(range(len(groups)), key=lambda n: groups[n][0])
+        merit, count = groups[best]
+        rivals = [
+            group[0] for group, pose in zip(groups, placed, strict=True) if not same(pose, placed[best])
+        ]
+        if count >= VOTES and max(rivals, default=0.0) < 0.7 * merit:
+            self.correction = self._votes[best][0]
+            self._believe(0.2, 0.05)
+            self._votes.clear()
+
+    def _group(self, pose: FloatArray, placed: list[FloatArray]) -> tuple[float, int]:
+        """What speaks for `pose`: merit of votes that say the same, the best of each keyframe; and of how many."""
+        best: dict[int, float] = {}
+        for other, (_, merit, serial) in zip(placed, self._votes, strict=True):
+            if same(pose, other):
+                best[serial] = max(best.get(serial, 0.0), merit)
+        return sum(best.values()), len(best)
+
+
+def same(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two placements (3,) or (4, 4) say the same."""
+    off = motion(a, b)
+    return length(off) < AGREE[0] and turn(off) < AGREE[1]

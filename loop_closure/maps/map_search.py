@@ -1,0 +1,209 @@
+"""A finished map as a `Localizer` searches it: what was seen over the last metres, laid on what the map shows.
+
+Scans: local map on local map by correlation, everywhere. Clouds: the classifier says which places look alike, KISS-
+Matcher lays the last metres' cloud on theirs and GICP settles it; believed is what agrees both ways, also in what
+stands upright: flat ground fits on all flat ground.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray
+from loop_closure.keyframes import Keyframes
+from loop_closure.motions import compose, length, motion, planar, turn
+from loop_closure.places.context import PREDECESSORS, context_features
+from loop_closure.places.features import features_3d
+from loop_closure.places.shipped import shipped_model
+from loop_closure.slam.cloud_closing import LEAF, anywhere, as_cloud, local_cloud, nearby, thinned
+from registration.laser.scan import Scan
+from registration.laser.submap import Submap
+from registration.placement.align_submaps import Placement, align_submaps, ambiguous
+
+BACK, AROUND = 4.0, 4.0  # metres of path in the local maps of the robot and of the map
+SPACING = 3.0  # metres between places of the map that are tried
+NEAR = 4.0  # metres from a place at which its local map shows the robot's surroundings
+MOST_TRIED = 40  # places that a scan is laid on per keyframe when lost
+RANGE = 25.0  # metres of a scan that are used
+ALIKE, IN_TURN = 2, 1  # places that a cloud is laid on per keyframe when lost: those that look alike, and any
+CLOUD_RANGE = 50.0  # metres of a cloud that the classifier looks at
+GROUND = 3.0  # metres around a pose that was said in which the map knows the ground
+
+
+class PlanarMap:
+    """Keyframes of scans, and poses (N, 3) of them."""
+
+    step = (0.3, 0.3)  # metres and radians between the robot's keyframes
+
+    def __init__(self, places: Keyframes, poses: FloatArray) -> None:
+        self._places, self._poses = places, poses
+        self._parts = spread(poses[:, :2])
+        self._next = 0
+
+    def on_the_ground(self, pose: FloatArray) -> FloatArray:
+        """`pose` as it was said."""
+        return pose
+
+    def remember(self, recent: Keyframes, scan: Scan | npt.ArrayLike, odometry: FloatArray) -> None:
+        """Keep a scan among the robot's keyframes."""
+        assert isinstance(scan, Scan)
+        recent.add_scan(scan, odometry, RANGE)
+
+    def track(self, recent: Keyframes, expected: FloatArray, sigma: float, turn: float) -> FloatArray | None:
+        """Pose (3,) of the robot's newest keyframe, `sigma` m and `turn` rad around where it is expected."""
+        source = self._seen(recent)
+        away = np.hypot(*(self._poses[:, :2] - expected[:2]).T)
+        best: tuple[Placement, int] | None = None
+        tried: list[int] = []
+        for j in np.argsort(away).tolist():
+            if away[j] > NEAR + 2.0 * sigma or len(tried) == 3:
+                break
+            if any(np.hypot(*(self._poses[j, :2] - self._poses[o, :2])) < 0.5 * SPACING for o in tried):
+                continue
+            tried.append(j)
+            target = self._places.local_map(j, AROUND, AROUND)
+            guess = motion(self._poses[j], expected)
+            fits = align_submaps(source, target, guess, 2.5 * sigma + 0.3, 2.5 * turn + 0.1)
+            if not fits or not fits[0].sure or ambiguous(fits):
+                continue
+            if best is None or fits[0].merit > best[0].merit:
+                best = fits[0], j
+        return None if best is None else compose(self._poses[best[1]], best[0].pose)
+
+    def search(self, recent: Keyframes) -> list[tuple[FloatArray, float]]:
+        """Placements of the robot's newest keyframe on parts of the map, with metres of outline that speak for each."""
+        source, found = self._seen(recent), []
+        for j in self._turns(MOST_TRIED):
+            target = self._places.local_map(j, AROUND, AROUND)
+            for fit in align_submaps(source, target, np.zeros(3), NEAR, np.pi):
+                if fit.sure:
+                    found.append((compose(self._poses[j], fit.pose), fit.merit))
+        return found
+
+    def _seen(self, recent: Keyframes) -> Submap:
+        return recent.local_map(len(recent) - 1, BACK, 0.0)
+
+    def _turns(self, most: int) -> list[int]:
+        count = min(most, len(self._parts))
+        turns = [self._parts[(self._next + n) % len(self._parts)] for n in range(count)]
+        self._next = (self._next + count) % max(len(self._parts), 1)
+        return turns
+
+
+class SpatialMap:
+    """Keyframes of clouds, and poses (N, 4, 4) of them."""
+
+    step = (0.5, 0.5)
+
+    def __init__(self, places: Keyframes, poses: FloatArray) -> None:
+        self._places, self._poses = places, poses
+        self._parts = spread(poses[:, :3, 3])
+        self._next = 0
+        # Loaded and filled when the robot is lost for the first time.
+        self._looks: _Looks | None = None
+
+    def on_the_ground(self, pose: FloatArray) -> FloatArray:
+        """A planar pose (3,) at the height and with the tilt that the map has there; (4, 4) is taken as it is."""
+        if not planar(pose):
+            return pose
+        away = np.hypot(*(self._poses[:, :2, 3] - pose[:2]).T)
+        near = np.flatnonzero(away <= max(GROUND, float(away.min())))
+        # Of several storeys the one nearest to height 0, which is what a planar pose says.
+        ground = self._poses[near[np.argmin(np.abs(self._poses[near, 2, 3]))]] if len(near) else np.eye(4)
+        up = ground[:3, 2]
+        across = np.array([np.cos(pose[2]), np.sin(pose[2])])
+        # Along the ground, and from above in the direction that was said.
+        ahead = np.array([*across, -(across @ up[:2]) / max(up[2], 0.1)])
+        ahead /= np.linalg.norm(ahead)
+        out = np.eye(4)
+        out[:3, :3] = np.column_stack((ahead, np.cross(up, ahead), up))
+        out[:3, 3] = pose[0], pose[1], ground[2, 3]
+        return out
+
+    def remember(self, recent: Keyframes, scan: Scan | npt.ArrayLike, odometry: FloatArray) -> None:
+        """Keep a cloud among the robot's keyframes."""
+        assert not isinstance(scan, Scan)
+        recent.add_cloud(thinned(as_cloud(scan), 0.5 * LEAF), 0.0, odometry)
+
+    def track(self, recent: Keyframes, expected: FloatArray, sigma: float, turn_: float) -> FloatArray | None:
+        """Pose (4, 4) of the robot's newest keyframe, `sigma` m and `turn_` rad around where it is expected."""
+        away = np.linalg.norm(self._poses[:, :3, 3] - expected[:3, 3], axis=1)
+        j = int(np.argmin(away))
+        if away[j] > NEAR + 2.0 * sigma:
+            return None
+        source, target = self._seen(recent), local_cloud(self._places, j, AROUND, AROUND)
+        guess = motion(self._poses[j], expected)
+        laid = nearby(source, target, guess)
+        if (laid is None or not _within(guess, laid[0], sigma, turn_)) and sigma > 0.5:
+            laid = anywhere(source, target)
+        if laid is None or not _within(guess, laid[0], sigma, turn_):
+            return None
+        return compose(self._poses[j], laid[0])
+
+    def search(self, recent: Keyframes) -> list[tuple[FloatArray, float]]:
+        """Placements of the robot's newest keyframe on parts of the map, with how much speaks for each."""
+        source, found = self._seen(recent), []
+        for j in self._turns(recent):
+            laid = anywhere(source, local_cloud(self._places, j, AROUND, AROUND))
+            if laid is not None:
+                found.append((compose(self._poses[j], laid[0]), laid[1]))
+        return found
+
+    def _seen(self, recent: Keyframes) -> FloatArray:
+        return local_cloud(recent, len(recent) - 1, BACK, 0.0)
+
+    def _turns(self, recent: Keyframes) -> list[int]:
+        """Places that look like the robot's, and the next of all, so that none is left out for ever."""
+        if self._looks is None:
+            self._looks = _Looks(self._places)
+        points = recent[len(recent) - 1].points
+        assert points is not None
+        turns: list[int] = []
+        for j in self._looks.alike(points):
+            if all(length(motion(self._poses[j], self._poses[o])) >= SPACING for o in turns):
+                turns.append(j)
+            if len(turns) == ALIKE:
+                break
+        for _ in range(min(IN_TURN, len(self._parts))):
+            turns.append(self._parts[self._next % len(self._parts)])
+            self._next += 1
+        return list(dict.fromkeys(turns))
+
+
+class _Looks:
+    """The map's clouds as the classifier knows them."""
+
+    def __init__(self, places: Keyframes) -> None:
+        self._model = shipped_model("best_3d")
+        clouds = [places[k].points for k in range(len(places))]
+        self._database = self._model.database(
+            [features_3d(cloud, CLOUD_RANGE) for cloud in clouds if cloud is not None]
+        )
+        self._rows: deque[FloatArray] = deque(maxlen=PREDECESSORS + 1)
+
+    def alike(self, points: FloatArray) -> list[int]:
+        """All places of the map, the most alike to a cloud (N, 3) first; clouds are asked about in order of path."""
+        if not len(points):
+            return []
+        self._rows.appendleft(self._model.odds(features_3d(points, CLOUD_RANGE), self._database))
+        assert self._model.context is not None
+        likelihood = self._model.context.score(context_features(list(self._rows)))
+        return [int(j) for j in np.argsort(-likelihood, kind="stable")]
+
+
+def spread(where: FloatArray) -> list[int]:
+    """Places (N, 2 | 3) of which none are nearer to each other than SPACING, and all others to one of them."""
+    chosen: list[int] = []
+    for j in range(len(where)):
+        away = where[chosen] - where[j] if chosen else np.full((1, where.shape[1]), np.inf)
+        if np.linalg.norm(away, axis=1).min() >= SPACING:
+            chosen.append(j)
+    return chosen
+
+
+def _within(guess: FloatArray, found: FloatArray, sigma: float, turn_: float) -> bool:
+    off = motion(guess, found)
+    return length(off) <= 2.5 * sigma + 0.3 and turn(off) <= 2.5 * turn_ + 0.1

@@ -1,0 +1,1 @@
+"""Keyframes, candidates for closures, and SLAM over them."""

@@ -1,0 +1,225 @@
+"""From a keyframe to placements on the map: candidates by place and by appearance, verified by registration.
+
+Candidates lie within the uncertainty of the current estimate (the odometry gate of section 2.5), or look alike to the
+classifier and lie within it too. Each is laid on the map by `registration.placement.align_submaps`, local map
+on local map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from loop_closure.graph.pose_graph import Edge
+from loop_closure.keyframes import Keyframes
+from loop_closure.motions import compose, length, motion, planar, positions, turn
+from loop_closure.slam.cloud_closing import lay
+from loop_closure.work import Steps
+from registration.placement.align_submaps import APART, align_submaps, ambiguous
+
+CERTAIN_IN_SPACE = 2.0  # metres: a cloud of a street has far more to tell than a scan
+LAYING, LAYING_CLOUD = (3.0, 6.0), 60.0  # ms of laying a local map on another, known well and not; of a cloud
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Where a keyframe may be: standard deviations (N,) relative to it of all others."""
+
+    sigma: FloatArray
+    turn: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A candidate that registration found to fit.
+
+    merit : how much speaks for it, metres of outline. fitness : agreeing share of what both saw.
+    certain : whether the estimate was so good beforehand that nothing else could have been meant.
+    alone : no other placement does nearly as well. sigma : metres, standard deviation of the place beforehand.
+    expected : whether it lies where the estimate allows it; what does not can only speak against others.
+    missed : metres between the estimate and the placement.
+    """
+
+    edge: Edge
+    merit: float
+    fitness: float
+    certain: bool
+    alone: bool
+    likelihood: float
+    sigma: float = 0.0
+    expected: bool = True
+    missed: float = 0.0
+
+
+@dataclass(frozen=True)
+class Search:
+    """How candidates are looked for; metres."""
+
+    apart: float = 10.0  # path between a place and its revisit
+    near: float = 3.0  # distance at which two local maps have something in common
+    back: float = 6.0  # of the newer local map
+    around: float = 4.0  # of the older one, to either side
+    certain: float = 0.4  # standard deviation below which a placement within the gate needs no second opinion
+    spread: float = 3.0  # path between candidates
+    few: int = 3  # candidates where the place is known well
+    many: int = 10  # where it is not
+    deviations: float = 2.5
+    only_certain: bool = False  # leave out what would have to wait
+    farthest: float = 25.0  # standard deviation beyond which only what looks alike is laid on the map
+    alike: int = 5  # candidates that look alike
+    anywhere: bool = False  # only what looks alike is laid on the map, wherever it is
+
+
+def looking(
+    k: int,
+    keyframes: Keyframes,
+    poses: FloatArray,
+    gate: Gate,
+    search: Search,
+    likely: dict[int, float] | None = None,
+    both: bool = False,
+) -> Steps[list[Fit]]:
+    """Placements of keyframe `k` that can be believed, best first; a step for each that is tried.
+
+    likely : likelihood of earlier keyframes by the classifier. both : use the path after `k` too, in hindsight.
+    """
+    chosen = candidates_of(k, keyframes, poses, gate, search, likely or {})
+    if not chosen:
+        return []
+    if not planar(poses):
+        yield LAYING_CLOUD
+        return _look_around(k, chosen, keyframes, poses, gate, search)
+    source = keyframes.local_map(
+        k, search.back if not both else search.around, search.around if both else 0.0
+    )
+    fits: list[Fit] = []
+    for j in chosen:
+        yield LAYING[bool(gate.sigma[j] > search.certain or search.anywhere)]
+        target = keyframes.local_map(j, search.around, search.around)
+        guess = motion(poses[j], poses[k])
+        # What looks alike far from the estimate makes that as doubtful as it is far off.
+        outside = search.anywhere and length(guess) > search.near + search.deviations * gate.sigma[j]
+        sigma = max(float(gate.sigma[j]), length(guess) / search.deviations if outside else 0.0)
+        loose = sigma > search.certain
+        reach = search.deviations * sigma + 0.3
+        window = np.pi if outside else min(search.deviations * float(gate.turn[j]) + 0.12, np.pi)
+        if loose:
+            # As far as corridors repeat, even where less would do: odometry that slipped by a door is sure of itself.
+            reach = search.near + search.spread
+            guess = nearer(guess, reach)
+        placements = align_submaps(source, target, guess, reach, window)
+        if not placements or not placements[0].sure:
+            continue
+        alone = not ambiguous(placements)
+        # Where the place is not known well, what fits half as well elsewhere waits as a rival.
+        for placement in placements if loose else placements[:1]:
+            missed = length(motion(motion(poses[j], poses[k]), placement.pose))
+            weighty = placement.merit > 0.5 * placements[0].merit
+            expected = missed <= search.deviations * sigma + 0.5
+            if not placement.sure or not weighty or not (expected or loose):
+                continue
+            edge = Edge(j, k, placement.pose, placement.covariance, True)
+            likelihood = (likely or {}).get(j, 0.0)
+            fits.append(
+                Fit(
+                    edge,
+                    placement.merit,
+                    placement.fitness,
+                    not loose,
+                    alone,
+                    likelihood,
+                    sigma,
+                    expected,
+                    missed,
+                )
+            )
+    fits.sort(key=lambda fit: -fit.merit)
+    return fits
+
+
+def candidates_of(
+    k: int, keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search, likely: dict[int, float]
+) -> list[int]:
+    """Earlier keyframes that may show the place of `k`, the most promising first."""
+    paths = keyframes.paths[: len(poses)]
+    if search.anywhere:
+        return _spread([], sorted(likely, key=lambda j: -likely[j]), paths, search.spread, search.alike)
+    where = positions(poses)
+    away = np.linalg.norm(where - where[k], axis=1)
+    reach = search.near + search.deviations * gate.sigma
+    allowed = (paths <= paths[k] - search.apart) & (away <= reach) & (gate.sigma <= search.farthest)
+    allowed[k:] = False
+    if search.only_certain:
+        allowed &= gate.sigma <= search.certain
+    pool = np.flatnonzero(allowed)
+    loose = not len(pool) or gate.sigma[pool].min() > search.certain
+    chosen: list[int] = []
+    if loose and likely:
+        alike = [j for j in sorted(likely, key=lambda j: -likely[j]) if away[j] <= reach[j]]
+        _spread(chosen, alike, paths, search.spread, search.alike)
+    # The better known ones first, nearest first.
+    rank = away[pool] / reach[pool]
+    order = pool[np.argsort(rank, kind="stable")].tolist()
+    if loose:
+        return _spread(chosen, order, paths, search.spread, len(chosen) + search.many)
+    return _spread(chosen, order, paths, 2.0 * search.spread, search.few)
+
+
+def lost(k: int, keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search) -> bool:
+    """Whether keyframe `k` may be at places that are not known well, and at none that is: looks matter then."""
+    away = np.linalg.norm(positions(poses) - positions(poses)[k], axis=1)
+    near = keyframes.paths[: len(poses)] <= keyframes.paths[k] - search.apart
+    near &= away <= search.near + search.deviations * gate.sigma
+    return bool(near.any() and gate.sigma[near].min() > search.certain)
+
+
+def _spread(chosen: list[int], more: list[int], paths: FloatArray, gap: float, limit: int) -> list[int]:
+    """`chosen` with those of `more` that are `gap` metres of path away from all others, up to `limit`."""
+    for j in more:
+        if len(chosen) >= limit:
+            break
+        if all(abs(paths[j] - paths[other]) >= gap for other in chosen):
+            chosen.append(j)
+    return chosen
+
+
+def nearer(guess: FloatArray, reach: float) -> FloatArray:
+    """A guess (3,) brought to within half of `reach` metres: a revisit passes close by."""
+    away = float(np.hypot(guess[0], guess[1]))
+    if away <= 0.5 * reach:
+        return guess
+    moved = guess.copy()
+    moved[:2] *= 0.5 * reach / away
+    return moved
+
+
+def _look_around(
+    k: int, chosen: list[int], keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search
+) -> list[Fit]:
+    """The same for clouds, which are rarely mistaken for each other but take long to register: one candidate does."""
+    fits = []
+    for j in chosen[:1]:
+        sigma = float(gate.sigma[j])
+        guess = motion(poses[j], poses[k])
+        laid = lay(keyframes, j, k, guess, sigma, search.deviations * sigma + 1.0)
+        if laid is not None:
+            edge, fitness = laid
+            fits.append(Fit(edge, 100.0 * fitness, fitness, sigma <= CERTAIN_IN_SPACE, True, 0.0, sigma))
+    return fits
+
+
+def agree(fits: list[Fit], poses: FloatArray) -> bool:
+    """Whether all placements put the keyframe at the same place."""
+    placed = [compose(poses[fit.edge.a], fit.edge.motion) for fit in fits]
+    return all(
+        length(motion(placed[0], other)) <= APART[0] and turn(motion(placed[0], other)) <= APART[1]
+        for other in placed[1:]
+    )
+
+
+def off(edge: Edge, poses: FloatArray) -> tuple[float, float]:
+    """Metres and radians by which a closure misses the current estimate."""
+    error = motion(motion(poses[edge.a], poses[edge.b]), edge.motion)
+    return length(error), turn(error)

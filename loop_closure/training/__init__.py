@@ -1,0 +1,1 @@
+"""How place models are learned and judged (Paper A, section 5)."""

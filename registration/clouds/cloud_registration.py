@@ -1,0 +1,181 @@
+"""Registration of clouds from a guess, coarse to fine: generalised ICP by small_gicp, or the text's 3D NDT."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from estimation.checks import FloatArray
+from estimation.errors import InputError
+from registration.clouds.ndt import ndt_clouds
+from registration.result import Registration
+
+LEAST_POINTS = 100
+OPEN_VARIANCE = 1.0  # m² and rad²
+LEAST_FITNESS = 0.4
+EVEN = 5.0  # edge of the voxels that NDT has one point of each, in units of the finest
+# Ways from a guess to the end: voxel edges in units of the finest, and metres within which points correspond.
+SCHEDULES = (
+    ((8.0, 2.0), (4.0, 1.0), (1.0, 1.0)),
+    ((2.0, 3.0), (2.0, 1.0), (1.0, 1.0)),
+    ((1.0, 3.0), (1.0, 0.3), (1.0, 1.0)),
+    ((1.0, 1.0),),
+)
+
+
+def checked_cloud(name: str, cloud: NDArray[np.float64]) -> FloatArray:
+    """(N, 3) float64, what is not finite dropped."""
+    points = np.asarray(cloud, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{name}: array (N, 3) expected, got shape {points.shape}")
+    return np.ascontiguousarray(points[np.isfinite(points).all(axis=1)])
+
+
+def leaf_size(cloud: FloatArray) -> float:
+    """Voxel edge for a cloud, metres: a six-hundredth of its extent, between 2 cm and 0.3 m."""
+    low, high = np.quantile(cloud, (0.02, 0.98), axis=0)
+    return float(np.clip(np.linalg.norm(high - low) / 600.0, 0.02, 0.3))
+
+
+def too_few(source: FloatArray, target: FloatArray, start: FloatArray) -> Registration | None:
+    """A refusal where a cloud has too few distinct points, else None."""
+    for name, cloud in (("source", source), ("target", target)):
+        distinct = len(np.unique(np.round(cloud, 3), axis=0))
+        if distinct < LEAST_POINTS:
+            reason = f"{name} has {distinct} distinct points; at least {LEAST_POINTS} are needed"
+            return Registration(start, OPEN_VARIANCE * np.eye(6), 0.0, False, reason)
+    return None
+
+
+def align_clouds(
+    source: FloatArray, target: FloatArray, start: FloatArray, close: bool = False
+) -> Registration:
+    """GICP of `source` on `target` (N, 3) metres from `start` (4, 4), which is within decimetres where `close`."""
+    moving, still = checked_cloud("source", source), checked_cloud("target", target)
+    refusal = too_few(moving, still, start)
+    if refusal is not None:
+        return refusal
+    leaf = leaf_size(still)
+    best: tuple[float, Any] | None = None
+    for schedule in SCHEDULES[1 if close else 0 :]:
+        transform = start
+        for size, near in schedule:
+            outcome = _gicp(moving, still, transform, size * leaf, near)
+            transform = np.asarray(outcome.T_target_source)
+        # A wrong minimum a degree away looks nearly as good: only a close look tells.
+        score = -_distance(moving, still, transform, 3.0 * leaf)
+        if best is None or score > best[0]:
+            best = score, outcome
+    assert best is not None
+    return _judged(moving, still, best[1], leaf, best[1].converged)
+
+
+def align_clouds_ndt(source: FloatArray, target: FloatArray, start: FloatArray) -> Registration:
+    """As `align_clouds` by the normal distributions transform, which the paper has in its place."""
+    moving, still = checked_cloud("source", source), checked_cloud("target", target)
+    refusal = too_few(moving, still, start)
+    if refusal is not None:
+        return refusal
+    leaf = leaf_size(still)
+    edge = EVEN * leaf
+    transform, settled = ndt_clouds(_thin(moving, edge), _thin(still, edge), start, leaf)
+    # One look at the surfaces around the outcome gives its information; the pose stays what the method found.
+    look = _gicp(moving, still, transform, leaf, 1.0, most=1)
+    return _judged(moving, still, look, leaf, settled, transform)
+
+
+def _judged(
+    moving: FloatArray,
+    still: FloatArray,
+    outcome: Any,
+    leaf: float,
+    settled: bool,
+    transform: FloatArray | None = None,
+) -> Registration:
+    """What an `outcome` of small_gicp amounts to, or a `transform` (4, 4) near which it is."""
+    if transform is None:
+        transform = np.asarray(outcome.T_target_source)
+    covariance, opened = _covariance(outcome, transform)
+    fitness = overlap(moving, still, transform, 3.0 * leaf)
+    reason = ""
+    if not settled:
+        reason = "the iterations did not settle"
+    elif fitness < LEAST_FITNESS:
+        reason = f"only {fitness:.0%} of the source overlaps the target"
+    if reason or not opened:
+        return Registration(transform, covariance, fitness, not reason, reason)
+    reason = "the clouds leave a direction of motion open"
+    return Registration(transform, covariance, fitness, True, reason)
+
+
+def _gicp(
+    source: FloatArray, target: FloatArray, start: FloatArray, leaf: float, near: float, most: int = 60
+) -> Any:
+    # Imported here: planar registration needs neither the library nor the time to load it.
+    import small_gicp
+
+    return small_gicp.align(
+        target,
+        source,
+        init_T_target_source=start,
+        registration_type="GICP",
+        downsampling_resolution=leaf,
+        max_correspondence_distance=near,
+        max_iterations=most,
+        translation_epsilon=1e-4,
+        rotation_epsilon=1e-4,
+    )
+
+
+def polish(
+    source: FloatArray, target: FloatArray, start: FloatArray, leaf: float, near: float
+) -> tuple[FloatArray, bool]:
+    """One GICP of thinned clouds (N, 3) from `start` (4, 4), and whether it settled.
+
+    leaf : metres, voxel edge. near : metres within which points correspond.
+    """
+    outcome = _gicp(source, target, start, leaf, near)
+    return np.asarray(outcome.T_target_source), bool(outcome.converged)
+
+
+def overlap(source: FloatArray, target: FloatArray, transform: FloatArray, near: float) -> float:
+    """Share of the source's voxels within `near` metres of the target, of those inside the target's extent."""
+    placed = _thin(source, near) @ transform[:3, :3].T + transform[:3, 3]
+    low, high = target.min(axis=0) - near, target.max(axis=0) + near
+    inside = placed[((placed >= low) & (placed <= high)).all(axis=1)]
+    if len(inside) < 0.1 * len(placed):
+        return 0.0
+    distance, _ = cKDTree(target).query(inside, distance_upper_bound=near)
+    return float(np.isfinite(distance).mean())
+
+
+def _distance(source: FloatArray, target: FloatArray, transform: FloatArray, most: float) -> float:
+    """Mean distance of the source's points from the target, each counted up to `most` metres."""
+    placed = source[:: max(1, len(source) // 10000)] @ transform[:3, :3].T + transform[:3, 3]
+    distance, _ = cKDTree(target).query(placed, distance_upper_bound=most)
+    return float(np.minimum(distance, most).mean())
+
+
+def _thin(cloud: FloatArray, leaf: float) -> FloatArray:
+    """One point per voxel."""
+    _, first = np.unique(np.floor(cloud / leaf).astype(np.int64), axis=0, return_index=True)
+    return cloud[np.sort(first)]
+
+
+def _covariance(outcome: Any, transform: FloatArray) -> tuple[FloatArray, bool]:
+    """(6, 6) of (x, y, z, rotation about x, y, z) in the target frame, and whether a direction is open.
+
+    small_gicp's Hessian is of (rotation, translation) in the source frame and knows the noise only up to a
+    factor, which the residuals give.
+    """
+    square = 2.0 * outcome.error / max(outcome.num_inliers, 1)
+    order = [3, 4, 5, 0, 1, 2]
+    information = np.asarray(outcome.H)[np.ix_(order, order)] / max(square, 1e-12)
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    variances = 1.0 / np.maximum(values, 1.0 / OPEN_VARIANCE)
+    turn = np.kron(np.eye(2), transform[:3, :3])
+    covariance = turn @ ((vectors * variances) @ vectors.T) @ turn.T
+    return covariance, bool(variances.max() > 0.25 * OPEN_VARIANCE)

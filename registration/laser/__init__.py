@@ -1,0 +1,1 @@
+"""A scan as every method sees it: prepared once, surfaces, local maps."""

@@ -1,0 +1,184 @@
+"""The surroundings as line elements, fused from many scans: what scan odometry registers against.
+
+An element is a point on a surface with the surface's normal. A scan that sees it again moves it along its normal
+only, by a running mean, so that noise averages out and nothing slides along walls. Elements that later beams pass
+through are taken out: they were somebody passing by.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimation.checks import FloatArray
+from estimation.geometry.sight import THROUGH
+from registration.laser.buckets import CELL, EMPTY, bucket_of, fill, nearest
+from registration.laser.prepared import ScanView
+from registration.laser.surface import Surface
+from registration.laser.target_lines import TargetLines
+
+SPACING = 0.06  # metres between elements of one surface
+MOST_HITS = 40.0  # an element goes on following a surface that moves a little
+DOUBT = 0.08  # metres, standard deviation of an element where a scan looks: the map bends
+SIGHT = 12.0  # metres within which the map is straight enough to tell what beams pass
+CAPACITY = 8192
+BUCKETS = 16384
+
+
+@njit(cache=True)
+def _insert(  # type: ignore[no-untyped-def]
+    points, normals, tilt, trust, pose, now, room, spacing, most_hits, agree,
+    element, element_normal, element_tilt, facing, hits, seen, heads, following, count,
+):  # fmt: skip
+    """Fuse a scan's points at `pose` into the elements; returns the new number of elements."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    mask = len(heads) - 1
+    for k in range(len(points)):
+        x = pose[0] + c * points[k, 0] - s * points[k, 1]
+        y = pose[1] + s * points[k, 0] + c * points[k, 1]
+        nx = c * normals[k, 0] - s * normals[k, 1]
+        ny = s * normals[k, 0] + c * normals[k, 1]
+        far = max(math.hypot(points[k, 0], points[k, 1]), 1e-6)
+        front = (normals[k, 0] * points[k, 0] + normals[k, 1] * points[k, 1]) / far
+        if tilt[k] < math.inf:
+            m = nearest(x, y, nx, ny, spacing, agree, True, element, element_normal, heads, following)
+        else:
+            m = _nearest_bare(x, y, 0.5 * spacing, element, heads, following)
+        if m >= 0:
+            w = hits[m]
+            mx, my = element_normal[m, 0], element_normal[m, 1]
+            off = mx * (x - element[m, 0]) + my * (y - element[m, 1])
+            gain = trust[k] / (w + trust[k])
+            element[m, 0] += mx * off * gain
+            element[m, 1] += my * off * gain
+            if tilt[k] < math.inf:
+                a, b = 1.0 / element_tilt[m], 1.0 / tilt[k]
+                mx, my = a * mx + b * nx, a * my + b * ny
+                length = math.hypot(mx, my)
+                element_normal[m, 0], element_normal[m, 1] = mx / length, my / length
+                # Bounded: a surface is never straighter than the next scan may show it to be.
+                element_tilt[m] = max(1.0 / (a + b), 2e-5)
+            facing[m] += (front - facing[m]) * gain
+            hits[m] = min(w + trust[k], most_hits)
+            seen[m] = now
+        elif count < room:
+            m = count
+            count += 1
+            element[m, 0], element[m, 1] = x, y
+            element_normal[m, 0], element_normal[m, 1] = nx, ny
+            element_tilt[m] = tilt[k]
+            facing[m] = front
+            hits[m] = trust[k]
+            seen[m] = now
+            cell = bucket_of(math.floor(x / CELL), math.floor(y / CELL), mask)
+            following[m] = heads[cell]
+            heads[cell] = m
+    return count
+
+
+@njit(cache=True)
+def _nearest_bare(x, y, reach, points, heads, following):  # type: ignore[no-untyped-def]
+    mask = len(heads) - 1
+    best, found = reach * reach, EMPTY
+    for i in range(math.floor((x - reach) / CELL), math.floor((x + reach) / CELL) + 1):
+        for j in range(math.floor((y - reach) / CELL), math.floor((y + reach) / CELL) + 1):
+            k = heads[bucket_of(i, j, mask)]
+            while k != EMPTY:
+                dx, dy = x - points[k, 0], y - points[k, 1]
+                if dx * dx + dy * dy < best:
+                    best, found = dx * dx + dy * dy, k
+                k = following[k]
+    return found
+
+
+@njit(cache=True)
+def _keep(element, normal, tilt, facing, hits, seen, count, x, y, radius, oldest):  # type: ignore[no-untyped-def]
+    """Move what stays to the front; returns how many stay."""
+    kept = 0
+    for k in range(count):
+        dx, dy = element[k, 0] - x, element[k, 1] - y
+        if hits[k] <= 0.0 or dx * dx + dy * dy > radius * radius or seen[k] < oldest:
+            continue
+        element[kept, 0], element[kept, 1] = element[k, 0], element[k, 1]
+        normal[kept, 0], normal[kept, 1] = normal[k, 0], normal[k, 1]
+        tilt[kept], facing[kept], hits[kept], seen[kept] = tilt[k], facing[k], hits[k], seen[k]
+        kept += 1
+    return kept
+
+
+class LineMap:
+    """Elements around the sensor, in the odometry frame.
+
+    radius : metres from the sensor within which elements are kept.
+    memory : metres of travel after which an element not seen again is dropped.
+    """
+
+    def __init__(self, radius: float, memory: float) -> None:
+        self.radius, self.memory = radius, memory
+        self._points, self._normals = np.zeros((CAPACITY, 2)), np.zeros((CAPACITY, 2))
+        self._tilt, self._hits, self._seen = np.full(CAPACITY, np.inf), np.zeros(CAPACITY), np.zeros(CAPACITY)
+        self._facing = np.zeros(CAPACITY)
+        self._heads = np.full(BUCKETS, EMPTY, dtype=np.int32)
+        self._following = np.full(CAPACITY, EMPTY, dtype=np.int32)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def points(self) -> FloatArray:
+        """(M, 2) metres."""
+        return self._points[: self._count]
+
+    @property
+    def target(self) -> TargetLines:
+        """The elements as the target of a registration; a view, valid until the next change."""
+        return TargetLines(self._points, self._normals, self._tilt, self._heads, self._following)
+
+    @property
+    def facing(self) -> FloatArray:
+        """Mean cosine between each element's normal and the beams that saw it, (M,); a view."""
+        return self._facing
+
+    def seen_through(self, view: ScanView, pose: FloatArray) -> NDArray[np.bool_]:
+        """Which elements stand in space that a scan taken at `pose` (3,) saw through, (M,)."""
+        near = np.hypot(self.points[:, 0] - pose[0], self.points[:, 1] - pose[1]) < SIGHT
+        return near & (view.sight(self.points, pose, DOUBT) == THROUGH)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._count = 0
+        self._heads[:] = EMPTY
+
+    def add(self, surface: Surface, view: ScanView, pose: FloatArray, travelled: float) -> None:
+        """Fuse a scan taken at `pose` (3,) after `travelled` metres."""
+        if len(view.ranges) > 2 and self._count:
+            self._hits[: self._count][self.seen_through(view, pose)] -= 2.0
+        self._prune(pose, travelled)
+        self._count = int(
+            _insert(
+                surface.feet, surface.normals, surface.tilt, surface.trust, pose, travelled, CAPACITY,
+                SPACING, MOST_HITS, 0.7, self._points, self._normals, self._tilt, self._facing, self._hits,
+                self._seen, self._heads, self._following, self._count,
+            )
+        )  # fmt: skip
+
+    def _prune(self, pose: FloatArray, travelled: float) -> None:
+        # When there is no room left, what has not been seen for longest goes first.
+        memory = self.memory
+        radius = self.radius
+        while True:
+            self._count = int(
+                _keep(
+                    self._points, self._normals, self._tilt, self._facing, self._hits, self._seen,
+                    self._count, pose[0], pose[1], radius, travelled - memory,
+                )
+            )  # fmt: skip
+            if self._count < 0.8 * CAPACITY:
+                break
+            memory, radius = 0.7 * memory, 0.9 * radius
+        # Elements move by fusing, and out of their cell: chained anew each time.
+        fill(self._points[: self._count], self._heads, self._following)

@@ -1,0 +1,178 @@
+"""Local maps: the scans of the last metres of path fused into one outline, with the space they saw through.
+
+A single scan of a forward-looking scanner has little in common with one taken the other way; what was seen along a
+few metres of path has. Odometry over those metres is good to centimetres, so its poses are taken as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimation.checks import FloatArray
+from estimation.geometry.poses import transform_points
+from registration.laser.buckets import any_near, index
+from registration.laser.local_map import LineMap
+from registration.laser.prepared import NOISE, PreparedScan
+from registration.laser.surface import Surface
+from registration.laser.target_lines import TargetLines
+
+CELL = 0.1  # metres, of the raster of seen space
+FAR = (
+    25.0  # metres from the sensor; farther points are too sparse and turned too far by errors of the heading
+)
+MARGIN = 0.2  # metres in front of what a beam hit
+RADIUS = 60.0  # metres around the last scan's sensor that are kept
+SPACING = 0.06  # metres between points of a fused outline
+
+
+@dataclass(frozen=True)
+class Submap:
+    """Fused outline of several scans, in the frame of an anchor pose.
+
+    surface : points (N, 2) and normals. target : the same, hashed. seen : (H, W) whether a cell of CELL metres was
+    seen through; origin : (2,) metres, lower left corner of cell (0, 0). sensors : (K, 3) poses of the scans.
+    """
+
+    surface: Surface
+    target: TargetLines
+    seen: NDArray[np.bool_]
+    origin: FloatArray
+    sensors: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.surface)
+
+    @property
+    def points(self) -> FloatArray:
+        """(N, 2) metres."""
+        return self.surface.points
+
+
+def fuse(scans: Sequence[PreparedScan], poses: FloatArray, workspace: LineMap | None = None) -> Submap:
+    """Local map of scans taken at `poses` (K, 3) in the frame of the anchor, in the order they were taken.
+
+    workspace : a map to fuse in, cleared first; its memory is not part of the result.
+    """
+    local = workspace if workspace is not None else LineMap(RADIUS, np.inf)
+    local.clear()
+    travelled = 0.0
+    for rank, (item, pose) in enumerate(zip(scans, poses, strict=True)):
+        travelled += 0.0 if rank == 0 else float(np.hypot(*(pose[:2] - poses[rank - 1][:2])))
+        local.add(item.surface, item.view, np.ascontiguousarray(pose), travelled)
+    count = len(local)
+    lines = local.target
+    points, normals, tilt = (
+        lines.points[:count].copy(),
+        lines.normals[:count].copy(),
+        lines.tilt[:count].copy(),
+    )
+    heads, following = index(points, normals)
+    target = TargetLines(points, normals, tilt, heads, following)
+    surface = Surface(
+        points,
+        points,
+        normals,
+        tilt,
+        np.full(count, SPACING),
+        np.full(count, SPACING),
+        np.zeros(count, dtype=np.int64),
+        NOISE,
+        0.1,
+        np.ones(count),
+    )
+    seen, origin = _seen_space(scans, poses)
+    return Submap(surface, target, seen, origin, np.array(poses))
+
+
+def _seen_space(scans: Sequence[PreparedScan], poses: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    low = np.asarray(poses)[:, :2].min(axis=0) - FAR
+    high = np.asarray(poses)[:, :2].max(axis=0) + FAR
+    width, height = (np.ceil((high - low) / CELL).astype(int) + 1).tolist()
+    seen = np.zeros((height, width), dtype=np.bool_)
+    for item, pose in zip(scans, poses, strict=True):
+        _see(seen, low, CELL, pose, item.view.ranges, item.view.angle_min, item.view.step, FAR, MARGIN)
+    # Rooms are smaller than what could have been seen, and many local maps are kept.
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if not len(rows):
+        return seen[:1, :1].copy(), low
+    cut = seen[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].copy()
+    return cut, low + CELL * np.array([columns[0], rows[0]])
+
+
+@njit(cache=True)
+def _see(seen, origin, cell, pose, ranges, angle_min, step, far, margin):  # type: ignore[no-untyped-def]
+    """Mark cells beams pass on their way, ending `margin` metres in front of what they or their neighbours hit."""
+    beams = len(ranges)
+    height, width = seen.shape
+    for k in range(beams):
+        reach = ranges[k]
+        if not math.isfinite(reach):
+            continue
+        for j in (k - 1, k + 1):
+            # Next to an edge the beam's own width decides what it hits.
+            if 0 <= j < beams and math.isfinite(ranges[j]):
+                reach = min(reach, ranges[j] + 0.5)
+        reach = min(reach - margin, far)
+        angle = pose[2] + angle_min + k * step
+        dx, dy = math.cos(angle), math.sin(angle)
+        for n in range(int(reach / (0.7 * cell)) + 1):
+            away = n * 0.7 * cell
+            if away > reach:
+                break
+            x, y = (pose[0] + away * dx - origin[0]) / cell, (pose[1] + away * dy - origin[1]) / cell
+            if 0.0 <= x < width and 0.0 <= y < height:
+                seen[int(y), int(x)] = True
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What of a local map's outline another one confirms, contradicts, or did not look at; metres.
+
+    labels : (N,) 0 agrees, 1 stands in space the other saw through, -1 was not looked at.
+    """
+
+    agreeing: float
+    standing: float
+    unknown: float
+    labels: NDArray[np.int8]
+
+    @property
+    def share(self) -> float:
+        """Agreeing share of what was looked at."""
+        return self.agreeing / max(self.agreeing + self.standing, 1e-9)
+
+
+def judge(source: Submap, target: Submap, pose: FloatArray, near: float = 0.12) -> Verdict:
+    """Outline of `source`, at `pose` (3,) in the target's frame, against the target.
+
+    near : metres between outlines that agree; a point stands in seen space only beyond twice that.
+    """
+    labels = np.empty(len(source), dtype=np.int8)
+    placed = np.ascontiguousarray(transform_points(pose, source.points))
+    _label(
+        placed, target.points, target.target.heads, target.target.following, target.seen, target.origin, CELL,
+        near, labels,
+    )  # fmt: skip
+    counts = np.bincount(labels + 1, minlength=3) * SPACING
+    return Verdict(float(counts[1]), float(counts[2]), float(counts[0]), labels)
+
+
+@njit(cache=True)
+def _label(placed, points, heads, following, seen, origin, cell, near, labels):  # type: ignore[no-untyped-def]
+    height, width = seen.shape
+    for k in range(len(placed)):
+        x, y = placed[k, 0], placed[k, 1]
+        if any_near(x, y, near, points, heads, following):
+            labels[k] = 0
+            continue
+        labels[k] = -1
+        i, j = math.floor((x - origin[0]) / cell), math.floor((y - origin[1]) / cell)
+        inside = 0 <= i < width and 0 <= j < height
+        if inside and seen[j, i] and not any_near(x, y, 2.0 * near, points, heads, following):
+            labels[k] = 1

@@ -1,0 +1,1 @@
+"""A sensor followed from scan to scan."""

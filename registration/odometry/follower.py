@@ -1,0 +1,231 @@
+"""Odometry: follows one sensor from scan to scan or cloud to cloud (sections 2.5 and 4.3 of Paper A).
+
+One object follows one sensor and takes either planar scans or spatial clouds, never both. Poses are those
+of the sensor relative to where it stood at the first call.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimation.checks import FloatArray
+from estimation.errors import InputError
+from registration.laser.scan import Scan
+from registration.odometry.kiss import KissTracker
+from registration.odometry.odometry_step import Step, accumulate, matrix_to_planar, planar_to_matrix
+from registration.odometry.scan_odometry import ScanTracker, Tuning
+from registration.placement.align import as_guess
+
+SCAN_METHODS = ("local_map", "kiss_icp")
+SCAN_SETTINGS = [item.name for item in fields(Tuning) if item.name != "drift"]  # fields both share
+
+
+def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
+    metadata = {"unit": unit, "description": text, "low": low, "high": high}
+    value: float = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True)
+class OdometryConfig:
+    """Settings of `Odometry`; each field's metadata has its unit, meaning and allowed range."""
+
+    scan_method: str = field(
+        default="local_map",
+        metadata={"description": "how planar scans are registered", "choices": SCAN_METHODS},
+    )
+    max_range: float = _setting(80.0, "m", "points farther away are not used", 0.5, 1000.0)
+    map_radius: float = _setting(30.0, "m", "radius of the local map around the sensor", 1.0, 500.0)
+    map_memory: float = _setting(
+        100.0, "m", "the local map forgets what was not seen again during this travel", 1.0, 1e6
+    )
+    key_distance: float = _setting(0.15, "m", "travel after which a scan is added to the map", 0.0, 10.0)
+    key_turn: float = _setting(0.1, "rad", "turn after which a scan is added to the map", 0.0, 3.2)
+    doubt: float = _setting(0.3, "m", "how far a predicted scan may be off the map", 0.02, 2.0)
+    tolerance: float = _setting(
+        0.08, "m", "largest deviation of a point from a line it belongs to", 0.005, 0.5
+    )
+    patience: int = field(
+        default=8,
+        metadata={
+            "description": "a new local map begins after this many scans in a row that match nothing",
+            "low": 1,
+            "high": 10000,
+        },
+    )
+    learn_offset: bool = field(
+        default=True, metadata={"description": "learn and correct the scanner's constant range offset"}
+    )
+    scan_voxel_size: float = _setting(0.2, "m", "KISS-ICP's voxel edge for planar scans", 0.01, 10.0)
+    cloud_voxel_size: float = _setting(0.8, "m", "KISS-ICP's voxel edge for clouds", 0.01, 10.0)
+    cloud_noise: float = _setting(0.05, "m", "standard deviation of a cloud point", 0.001, 1.0)
+    static_distance: float = _setting(
+        0.2, "m", "a cloud point this close to the last cloud is static", 0.01, 5.0
+    )
+
+    def __post_init__(self) -> None:
+        if self.scan_method not in SCAN_METHODS:
+            raise InputError(f"scan_method: one of {', '.join(SCAN_METHODS)}, got {self.scan_method!r}")
+        for name, described in self.__dataclass_fields__.items():
+            value = getattr(self, name)
+            low, high = described.metadata.get("low"), described.metadata.get("high")
+            if low is not None and not low <= value <= high:
+                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+
+
+class Odometry:
+    """Pose of a moving range sensor from its scans or clouds.
+
+    Attributes (after a call of `register`)
+    ----------
+    pose : (3,) x, y, yaw for scans, (4, 4) for clouds; of the sensor, from where it stood at the first call.
+    covariance : (3, 3) | (6, 6) of `pose`, accumulated since the first call. Consecutive increments share the noise
+        of the scan between them, so this grows less than the sum of `increment_covariance`.
+    increment : motion since the previous call, in the previous sensor frame; same form as `pose`.
+    increment_covariance : (3, 3) | (6, 6) of `increment`.
+    converged : False where `pose` was only predicted or contradicts the data; unsure : its opposite.
+    reason : one sentence saying why it is unsure, empty otherwise.
+    fitness : 0 to 1, share of the points that agree with the map.
+    static_points : (M, 2 | 3) metres, points of the last scan judged static, sensor frame.
+
+    Covariances of spatial poses are of (x, y, z, rotation about x, y, z) in the frame of the pose.
+    """
+
+    def __init__(self, config: OdometryConfig | None = None) -> None:
+        self.config = config or OdometryConfig()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget map, pose and the kind of data: the next call starts a new run."""
+        self._clouds: KissTracker | None = None
+        self._scans: ScanTracker | None = None
+        self._planar = True
+        self.pose: FloatArray = np.zeros(3)
+        self.covariance: FloatArray = np.zeros((3, 3))
+        self._lasting: FloatArray = np.zeros((3, 3))
+        self._take(Step(np.zeros(3), np.zeros((3, 3)), True, "", 1.0, np.zeros((0, 2))))
+
+    @property
+    def unsure(self) -> bool:
+        return not self.converged
+
+    def register(
+        self,
+        scan_or_cloud: Scan | ArrayLike,
+        stamp: float,
+        guess: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+    ) -> FloatArray:
+        """Register the next scan or cloud and return the sensor's pose.
+
+        Parameters
+        ----------
+        scan_or_cloud : `Scan`, or cloud (N, 3) metres; points that are not finite are dropped.
+        stamp : seconds, time of the measurement.
+        guess : motion since the previous call from elsewhere (wheels), in the previous sensor frame,
+            (3,) for scans and (4, 4) for clouds; without it the sensor is taken to go on as before.
+        times : (N,) seconds of each cloud point relative to the first, to undo the motion during the sweep.
+
+        Returns
+        -------
+        (3,) x, y, yaw for a scan, (4, 4) for a cloud. A scan too poor to register yields the predicted pose;
+        `converged` and `reason` say so.
+
+        Raises
+        ------
+        InputError : wrong shape, guess not finite, or a change between scans and clouds without `reset`.
+        """
+        planar = isinstance(scan_or_cloud, Scan)
+        shape = (3,) if planar else (4, 4)
+        motion = None if guess is None else as_guess(guess, shape, np.zeros(shape))
+        if not np.isfinite(stamp):
+            raise InputError(f"stamp: finite seconds expected, got {stamp}")
+        if isinstance(scan_or_cloud, Scan) and self.config.scan_method == "local_map":
+            self._require(self._clouds is None)
+            step = self._scan_tracker().step(scan_or_cloud, float(stamp), motion)
+        else:
+            step = self._by_kiss(scan_or_cloud, motion, times)
+        self._take(step)
+        self.pose, self._lasting = accumulate(self.pose, self._lasting, step)
+        self.covariance = self._lasting if step.noise is None else self._lasting + step.noise
+        return self.pose.copy()
+
+    def _by_kiss(
+        self, measurement: Scan | ArrayLike, motion: FloatArray | None, times: ArrayLike | None
+    ) -> Step:
+        planar = isinstance(measurement, Scan)
+        cloud, phases = _as_cloud(measurement, times)
+        self._require(self._scans is None and (self._clouds is None or planar == self._planar))
+        tracker = self._cloud_tracker(planar)
+        if not planar:
+            return tracker.step(cloud, motion, phases)
+        return _in_plane(tracker.step(cloud, None if motion is None else planar_to_matrix(motion), phases))
+
+    def _require(self, fits: bool) -> None:
+        if not fits:
+            raise InputError("scan_or_cloud: scans and clouds cannot be mixed; call reset() first")
+
+    def _scan_tracker(self) -> ScanTracker:
+        if self._scans is None:
+            shared = {name: getattr(self.config, name) for name in SCAN_SETTINGS}
+            self._scans = ScanTracker(Tuning(**shared))
+        return self._scans
+
+    def _cloud_tracker(self, planar: bool) -> KissTracker:
+        if self._clouds is None:
+            config = self.config
+            voxel_size = config.scan_voxel_size if planar else config.cloud_voxel_size
+            self._clouds = KissTracker(
+                config.max_range, voxel_size, config.cloud_noise, config.static_distance
+            )
+            self._planar = planar
+            if not planar:
+                self.pose, self._lasting = np.eye(4), np.zeros((6, 6))
+        return self._clouds
+
+    def _take(self, step: Step) -> None:
+        self.increment = step.increment
+        self.increment_covariance = step.covariance
+        self.converged, self.reason = step.converged, step.reason
+        self.fitness = step.fitness
+        self.static_points = step.static_points
+
+
+def _as_cloud(measurement: Scan | ArrayLike, times: ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
+    """Finite points (N, 3) and, where known, their phase in [0, 1] of the sweep."""
+    if isinstance(measurement, Scan):
+        flat = measurement.points()
+        phase = None
+        if measurement.time_increment > 0.0 and len(measurement) > 1:
+            phase = (np.arange(len(measurement)) / (len(measurement) - 1))[measurement.valid]
+        return np.column_stack((flat, np.zeros(len(flat)))), phase
+    cloud = np.asarray(measurement, dtype=np.float64)
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise InputError(f"scan_or_cloud: Scan or array (N, 3) expected, got shape {cloud.shape}")
+    # The sum of a row is finite where all of it is, and takes a tenth of the time to test.
+    finite = np.isfinite(cloud @ np.ones(3))
+    if times is None:
+        return cloud[finite], None
+    seconds = np.asarray(times, dtype=np.float64)
+    if seconds.shape != (len(cloud),):
+        raise InputError(f"times: one per point, ({len(cloud)},) expected, got shape {seconds.shape}")
+    finite &= np.isfinite(seconds)
+    seconds = seconds[finite]
+    span = np.ptp(seconds) if len(seconds) else 0.0
+    return cloud[finite], (seconds - seconds.min()) / span if span > 0.0 else None
+
+
+def _in_plane(step: Step) -> Step:
+    """A step of KISS-ICP on a scan lifted to z = 0, back in the plane."""
+    keep = np.ix_([0, 1, 5], [0, 1, 5])
+    return Step(
+        matrix_to_planar(step.increment),
+        step.covariance[keep],
+        step.converged,
+        step.reason,
+        step.fitness,
+        step.static_points[:, :2],
+    )

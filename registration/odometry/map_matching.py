@@ -1,0 +1,207 @@
+"""Where in a local map a scan was taken: from a prediction, and where that fails, by search around it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.geometry.poses import between, transform_points
+from estimation.geometry.sight import THROUGH
+from registration.laser.local_map import DOUBT, SPACING, LineMap
+from registration.laser.prepared import NOTHING_SEEN, PreparedScan, ScanView
+from registration.placement.align import keep_open
+from registration.placement.consistency import Agreement, weigh
+from registration.placement.correlative import candidates
+from registration.placement.refine import Refined, refine
+
+SURE = 0.6  # share of a scan's outline that needs no second look where it was predicted to be
+SURER = 0.9  # the same elsewhere: somebody walking along with the sensor pulls it along
+FAR = 0.4  # share asked of a match far from the prediction where nothing but the last motion predicts
+TURNED = (
+    0.6  # less what contradicts, asked of a match turned far: rooms and corridors fit themselves backwards
+)
+NEVER = 2.0
+LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
+AGREES, MUCH = 0.65, 6.0  # share and metres of outline that make what contradicts unimportant nearby
+NEW, SOME = 0.3, 2.5  # the same where nothing contradicts
+NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
+WIDE_SEARCH = (2.8, math.pi, 4)
+SIGHT = 15.0  # metres around the prediction a search looks at
+
+
+@dataclass(frozen=True)
+class Match:
+    """A pose and how the scan agrees with the map there.
+
+    against : metres of outline, the map's or the scan's, that stand where the other saw through.
+    """
+
+    refined: Refined
+    agreement: Agreement
+    against: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """Agreeing share of the scan's outline; what the map does not know counts as not agreeing."""
+        every = self.agreement.agreeing + self.agreement.standing + self.agreement.unknown
+        return self.agreement.agreeing / max(every, 1e-9)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether so much of the outline agrees that the rest may contradict: doors open, glass is seen through."""
+        return self.share >= AGREES and self.agreement.agreeing >= MUCH and self.refined.open_directions < 2
+
+    @property
+    def uncontradicted(self) -> bool:
+        """Whether what the map knows agrees, though most of the view is new, as after a corner."""
+        clear = self.against < 0.1 * self.agreement.agreeing and self.refined.open_directions < 2
+        return clear and self.share >= NEW and self.agreement.agreeing >= SOME
+
+    def expected(self, start: FloatArray) -> bool:
+        """Whether it is about what was predicted."""
+        away = between(start, self.refined.pose)
+        return bool(np.hypot(*away[:2]) < 0.12 and abs(away[2]) < 0.06)
+
+    def believable(self, start: FloatArray, far: float, turned: float = TURNED) -> bool:
+        """Whether enough speaks for it: little is enough where it is what was predicted.
+
+        far : share that is asked of a match more than 0.6 m or 0.6 rad from the prediction. turned : the same, less
+        what contradicts, of more than 0.6 rad.
+        """
+        if self.refined.open_directions == 3:
+            return False
+        away = between(start, self.refined.pose)
+        distance, turn = float(np.hypot(*away[:2])), abs(float(away[2]))
+        if distance < 0.25 and turn < 0.12:
+            return self.share >= 0.25
+        least = 0.4
+        if distance > 0.6 or turn > 0.6:
+            # A few pieces of outline fit in many places.
+            if self.refined.open_directions or self.agreement.agreeing < LEAST_OUTLINE:
+                return False
+            least = far
+        doubt = self.against / self.agreement.agreeing if self.agreement.agreeing else 1.0
+        if turn > 0.6 and self.share - doubt < turned:
+            return False
+        return self.share >= least and doubt < 0.4
+
+
+class MapMatcher:
+    """Finds scans in a map.
+
+    doubt : metres a prediction may be off for a plain refinement. tolerance : metres, deviation from a line up to
+    which a point pulls with nearly full weight. It is several times the noise on purpose: a tighter kernel believes
+    the map's own errors and keeps them.
+    """
+
+    def __init__(self, local_map: LineMap, doubt: float, tolerance: float) -> None:
+        self.map, self._doubt, self._tolerance = local_map, doubt, tolerance
+        self._view, self._view_pose = NOTHING_SEEN, np.zeros(3)
+
+    def saw(self, view: ScanView, pose: FloatArray) -> None:
+        """Remember what the last registered scan saw through."""
+        self._view, self._view_pose = view, pose
+
+    def find(
+        self,
+        scan: PreparedScan,
+        start: FloatArray,
+        last: FloatArray,
+        far: float = FAR,
+        wide: bool = False,
+        little: bool = False,
+        other: FloatArray | None = None,
+        turned: float = TURNED,
+    ) -> tuple[Match, bool]:
+        """Best match around `start` (3,), and whether it is to be believed.
+
+        other : a second prediction (3,) that is far from `start`; what the scan agrees with more is followed.
+        far : share asked of a match far from the prediction, above 1 for never. turned : see `Match.believable`.
+        wide : search around `last` too, where the sensor was last sure to be.
+        little : near `start`, little or contradicted agreement is enough: neighbouring scans share little.
+        """
+        best = self._refined(scan, start.copy(), self._doubt)
+        if other is not None:
+            rival = self._refined(scan, other.copy(), self._doubt)
+            if self._outdoes(rival, best, scan):
+                best, start = rival, other
+        if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
+            return best, True
+        if best.believable(start, far, turned) and best.share >= SURER:
+            return best, True
+        tight = self._refined(scan, start.copy(), 0.1)
+        found = [best, tight, *self._search(scan, start, start, NEAR_SEARCH)]
+        best = self._best(found, scan, start, far, turned)
+        if little and not best.believable(start, far, turned):
+            found = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
+            close = [match for match in found if match.agrees or match.uncontradicted]
+            if close:
+                return max(close, key=lambda match: match.agreement.agreeing), True
+        if wide and not best.believable(start, far, turned):
+            found = [best, *self._search(scan, last, start, WIDE_SEARCH)]
+            farther = self._best(found, scan, start, far, turned)
+            # Of what is not to be believed, the nearer.
+            best = farther if farther.believable(start, far, turned) else best
+        return best, best.believable(start, far, turned)
+
+    def outdoes_prediction(self, match: Match, scan: PreparedScan, start: FloatArray) -> bool:
+        """Whether more speaks for a match that is not to be believed than for the prediction `start` (3,) as it is."""
+        away = between(start, match.refined.pose)
+        reach, turn, _ = NEAR_SEARCH
+        if match.refined.open_directions > 1 or np.hypot(*away[:2]) > reach or abs(away[2]) > turn:
+            return False
+        there = replace(match.refined, pose=start)
+        kept = Match(there, weigh(scan.surface, self.map.target, NOTHING_SEEN, start, 0.1))
+        ours, theirs = (replace(m, against=self._against(m, scan)) for m in (match, kept))
+        return _merit(ours, start) > _merit(theirs, start)
+
+    def _outdoes(self, rival: Match, match: Match, scan: PreparedScan) -> bool:
+        """Whether more of the scan's outline agrees there, less what contradicts."""
+        ours, theirs = (m.agreement.agreeing - self._against(m, scan) for m in (match, rival))
+        return rival.refined.open_directions < 3 and theirs > ours
+
+    def _refined(self, scan: PreparedScan, start: FloatArray, doubt: float) -> Match:
+        refined = refine(scan.surface, self.map.target, start, doubt, self._tolerance)
+        return Match(refined, weigh(scan.surface, self.map.target, NOTHING_SEEN, refined.pose, 0.1))
+
+    def _search(
+        self, scan: PreparedScan, around: FloatArray, start: FloatArray, window: tuple[float, float, int]
+    ) -> list[Match]:
+        reach, turn, levels = window
+        local = self.map.points
+        near = np.ascontiguousarray(local[np.hypot(*(local - around[:2]).T) < SIGHT] - around[:2])
+        centre = np.array([0.0, 0.0, around[2]])
+        found = []
+        for candidate in candidates(scan.surface.points, near, centre, reach, turn, levels=levels):
+            pose = candidate[1:] + np.array([around[0], around[1], 0.0])
+            match = self._refined(scan, pose, 0.2)
+            if match.refined.open_directions in (1, 2):
+                held = keep_open(match.refined, start)
+                match = self._refined(scan, held, 0.2)
+            found.append(match)
+        return found
+
+    def _best(
+        self, found: list[Match], scan: PreparedScan, start: FloatArray, far: float, turned: float
+    ) -> Match:
+        judged = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
+        return max(judged, key=lambda match: (match.believable(start, far, turned), _merit(match, start)))
+
+    def _against(self, match: Match, scan: PreparedScan) -> float:
+        """Map outline this scan saw through, and scan outline where the last scan saw through; metres."""
+        pose, surface = match.refined.pose, scan.surface
+        through = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose)))
+        odd = match.agreement.labels != 0
+        points = transform_points(pose, surface.points[odd])
+        standing = self._view.sight(points, self._view_pose, DOUBT) == THROUGH
+        return through + float(surface.length[odd][standing].sum())
+
+
+def _merit(match: Match, start: FloatArray) -> float:
+    """Agreeing outline, less what speaks against it, less for being far from the prediction."""
+    away = between(start, match.refined.pose)
+    far = min(float(np.hypot(*away[:2])) / 0.5 + abs(float(away[2])) / 0.3, 3.0)
+    return match.agreement.agreeing * (1.0 - 0.15 * far) - match.against

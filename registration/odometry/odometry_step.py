@@ -1,0 +1,85 @@
+"""What one odometry step yields, and how the uncertainty of steps adds up along a path.
+
+Covariances of a planar pose are of (x, y, yaw). Those of a spatial pose are of (x, y, z, rotation about x,
+about y, about z): translation and small rotations both expressed in the frame the pose is given in, as ROS
+has it. Compounding is App. A.B of Paper A.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+
+
+@dataclass(frozen=True)
+class Step:
+    """One registered scan or cloud.
+
+    increment : motion of the sensor since the last one, in the last sensor frame; (3,) or (4, 4).
+    covariance : of the increment, (3, 3) or (6, 6).
+    converged : False where the increment is only a prediction or contradicts the data; `reason` says why.
+    fitness : 0 to 1, share of the points that agree with the map.
+    static_points : (M, 2 | 3) metres, sensor frame, points judged not to move.
+    drift : covariance that stays, of the increment; what is left of `covariance` is the measurement's own noise and
+        gone with the next one. None where all of it stays.
+    noise : (3, 3) of the pose against the map it was registered to, odometry frame; None where there is none.
+    """
+
+    increment: FloatArray
+    covariance: FloatArray
+    converged: bool
+    reason: str
+    fitness: float
+    static_points: FloatArray
+    drift: FloatArray | None = None
+    noise: FloatArray | None = None
+
+
+def planar_to_matrix(pose: FloatArray) -> FloatArray:
+    """(3,) x, y, yaw to the (4, 4) homogeneous matrix of a motion in the plane."""
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    matrix[:2, 3] = pose[:2]
+    return matrix
+
+
+def matrix_to_planar(matrix: FloatArray) -> FloatArray:
+    """(4, 4) homogeneous matrix to (3,) x, y, yaw; what leaves the plane is dropped."""
+    return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
+
+
+def accumulate(pose: FloatArray, covariance: FloatArray, step: Step) -> tuple[FloatArray, FloatArray]:
+    """Pose and lasting covariance after one more step, (3,), (3, 3) or (4, 4), (6, 6)."""
+    if pose.shape == (3,):
+        return _accumulate_planar(pose, covariance, step)
+    return _accumulate_spatial(pose, covariance, step)
+
+
+def _accumulate_planar(pose: FloatArray, covariance: FloatArray, step: Step) -> tuple[FloatArray, FloatArray]:
+    lasting = step.covariance if step.drift is None else step.drift
+    matrix = planar_to_matrix(pose)
+    offset = matrix[:2, :2] @ step.increment[:2]
+    moved = np.array([*(pose[:2] + offset), pose[2] + step.increment[2]])
+    moved[2] = np.arctan2(np.sin(moved[2]), np.cos(moved[2]))
+    by_pose = np.eye(3)
+    by_pose[:2, 2] = [-offset[1], offset[0]]
+    by_step = np.eye(3)
+    by_step[:2, :2] = matrix[:2, :2]
+    return moved, by_pose @ covariance @ by_pose.T + by_step @ lasting @ by_step.T
+
+
+def _accumulate_spatial(
+    pose: FloatArray, covariance: FloatArray, step: Step
+) -> tuple[FloatArray, FloatArray]:
+    lasting = step.covariance if step.drift is None else step.drift
+    rotation = pose[:3, :3]
+    x, y, z = rotation @ step.increment[:3, 3]
+    by_pose = np.eye(6)
+    by_pose[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    by_step = np.zeros((6, 6))
+    by_step[:3, :3] = by_step[3:, 3:] = rotation
+    return pose @ step.increment, by_pose @ covariance @ by_pose.T + by_step @ lasting @ by_step.T

@@ -1,0 +1,255 @@
+"""Planar odometry: each scan is registered to the local map around it.
+
+Prediction by the wheels, or by the last motion again (logs have stamps that jitter and run backwards, so no velocity
+is made of them); refinement on lines; where that does not agree with the map, a correlative search around the
+prediction; where that fails too, the prediction is kept and said to be one, and after a while a new map is begun.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.geometry.poses import between, compound, wrap_angle
+from registration.laser.local_map import LineMap
+from registration.laser.prepared import NOISE, PreparedScan, view_of
+from registration.laser.scan import Scan
+from registration.laser.surface import Surface, scan_surface, swept_surface
+from registration.odometry.habit import Habit
+from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match
+from registration.odometry.odometry_step import Step
+from registration.odometry.range_offset import RangeOffset
+from registration.placement.refine import EFFICIENCY, Refined
+
+MAP_NOISE = (
+    1.2  # variance of a scan's pose, map and scan noise together, over that from the scan's noise alone
+)
+OUT_OF_VIEW = 2.0  # metres without a sure pose after which a sensor that never stops begins a new map
+RIVAL = (0.25, 0.2)  # metres, radians between wheels and the last motion from which both are tried
+LEAST_LINED = 15  # points on lines below which a scan is not registered
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Settings of `ScanTracker`; metres and radians. `OdometryConfig` says what they mean."""
+
+    max_range: float = 80.0
+    map_radius: float = 30.0
+    map_memory: float = 100.0
+    key_distance: float = 0.15
+    key_turn: float = 0.1
+    doubt: float = 0.3
+    tolerance: float = 0.08
+    patience: int = 8
+    learn_offset: bool = True
+    drift: float = 0.1
+
+
+class ScanTracker:
+    """Follows scans against a map of line elements."""
+
+    def __init__(self, tuning: Tuning | None = None) -> None:
+        self.tuning = tuning or Tuning()
+        self.map, self._matcher = self._empty()
+        # Of the scans since the map was lost; takes its place if it is not found again.
+        self._spare, self._spare_matcher = self._empty()
+        self.offset = RangeOffset()
+        self.pose = np.zeros(3)
+        self._habit = Habit()
+        self._key, self._sure = np.zeros(3), np.zeros(3)
+        self._last = np.zeros(3)  # motion of the last step
+        self._stamp: float | None = None
+        self._travelled = 0.0
+        self._lost = 0
+        self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
+
+    def _empty(self) -> tuple[LineMap, MapMatcher]:
+        made = LineMap(self.tuning.map_radius, self.tuning.map_memory)
+        return made, MapMatcher(made, self.tuning.doubt, self.tuning.tolerance)
+
+    def step(self, scan: Scan, stamp: float, guess: FloatArray | None) -> Step:
+        """Register one scan; `guess` (3,) is the expected motion since the last."""
+        elapsed = self._elapsed(stamp)
+        motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
+        if guess is None and abs(motion[2]) > NEAR_SEARCH[1]:
+            # Who turned so far between two scans has turned where he wanted.
+            motion = np.array([motion[0], motion[1], 0.0])
+        prepared = PreparedScan(self._surface(scan, motion, elapsed), view_of(scan))
+        lined = int(prepared.surface.lined.sum())
+        poor = (
+            "" if lined >= LEAST_LINED else f"only {lined} points on lines; at least {LEAST_LINED} are needed"
+        )
+        if not len(self.map):
+            return self._begin(prepared, motion, poor)
+        start = compound(self.pose, motion)
+        if poor:
+            return self._predict(motion, guess is not None, poor, 0.0)
+        # Wheels may jump after a gap, but not often: a place far from where they put the sensor needs a second look.
+        astray = self._lost >= 2
+        far = (0.6 if astray else NEVER) if guess is not None else FAR
+        steady = guess is None and self._habit.steady
+        match, believable = self._matcher.find(
+            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess),
+            TURNED if guess is None else 0.0,
+        )  # fmt: skip
+        if steady and believable and self._lost < 2:
+            # Not longer, lest a sensor that is lost be never found.
+            moved = between(self._sure, match.refined.pose)
+            believable = self._habit.plausible(moved, self._lost + 1)
+        if not believable:
+            return self._stray(prepared, motion, guess is not None, match)
+        return self._accept(prepared, motion, guess is not None, match)
+
+    def _rival(self, guess: FloatArray | None) -> FloatArray | None:
+        """Where the last motion leads, if wheels say something quite different: they may stall, catch up or jump."""
+        if guess is None or self._lost:
+            return None
+        away = between(guess, self._last)
+        if np.hypot(*away[:2]) < RIVAL[0] and abs(away[2]) < RIVAL[1]:
+            return None
+        return compound(self.pose, self._last)
+
+    def _elapsed(self, stamp: float) -> float:
+        elapsed = 0.0 if self._stamp is None else stamp - self._stamp
+        self._stamp = stamp
+        return elapsed
+
+    def _surface(self, scan: Scan, motion: FloatArray, elapsed: float) -> Surface:
+        """Surface of a scan as seen from where the sensor was at its first beam."""
+        if scan.time_increment == 0.0 or not 0.0 < elapsed < 1.0:
+            return scan_surface(scan, NOISE, self.tuning.max_range, self.offset.value)
+        keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.tuning.max_range)
+        beams = np.flatnonzero(keep)
+        share = beams * scan.time_increment / elapsed
+        yaw = scan.angle_min + scan.angle_increment * beams + share * motion[2]
+        ranges = scan.ranges[beams] - self.offset.value
+        points = ranges[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw))) + share[:, None] * motion[:2]
+        return swept_surface(np.ascontiguousarray(points), beams, abs(scan.angle_increment), NOISE)
+
+    def _begin(self, scan: PreparedScan, motion: FloatArray, poor: str) -> Step:
+        """Start a map here: at the first scan, and where the old map is of no use any more."""
+        first = self._travelled == 0.0 and not self._lost
+        self.pose = self.pose if first else compound(self.pose, motion)
+        self._noise = np.zeros((3, 3))
+        self._sure = self.pose
+        if not poor:
+            self._lost = 0
+            self._insert(scan)
+        reason = poor or ("" if first else "a new map begins at the predicted pose")
+        doubt = np.zeros((3, 3)) if first else prediction_covariance(motion)
+        static = scan.surface.points if not poor else scan.surface.points[:0]
+        increment = np.zeros(3) if first else motion
+        return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
+
+    def _stray(self, scan: PreparedScan, motion: FloatArray, wheels: bool, match: Match) -> Step:
+        """A scan that is nowhere in the map: laid on those since the map was lost, else where it probably is.
+
+        match : the best there is in the map.
+        """
+        start = compound(self.pose, motion)
+        if len(self._spare):
+            found, believable = self._spare_matcher.find(scan, start, self.pose, FAR, not wheels)
+            if believable:
+                return self._follow(scan, motion, found.refined, found.share)
+        reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
+        if not wheels and self._matcher.outdoes_prediction(match, scan, start):
+            motion = between(self.pose, match.refined.pose)
+            reason = f"only {match.share:.0%} of the scan agrees with the map, but more than where it was predicted"
+        step = self._predict(motion, wheels, reason, match.share)
+        self._spare.clear()
+        self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
+        self._change_map(wheels)
+        return step
+
+    def _follow(self, scan: PreparedScan, motion: FloatArray, refined: Refined, share: float) -> Step:
+        """The motion since the last scan is known by the scans since the map was lost."""
+        before = self.pose
+        self._lost += 1
+        self.pose = refined.pose
+        self._last = between(before, self.pose)
+        noise = in_frame(scan_covariance(refined, motion, float(before[2])), float(before[2]))
+        self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
+        self._spare_matcher.saw(scan.view, self.pose)
+        self._change_map(wheels=False)
+        reason = "the map is lost: the scan is laid on those before it"
+        return Step(self._last, noise, True, reason, share, np.zeros((0, 2)), noise)
+
+    def _change_map(self, wheels: bool) -> None:
+        """Give the map up where it was not found for long."""
+        gone = float(np.hypot(*(self.pose[:2] - self._sure[:2])))
+        if self._lost >= self.tuning.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
+            self.map, self._spare = self._spare, self.map
+            self._matcher, self._spare_matcher = self._spare_matcher, self._matcher
+            self._spare.clear()
+            self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
+
+    def _predict(self, motion: FloatArray, wheels: bool, reason: str, fitness: float) -> Step:
+        self._lost += 1
+        self.pose = compound(self.pose, motion)
+        # Without wheels, a sensor that is lost is taken to come to rest.
+        self._last = motion if wheels or self._habit.steady else 0.5 * motion
+        doubt = prediction_covariance(motion)
+        if self._lost >= self.tuning.patience and not len(self._spare):
+            self.map.clear()
+        return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
+
+    def _accept(self, scan: PreparedScan, motion: FloatArray, wheels: bool, match: Match) -> Step:
+        before, refined = self.pose, match.refined
+        found_before = not self._lost
+        self._lost = 0
+        if not found_before:
+            self._spare.clear()
+        self.pose = refined.pose
+        increment = between(before, self.pose)
+        if not wheels and found_before and match.share >= SURE and not refined.open_directions:
+            self._habit.learn(increment, self._last)
+        # Motion along an open direction is only a belief, and fades unless something renews it.
+        self._last = increment if wheels or not refined.open_directions else 0.8 * increment
+        self._travelled += float(np.hypot(*increment[:2]))
+        noise = scan_covariance(refined, motion, float(before[2]))
+        covariance = in_frame(noise + self._noise, float(before[2]))
+        self._noise = noise
+        drift = np.zeros((3, 3))
+        turned = abs(wrap_angle(float(self.pose[2] - self._key[2])))
+        moved = float(np.hypot(*(self.pose[:2] - self._key[:2])))
+        if moved > self.tuning.key_distance or turned > self.tuning.key_turn:
+            if self.tuning.learn_offset:
+                self.offset.learn(scan.surface, refined, self.map.target, self.map.facing)
+            self._insert(scan)
+            drift = self.tuning.drift * in_frame(noise, float(before[2]))
+        self._sure = self.pose
+        self._matcher.saw(scan.view, self.pose)
+        static = scan.surface.points[match.agreement.labels == 0]
+        reason = "" if match.share >= 0.4 else f"only {match.share:.0%} of the scan agrees with the map"
+        if refined.open_directions:
+            reason = (
+                f"{refined.open_directions} of 3 directions of motion are open: the prediction is kept there"
+            )
+        sure = match.share >= 0.4
+        return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
+
+    def _insert(self, scan: PreparedScan) -> None:
+        self.map.add(scan.surface, scan.view, self.pose, self._travelled)
+        self._key = self.pose.copy()
+
+
+def prediction_covariance(motion: FloatArray) -> FloatArray:
+    """(3, 3) doubt about a predicted motion, in the frame it starts from."""
+    away = 0.05 + 0.2 * float(np.hypot(motion[0], motion[1]))
+    return np.diag([away, away, 0.03 + 0.2 * abs(float(motion[2]))]) ** 2
+
+
+def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:
+    """(3, 3) of x, y, yaw in the odometry frame, in a frame turned by `yaw`."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turn @ covariance @ turn.T)
+
+
+def scan_covariance(refined: Refined, motion: FloatArray, yaw: float) -> FloatArray:
+    """(3, 3) of a scan's pose against the map, odometry frame; open directions have the prediction's doubt."""
+    prior = np.linalg.inv(in_frame(prediction_covariance(motion), -yaw))
+    covariance = np.linalg.inv(refined.information / (MAP_NOISE * EFFICIENCY) + prior)
+    return np.asarray(0.5 * (covariance + covariance.T))

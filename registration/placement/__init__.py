@@ -1,0 +1,1 @@
+"""Where one scan lies on another: refined from a guess, searched for without one, and whether to believe it."""

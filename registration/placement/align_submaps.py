@@ -1,0 +1,161 @@
+"""Local maps laid on local maps: what closes a loop, from any direction (Paper A, section 4.3).
+
+All placements within a window are searched by correlation; each promising one is refined on lines and judged by
+what both maps saw there. A placement is believed where enough outline agrees, hardly any stands in space the other
+map saw through, the lines fix all three directions, and no other placement does nearly as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.geometry.poses import between, inverse
+from registration.laser.submap import Submap, Verdict, judge
+from registration.placement.correlative import candidates
+from registration.placement.refine import Refined, refine
+
+SEARCHED = 220  # points of the source the search looks at
+DOUBT = 0.25  # metres a candidate of the search may be off
+NOISE = 0.03  # metres, of a fused outline over metres of odometry
+FLOOR = np.array([0.02, 0.02, 0.002])  # m, m, rad: what bent local maps and their fusing leave
+CORRELATED = 30.0  # neighbouring points share their error: so many count as one
+FREE = np.array([3.0, 3.0, 1.0])  # m, m, rad: of a direction the lines leave open
+LOOSEST = 0.12  # metres, standard deviation in the direction a placement says least about
+WAVERING = 0.03  # metres that iterations may go to and fro about a placement without coming to rest
+LEAST_AGREEING = 4.0  # metres of outline, of the lesser side
+LEAST_FITNESS = 0.9
+LEAST_OVERLAP = 0.35  # agreeing share of the source's outline, looked at or not
+RIVAL = 0.85
+APART = (0.35, np.deg2rad(10.0))  # placements nearer than this are one
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One way to lay a local map on another.
+
+    pose : (3,) of the source's anchor in the target's frame; covariance (3, 3) of it, target's frame.
+    fitness : agreeing share of the outline that could be judged, both ways. overlap : agreeing share of the lesser
+    side's whole outline. agreeing : metres, of the lesser side. reason : why it cannot be believed, or empty.
+    """
+
+    pose: FloatArray
+    covariance: FloatArray
+    fitness: float
+    overlap: float
+    agreeing: float
+    merit: float
+    open_directions: int
+    reason: str
+
+    @property
+    def sure(self) -> bool:
+        """Whether it can be believed, other placements aside."""
+        return not self.reason
+
+
+def align_submaps(
+    source: Submap,
+    target: Submap,
+    guess: FloatArray,
+    reach: float,
+    turn: float,
+    most: int = 4,
+    search: bool = True,
+) -> list[Placement]:
+    """Placements of `source` on `target` around `guess` (3,), best first, apart from each other.
+
+    reach : metres to either side of the guess in x and y. turn : radians to either side.
+    most : placements. search : False refines the guess only.
+    """
+    if len(source) < 20 or len(target) < 20:
+        return []
+    starts = [np.asarray(guess, dtype=np.float64).copy()]
+    if search:
+        # The target is searched around where the source is expected, so that far parts of it play no role.
+        centre = starts[0]
+        near = np.ascontiguousarray(target.points - centre[:2])
+        found = candidates(
+            _spread(source.points, SEARCHED),
+            near,
+            np.array([0.0, 0.0, centre[2]]),
+            reach,
+            turn,
+            levels=2 if reach < 2.5 else 4,
+            keep=0.75,
+            most=2 * most,
+            points=10**6,
+        )
+        starts = [row[1:] + np.array([centre[0], centre[1], 0.0]) for row in found]
+    placed = [place(source, target, start, DOUBT) for start in starts]
+    placed.sort(key=lambda placement: -placement.merit)
+    chosen: list[Placement] = []
+    for placement in placed:
+        if all(apart(placement.pose, other.pose) for other in chosen):
+            chosen.append(placement)
+    return chosen[:most]
+
+
+def place(source: Submap, target: Submap, start: FloatArray, doubt: float) -> Placement:
+    """The placement that refinement from `start` (3,) leads to."""
+    refined = refine(source.surface, target.target, start.copy(), doubt, NOISE)
+    forth = judge(source, target, refined.pose)
+    back = judge(target, source, inverse(refined.pose))
+    return _placement(refined, forth, back)
+
+
+def ambiguous(placements: list[Placement]) -> bool:
+    """Whether another placement does nearly as well as the first."""
+    return len(placements) > 1 and placements[1].merit > RIVAL * placements[0].merit
+
+
+def apart(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two poses (3,) are different placements."""
+    away = between(a, b)
+    return bool(np.hypot(*away[:2]) > APART[0] or abs(away[2]) > APART[1])
+
+
+def _placement(refined: Refined, forth: Verdict, back: Verdict) -> Placement:
+    agreeing = min(forth.agreeing, back.agreeing)
+    both = forth.agreeing + back.agreeing
+    fitness = both / max(both + forth.standing + back.standing, 1e-9)
+    overlap = max(
+        verdict.agreeing / max(verdict.agreeing + verdict.standing + verdict.unknown, 1e-9)
+        for verdict in (forth, back)
+    )
+    covariance = _covariance(refined)
+    merit = both - 2.0 * (forth.standing + back.standing)
+    reason = ""
+    if refined.open_directions:
+        reason = f"{refined.open_directions} of 3 directions are unconstrained"
+    elif refined.wavering > WAVERING:
+        reason = "the iterations did not settle"
+    elif (loosest := float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))) > LOOSEST:
+        reason = f"the position is uncertain by {loosest:.2f} m in one direction"
+    elif agreeing < LEAST_AGREEING or overlap < LEAST_OVERLAP:
+        reason = f"too little overlap: {agreeing:.1f} m of contour ({overlap:.0%})"
+    elif fitness < LEAST_FITNESS:
+        reason = f"only {fitness:.0%} of the overlap agrees"
+    return Placement(
+        refined.pose, covariance, fitness, overlap, agreeing, merit, refined.open_directions, reason
+    )
+
+
+def _covariance(refined: Refined) -> FloatArray:
+    information = refined.information / CORRELATED + np.diag(FREE**-2.0)
+    covariance = np.linalg.inv(information) + np.diag(FLOOR**2)
+    if refined.wavering <= WAVERING:
+        covariance += refined.wavering**2 * np.diag([1.0, 1.0, 0.0])
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _spread(points: FloatArray, count: int) -> FloatArray:
+    """About `count` of `points` (N, 2), evenly over the plane."""
+    cell = 0.1
+    while True:
+        _, first = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_index=True)
+        if len(first) <= count:
+            return np.ascontiguousarray(points[np.sort(first)])
+        cell *= max(1.15, np.sqrt(len(first) / count) * 0.9)

@@ -1,0 +1,81 @@
+"""Do two scans agree? Overlap of their outlines, and what one sees where the other saw nothing.
+
+A point of one scan that lies in front of what the other measured in that direction stands in space the other saw
+through: either it moved or the motion is wrong. Points behind, or outside the other's view, say nothing.
+Lengths of outline are compared, not beams: something close covers many beams and little else.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimation.checks import FloatArray
+from estimation.geometry.sight import THROUGH, look
+from registration.laser.buckets import any_near
+from registration.laser.prepared import ScanView
+from registration.laser.surface import Surface
+from registration.laser.target_lines import TargetLines
+
+DOUBT = 0.04  # metres, standard deviation of a point of one scan in the frame of another laid on it
+
+
+@njit(cache=True)
+def _weigh(  # type: ignore[no-untyped-def]
+    points, spacing, lengths, pose, target, heads, following, ranges, angle_min, step, near, labels
+):
+    """Metres of outline that agree, that stand in seen space, and that cannot be judged."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    agreeing = standing = unknown = 0.0
+    for k in range(len(points)):
+        x = pose[0] + c * points[k, 0] - s * points[k, 1]
+        y = pose[1] + s * points[k, 0] + c * points[k, 1]
+        reach = max(near, min(0.75 * spacing[k], 0.4))
+        if any_near(x, y, reach, target, heads, following):
+            agreeing += lengths[k]
+            labels[k] = 0
+        elif look(x, y, DOUBT, ranges, angle_min, step) == THROUGH:
+            standing += lengths[k]
+            labels[k] = 1
+        else:
+            unknown += lengths[k]
+            labels[k] = -1
+    return agreeing, standing, unknown
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Metres of outline of one scan judged against the other.
+
+    labels : (N,) per point: 0 agrees, 1 stands in space the other saw through, -1 cannot be judged.
+    """
+
+    agreeing: float
+    standing: float
+    unknown: float
+    labels: NDArray[np.int64]
+
+    @property
+    def share(self) -> float:
+        """Agreeing share of what can be judged, 0 where nothing can."""
+        judged = self.agreeing + self.standing
+        return self.agreeing / judged if judged > 0.0 else 0.0
+
+
+def weigh(
+    source: Surface, target: TargetLines, seen: ScanView, pose: FloatArray, near: float = 0.06
+) -> Agreement:
+    """Outline of `source`, at `pose` (3,) in the target frame, against the target and what its sensor saw.
+
+    near : metres between points that agree.
+    """
+    labels = np.empty(len(source), dtype=np.int64)
+    agreeing, standing, unknown = _weigh(
+        source.points, source.spacing, source.length, pose, target.points, target.heads, target.following,
+        seen.ranges, seen.angle_min, seen.step, near, labels,
+    )  # fmt: skip
+    return Agreement(agreeing, standing, unknown, labels)

@@ -1,0 +1,131 @@
+"""What the answer owes to single pieces of outline: leave out one small piece at a time, and look.
+
+A person or a box that walked is, in one pair of scans, an outline like any other. Where walls leave a direction
+open, such a piece alone may fill it, with a motion that is its own. Least squares does not notice: the piece fits
+perfectly. So each connected piece small enough to be carried about is left out in turn; a direction that is then
+open, or an answer that then moves away, was the piece's word only, and the covariance says so.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from estimation.checks import FloatArray
+from registration.laser.surface import Surface
+from registration.placement.refine import TUKEY, Refined
+
+SMALL = 2.0  # metres of connected outline that something that moves may have
+ARM = 3.0  # metres, what a radian is worth
+FLOOR = 4.0  # information (1/m²) below which a direction is open, as in `refine`
+LEAST_SHARE = 0.2  # share of some direction's information below which a piece cannot matter
+GROWTH = 8.0  # times the stated variance that leaving a piece out has to add for the answer to hang on it
+
+
+@njit(cache=True)
+def _shares(points, pieces, others, from_source, matched, pose, target, normals, tilt, width):  # type: ignore[no-untyped-def]
+    """Information, its share from noise of the normals, and gradient of each piece; yaw in units of metres by `ARM`."""
+    count = (pieces.max() if from_source else others.max()) + 1
+    H, slack, g = np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    J, T = np.empty(3), np.empty(3)
+    for k in range(len(points)):
+        m = matched[k]
+        if m < 0:
+            continue
+        rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
+        nx, ny = normals[m, 0], normals[m, 1]
+        r = nx * (rx + pose[0] - target[m, 0]) + ny * (ry + pose[1] - target[m, 1])
+        u = (r / width) ** 2
+        if u >= 1.0:
+            continue
+        w = (1.0 - u) * (1.0 - u)
+        J[0], J[1], J[2] = nx, ny, (ny * rx - nx * ry) / ARM
+        T[0], T[1], T[2] = -ny, nx, (nx * rx + ny * ry) / ARM
+        p = pieces[k] if from_source else others[m]
+        for a in range(3):
+            g[p, a] += w * r * J[a]
+            for b in range(3):
+                H[p, a, b] += w * J[a] * J[b]
+                slack[p, a, b] += w * tilt[m] * T[a] * T[b]
+    return H, slack, g
+
+
+@njit(cache=True)
+def _variance(H, slack, variance, prior):  # type: ignore[no-untyped-def]
+    """Covariance (3, 3) of what `H` determines, with the variance `prior` for what it leaves open."""
+    values, vectors = np.linalg.eigh((H - slack) / variance)
+    covariance = np.zeros((3, 3))
+    for a in range(3):
+        false = 0.0
+        for b in range(3):
+            for d in range(3):
+                false += vectors[b, a] * slack[b, d] * vectors[d, a] / variance
+        spread = prior
+        if values[a] > max(FLOOR, 2.0 * false):
+            spread = 1.0 / (values[a] + 1.0 / prior)
+        for b in range(3):
+            for d in range(3):
+                covariance[b, d] += spread * vectors[b, a] * vectors[d, a]
+    return covariance
+
+
+@njit(cache=True)
+def _more(rest, whole):  # type: ignore[no-untyped-def]
+    """What `rest` (3, 3) is uncertain of beyond `whole`, positive semi-definite.
+
+    The two leave open directions that differ by milliradians: across, their plain difference is negative.
+    """
+    values, vectors = np.linalg.eigh(rest - whole)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+@njit(cache=True)
+def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyped-def]
+    """Write what the piece the answer hangs on most adds to the covariance, if more than `added` (3, 3) has."""
+    total, noise, pull = H.sum(axis=0), slack.sum(axis=0), g.sum(axis=0)
+    values, vectors = np.linalg.eigh(total)
+    whole = _variance(total, noise, variance, prior)
+    for p in range(len(H)):
+        if not small[p]:
+            continue
+        share = 0.0
+        for a in range(3):
+            share = max(share, vectors[:, a] @ H[p] @ vectors[:, a] / max(values[a], 1e-9))
+        if share < LEAST_SHARE:
+            continue
+        rest = _variance(total - H[p], noise - slack[p], variance, prior)
+        shift = -rest @ (pull - g[p]) / variance
+        # What is not known can be anywhere within the doubt, not farther.
+        shift *= min(1.0, math.sqrt(prior) / max(math.sqrt(shift @ shift), 1e-9))
+        doubt = _more(rest, whole) + np.outer(shift, shift)
+        grown = 0.0
+        for a in range(3):
+            grown = max(
+                grown, vectors[:, a] @ doubt @ vectors[:, a] / (vectors[:, a] @ whole @ vectors[:, a])
+            )
+        if grown > GROWTH and np.trace(doubt) > np.trace(added):
+            added[:, :] = doubt
+
+
+def borrowed(refined: Refined, source: Surface, target: Surface, noise: float, prior: float) -> FloatArray:
+    """Covariance (3, 3) of x, y, yaw to add because the answer hangs on one small piece; zero where it does not.
+
+    Positive semi-definite, so that what it is added to stays a covariance.
+
+    noise : metres, that the kernel of `refine` ended with. prior : m², variance of what nothing determines.
+    """
+    if refined.open_directions == 3 or not len(source) or not len(target):
+        return np.zeros((3, 3))
+    added = np.zeros((3, 3))
+    for surface in (source, target):
+        H, slack, g = _shares(
+            source.points, source.pieces, target.pieces, surface is source, refined.matched, refined.pose,
+            target.feet, target.normals, target.tilt, TUKEY * noise,
+        )  # fmt: skip
+        length = np.bincount(surface.pieces, surface.length, len(H))
+        _worst(H, slack, g, length < SMALL, refined.noise**2, prior, added)
+    scale = np.array([1.0, 1.0, 1.0 / ARM])
+    return np.asarray(added * np.outer(scale, scale))

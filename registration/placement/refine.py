@@ -1,0 +1,303 @@
+"""Point-to-line registration from a close guess: robust, and right about what it leaves open.
+
+Iteratively reweighted Gauss-Newton. The kernel narrows from the initial doubt to the noise the residuals
+themselves show, and ends as Tukey's biweight. Normals are noisy, so even a bare corridor seems to say a little
+about motion along it; that much is subtracted (`slack`), and a direction that is left with nothing is not
+estimated but kept from the guess.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimation.checks import FloatArray
+from registration.laser.buckets import nearest
+from registration.laser.surface import Surface
+from registration.laser.target_lines import TargetLines
+
+TUKEY = 4.685  # 95 % efficiency at the normal distribution
+KERNEL = 0.012  # metres, noise the kernel narrows to
+LEAST_SPREAD = 0.002  # metres; residuals of a scan on itself are nothing, its noise is not
+TRAIL = 8  # iterations that tell whether one that never settles wavers about a place or slides
+SLIDE = 0.003  # metres between the means of the two halves of these from which on it slides
+EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
+AGREE = 0.6  # cosine between normals that may correspond
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Outcome of `refine`.
+
+    pose : (3,) of the source in the target frame. information : (3, 3) of x, y, yaw of `pose`, without the prior,
+    with open directions at zero. open_directions : how many of the three. noise : standard deviation of matched
+    points off their lines, metres. matched : (N,) index of the target point of each source point, or -1.
+    """
+
+    pose: FloatArray
+    information: FloatArray
+    open_directions: int
+    noise: float
+    matched: NDArray[np.int64]
+    settled: bool
+    iterations: int
+    wavering: float = 0.0
+
+
+@njit(cache=True)
+def _match(  # type: ignore[no-untyped-def]
+    points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed, matched
+):
+    """Write the index of each point's nearest target line, or -1."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(points)):
+        matched[k] = -1
+        if usable[k]:
+            x = pose[0] + c * points[k, 0] - s * points[k, 1]
+            y = pose[1] + s * points[k, 0] + c * points[k, 1]
+            nx = c * normals[k, 0] - s * normals[k, 1]
+            ny = s * normals[k, 0] + c * normals[k, 1]
+            reach = max(radius, min(0.8 * spacing[k], 0.5))
+            matched[k] = nearest(x, y, nx, ny, reach, AGREE, signed, target, target_normals, heads, following)
+
+
+@njit(cache=True)
+def _residuals(points, pose, target, target_normals, matched, residuals):  # type: ignore[no-untyped-def]
+    """Signed distances off the target's lines, metres; returns how many there are."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    count = 0
+    for k in range(len(points)):
+        m = matched[k]
+        if m >= 0:
+            x = pose[0] + c * points[k, 0] - s * points[k, 1] - target[m, 0]
+            y = pose[1] + s * points[k, 0] + c * points[k, 1] - target[m, 1]
+            residuals[k] = target_normals[m, 0] * x + target_normals[m, 1] * y
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _normal_equations(  # type: ignore[no-untyped-def]
+    points, trust, pose, target_normals, target_tilt, matched, residuals, width, robust_start
+):
+    """Information, its share that is only noise of the normals, gradient, weight and squares; per unit variance."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    H, slack, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    total = squares = 0.0
+    J, T = np.empty(3), np.empty(3)
+    for k in range(len(points)):
+        m = matched[k]
+        if m < 0:
+            continue
+        r = residuals[k]
+        u = trust[k] * (r / width) * (r / width)
+        w = 0.0
+        if robust_start:
+            w = 1.0 / ((1.0 + u) * (1.0 + u))
+        elif u < 1.0:
+            w = (1.0 - u) * (1.0 - u)
+        if w == 0.0:
+            continue
+        w *= trust[k]
+        nx, ny = target_normals[m, 0], target_normals[m, 1]
+        rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
+        J[0], J[1], J[2] = nx, ny, nx * -ry + ny * rx
+        T[0], T[1], T[2] = -ny, nx, -ny * -ry + nx * rx
+        v = target_tilt[m]
+        for a in range(3):
+            g[a] += w * r * J[a]
+            for b in range(3):
+                H[a, b] += w * J[a] * J[b]
+                slack[a, b] += w * v * T[a] * T[b]
+        total += w / trust[k]
+        squares += w * r * r
+    return H, slack, g, total, squares
+
+
+@njit(cache=True)
+def _open(H, slack, variance, arm, floor):  # type: ignore[no-untyped-def]
+    """Eigenvectors of the debiased information in units of metres (yaw times `arm`), and which are open."""
+    scaled, noise = H.copy(), slack.copy()
+    for a in range(3):
+        scaled[a, 2] /= arm
+        scaled[2, a] /= arm
+        noise[a, 2] /= arm
+        noise[2, a] /= arm
+    values, vectors = np.linalg.eigh((scaled - noise) / variance)
+    closed = np.zeros(3, dtype=np.bool_)
+    for a in range(3):
+        false = 0.0
+        for b in range(3):
+            for d in range(3):
+                false += vectors[b, a] * noise[b, d] * vectors[d, a] / variance
+        closed[a] = values[a] > max(floor, 2.0 * false)
+    return values, vectors, closed
+
+
+@njit(cache=True)
+def _newton(H, slack, g, variance, arm, floor, information, step):  # type: ignore[no-untyped-def]
+    """Step in the directions the lines determine; writes information and step, returns how many stay open."""
+    values, vectors, closed = _open(H, slack, variance, arm, floor)
+    information[:, :] = 0.0
+    step[:] = 0.0
+    opened = 0
+    for a in range(3):
+        if not closed[a]:
+            opened += 1
+            continue
+        along = vectors[0, a] * g[0] + vectors[1, a] * g[1] + vectors[2, a] * g[2] / arm
+        along /= variance * values[a]
+        for b in range(3):
+            step[b] -= along * vectors[b, a]
+            for d in range(3):
+                information[b, d] += values[a] * vectors[b, a] * vectors[d, a]
+    for b in range(3):
+        information[b, 2] *= arm
+        information[2, b] *= arm
+    step[2] /= arm
+    return opened
+
+
+@njit(cache=True)
+def _spread(square, width):  # type: ignore[no-untyped-def]
+    """Standard deviation of normal residuals whose weighted mean square under a kernel of `width` is `square`."""
+    variance = square
+    for _ in range(3):
+        # To first order the biweight takes four times (deviation / width)² off; at 4.685 deviations that is 0.172.
+        variance = square / (1.0 - min(3.78 * variance / (width * width), 0.172))
+    return math.sqrt(max(variance, LEAST_SPREAD * LEAST_SPREAD))
+
+
+@njit(cache=True)
+def _arm(points):  # type: ignore[no-untyped-def]
+    """Mean distance from the sensor, metres: what a radian is worth."""
+    total = 0.0
+    for k in range(len(points)):
+        total += math.hypot(points[k, 0], points[k, 1])
+    return max(total / max(len(points), 1), 0.1)
+
+
+@njit(cache=True)
+def _straighten(information, arm, target_normals, target_tilt, matched):  # type: ignore[no-untyped-def]
+    """Turn an open direction that is a translation to where the best-known normals leave it open.
+
+    Every line counted alike, the noise of short ones turns the direction by milliradians, and half a metre along
+    it becomes an error across that nobody expects.
+    """
+    scaled = information.copy()
+    for a in range(3):
+        scaled[a, 2] /= arm
+        scaled[2, a] /= arm
+    _, vectors = np.linalg.eigh(scaled)
+    xx = xy = yy = 0.0
+    for m in matched:
+        if m >= 0:
+            weight = 1.0 / target_tilt[m]
+            xx += weight * target_normals[m, 0] * target_normals[m, 0]
+            xy += weight * target_normals[m, 0] * target_normals[m, 1]
+            yy += weight * target_normals[m, 1] * target_normals[m, 1]
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    free = np.array([-math.sin(angle), math.cos(angle), 0.0])
+    if abs(free @ vectors[:, 0]) > 0.99:
+        keep = np.eye(3) - np.outer(free, free)
+        information[:, :] = keep @ information @ keep
+
+
+@njit(cache=True)
+def _refine(  # type: ignore[no-untyped-def]
+    points, normals, tilt, spacing, trust, target, target_normals, target_tilt, heads, following, signed,
+    guess, doubt, finest, noise, floor, most,
+):  # fmt: skip
+    n = len(points)
+    usable = tilt < math.inf
+    matched = np.full(n, -1, dtype=np.int64)
+    residuals = np.zeros(n)
+    arm = _arm(points)
+    pose = guess.copy()
+    information, step = np.zeros((3, 3)), np.zeros(3)
+    finest_width = TUKEY * noise
+    width = max(doubt, finest_width)
+    opened, settled, turns = 3, False, 0
+    moved = math.inf  # since the last matching
+    trail = np.full((TRAIL, 3), math.inf)
+    spread = noise
+    for turns in range(most):
+        final = width <= finest_width
+        if not final or moved > 0.002 or turns == 0:
+            radius = max(2.0 * width, finest)
+            _match(
+                points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed,
+                matched,
+            )  # fmt: skip
+            moved = 0.0
+        count = _residuals(points, pose, target, target_normals, matched, residuals)
+        if count < 5:
+            opened = 3
+            information[:, :] = 0.0
+            break
+        H, slack, g, total, squares = _normal_equations(
+            points, trust, pose, target_normals, target_tilt, matched, residuals, width, not final
+        )
+        if total <= 0.0:
+            opened = 3
+            information[:, :] = 0.0
+            break
+        spread = _spread(squares / total, width)
+        opened = _newton(H, slack, g, spread * spread, arm, floor, information, step)
+        for b in range(3):
+            pose[b] += step[b]
+        change = abs(step[0]) + abs(step[1]) + arm * abs(step[2])
+        moved += change
+        if final:
+            for b in range(3):
+                trail[turns % TRAIL, b] = pose[b] * (arm if b == 2 else 1.0)
+        if final and change < 3e-4:
+            settled = True
+            break
+        if not final:
+            width = max(0.6 * width, finest_width)
+    if opened == 1:
+        _straighten(information, arm, target_normals, target_tilt, matched)
+    return pose, information, opened, spread, matched, settled, turns, trail
+
+
+def refine(
+    source: Surface,
+    target: TargetLines,
+    guess: FloatArray,
+    doubt: float = 0.3,
+    noise: float = KERNEL,
+    finest: float = 0.15,
+    floor: float = 4.0,
+    most: int = 40,
+) -> Refined:
+    """Move `source` onto the lines of `target` from `guess` (3,) x, y, yaw.
+
+    doubt : metres, how far points may be off at first; the kernel narrows from there to `noise`.
+    noise : metres, standard deviation to expect of a point off its line.
+    finest : metres, correspondences are looked for at least this far.
+    floor : information (1/m²) below which a direction is open whatever the normals' noise.
+    most : iterations.
+    """
+    pose, information, opened, spread, matched, settled, turns, trail = _refine(
+        source.points, source.normals, source.tilt, source.spacing, source.trust,
+        target.points, target.normals, target.tilt, target.heads, target.following,
+        source.signed and target.signed, guess, doubt, finest, noise, floor, most,
+    )  # fmt: skip
+    pose[2] = math.atan2(math.sin(pose[2]), math.cos(pose[2]))
+    wavering = 0.0 if settled else _wavering(np.roll(trail, -(turns + 1) % TRAIL, axis=0))
+    return Refined(pose, information, opened, spread, matched, settled, turns, wavering)
+
+
+def _wavering(trail: FloatArray) -> float:
+    """Metres that poses (TRAIL, 3), yaw in metres too, the latest last, go to and fro; inf where they move on."""
+    if not np.isfinite(trail).all():
+        return math.inf
+    half = TRAIL // 2
+    if np.abs(trail[:half].mean(axis=0) - trail[half:].mean(axis=0)).max() > SLIDE:
+        return math.inf
+    return float(np.ptp(trail, axis=0).max())

@@ -1,0 +1,299 @@
+"""Where people are going: learned intended positions joined with social forces (chapter 4 of the anchoring text).
+
+model = IntentionModel()
+model.learn(trajectory)                           # (N, 3) x, y, t of a walk that has ended
+prediction = model.predict(partial, horizon=5.0, others=[another], obstacles=points)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimation.checks import FloatArray, as_floats, require_positive
+from estimation.errors import InputError
+from tracking.intentions.ghmm import GrowingHmm
+from tracking.intentions.intention_config import IntentionConfig
+from tracking.intentions.observations import clean, spaced
+from tracking.intentions.prediction import PredictedWay, Prediction, parse_others, path_covariances
+from tracking.intentions.routes import RouteBelief, Routes
+from tracking.intentions.walking_motion import WalkingMotion, estimate
+from tracking.prediction.social_forces import Forces, Obstacles, Walker, simulate
+from tracking.prediction.topological_map import TopologicalMap
+
+# Only a goal that is nearly certain stops a path; this power of its probability fits the hotel's people.
+ARRIVAL = 4
+# Way points closer than this to the person are behind it before it can turn to them.
+LOOK_AHEAD = 2.0
+# Somebody not seen for longer than this is taken to be where this time has led, s.
+MISSING = 5.0
+WAY_SPACING = 1.0
+# Between two observations of one walk, m: what lies further apart is a tracker's or a frame's mistake.
+WIDEST_GAP = 100.0
+
+
+@dataclass(frozen=True)
+class LearnedIntentions:
+    """What came of a trajectory: whether it taught something, why not, and rows that were left out by reason."""
+
+    taken: bool
+    reason: str = ""
+    dropped: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Person:
+    motion: WalkingMotion
+    belief: RouteBelief
+    ways: list[FloatArray]
+
+    @property
+    def stamp(self) -> float:
+        return float(self.motion.rows[-1, 2])
+
+    def state(self, now: float) -> FloatArray:
+        """(4,) x, y, vx, vy at `now` s: gone on as last seen, for MISSING s at most."""
+        state = self.motion.state.copy()
+        state[:2] += np.clip(now - self.stamp, -MISSING, MISSING) * state[2:]
+        return state
+
+
+class IntentionModel:
+    """Learns from finished trajectories and predicts partial ones; all in one frame, metres and seconds.
+
+    Attributes
+    ----------
+    learned : trajectories that taught something.
+    hmm : the growing hidden Markov model, which learns with method "ghmm".
+    routes : the learned walks, which are kept with method "routes".
+    """
+
+    def __init__(self, config: IntentionConfig | None = None) -> None:
+        self.config = config or IntentionConfig()
+        self.forces = Forces(**{name: getattr(self.config, name) for name in Forces.__dataclass_fields__})
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything that was learned."""
+        c = self.config
+        places = TopologicalMap(c.resolution, c.window)
+        self.hmm = GrowingHmm(places, c.initial_transition, c.initial_prior, c.spread, c.noise, c.memory)
+        self.routes = Routes(c.routes)
+        self.learned = 0
+
+    @staticmethod
+    def of(config: IntentionConfig) -> IntentionModel:
+        """The model of `config.method`: "printed" has the text's own paths."""
+        from tracking.intentions.printed import PrintedModel
+
+        return PrintedModel(config) if config.method == "printed" else IntentionModel(config)
+
+    def learn(self, trajectory: ArrayLike) -> LearnedIntentions:
+        """Learn from one finished trajectory (N, 3) x, y, t.
+
+        Rows that are not finite, repeat a time, run back in time or jump away and back are left out; gaps, loops and
+        jumps that last are taken as they are, unless one is wider than any room. A person that stayed within
+        `min_length` teaches nothing.
+
+        Raises
+        ------
+        InputError : not (N, 3), or without one finite row.
+        """
+        cleaned = clean("trajectory", trajectory)
+        dropped = {
+            "not finite": cleaned.not_finite,
+            "duplicate time": cleaned.duplicates,
+            "time goes backwards": cleaned.backwards,
+            "jump away and back": cleaned.outliers,
+        }
+        dropped = {reason: count for reason, count in dropped.items() if count}
+        points = np.ascontiguousarray(cleaned.rows[:, :2])
+        if len(points) < 2:
+            return LearnedIntentions(False, "one observation", dropped)
+        if float(np.hypot(*np.ptp(points, axis=0))) < self.config.min_length:
+            return LearnedIntentions(False, f"stayed within {self.config.min_length:g} m", dropped)
+        longest = float(np.hypot(*np.diff(points, axis=0).T).max())
+        if longest > WIDEST_GAP:
+            return LearnedIntentions(False, f"a gap of {longest:.3g} m", dropped)
+        if self.config.method == "ghmm":
+            self.hmm.learn(self._thinned(points))
+        else:
+            self.routes.learn(cleaned.rows)
+        self.learned += 1
+        return LearnedIntentions(True, "", dropped)
+
+    def predict(
+        self,
+        partial: ArrayLike,
+        horizon: float,
+        others: ArrayLike | Sequence[ArrayLike] | None = None,
+        obstacles: ArrayLike | Obstacles | None = None,
+    ) -> Prediction:
+        """Where the person seen along `partial` (N, 3) x, y, t will go within `horizon` s.
+
+        Parameters
+        ----------
+        others : people present at the same time, who are predicted too and get out of each other's way: a sequence of
+            (M, 3) partial trajectories, or an array (P, 4) x, y, vx, vy or (P, 2) of people who stand.
+        obstacles : (K, 2) m, or `Obstacles` made from them once.
+
+        Raises
+        ------
+        InputError : shapes other than these, no finite row, or a horizon that is not above zero.
+        """
+        beside, states = parse_others(others)
+        return self._predict([partial, *beside], states, horizon, obstacles, 1)[0]
+
+    def predict_all(
+        self, partials: Sequence[ArrayLike], horizon: float, obstacles: ArrayLike | Obstacles | None = None
+    ) -> list[Prediction]:
+        """Predictions of all people present, (N, 3) each, each taking the others into account.
+
+        All paths begin at the newest observation of anybody; who was last seen earlier has gone on as then.
+        """
+        return self._predict(list(partials), np.zeros((0, 4)), horizon, obstacles, len(partials))
+
+    def intentions(self, partial: ArrayLike, horizon: float = 5.0) -> tuple[FloatArray, FloatArray]:
+        """Goals (G, 2) and their probabilities (G,) alone, the most probable first: (4.12)."""
+        belief = self._believe(self._motion(clean("partial", partial).rows), horizon)
+        return belief.goals, belief.probabilities
+
+    def move(self, pose: ArrayLike) -> None:
+        """Move everything that was learned by `pose` (3,) x, y, yaw: m, rad, from the old frame of the map to the new.
+
+        Intended positions belong to a map; where the map is corrected or joined to another, they go with it.
+        """
+        given = as_floats("pose", pose)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise InputError(f"pose must be three finite numbers x, y, yaw, not {pose!r}")
+        cosine, sine = np.cos(given[2]), np.sin(given[2])
+        rotation = np.array([[cosine, -sine], [sine, cosine]])
+
+        def moved(points: FloatArray) -> FloatArray:
+            return np.asarray(points @ rotation.T + given[:2])
+
+        self.routes.move(moved)
+        self.hmm.move(moved)
+
+    def save(self, path: Path | str, map_id: str = "") -> Path:
+        """Write what was learned, whole or not at all; see `tracking.intentions.intention_storage`."""
+        from tracking.intentions.intention_storage import save
+
+        return save(self, Path(path), map_id)
+
+    @classmethod
+    def load(cls, path: Path | str, map_id: str | None = None) -> IntentionModel:
+        """Read what was saved. With `map_id` it must be of that map.
+
+        Raises
+        ------
+        InputError : no such file, not a saved model, of another version or map, or damaged.
+        """
+        from tracking.intentions.intention_storage import load
+
+        return load(Path(path), map_id)
+
+    def warm_up(self) -> None:
+        """Compile what learning and predicting run, before the first person is there. Nothing is learned."""
+        scratch = self.of(self.config)
+        t = np.arange(0.0, 4.0, 0.2)
+        walk = np.column_stack((t, 0.1 * t, t))
+        for _ in range(2):
+            scratch.learn(walk)
+        scratch.predict_all([walk[:10], walk[:12] + 1.0], 1.0, np.array([[2.0, 2.0]]))
+
+    # Below: one prediction from belief to paths.
+
+    def _thinned(self, points: FloatArray) -> FloatArray:
+        """Observations half a node apart: closer ones say the same again, and would be counted as if they did not."""
+        return spaced(points, 0.5 * self.config.resolution)
+
+    def _motion(self, rows: FloatArray) -> WalkingMotion:
+        return estimate(rows, self.config.velocity_memory, self.config.manoeuvre)
+
+    def _believe(self, motion: WalkingMotion, horizon: float) -> RouteBelief:
+        rows = motion.rows
+        points = np.ascontiguousarray(rows[:, :2])
+        if self.config.method == "routes" or not len(self.hmm):
+            reach = max(motion.speed * horizon, 0.1)
+            return self.routes.believe(rows, reach, self.config.goal_radius, self.config.max_goals)
+        nodes, probabilities = self.hmm.intentions(self.hmm.belief(self._thinned(points)))
+        few = slice(self.config.max_goals)
+        total = probabilities[few].sum()
+        goals = self.hmm.places.positions[nodes[few]]
+        return RouteBelief(goals, probabilities[few] / total, 0.0, [None] * len(goals))
+
+    def _person(self, name: str, partial: ArrayLike, horizon: float) -> _Person:
+        rows = clean(name, partial).rows
+        motion = self._motion(rows)
+        belief = self._believe(motion, horizon)
+        ways = [self._way(belief, g, motion) for g in range(min(len(belief.goals), self.config.alternatives))]
+        return _Person(motion, belief, ways)
+
+    def _way(self, belief: RouteBelief, goal: int, motion: WalkingMotion) -> FloatArray:
+        """Points to pass on the way to a goal: those of the walk that leads there, as far as it lies ahead."""
+        lead = belief.leads[goal]
+        end = belief.goals[goal][None]
+        if lead is None:
+            # A place of the plain model is where people stop; straight on only passes the point that stands for it.
+            known = self.config.method == "ghmm" and len(self.hmm) > 0
+            return end if known else 2.0 * end - motion.state[:2]
+        rest = spaced(self.routes.rest(lead), WAY_SPACING)[:-1]
+        away = np.hypot(*(rest - motion.state[:2]).T)
+        to_end = np.hypot(*(rest - end).T)
+        ahead = np.flatnonzero(away < LOOK_AHEAD)
+        first = int(ahead[-1]) + 1 if len(ahead) else 0
+        return np.concatenate((rest[first:][to_end[first:] > WAY_SPACING], end))
+
+    def _predict(
+        self,
+        partials: list[ArrayLike],
+        states: FloatArray,
+        horizon: float,
+        obstacles: ArrayLike | Obstacles | None,
+        wanted: int,
+    ) -> list[Prediction]:
+        require_positive("horizon", horizon)
+        around = obstacles if isinstance(obstacles, Obstacles) else Obstacles(obstacles)
+        names = ["partial", *(f"others[{k}]" for k in range(len(partials) - 1))]
+        people = [
+            self._person(name, partial, horizon) for name, partial in zip(names, partials, strict=False)
+        ]
+        passing = [Walker(state) for state in states]
+        most = max((len(person.ways) for person in people[:wanted]), default=0)
+        now = max((person.stamp for person in people[:wanted]), default=0.0)
+        runs = []
+        for rank in range(most):
+            walkers = [self._walker(person, min(rank, len(person.ways) - 1), now) for person in people]
+            runs.append(simulate([*walkers, *passing], horizon, self.forces, around, self.config.time_step))
+        return [
+            self._told(person, [run[:, k] for run in runs], horizon, now)
+            for k, person in enumerate(people[:wanted])
+        ]
+
+    def _walker(self, person: _Person, rank: int, now: float) -> Walker:
+        motion, c = person.motion, self.config
+        pace = motion.speed
+        if c.pace_weight > 0.0 and motion.pace > 0.0:
+            pace += c.pace_weight * (motion.pace - motion.speed)
+        # One who stands goes on standing; nobody is drawn to a goal harder than the goal is sure.
+        trust = float(person.belief.probabilities[rank]) if c.method == "routes" else 1.0
+        relaxation = self.forces.relaxation / max(trust * (1.0 - person.belief.novelty), 0.02)
+        return Walker(person.state(now), person.ways[rank], pace, relaxation, max(trust**ARRIVAL, 1e-3))
+
+    def _told(self, person: _Person, runs: list[FloatArray], horizon: float, now: float) -> Prediction:
+        belief = person.belief
+        after = np.linspace(0.0, horizon, len(runs[0]))
+        ways = []
+        for rank in range(len(person.ways)):
+            path = np.column_stack((runs[rank][:, :2], now + after))
+            unseen = now - person.stamp + after
+            ways.append(PredictedWay(rank, path, path_covariances(self.config, unseen, runs[rank])))
+        first = ways[0]
+        return Prediction(
+            belief.goals, belief.probabilities, first.path, first.covariances, ways[1:], belief.novelty
+        )

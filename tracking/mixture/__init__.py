@@ -1,0 +1,1 @@
+"""The Poisson multi-Bernoulli mixture of extended targets: hypotheses, association, visibility."""

@@ -1,0 +1,453 @@
+"""The Poisson multi-Bernoulli mixture filter for extended targets (Granström, Fatemi, Svensson 2020), as ours is built.
+
+Targets nobody has seen yet are a Poisson intensity as in a PHD filter. Each seen one is a track with a probability of
+existence, and several hypotheses say which tracks there are. In place of partitions, each hypothesis searches for
+the structures (who gave returns, who is new, who split off) its group of returns supports
+(`tracking.mixture.association_kernels`). Unlike the intensity of a PHD filter, a hypothesis counts a detected
+target once however improbable the detection was: the number of targets neither falls with a miss nor jumps at low p_D.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtri
+
+from estimation.checks import FloatArray
+from estimation.filters.gaussians import repair_covariance
+from tracking.mixture import association_kernels as kernels
+from tracking.mixture.components import Components, IntArray, shift_components
+from tracking.mixture.global_hypotheses import Alternative, Hypotheses
+from tracking.mixture.hypothesis_kernels import connected, single_linkage, squares
+from tracking.mixture.phd_config import PhdConfig
+from tracking.mixture.phd_models import ConstantVelocityMotion, Detection, Labels, Sight, detect
+from tracking.mixture.reduction import Reducer
+from tracking.mixture.target import HypothesisExtractor, Target
+
+# Sweeps of the association; they settle in three or four.
+SWEEPS = 8
+# Structures of one hypothesis that are varied further.
+EXPANSIONS = 4
+# Returns times sources times structures searched per group and scan at most, about 50 ms; never near it in ordinary
+# scans. Beyond it fewer variations and fewer hypotheses are searched.
+MOST_WORK = 3_000_000
+# Undiscovered targets: weights below this are forgotten, more components than this are merged.
+LEAST_UNSEEN = 1e-4
+MOST_UNSEEN = 50
+# A place for new targets is narrow where its spread is within this many times that of a target's returns.
+NARROW = 3.0
+# Seeds for new targets per group of returns at most.
+MOST_SEEDS = 8
+# Returns, fractional ones, below which a target gave but one.
+LONE = 1.5
+# A track that can split off others exists at least this probably.
+CAN_SPAWN = 0.1
+
+State = tuple[Hypotheses, Components, int]
+
+
+@dataclass
+class Predicted:
+    """All sources of returns: tracks, places for new targets, and what splits off tracks, with their table (S, 16)."""
+
+    sources: Components
+    tracks: int
+    births: int
+    table: FloatArray
+    seen: FloatArray
+    sight: Sight
+    gated: npt.NDArray[np.bool_]
+
+    def spawn_rows(self, rows: tuple[int, ...]) -> list[int]:
+        """Two rows for what may split off each track, none where nothing does."""
+        first = self.tracks + self.births
+        if first == len(self.sources):
+            return []
+        return [first + row for row in rows for _ in range(2)]
+
+
+class Updates:
+    """Collects the tracks of the hypotheses that follow from one scan."""
+
+    def __init__(self) -> None:
+        self.source: list[int] = []
+        self.label: list[int] = []
+        self.seen: list[bool] = []
+        self.cells: list[FloatArray] = []
+        self.groups: list[list[Alternative]] = []
+
+    def add(self, source: int, label: int, cell: FloatArray | None) -> int:
+        """One track from a source, with its cell of returns or without any; its row."""
+        self.source.append(source)
+        self.label.append(label)
+        self.seen.append(cell is not None)
+        if cell is not None:
+            self.cells.append(cell)
+        return len(self.source) - 1
+
+
+class PmbmRecursion:
+    """Prediction, grouping, association, correction, reduction and extraction of a Poisson multi-Bernoulli mixture."""
+
+    def __init__(self, config: PhdConfig, detection: Detection) -> None:
+        self.config = config
+        self.motion = ConstantVelocityMotion(config)
+        self.detection = detection
+        self.labels = Labels()
+        self.reducer = Reducer(config, self.labels)
+        self.extractor = HypothesisExtractor(config)
+        self.hypotheses = Hypotheses.empty()
+        self.unseen = Components.empty()
+        self.log_clutter = float(np.log(config.clutter_rate / config.area))
+        self.correlation = 0.0
+        self.gate = float(chdtri(2, 1.0 - config.gate_probability))
+        self.link = config.measurement_noise * float(
+            np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1]))
+        )
+        self.repaired = 0
+        self.thinned = 0
+
+    @property
+    def expected_count(self) -> float:
+        """Expected number of targets, undiscovered ones included."""
+        return float(self.hypotheses.track_weights.sum() + self.unseen.weights.sum())
+
+    def reset(self) -> None:
+        """Forgets all targets; labels go on counting."""
+        self.hypotheses, self.unseen = Hypotheses.empty(), Components.empty()
+
+    def state(self) -> State:
+        """What `restore` takes; valid as long as nobody changes the arrays."""
+        return self.hypotheses, self.unseen, self.labels.next
+
+    def restore(self, state: State) -> None:
+        """Back to an earlier state."""
+        self.hypotheses, self.unseen, self.labels.next = state
+
+    def targets(self) -> list[Target]:
+        """The targets of the likeliest hypotheses."""
+        return self.extractor.extract(self.hypotheses)
+
+    def shift(self, motion: FloatArray) -> None:
+        """Takes everything along with its frame, which moved by (3,) x, y, yaw."""
+        for components in (self.hypotheses.tracks, self.unseen):
+            shift_components(components, motion)
+
+    def forget(self, gone: set[int], moved: dict[int, FloatArray]) -> None:
+        """Drops targets by the labels they are reported by, and moves the states of others by (4,)."""
+        inner = {name: label for label, name in self.extractor.labels.public.items()}
+        tracks = self.hypotheses.tracks
+        tracks.weights = np.where(np.isin(tracks.labels, [inner[name] for name in gone]), 0.0, tracks.weights)
+        for name, way in moved.items():
+            tracks.means[tracks.labels == inner[name]] += way
+
+    def update(
+        self,
+        points: FloatArray,
+        dt: float,
+        pose: FloatArray | None,
+        log_clutter: FloatArray | None = None,
+        exactness: FloatArray | None = None,
+    ) -> None:
+        """One scan (N, 2), dt seconds after the last; log_clutter (N,) where clutter is not uniform.
+
+        exactness (N,) : by how much the variance of a return is smaller than usual, if it is all there is of a target.
+        """
+        predicted = self._predict(points, dt, pose)
+        clutter = np.full(len(points), self.log_clutter) if log_clutter is None else log_clutter
+        updates = self._associate(predicted, points, clutter)
+        tracks = self._corrected(predicted, updates, points, exactness)
+        hypotheses = Hypotheses.of(tracks, updates.groups)
+        hypotheses.tracks.covariances = self._sound(hypotheses.tracks.covariances)
+        config = self.config
+        self.hypotheses = hypotheses.reduced(
+            config.hypothesis_distance, config.hypothesis_margin, config.max_hypotheses, config.prune_weight
+        )
+        births = slice(predicted.tracks, predicted.tracks + predicted.births)
+        self.unseen = predicted.sources.select(np.arange(births.start, births.stop))
+        self.unseen.weights = self.unseen.weights * (1.0 - predicted.seen[births])
+        self.unseen.means = predicted.sight.means[births]
+        self.unseen.covariances = predicted.sight.covariances[births]
+        self.unseen = self.unseen.select(self.unseen.weights > LEAST_UNSEEN)
+        if len(self.unseen) > MOST_UNSEEN:
+            self.unseen = self.reducer.reduce(self.unseen)
+
+    def _predict(self, points: FloatArray, dt: float, pose: FloatArray | None) -> Predicted:
+        """Everything that may have caused returns, as a table for the association."""
+        tracks, unseen, spawned = self.hypotheses.tracks, self.unseen, Components.empty()
+        scans = dt / self.config.scan_period
+        if dt > 0.0:
+            tracks, moved = self.motion.survivors(tracks, dt)
+            unseen = Components.join(
+                [self.motion.survivors(unseen, dt)[0], self.motion.births(scans, Labels())]
+            )
+            if self.config.spawn is not None and self.config.spawn[0] > 0:
+                weight, covariance = self.config.spawn
+                spawned = self.motion.fresh(
+                    weight * scans * tracks.weights, tracks.means, moved + covariance, Labels()
+                )
+        sources = Components.join([tracks, unseen, spawned])
+        weights = self.hypotheses.track_weights
+        sight = detect(self.detection, sources, weights, len(tracks), pose)
+        table, seen = self._table(sources, sight, len(tracks))
+        spread = table[:, [kernels.XXX, kernels.XXY, kernels.XYY]]
+        if len(spawned):
+            # A track gates what it or a part of it may have caused.
+            extra = (spawned.covariances - tracks.covariances)[:, :2, :2]
+            spread[: len(tracks)] += np.maximum(extra.reshape(-1, 4)[:, [0, 1, 3]], 0.0)
+        P = sources.covariances
+        both = len(tracks) + len(unseen)
+        distances = squares(
+            points,
+            sources.means[:both, :2],
+            P[:both, 0, 0] + spread[:both, 0],
+            P[:both, 0, 1] + spread[:both, 1],
+            P[:both, 1, 1] + spread[:both, 2],
+        )
+        return Predicted(sources, len(tracks), len(unseen), table, seen, sight, distances < self.gate)
+
+    def _table(self, sources: Components, sight: Sight, tracks: int) -> tuple[FloatArray, FloatArray]:
+        """Rows (S, 16) of `tracking.mixture.association_kernels`, and the probability (S,) of giving any return."""
+        config, count, share = self.config, len(sources), sight.share
+        table = np.empty((count, kernels.COLUMNS))
+        P, freedom = sources.covariances, np.maximum(sources.freedom, 1e-6)
+        table[:, [kernels.MX, kernels.MY]] = sources.means[:, :2]
+        table[:, [kernels.PXX, kernels.PXY, kernels.PYY]] = P.reshape(-1, 16)[:, [0, 1, 5]]
+        scatter = sources.spread.reshape(-1, 4)[:, [0, 1, 3]]
+        noise = config.measurement_noise**2
+        known = np.array([noise, 0.0, noise])
+        table[:, [kernels.XXX, kernels.XXY, kernels.XYY]] = (
+            known if config.spread_known else scatter / freedom[:, None]
+        )
+        # The returns of a half-hidden target are not about its middle.
+        spread = table[:, [kernels.XXX, kernels.XXY, kernels.XYY]]
+        table[:, [kernels.PXX, kernels.PXY, kernels.PYY]] += (1.0 - share)[:, None] * spread
+        table[:, [kernels.VXX, kernels.VXY, kernels.VYY]] = scatter
+        table[:, kernels.NU] = freedom + 3.0
+        shape, rate = sources.counts.T
+        # A gamma density scales by its rate parameter: what is hidden of a target gives no returns.
+        rate = np.maximum(rate, 1e-9) / share
+        if config.rate_spread == 0.0:
+            shape, rate = config.measurement_rate * share, np.ones(count)
+            some = -np.expm1(-shape)
+        else:
+            some = 1.0 - (rate / (rate + 1.0)) ** shape
+        table[:, kernels.ALPHA], table[:, kernels.BETA] = shape, rate
+        detection = np.clip(sight.probability, 1e-9, 1.0)
+        seen = detection * some
+        table[:, kernels.ON] = np.log(np.maximum(sources.weights * detection, 1e-300))
+        table[:, kernels.OFF] = 0.0
+        table[:tracks, kernels.OFF] = np.log1p(-np.minimum(sources.weights * seen, 1.0 - 1e-12)[:tracks])
+        return table, seen
+
+    def _associate(self, predicted: Predicted, points: FloatArray, clutter: FloatArray) -> Updates:
+        """The hypotheses that follow from every group's hypotheses and returns."""
+        tracks, births = predicted.tracks, predicted.births
+        names, label = np.unique(predicted.sources.labels[:tracks], return_inverse=True)
+        narrow = self._narrow(predicted)
+        gated = predicted.gated
+        parent = connected(
+            gated[:tracks], label, len(names), gated[tracks : tracks + births], narrow, points, self.link
+        )
+        place = parent[label].tolist()
+        old = Hypotheses(
+            predicted.sources.select(np.arange(tracks)),
+            self.hypotheses.starts,
+            self.hypotheses.log_weights,
+            self.hypotheses.group,
+        )
+        groups = old.arranged(place, self.config.max_hypotheses)
+        of_return = parent[len(names) :]
+        order = np.argsort(of_return, kind="stable")
+        bounds = np.flatnonzero(np.diff(of_return[order])) + 1
+        returns = {int(of_return[part[0]]): part for part in np.split(order, bounds) if len(part)}
+        updates = Updates()
+        nothing = np.zeros(0, dtype=np.int64)
+        for where in [*groups, *(where for where in returns if where not in groups)]:
+            alternatives = groups.get(where, [(0.0, ())])
+            members = returns.get(where, nothing)
+            seeds, places = self._seeds(predicted, points, members, narrow)
+            if where in groups or len(seeds):
+                self._group(
+                    predicted, points[members], clutter[members], alternatives, places, seeds, updates
+                )
+        return updates
+
+    def _narrow(self, predicted: Predicted) -> npt.NDArray[np.bool_]:
+        """Which places for new targets (B,) are about as small as a target's own returns."""
+        P = predicted.sources.covariances[predicted.tracks : predicted.tracks + predicted.births]
+        largest = np.maximum(P[:, 0, 0], P[:, 1, 1])
+        narrow: npt.NDArray[np.bool_] = largest <= (NARROW * self.config.measurement_noise) ** 2
+        return narrow
+
+    def _seeds(
+        self, predicted: Predicted, points: FloatArray, members: IntArray, narrow: npt.NDArray[np.bool_]
+    ) -> tuple[FloatArray, list[int]]:
+        """Where new targets may be looked for among some returns: positions (B, 2), and rows of their sources."""
+        tracks = predicted.tracks
+        gated = predicted.gated[tracks:][:, members]
+        if not gated.any():
+            return np.zeros((0, 2)), []
+        near = np.flatnonzero(gated.any(1))
+        seeds, rows = [], []
+        for b in near[narrow[near]].tolist():
+            seeds.append(predicted.sources.means[tracks + b, :2])
+            rows.append(tracks + b)
+        wide = near[~narrow[near]]
+        if len(wide):
+            for centre in self._clusters(points[members[gated[wide].any(0)]]):
+                table = predicted.table[tracks + wide]
+                offset = centre - table[:, [kernels.MX, kernels.MY]]
+                size = table[:, kernels.PXX] * table[:, kernels.PYY] - table[:, kernels.PXY] ** 2
+                square = offset[:, 0] ** 2 / table[:, kernels.PXX] + offset[:, 1] ** 2 / table[:, kernels.PYY]
+                best = wide[(table[:, kernels.ON] - 0.5 * (square + np.log(size))).argmax()]
+                seeds.append(centre)
+                rows.append(int(tracks + best))
+        return np.array(seeds[:MOST_SEEDS]).reshape(-1, 2), rows[:MOST_SEEDS]
+
+    def _clusters(self, points: FloatArray) -> list[FloatArray]:
+        """Centres of clusters of returns, at two distances, the largest clusters first."""
+        if len(points) == 1:
+            return [points[0]]
+        found: dict[bytes, tuple[int, FloatArray]] = {}
+        for distance in (self.link, 0.5 * self.link):
+            names = single_linkage(points, distance)
+            for name in range(names.max() + 1):
+                inside = names == name
+                found[inside.tobytes()] = int(inside.sum()), points[inside].mean(0)
+        return [centre for _, centre in sorted(found.values(), key=lambda item: -item[0])]
+
+    def _group(
+        self,
+        predicted: Predicted,
+        points: FloatArray,
+        clutter: FloatArray,
+        alternatives: list[Alternative],
+        places: list[int],
+        seeds: FloatArray,
+        updates: Updates,
+    ) -> None:
+        """Structures of one group of returns under each of its hypotheses."""
+        config, sources = self.config, predicted.sources
+        fresh: dict[int, int] = {}
+        results: list[Alternative] = []
+        top = max(value for value, _ in alternatives)
+        alternatives, expansions, spawning = self._affordable(alternatives, len(points), len(places))
+        for value, rows in alternatives:
+            if len(points) == 0:
+                log_weight = float(predicted.table[list(rows), kernels.OFF].sum())
+                members = tuple(updates.add(row, int(sources.labels[row]), None) for row in rows)
+                results.append((value + log_weight, members))
+                continue
+            spawns = predicted.spawn_rows(rows) if spawning else []
+            index = [*rows, *places, *spawns]
+            values, active, cells = kernels.search(
+                points,
+                predicted.table[index],
+                len(rows),
+                len(places),
+                seeds,
+                self.gate,
+                clutter,
+                config.rate_spread == 0.0,
+                config.spread_known,
+                SWEEPS,
+                config.hypothesis_margin + min(0.0, value - top),
+                config.max_hypotheses,
+                expansions,
+            )
+            for structure, on, cell in zip(values.tolist(), active.tolist(), cells, strict=True):
+                members = ()
+                for k, source in enumerate(index):
+                    if k < len(rows):
+                        label = int(sources.labels[source])
+                        members += (updates.add(source, label, cell[k] if on[k] else None),)
+                    elif on[k]:
+                        # One number for what is new at one seed, or off one target, whichever the hypothesis.
+                        parent = (
+                            rows[(k - len(rows) - len(places)) // 2] if k >= len(rows) + len(places) else -1
+                        )
+                        key = int(sources.labels[parent]) if parent >= 0 else -1 - (k - len(rows))
+                        if key not in fresh:
+                            fresh[key] = int(self.labels.take(1)[0])
+                        members += (updates.add(source, fresh[key], cell[k]),)
+                results.append((value + structure, members))
+        updates.groups.append(results)
+
+    def _affordable(
+        self, alternatives: list[Alternative], returns: int, places: int
+    ) -> tuple[list[Alternative], int, bool]:
+        """Hypotheses to search, how many of their structures to vary, and whether targets may split."""
+        largest = max(len(rows) for _, rows in alternatives)
+        for expansions, spawning in ((EXPANSIONS, True), (1, True), (1, False), (0, False)):
+            sources = largest * (3 if spawning else 1) + places
+            work = returns * (largest + 1) * (1 + expansions * sources)
+            if work <= MOST_WORK:
+                break
+        count = max(MOST_WORK // max(work, 1), 1)
+        if count < len(alternatives) or expansions < EXPANSIONS:
+            self.thinned += 1
+        return sorted(alternatives, key=lambda item: -item[0])[:count], expansions, spawning
+
+    def _corrected(
+        self, predicted: Predicted, updates: Updates, points: FloatArray, exactness: FloatArray | None
+    ) -> Components:
+        """The tracks after the scan: missed ones less probable, detected ones updated by (10)."""
+        index = np.array(updates.source, dtype=np.int64)
+        tracks = predicted.sources.select(index)
+        tracks.labels = np.array(updates.label, dtype=np.int64)
+        seen = np.array(updates.seen, dtype=bool)
+        p = predicted.seen[index]
+        # 1 - r p as in the association, so that a certain target is never divided by 0.
+        missed = tracks.weights * (1.0 - p) / np.maximum(1.0 - tracks.weights * p, 1e-12)
+        tracks.weights = np.where(seen, 1.0, np.minimum(missed, 1.0))
+        # Where a target is not seen, it rather is where it is hidden.
+        tracks.means[~seen] = predicted.sight.means[index[~seen]]
+        tracks.covariances[~seen] = predicted.sight.covariances[index[~seen]]
+        if not updates.cells:
+            return tracks
+        cells = np.array(updates.cells)
+        table = predicted.table[index[seen]]
+        n = cells[:, kernels.N]
+        P = tracks.covariances[seen]
+        X = _matrices(table[:, kernels.XXX], table[:, kernels.XXY], table[:, kernels.XYY])
+        # The mean of returns that lie to either side of the middle, as legs do, is nearer to it than by chance.
+        spread = np.maximum(1.0 + (n - 1.0) * self.correlation, 0.1) / n
+        if exactness is not None:
+            gaps = np.linalg.norm(cells[:, [kernels.ZX, kernels.ZY]][:, None] - points[None], axis=2)
+            spread = np.where(n < LONE, spread / exactness[gaps.argmin(1)], spread)
+        R = X * (spread + 1.0 - predicted.sight.share[index[seen]])[:, None, None]
+        PHt = P[:, :, :2]
+        gain = PHt @ np.linalg.inv(P[:, :2, :2] + R)
+        innovation = cells[:, [kernels.ZX, kernels.ZY]] - tracks.means[seen][:, :2]
+        tracks.means[seen] += (gain @ innovation[:, :, None])[:, :, 0]
+        keep = np.tile(np.eye(4), (len(P), 1, 1))
+        keep[:, :, :2] -= gain
+        # What returns are whose is itself uncertain: the spread of the mean over the associations.
+        doubt = _matrices(cells[:, kernels.UXX], cells[:, kernels.UXY], cells[:, kernels.UYY])
+        noise = R + doubt / (n**2)[:, None, None]
+        tracks.covariances[seen] = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ noise @ np.swapaxes(gain, 1, 2)
+        tracks.counts[seen] += np.column_stack([n, predicted.sight.share[index[seen]]])
+        tracks.spread[seen] += _matrices(cells[:, kernels.SXX], cells[:, kernels.SXY], cells[:, kernels.SYY])
+        tracks.freedom[seen] += np.maximum(n - 1.0, 0.0)
+        return tracks
+
+    def _sound(self, covariances: FloatArray) -> FloatArray:
+        """Covariances made definite again where rounding took that from them."""
+        covariances = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
+        try:
+            np.linalg.cholesky(covariances)
+        except np.linalg.LinAlgError:
+            self.repaired += 1
+            values, vectors = np.linalg.eigh(covariances)
+            floor = np.maximum(values[:, -1:], 1e-12) * 1e-12
+            raised = (vectors * np.maximum(values, floor)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+            covariances = repair_covariance(0.5 * (raised + np.swapaxes(raised, 1, 2)))
+        return covariances
+
+
+def _matrices(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
+    """Symmetric matrices (n, 2, 2)."""
+    return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)

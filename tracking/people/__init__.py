@@ -1,0 +1,1 @@
+"""People and whatever else stands free in laser scans: the measurement model `clusters`."""

@@ -1,0 +1,180 @@
+"""The measurement model `clusters`: what one scan says of people and of whatever else stands free.
+
+A target gives one or two clusters of returns, as a person does who shows two legs. Each measurement is the middle of a
+cluster; the density of clutter at it is learned from what always stood there, and lower the more its shape is that of a
+leg or a trunk. Whether a target can be seen at all is read off the scan (`tracking.mixture.occluders`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray
+from registration.laser.scan import Scan
+from tracking.mixture.components import Components, IntArray
+from tracking.mixture.occluders import WEIGHTS, seen_shares
+from tracking.mixture.phd_models import ConstantVelocityMotion, Sight
+from tracking.people.free_space import Background
+from tracking.people.legs import FEATURES, Clusters, clusters_of
+from tracking.people.people_config import PeopleConfig
+from tracking.people.people_middle import depths
+from tracking.people.people_shape import ShapeModel
+from tracking.people.people_sweep import Sweep
+
+# e to this power is the clutter denser where something always stood, and thinner where nobody has looked before: what
+# comes into view with its surroundings was there all the time, it did not come up this instant.
+STOOD, UNKNOWN = 4.0, 4.0
+BoolArray = npt.NDArray[np.bool_]
+
+# Speed of a walk, m/s; probability that who stands is about to walk; and seconds over which a velocity persists.
+WALKS, STARTS, PERSISTS = 0.3, 0.05, 3.0
+SHAPE = 2.0  # most that the shape of a cluster says against clutter, or for it, nat
+WIDEST = 0.9  # m, of a cluster that can be a target
+MOST_CLUSTERS = 400  # of a scan, the nearest; for speed
+MOVING = 0.8  # how surely a beam lies where it was empty that registration says moves
+FREE, FREER = FEATURES.index("jump_least"), FEATURES.index("jump_most")
+OUTSTANDS = 0.05  # m by which a target stands in front of its surroundings on one side at least
+
+
+@dataclass(frozen=True)
+class ClusterScan:
+    """K measurements of a scan in the frame of the tracks.
+
+    places (K, 2) : middles, m. log_clutter (K,) : of the density of clutter there, 1/m². shape (K,) : log-likelihood
+    ratio person : other. fresh, old (K,) : share that lies where it was empty, where something stood. widths (K,) m.
+    free (K,) : m by which each stands in front of its surroundings. counts (K,) : returns. index (K,) : of each
+    among `clusters`. thinned : whether there were more than are looked at.
+    """
+
+    places: FloatArray
+    log_clutter: FloatArray
+    shape: FloatArray
+    fresh: FloatArray
+    old: FloatArray
+    widths: FloatArray
+    free: FloatArray
+    ranges: FloatArray
+    counts: IntArray
+    index: IntArray
+    clusters: Clusters
+    thinned: bool
+
+    @classmethod
+    def of(
+        cls,
+        scan: Scan,
+        sweep: Sweep,
+        background: Background,
+        model: ShapeModel,
+        config: PeopleConfig,
+        own: BoolArray,
+        moving: BoolArray,
+    ) -> ClusterScan:
+        """The measurements of a scan; beams of `own` (N,) hit the robot, of `moving` (N,) what moves."""
+        clusters = clusters_of(scan, config.join_distance, config.max_range, own)
+        inside = clusters.labels >= 0
+        fresh, old, unseen = background.evidence(sweep.points(inside), 0.05 + 0.02 * scan.ranges[inside])
+        fresh = np.maximum(fresh, MOVING * moving[inside])
+        names, counts = clusters.labels[inside], np.maximum(clusters.counts, 1)
+        fresh = np.bincount(names, fresh, len(clusters)) / counts
+        old = np.bincount(names, old, len(clusters)) / counts
+        unseen = np.bincount(names, unseen, len(clusters)) / counts
+        spacing = clusters.ranges * abs(scan.angle_increment)
+        free, freer = clusters.features[:, FREE], clusters.features[:, FREER]
+        enough = (clusters.counts >= 3) | ((clusters.counts == 2) & (spacing > 0.03)) | (spacing > 0.08)
+        chosen = np.flatnonzero(enough & (clusters.widths < WIDEST) & (freer > OUTSTANDS))
+        thinned = len(chosen) > MOST_CLUSTERS
+        if thinned:
+            chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
+        known = STOOD * old[chosen]
+        if not background.forgot:
+            known -= UNKNOWN * unseen[chosen]
+        shape = model.evidence(clusters)[chosen]
+        ranges = clusters.ranges[chosen]
+        behind = depths(clusters, free > 0.0, spacing)[chosen]
+        places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 0.1))[:, None]
+        middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
+        return cls(
+            sweep.placed(places, middles),
+            np.log(config.clutter) + known - np.clip(shape, -SHAPE, SHAPE),
+            shape,
+            fresh[chosen],
+            old[chosen],
+            clusters.widths[chosen],
+            free[chosen],
+            ranges,
+            clusters.counts[chosen],
+            chosen,
+            clusters,
+            thinned,
+        )
+
+
+class StandingOrWalking(ConstantVelocityMotion):
+    """Two states with their moments matched: who stands hardly accelerates, who walks does, and slows down in the end.
+
+    The probability of walking is that of a speed above `WALKS` by the state; at least `STARTS`, as anybody may start.
+    Velocity decays over `PERSISTS`, so that somebody out of sight is somewhere, not everywhere.
+    """
+
+    def survivors(self, components: Components, dt: float) -> tuple[Components, FloatArray]:
+        """Components dt seconds on, and their covariances (J, 4, 4) before process noise is added."""
+        moved_on, moved = super().survivors(components, dt)
+        slower = np.exp(-dt / PERSISTS)
+        F, Q = self.matrices(dt)
+        F[0, 2] = F[1, 3] = PERSISTS * (1.0 - slower)
+        F[2, 2] = F[3, 3] = slower
+        moved = F @ components.covariances @ F.T
+        square = (components.means[:, 2:] ** 2).sum(1)
+        square += components.covariances[:, 2, 2] + components.covariances[:, 3, 3]
+        walks = np.maximum(-np.expm1(-square / (2.0 * WALKS**2)), STARTS)
+        moved_on.means = components.means @ F.T
+        moved_on.covariances = moved + walks[:, None, None] * Q
+        return moved_on, moved
+
+
+class ScanDetection:
+    """p_D from the scan itself: how much of each target it could have shown, over the places where it may be."""
+
+    def __init__(self, probability: float, max_range: float) -> None:
+        """probability : of giving any cluster in plain view."""
+        self.probability, self.max_range = probability, max_range
+        self.scan: Scan | None = None
+
+    def __call__(self, means: FloatArray, sensor_pose: FloatArray | None) -> FloatArray:
+        """Probabilities (J,) with nothing in between."""
+        return np.full(len(means), self.probability)
+
+    def in_scene(
+        self, components: Components, weights: FloatArray, tracks: int, sensor_pose: FloatArray | None
+    ) -> Sight:
+        """What the scan, taken from `sensor_pose` (3,), could show of the first `tracks`; of the others all of it."""
+        sight = Sight.plain(self(components.means, sensor_pose), components)
+        if sensor_pose is None or self.scan is None or tracks == 0:
+            return sight
+        c, s = np.cos(sensor_pose[2]), np.sin(sensor_pose[2])
+        turn = np.array([[c, s], [-s, c]])
+        means, P = components.means[:tracks], components.covariances[:tracks]
+        shares, places = seen_shares(
+            self.scan, (means[:, :2] - sensor_pose[:2]) @ turn.T, turn @ P[:, :2, :2] @ turn.T, self.max_range
+        )
+        places = places @ turn
+        probability = self(components.means, sensor_pose)
+        probability[:tracks] *= shares @ WEIGHTS
+        # Who is not seen rather is where the scan could not show him.
+        stays = WEIGHTS * (1.0 - self.probability * shares)
+        stays /= stays.sum(axis=1, keepdims=True)
+        shift = np.einsum("ts,tsi->ti", stays, places)
+        change = (
+            np.einsum("ts,tsi,tsj->tij", stays - WEIGHTS, places, places) - shift[:, :, None] * shift[:, None]
+        )
+        gain = np.swapaxes(np.linalg.solve(P[:, :2, :2], P[:, :2, :]), 1, 2)
+        all_means, covariances = components.means.copy(), components.covariances.copy()
+        all_means[:tracks] += (gain @ shift[:, :, None])[:, :, 0]
+        after = P + 0.9 * gain @ change @ np.swapaxes(gain, 1, 2)
+        sound = np.linalg.eigvalsh(after)[:, 0] > 1e-9
+        covariances[:tracks] = np.where(sound[:, None, None], after, P)
+        return Sight(probability, np.ones(len(components)), all_means, covariances)

@@ -1,0 +1,142 @@
+"""What stands still around the sensor: which places were seen empty, and which were seen occupied, some time ago.
+
+A person stands where nothing was before. A grid of the surroundings counts, per cell, scans that saw it empty and scans
+that saw something in it. Scans enter it with a delay, so that somebody who walks does not become his own background.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from estimation.checks import FloatArray
+from tracking.people.people_sweep import Sweep
+
+
+@dataclass(frozen=True)
+class GridTuning:
+    """cell : edge, m. reach : around the sensor, m. delay : before a scan counts, s. memory : of the counts, s."""
+
+    cell: float = 0.1
+    reach: float = 15.0
+    delay: float = 1.0
+    memory: float = 20.0
+
+
+class Background:
+    """Counts of empty and occupied per cell of a torus around the sensor, in the frame of the poses."""
+
+    def __init__(self, tuning: GridTuning | None = None) -> None:
+        self.tuning = tuning or GridTuning()
+        size = 1 << math.ceil(math.log2(2.0 * self.tuning.reach / self.tuning.cell + 2))
+        self.size = size
+        self.counts = np.zeros((size, size, 2), dtype=np.float32)
+        self.owner = np.full((size, size), np.iinfo(np.int64).min, dtype=np.int64)
+        self.seen = np.zeros((size, size), dtype=np.int64)
+        self._scans = 0
+        self._waiting: deque[tuple[float, FloatArray]] = deque()
+        self._last: float | None = None
+        self.forgot = False
+
+    def clear(self) -> None:
+        """Forget everything; `forgot` until scans count again."""
+        self.forgot = True
+        self.owner[:] = np.iinfo(np.int64).min
+        self._waiting.clear()
+        self._last = None
+
+    def add(self, sweep: Sweep, stamp: float, ignore: npt.NDArray[np.bool_]) -> None:
+        """A scan; beams of `ignore` (N,) hit people: they only say what is empty before them."""
+        seen = np.isfinite(sweep.ranges)
+        hits = np.where(ignore | (sweep.ranges >= self.tuning.reach), 0.0, 1.0)
+        ways = np.cos(sweep.angles), np.sin(sweep.angles)
+        rays = np.column_stack((sweep.origins, *ways, np.where(seen, sweep.ranges, 0.0), hits))[seen]
+        self._waiting.append((stamp, rays))
+        while self._waiting and self._waiting[0][0] <= stamp - self.tuning.delay:
+            then, old = self._waiting.popleft()
+            dt = 0.1 if self._last is None else min(max(then - self._last, 0.0), 1.0)
+            self._last = then
+            keep = math.exp(-dt / self.tuning.memory)
+            self._scans += 1
+            self.forgot = False
+            grid = self.counts, self.owner, self.seen
+            _insert(*grid, self._scans, old, self.tuning.cell, self.tuning.reach, keep)
+
+    def evidence(self, points: FloatArray, slack: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """How surely each point (M, 2) lies where it was empty, where something stood, and where nobody has looked.
+
+        slack : (M,) metres, how well the place of a point is known. All (M,) in [0, 1].
+        """
+        return _evidence(self.counts, self.owner, points, slack, self.tuning.cell)
+
+
+@njit(cache=True)
+def _slot(owner, counts, i, j):  # type: ignore[no-untyped-def]
+    """Indices of a cell on the torus, emptied if it belonged to another place."""
+    size = owner.shape[0]
+    a, b = i & (size - 1), j & (size - 1)
+    name = (i << 32) ^ (j & 0xFFFFFFFF)
+    if owner[a, b] != name:
+        owner[a, b] = name
+        counts[a, b, 0] = 0.0
+        counts[a, b, 1] = 0.0
+    return a, b
+
+
+@njit(cache=True)
+def _insert(counts, owner, seen, scan, rays, cell, reach, keep):  # type: ignore[no-untyped-def]
+    """One scan, number `scan`: every cell counts once, occupied before empty."""
+    for k in range(len(rays)):
+        if rays[k, 5] > 0.0:
+            i = math.floor((rays[k, 0] + rays[k, 2] * rays[k, 4]) / cell)
+            j = math.floor((rays[k, 1] + rays[k, 3] * rays[k, 4]) / cell)
+            a, b = _slot(owner, counts, i, j)
+            if seen[a, b] != scan:
+                seen[a, b] = scan
+                counts[a, b, 0] *= keep
+                counts[a, b, 1] = counts[a, b, 1] * keep + 1.0
+    for k in range(len(rays)):
+        # A cell before the return the beam is not sure to have been in the open.
+        steps = int((min(rays[k, 4], reach) - cell) / (0.7 * cell))
+        for s in range(1, steps + 1):
+            along = s * 0.7 * cell
+            i = math.floor((rays[k, 0] + rays[k, 2] * along) / cell)
+            j = math.floor((rays[k, 1] + rays[k, 3] * along) / cell)
+            a, b = _slot(owner, counts, i, j)
+            if seen[a, b] != scan:
+                seen[a, b] = scan
+                counts[a, b, 0] = counts[a, b, 0] * keep + 1.0
+                counts[a, b, 1] *= keep
+
+
+@njit(cache=True)
+def _evidence(counts, owner, points, slack, cell):  # type: ignore[no-untyped-def]
+    fresh, old, unseen = np.zeros(len(points)), np.zeros(len(points)), np.ones(len(points))
+    size = owner.shape[0]
+    for k in range(len(points)):
+        i, j = math.floor(points[k, 0] / cell), math.floor(points[k, 1] / cell)
+        # What is known no better than this could be anywhere, and looking there takes for ever.
+        rings = math.ceil(min(max(slack[k] / cell, 1.0), size / 8.0))
+        empty, most, looked = 0.0, 0.0, 0.0
+        for di in range(-rings, rings + 1):
+            for dj in range(-rings, rings + 1):
+                a, b = (i + di) & (size - 1), (j + dj) & (size - 1)
+                if owner[a, b] != (((i + di) << 32) ^ ((j + dj) & 0xFFFFFFFF)):
+                    continue
+                passes, hits = counts[a, b, 0], counts[a, b, 1]
+                looked = max(looked, passes + hits)
+                if hits > 0.0:
+                    # One return against many beams through the cell is an edge or dust, not a thing that stands.
+                    most = max(most, (hits / (hits + passes)) * min(1.0, hits / 4.0))
+                if di == 0 and dj == 0:
+                    empty = passes
+        share = min(1.0, empty / 5.0)
+        fresh[k] = share * max(0.0, 1.0 - most / 0.08)
+        old[k] = min(1.0, most / 0.5)
+        unseen[k] = max(0.0, 1.0 - looked / 5.0)
+    return fresh, old, unseen

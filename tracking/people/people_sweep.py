@@ -1,0 +1,59 @@
+"""A scan in the frame of the tracks, each beam from where the scanner was when it was sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray
+from estimation.geometry.poses import wrap_angle
+from registration.laser.scan import Scan
+
+FASTEST = 3.0  # m/s and rad/s; a pose that changes faster has jumped
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Origins (N, 2) m, angles (N,) rad and ranges (N,) m, inf without return, of the beams in the frame of the tracks.
+
+    bearings : (N,) rad, of the beams in the frame of the scanner.
+    """
+
+    origins: FloatArray
+    angles: FloatArray
+    ranges: FloatArray
+    bearings: FloatArray
+
+    @classmethod
+    def of(cls, scan: Scan, pose: FloatArray, before: FloatArray | None, dt: float) -> Sweep:
+        """The sweep of a scanner at `pose` (3,) that was at `before` `dt` seconds ago and goes on like that."""
+        times = scan.time_increment * np.arange(len(scan))
+        rate = np.zeros(3)
+        # Stamps that bunch would make a fast robot of a slow one; so would a sweep longer than the scan's period.
+        if before is not None and 0.01 < dt < 1.0 and 0.0 < scan.time_increment * len(scan) < 2.0 * dt:
+            motion = pose - before
+            motion[2] = wrap_angle(motion[2])
+            if np.hypot(motion[0], motion[1]) < FASTEST * dt and abs(motion[2]) < FASTEST * dt:
+                rate = motion / dt
+        ranges = np.where(scan.valid, scan.ranges, np.inf)
+        return cls(
+            pose[:2] + times[:, None] * rate[:2],
+            scan.bearings + pose[2] + times * rate[2],
+            ranges,
+            scan.bearings,
+        )
+
+    def points(self, beams: npt.NDArray[np.bool_]) -> FloatArray:
+        """End points of the beams of a mask (N,), (M, 2) metres."""
+        angles = self.angles[beams]
+        ends = self.ranges[beams, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+        return np.asarray(self.origins[beams] + ends)
+
+    def placed(self, places: FloatArray, beams: npt.NDArray[np.int64]) -> FloatArray:
+        """Places (K, 2) of the scanner's frame, seen by beams (K,), in the frame of the tracks."""
+        turn = self.angles[beams] - self.bearings[beams]
+        c, s = np.cos(turn), np.sin(turn)
+        x, y = places[:, 0], places[:, 1]
+        return np.asarray(self.origins[beams] + np.column_stack((c * x - s * y, s * x + c * y)))

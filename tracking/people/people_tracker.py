@@ -1,0 +1,355 @@
+"""People and whatever else stands free in laser scans: the mixture with the measurement model `clusters`.
+
+The core is `tracking.mixture.pmbm`, as for points. Which targets are people is a part of each target's state:
+a log-odds that a learned model gives from all that was seen of it (`tracking.people.person_class`), no rule
+about speed, company or history.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.checks import FloatArray, as_finite, as_shape
+from estimation.conversion.uncertain_frame import state_through_uncertain_pose
+from estimation.errors import InputError
+from estimation.filters.gaussians import repair_covariance
+from estimation.geometry.poses import between, compound, inverse
+from registration.laser.scan import Scan
+from tracking.mixture.phd_config import PhdConfig
+from tracking.mixture.phd_models import Detection
+from tracking.mixture.pmbm import PmbmRecursion, State
+from tracking.mixture.target import LabelState, Target
+from tracking.people.cluster_model import ClusterScan, ScanDetection, StandingOrWalking
+from tracking.people.free_space import Background
+from tracking.people.own_parts import OwnBody
+from tracking.people.people_config import PeopleConfig
+from tracking.people.people_middle import WIDE
+from tracking.people.people_shape import shape_model
+from tracking.people.people_sweep import Sweep
+from tracking.people.person_class import ClassEvidence, ClassModel, class_model
+
+PERIOD = 0.1  # s, of a scan as the settings mean it
+OPPOSITE = -0.8  # correlation of where both legs are about the middle
+EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
+CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
+BIRTHS, REACH = 0.003, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
+SPEED = 0.7  # m/s, deviation of a new target's velocity
+LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
+HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
+BELONGS = 0.45  # m from a target to the clusters that tell its class
+# Two targets whose way from one to the other is on average shorter than that, m, over that many seconds are the legs of
+# one: legs pass each other, people do not. Set on people who walk among pillars, seed 500.
+LEGS, STRIDES = 0.3, 1.0
+NEIGHBOURS = 1.0  # m between the legs of one person at most
+HELD = 1.0  # s without a guessed pose after which the surroundings are known: as late as they are entered
+# How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its
+# cluster is, m, but for a share that is not found at all.
+JUMPS, LEARNED = 0.001, 30.0
+FOUND, UNFOUND = 0.15, 0.0001
+# What is as before again where a scan, more than so many s after the one before it, turns out to have a wrong stamp.
+GAP, KEPT = 0.5, ("background", "evidence", "targets", "_between")
+LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
+
+
+@dataclass(frozen=True)
+class Person(Target):
+    """A tracked target with its class.
+
+    person : probability that it is one. occluded : hidden now, kept by prediction. last_seen : stamp, s.
+    """
+
+    person: float = 1.0
+    occluded: bool = False
+    last_seen: float = 0.0
+
+
+@dataclass
+class PeopleHealth:
+    """late : scans skipped for their stamp. restarts : new runs. thinned : scans of more clusters than are looked at.
+    jumps : poses that jumped. potential : targets of any class after the last scan."""
+
+    late: int = 0
+    restarts: int = 0
+    thinned: int = 0
+    jumps: int = 0
+    potential: int = 0
+
+
+class PeopleTracker:
+    """Tracks people, and all else that stands free, from scans and the robot's pose; see the module."""
+
+    def __init__(self, config: PeopleConfig | None = None, classes: ClassModel | None = None) -> None:
+        """classes : instead of the shipped ones."""
+        self.config = config or PeopleConfig()
+        self.shape, self.classes = shape_model(), classes or class_model()
+        self.health = PeopleHealth()
+        self._phd = PhdConfig(
+            surveillance=((-REACH, REACH), (-REACH, REACH)),
+            clutter_rate=1.0,
+            detection_probability=self.config.detection_probability,
+            survival_probability=math.exp(-PERIOD / self.config.memory),
+            measurement_noise=self.config.leg_noise,
+            process_noise=self.config.acceleration,
+            measurement_rate=CLUSTERS,
+            births=[],
+            spawn=None,
+            scan_period=PERIOD,
+            distance_probabilities=(0.3, LINK),
+            max_hypotheses=HYPOTHESES,
+            hypothesis_margin=MARGIN,
+        )
+        self._sight = self._detection()
+        detection: Detection = self._sight
+        self.recursion = PmbmRecursion(self._phd, detection)
+        self.recursion.motion = StandingOrWalking(self._phd)
+        self.recursion.correlation = OPPOSITE
+        self.reset()
+
+    def _detection(self) -> ScanDetection:
+        """Where p_D comes from."""
+        return ScanDetection(self.config.detection_probability, self.config.max_range)
+
+    def reset(self) -> None:
+        """Forgets all targets and the surroundings; labels go on counting."""
+        self.recursion.reset()
+        self.background = Background()
+        self.evidence: dict[int, ClassEvidence] = {}
+        self.targets: list[Target] = []
+        self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
+        self._own = OwnBody()
+        self.stamp: float | None = None
+        self._gap: tuple[float, State, LabelState, dict[str, Any]] | None = (
+            None  # what was before the last one
+        )
+        self._late: float | None = None  # stamp of the scan before, if it was late
+        self._pose: FloatArray | None = None
+        self._uncertain: FloatArray | None = None
+        self._held = math.inf  # s for which the pose has been known
+        self._jumps = JUMPS  # probability that the frame jumps from one scan to the next
+
+    @property
+    def expected_count(self) -> float:
+        """Expected number of people."""
+        return float(sum(t.weight * t.person for t in self.targets if isinstance(t, Person)))
+
+    def step(
+        self,
+        scan: Scan,
+        pose: npt.ArrayLike,
+        stamp: float,
+        labels: npt.ArrayLike | None = None,
+        pose_covariance: npt.ArrayLike | None = None,
+        pose_known: bool = True,
+    ) -> list[Target]:
+        """People after a scan; `targets` has everything, of any class.
+
+        pose : (3,) x, y, yaw of the scanner, metres and radians; targets are in its frame. stamp : seconds.
+        labels : (N,) per beam, > 0 moving, 0 static, < 0 unknown, by scan registration; None without.
+        pose_covariance : (3, 3) of `pose`, m and rad; None takes the pose for exact. Targets are followed relative to
+        the robot, as its error is the same for all of them and from scan to scan; it is in what is reported.
+        pose_known : False where `pose` is a guess: what was seen empty in its frame then says nothing.
+
+        Raises InputError for other shapes, for a pose or stamp that is not finite and an indefinite covariance.
+        """
+        place, moving = _checked(scan, pose, stamp, labels)
+        self._uncertain = None if pose_covariance is None else _checked_covariance(pose_covariance)
+        dt = self._interval(float(stamp))
+        if dt is None:
+            return self._people()
+        self._held = self._held + dt if pose_known else 0.0
+        if self._held < HELD:
+            self.background.clear()
+        sweep = Sweep.of(scan, place, self._pose, dt)
+        own = self._own.mask(scan, place)
+        seen = ClusterScan.of(scan, sweep, self.background, self.shape, self.config, own, moving)
+        if self._jumped(seen, place, dt):
+            self.background.clear()
+            seen = ClusterScan.of(scan, sweep, self.background, self.shape, self.config, own, moving)
+        self.health.thinned += seen.thinned
+        self._sight.scan = scan
+        spread = np.diag([REACH**2, REACH**2, SPEED**2, SPEED**2])
+        self._phd.births = [(BIRTHS, np.array([*place[:2], 0.0, 0.0]), spread)]
+        exactness = np.where(seen.widths > WIDE, EXACTER, 1.0)
+        self.recursion.update(seen.places, dt, place, seen.log_clutter, exactness)
+        self.stamp, self._pose = float(stamp), place
+        found = self.recursion.targets()
+        gone = self._unite(found, dt)
+        self._classify([target for target in found if target.label not in gone], seen, place, dt)
+        # What is followed as a target is no clutter, whatever its class.
+        mine = np.zeros(len(seen.clusters) + 1, dtype=bool)
+        mine[seen.index[self._of_targets(seen)]] = True
+        self.background.add(sweep, stamp, own | mine[seen.clusters.labels])
+        self.health.potential = len(self.targets)
+        return self._people()
+
+    def _interval(self, stamp: float) -> float | None:
+        """Seconds to predict over; None for a late scan.
+
+        Two late ones that follow each other are not late: the stamp of the one before them was wrong. Where that scan
+        came after a gap, all is again as it was before it: people in plain view were not where they had been long ago.
+        """
+        last, config = self.stamp, self.config
+        before, self._late = self._late, None
+        if last is not None and -config.late_window <= stamp - last < 0.0:
+            self.health.late += 1
+            if before is None or not 0.0 < stamp - before <= config.max_gap:
+                self._late = stamp
+                return None
+            last = self._as_before_gap(stamp) or before
+        if last is not None and stamp < last:
+            last = self._as_before_gap(stamp) or last
+        if last is not None and not 0.0 <= stamp - last <= config.max_gap:
+            self.health.restarts += 1
+            self.reset()
+            last = None
+        self._gap = None
+        if last is not None and stamp - last > GAP:
+            kept = {name: getattr(self, name) for name in KEPT}
+            self._gap = copy.deepcopy((last, self.recursion.state(), self.recursion.extractor.state(), kept))
+        return PERIOD if last is None else stamp - last
+
+    def _as_before_gap(self, stamp: float) -> float | None:
+        """Goes back to before the last gap and says when that was, s; None where `stamp` is not from soon after it."""
+        gap, self._gap = self._gap, None
+        if gap is None or not 0.0 < stamp - gap[0] <= self.config.max_gap:
+            return None
+        last, state, labels, kept = gap
+        self.recursion.restore(state)
+        self.recursion.extractor.restore(labels)
+        for name, value in kept.items():
+            setattr(self, name, value)
+        return last
+
+    def _jumped(self, seen: ClusterScan, pose: FloatArray, dt: float) -> bool:
+        """Whether the frame jumped, as odometry does that lost its way: everybody is then taken along.
+
+        The odds that it did: how much better all that was in view before, of any class, is found where it was as seen
+        from the scanner than where it was by the poses, times how often this frame jumps.
+        """
+        before = self._pose
+        if before is None:
+            return False
+        step = between(before, pose)
+        sure = [t for t in self.targets if isinstance(t, Person) and t.last_seen == self.stamp]
+        self._jumps += min(dt / LEARNED, 1.0) * (JUMPS - self._jumps)
+        if np.hypot(step[0], step[1]) + 2.0 * abs(step[2]) < LEAST_JUMP or not sure:
+            return False
+        shift = compound(pose, inverse(before))
+        spots = np.array([target.mean[:2] + dt * target.mean[2:] for target in sure])
+        better = _fit(_moved(spots, shift), seen) - _fit(spots, seen)
+        if better + math.log(self._jumps / (1.0 - self._jumps)) <= 0.0:
+            return False
+        self._jumps += min(dt / LEARNED, 0.5) * (1.0 - self._jumps)
+        self.recursion.shift(shift)
+        for evidence in self.evidence.values():
+            evidence.shift(shift)
+        c, s = math.cos(shift[2]), math.sin(shift[2])
+        turn = np.array([[c, -s], [s, c]])
+        self._between = {key: (seconds, turn @ way) for key, (seconds, way) in self._between.items()}
+        self.health.jumps += 1
+        return True
+
+    def _unite(self, found: list[Target], dt: float) -> set[int]:
+        """Of two targets that are the legs of one person, the younger goes, and its label is returned; see `LEGS`."""
+        means = np.array([target.mean for target in found]).reshape(-1, 4)
+        ways = means[None] - means[:, None]
+        near = np.argwhere(np.triu(np.hypot(ways[..., 0], ways[..., 1]) < NEIGHBOURS, 1))
+        share = min(dt / STRIDES, 1.0)
+        between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
+        moved: dict[int, FloatArray] = {}
+        gone: set[int] = set()
+        # Targets come by label, the elder first.
+        for a, b in near.tolist():
+            elder, younger = found[a].label, found[b].label
+            seconds, mean = self._between.get((elder, younger), (0.0, ways[a, b, :2]))
+            mean = mean + share * (ways[a, b, :2] - mean)
+            between[elder, younger] = seconds + dt, mean
+            if seconds + dt > STRIDES and math.hypot(*mean) < LEGS and elder not in gone:
+                gone.add(younger)
+                moved[elder] = 0.5 * ways[a, b]
+        self._between = between
+        if gone:
+            self.recursion.forget(gone, moved)
+        return gone
+
+    def _of_targets(self, seen: ClusterScan) -> npt.NDArray[np.bool_]:
+        """Which clusters (K,) are of a target."""
+        spots = np.array([target.mean[:2] for target in self.targets]).reshape(-1, 2)
+        gaps = np.linalg.norm(seen.places[:, None] - spots[None], axis=2)
+        return np.asarray(gaps.min(axis=1, initial=np.inf) < BELONGS)
+
+    def _classify(self, found: list[Target], seen: ClusterScan, pose: FloatArray, dt: float) -> None:
+        """What this scan says of the class of each target, and all targets with it."""
+        spots = np.array([target.mean[:2] for target in found]).reshape(-1, 2)
+        gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2).reshape(
+            len(found), len(seen.places)
+        )
+        nearest = gaps.argmin(0) if len(found) else np.zeros(len(seen.places), dtype=int)
+        stamp, posed = float(self.stamp or 0.0), self._held >= HELD
+        for t, target in enumerate(found):
+            evidence = self.evidence.setdefault(target.label, ClassEvidence(target.mean[:2].copy()))
+            whose = np.flatnonzero((nearest == t) & (gaps[t] < BELONGS))
+            around = int(((gaps[t] < 1.5) & (nearest != t)).sum())
+            evidence.look(seen, whose, target, pose, around, dt, stamp, posed)
+        present = {target.label for target in found}
+        self.evidence = {label: item for label, item in self.evidence.items() if label in present}
+        odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
+        self.targets = []
+        for target, value in zip(found, odds.tolist(), strict=True):
+            last = self.evidence[target.label].last_seen
+            deviation = math.sqrt(0.5 * (target.covariance[0, 0] + target.covariance[1, 1]))
+            if deviation < self.config.located:
+                person = 1.0 / (1.0 + math.exp(-min(max(value, -30.0), 30.0)))
+                known = vars(target) | self._located(target)
+                known["rate"] = self.evidence[target.label].returns
+                self.targets.append(Person(**known, person=person, occluded=last < stamp, last_seen=last))
+
+    def _located(self, target: Target) -> dict[str, FloatArray]:
+        """Mean and covariance of a target in the frame of the poses, with the error of the robot's own."""
+        if self._uncertain is None or self._pose is None:
+            return {}
+        mean, P = state_through_uncertain_pose(
+            target.mean, target.covariance, self._pose[:2], self._uncertain
+        )
+        return {"mean": mean, "covariance": P}
+
+    def _people(self) -> list[Target]:
+        return [t for t in self.targets if isinstance(t, Person) and t.person > self.config.report]
+
+
+def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:
+    """Places (T, 2) after a motion (3,) of their frame."""
+    c, s = math.cos(shift[2]), math.sin(shift[2])
+    return np.asarray(spots @ np.array([[c, s], [-s, c]]) + shift[:2])
+
+
+def _fit(spots: FloatArray, seen: ClusterScan) -> float:
+    """Log-likelihood of targets at the places (T, 2), by how far the nearest cluster is from each."""
+    gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2).min(axis=1, initial=np.inf)
+    return float(np.log(np.exp(-0.5 * (gaps / FOUND) ** 2) + UNFOUND).sum())
+
+
+def _checked(
+    scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """The pose (3,), and which beams (N,) are known to move."""
+    place = as_finite("pose", pose)
+    if place.shape != (3,):
+        raise InputError(f"pose must have shape (3,), not {place.shape}")
+    if not np.isfinite(stamp):
+        raise InputError(f"stamp must be finite, not {stamp!r}")
+    beams = np.zeros(len(scan)) if labels is None else np.asarray(labels)
+    if beams.shape != (len(scan),):
+        raise InputError(f"labels must have shape ({len(scan)},), one per beam, not {beams.shape}")
+    return place, np.asarray(beams > 0)
+
+
+def _checked_covariance(pose_covariance: npt.ArrayLike) -> FloatArray:
+    P = as_shape("pose_covariance", pose_covariance, (3, 3))
+    return repair_covariance(P, "pose_covariance", definite=False)

@@ -1,0 +1,265 @@
+"""The class of a target as a part of its state: log-odds that it is a person, from all that was seen of it.
+
+Boosted trees over averages of the shape of its clusters, of how it moved and of where it stands. They are trained on
+targets of the tracker itself, so that what a minute of looking at a table leg says is learned, not assumed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.learning.gradient_boosting import GradientBoosting
+from tracking.mixture.target import Target
+from tracking.people.legs import FEATURES
+
+if TYPE_CHECKING:
+    from tracking.mixture.components import IntArray
+    from tracking.people.cluster_model import ClusterScan
+
+MODEL = "person_class.json"
+CARD = "person_class_card.json"
+# Of every look, averaged over the time a target was seen: what its clusters are like, and where they are.
+AVERAGED = (
+    "shape",
+    "pairs",
+    "width",
+    "free",
+    "cut",
+    "fresh",
+    "old",
+    "around",
+    "range",
+    "sway",
+    "bulge",
+    "radius",
+    "circle_error",
+    "slimness",
+    "roughness",
+    "filled",
+    "depth",
+)
+# How much some of them vary, m or nat; `jitter` : of the place.
+VARYING = ("width_deviation", "shape_deviation", "gap", "gap_deviation", "jitter")
+# The course: how long it was looked at, how its shape changed, whether it arrived, how it moved.
+COURSE = (
+    "looks",
+    "shape_now",
+    "shape_best",
+    "shape_worst",
+    "pair_now",
+    "fresh_now",
+    "arrived",
+    "stood",
+    "speed",
+    "drift",
+    "away",
+    "moved",
+    "moved_fast",
+    "walked",
+    "turned",
+    "posed",
+)
+NAMES = (*AVERAGED, *VARYING, *COURSE)
+FIRST = 0.5  # s in which it shows whether something stands where it was empty before
+SHORT, LONG = 0.5, 1.5  # s over which what is seen now, and walking, are averaged
+STRIDES = 0.3  # m/s by which whoever walks is off where he was `LONG` ago, by its time
+LONGEST, FARTHEST, VIEWS = 20.0, 5.0, 20  # s, m and sides beyond which a target is no better known
+_CLUSTER = [
+    FEATURES.index(name)
+    for name in ("bulge", "circle_radius", "circle_error", "slimness", "roughness", "filled", "depth")
+]
+
+
+@dataclass
+class ClassEvidence:
+    """What was seen of one target: means over the time it was looked at, and its course.
+
+    origin (2,) : where it was first, m. last_seen : stamp, s. looks : s it was seen for. means (len(AVERAGED),);
+    squares (2,) : means of width² and shape². pairs (3,) : seconds with two clusters, and their gap and gap² by them.
+    place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh,
+    returns : of the last half second. behind (2,) : where it was a while ago, m. views : it was seen from, rad.
+    """
+
+    origin: FloatArray
+    last_seen: float = 0.0
+    looks: float = 0.0
+    means: FloatArray = field(default_factory=lambda: np.zeros(len(AVERAGED)))
+    squares: FloatArray = field(default_factory=lambda: np.zeros(2))
+    pairs: FloatArray = field(default_factory=lambda: np.zeros(3))
+    place: FloatArray = field(default_factory=lambda: np.zeros(2))
+    spread: float = 0.0
+    returns: float = 0.0
+    now: float = 0.0
+    fresh: float = 0.0
+    pair: float = 0.0
+    best: float = -9.0
+    worst: float = 9.0
+    arrived: float = 0.0
+    stood: float = 0.0
+    behind: FloatArray = field(default_factory=lambda: np.zeros(2))
+    drift: float = 0.0
+    moved: float = 0.0
+    fast: float = 0.0
+    walked: float = 0.0
+    posed: float = 1.0
+    views: list[float] = field(default_factory=list)
+
+    def look(
+        self,
+        seen: ClusterScan,
+        whose: IntArray,
+        target: Target,
+        pose: FloatArray,
+        around: int,
+        dt: float,
+        stamp: float,
+        posed: bool = True,
+    ) -> None:
+        """Takes in a scan in which the clusters `whose` are the target's, taken from `pose` (3,); none: not seen."""
+        if not len(whose):
+            return
+        self.last_seen = stamp
+        dt = min(max(dt, 1e-3), 0.5)
+        if self.looks == 0.0:
+            self.behind = target.mean[:2].copy()
+        row = self._row(seen, whose, target, around)
+        shape, width, fresh, old = row[0], row[2], row[5], row[6]
+        whole = dt / (self.looks + dt)
+        self.means += whole * (row - self.means)
+        self.posed += whole * (float(posed) - self.posed)
+        self.squares += whole * (np.array([width * width, shape * shape]) - self.squares)
+        middle = seen.places[whose].mean(0) - self.origin
+        self.place += whole * (middle - self.place)
+        self.spread += whole * (float(middle @ middle) - self.spread)
+        if len(whose) == 2:
+            gap = float(np.linalg.norm(seen.places[whose[0]] - seen.places[whose[1]]))
+            self.pairs += dt * np.array([1.0, gap, gap * gap])
+        self.pair = float(len(whose) > 1)
+        if self.looks < FIRST:
+            self.arrived += whole * (fresh - self.arrived)
+            self.stood += whole * (old - self.stood)
+        share = 1.0 - math.exp(-dt / SHORT) if self.looks > 0.0 else 1.0
+        self.now += share * (shape - self.now)
+        self.returns += share * (float(seen.counts[whose].sum()) - self.returns)
+        self.fresh += share * (fresh - self.fresh)
+        self.looks += dt
+        if self.looks > SHORT:
+            self.best, self.worst = max(self.best, self.now), min(self.worst, self.now)
+        self._moved(target, fresh, dt)
+        view = math.atan2(pose[1] - target.mean[1], pose[0] - target.mean[0])
+        if not self.views or abs((view - self.views[-1] + math.pi) % (2.0 * math.pi) - math.pi) > 0.1:
+            self.views.append(view)
+
+    def shift(self, motion: FloatArray) -> None:
+        """Takes what was seen along with its frame, which moved by (3,) x, y, yaw."""
+        c, s = math.cos(motion[2]), math.sin(motion[2])
+        turn = np.array([[c, -s], [s, c]])
+        self.origin, self.behind = turn @ self.origin + motion[:2], turn @ self.behind + motion[:2]
+        self.place = turn @ self.place
+        self.views = [view + motion[2] for view in self.views]
+
+    @staticmethod
+    def _row(seen: ClusterScan, whose: IntArray, target: Target, around: int) -> FloatArray:
+        """One look by `AVERAGED`."""
+        places, free = seen.places[whose].mean(0), seen.free[whose]
+        return np.array(
+            [
+                np.clip(seen.shape[whose], -4.0, 4.0).mean(),
+                len(whose) > 1,
+                seen.widths[whose].sum(),
+                np.clip(free, -1.0, 1.0).mean(),
+                (free < 0.0).any(),
+                seen.fresh[whose].mean(),
+                seen.old[whose].mean(),
+                around,
+                seen.ranges[whose].mean(),
+                math.hypot(*(places - target.mean[:2])),
+                *seen.clusters.features[seen.index[whose]][:, _CLUSTER].mean(0),
+            ],
+            dtype=np.float64,
+        )
+
+    def _moved(self, target: Target, fresh: float, dt: float) -> None:
+        """How it moved since the last look, which was `dt` seconds ago."""
+        self.moved = max(self.moved, math.hypot(*(target.mean[:2] - self.origin)))
+        lag = target.mean[:2] - self.behind
+        self.behind += (1.0 - math.exp(-dt / LONG)) * lag
+        self.drift = math.hypot(*lag) / LONG
+        self.fast = max(self.fast, self.drift)
+        self.walked += dt * float(self.drift > STRIDES) * fresh
+
+    def features(self, target: Target) -> list[float]:
+        """What the class is learned from, one number for each of `NAMES`."""
+        means = self.means
+        width, shape = means[AVERAGED.index("width")], means[AVERAGED.index("shape")]
+        _, gap, square = self.pairs / max(self.pairs[0], 1e-9)
+        known = self.looks > SHORT
+        varying = [
+            _deviation(self.squares[0] - width * width),
+            _deviation(self.squares[1] - shape * shape),
+            float(gap),
+            _deviation(square - gap * gap),
+            min(_deviation(self.spread - self.place @ self.place), 3.0),
+        ]
+        course = [
+            min(self.looks, LONGEST),
+            self.now,
+            self.best if known else self.now,
+            self.worst if known else self.now,
+            self.pair,
+            self.fresh,
+            self.arrived,
+            self.stood,
+            math.hypot(*target.mean[2:]),
+            self.drift,
+            min(math.hypot(*(target.mean[:2] - self.origin)), FARTHEST),
+            min(self.moved, FARTHEST),
+            self.fast,
+            min(self.walked, FARTHEST),
+            float(min(len(self.views), VIEWS)),
+            self.posed,
+        ]
+        return [*means.tolist(), *varying, *course]
+
+
+def _deviation(variance: float | FloatArray) -> float:
+    return math.sqrt(max(float(variance), 0.0))
+
+
+@dataclass(frozen=True)
+class ClassModel:
+    """Boosted trees over `columns` of `NAMES`; `scale` and `prior` make their log-odds those that were observed."""
+
+    trees: GradientBoosting
+    columns: tuple[int, ...]
+    scale: float
+    prior: float
+
+    def odds(self, features: list[list[float]]) -> FloatArray:
+        """Log-odds (T,) that each target is a person, from its features (T, len(NAMES))."""
+        if not features:
+            return np.zeros(0)
+        return self.scale * self.trees.decision(np.array(features)[:, self.columns]) + self.prior
+
+
+@cache
+def class_model() -> ClassModel:
+    """The model of the package."""
+    folder = resources.files("tracking.people") / "models"
+    card = json.loads((folder / CARD).read_text(encoding="utf-8"))
+    with resources.as_file(folder / MODEL) as path:
+        trees = GradientBoosting.load(path)
+    return ClassModel(
+        trees,
+        tuple(NAMES.index(name) for name in card["features"]),
+        float(card["scale"]),
+        float(card["prior"]),
+    )

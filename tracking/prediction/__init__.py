@@ -1,0 +1,1 @@
+"""Maps of where people go, and social forces between them (chapter 4)."""

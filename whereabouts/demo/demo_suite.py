@@ -1,0 +1,94 @@
+"""How the demo runs the suite on the recorded apartment: parameters of all eight nodes, and what is recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from whereabouts.node_interfaces import NODE_INTERFACES
+from whereabouts.parameters.world_model import WorldModelParameters
+from whereabouts.simulation.home.apartment_camera import Camera
+from whereabouts.simulation.home.apartment_day import LOOK_RATE, THINGS
+from whereabouts.simulation.home.floor_plan import places_file
+
+RECORDED = [
+    ("odometry", "nav_msgs/msg/Odometry"),
+    ("loop_closures", "whereabouts_msgs/msg/LoopClosure"),
+    ("trajectory", "nav_msgs/msg/Path"),
+    ("map", "nav_msgs/msg/OccupancyGrid"),
+    ("tf", "tf2_msgs/msg/TFMessage"),
+    ("targets", "whereabouts_msgs/msg/TargetArray"),
+    ("predicted_paths", "whereabouts_msgs/msg/PredictedPathArray"),
+    ("world_state", "whereabouts_msgs/msg/WorldState"),
+    ("verification_tasks", "whereabouts_msgs/msg/VerificationTask"),
+    ("evidence", "whereabouts_msgs/msg/WorldEvidence"),
+    ("diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+    ("shipped/world_state", "whereabouts_msgs/msg/WorldState"),
+]
+BESIDE = "/shipped"
+"""Namespace of a second world model, which hears the same and keeps the rates that are shipped."""
+RATES = (
+    "detection_probability",
+    "clutter_per_frame",
+    "class_accuracy",
+    "new_objects_per_second",
+    "removed_per_second",
+)
+"""What the demo's world model is told of its camera and its home."""
+
+
+def parameters(folder: Path) -> dict[str, dict[str, Any]]:
+    """Parameters by node, on top of the shipped files. folder : for the world model's memory."""
+    camera = Camera()
+    items = [item for item, _ in THINGS.values()]
+    places = str(places_file())
+    return {
+        "scan_registration": {"publish_static_points": False},
+        "loop_closure": {"map_period": 5.0, "tf_period": 1.0, "transform_tolerance": 0.5},
+        "target_tracker": {},
+        "motion_predictor": {"rate": 2.0, "publish_markers": False, "publish_occupancy": False},
+        "world_model": {
+            "rate_hz": float(LOOK_RATE),
+            "detection_probability": camera.detected,
+            "clutter_per_frame": camera.false_per_look,
+            "class_accuracy": camera.accuracy,
+            # A home: about one thing an hour is new, and what is gone has rather been carried to another room.
+            "new_objects_per_second": 3e-4,
+            "removed_per_second": 1e-4,
+            "classes": sorted({item.kind for item in items} | {"person", "other"}),
+            "colors": sorted({item.color for item in items}),
+            "region": [-2.0, 9.0, -5.5, 6.2, -0.2, 2.0],
+            "places_file": places,
+            "store_path": str(folder / "world.sqlite"),
+            "hypotheses_period": 1.0,
+        },
+        # People come and go, and are not looked after.
+        "world_maintenance": {
+            "sensors": ["laser"],
+            "sensor_range_max": [4.0],
+            "verify_timeout": 8.0,
+            "class_names": ["person", "other"],
+            "class_values": [1e6, 1e6],
+            "class_weights": [1.0, 1.0],
+        },
+        "verifier": {},
+        "object_search": {"places_file": places, "together_distance": 1.5},
+    }
+
+
+def shipped_parameters(folder: Path) -> dict[str, Any]:
+    """Those of the second world model: the same home, the shipped rates."""
+    given = parameters(folder)["world_model"]
+    return {name: value for name, value in given.items() if name not in (*RATES, "store_path")}
+
+
+def shipped_remappings() -> dict[str, str]:
+    """The second world model listens where the first one does."""
+    inputs = [item.name for item in NODE_INTERFACES["world_model"] if item.way.startswith("in")]
+    return {name: f"/{name}" for name in inputs}
+
+
+def rates(folder: Path) -> dict[str, tuple[float, float]]:
+    """What the demo's world model was given of `RATES`, and what is shipped."""
+    given, shipped = parameters(folder)["world_model"], WorldModelParameters()
+    return {name: (float(given[name]), float(getattr(shipped, name))) for name in RATES}

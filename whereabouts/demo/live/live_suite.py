@@ -1,0 +1,45 @@
+"""How the live demo runs the suite: parameters as they are shipped, but for what tells of this home and this robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from whereabouts.demo.demo_suite import parameters
+from whereabouts.parameters.object_search import ObjectSearchParameters
+from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
+from whereabouts.parameters.world_model import WorldModelParameters
+
+DESCRIBED = ("rate_hz", "classes", "colors", "region", "places_file", "store_path")
+"""What the world model is told: how often the camera looks, what there is, where, and the file of its memory."""
+REACH = 4.0
+"""m up to which the camera finds things; it sees a metre farther."""
+NOBODY = {"class_names": ["person", "other"], "class_values": [1e6, 1e6], "class_weights": [1.0, 1.0]}
+"""People come and go, and are not looked after."""
+
+
+def live_parameters(folder: Path) -> dict[str, dict[str, Any]]:
+    """Parameters by node, on top of the shipped files. folder : for the world model's memory."""
+    recorded = parameters(folder)
+    nothing: dict[str, dict[str, Any]] = {name: {} for name in recorded}
+    world = {name: recorded["world_model"][name] for name in DESCRIBED}
+    return nothing | {
+        "world_model": world,
+        "world_maintenance": {
+            **NOBODY,
+            "sensor_range_max": [REACH],
+            "navigate": True,
+        },
+        "object_search": {"places_file": world["places_file"]},
+    }
+
+
+def library_settings() -> tuple[WorldModelParameters, WorldMaintenanceParameters, ObjectSearchParameters]:
+    """The same for the libraries beneath the three nodes, without a memory."""
+    given = live_parameters(Path())
+    world = {name: value for name, value in given["world_model"].items() if name != "store_path"}
+    return (
+        WorldModelParameters(**world),
+        WorldMaintenanceParameters(**given["world_maintenance"]),
+        ObjectSearchParameters(**given["object_search"]),
+    )

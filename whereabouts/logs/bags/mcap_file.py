@@ -1,0 +1,258 @@
+"""MCAP files: by their index where there is one, else from front to back as far as they are whole.
+
+Records are framed here and decoded by the `mcap` package: its own readers take a short read for a record and
+cannot say where a file breaks off.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Schema
+
+from whereabouts.logs.bags.storage import Stored, Topic, in_time_order, parse_qos
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
+from whereabouts.logs.formats.text import open_file
+from whereabouts.logs.summary import Summary
+from whereabouts.system.log_errors import OversizedLogError, UnknownFormatError
+
+MAGIC = b"\x89MCAP0\r\n"
+_PREFIX = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_FOOTER_SIZE = _PREFIX.size + 20
+_FORMATS = {"ros2msg": "ros2msg", "ros2idl": "ros2idl", "omgidl": "ros2idl"}
+# A record longer than this is a sign of damage, not of data (rosbag2 writes chunks below 1 MiB).
+_LARGEST_RECORD = 1 << 32
+_DECODING_ERRORS = (
+    ValueError,
+    KeyError,
+    RuntimeError,
+    EOFError,
+    MemoryError,
+    struct.error,
+    McapError,
+    OverflowError,  # a length that no file has
+    zstandard.ZstdError,
+)
+
+
+class McapFile:
+    """A bare .mcap file.
+
+    Parameters
+    ----------
+    path : the file; shown : what error messages and remarks call it (the archive it came from).
+    summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
+    """
+
+    def __init__(
+        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+    ) -> None:
+        self.path = path
+        self._limit = limit
+        self._shown = shown or path
+        self._summary = summary
+        self._stream = open_file(path)
+        self._size = path.stat().st_size
+        self._schemas: dict[int, Schema] = {}
+        self._topics: dict[int, Topic] = {}
+        self._chunks: list[ChunkIndex] = []
+        self._indexed = False
+        self._scanned = False
+        if self._stream.read(len(MAGIC)) != MAGIC:
+            raise UnknownFormatError(self._shown, "is no MCAP file: its first bytes are not MCAP's")
+        self._finished = self._read_index()
+
+    @property
+    def progress(self) -> float:
+        return 1.0 if self._stream.closed else self._stream.tell() / max(self._size, 1)
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def topics(self) -> list[Topic]:
+        if not self._indexed and not self._scanned:
+            for _ in self._scan():
+                pass
+        return list(self._topics.values())
+
+    def messages(self) -> Iterator[Stored]:
+        if self._indexed:
+            chunks = [(index.message_start_time, index.chunk_start_offset) for index in self._chunks]
+            return in_time_order(chunks, self._load)
+        return self._scan()
+
+    def _read_index(self) -> bool:
+        """Topics and chunks from the summary at the end; returns whether the writer finished the file."""
+        if self._size < len(MAGIC) * 2 + _FOOTER_SIZE:
+            return False
+        self._stream.seek(self._size - len(MAGIC) - _FOOTER_SIZE)
+        tail = self._stream.read()
+        if not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
+            return False
+        footer = Footer.read(ReadDataStream(BytesIO(tail[_PREFIX.size :])))
+        if not 0 < footer.summary_start < self._size:
+            return True
+        self._stream.seek(footer.summary_start)
+        try:
+            for opcode, _, content in _frames(self._stream, self._size):
+                self._declare(opcode, content)
+                if opcode == Opcode.CHUNK_INDEX:
+                    self._note_chunk(ChunkIndex.read(ReadDataStream(BytesIO(content))))
+                elif opcode == Opcode.FOOTER:
+                    break
+        except (_BrokenOffError, *_DECODING_ERRORS):
+            self._chunks.clear()
+            self._summary.note(f"{self._shown.name}: index damaged, read from front to back", "its end")
+            return True
+        self._indexed = bool(self._chunks) and bool(self._topics)
+        return True
+
+    def _note_chunk(self, index: ChunkIndex) -> None:
+        if index.chunk_start_offset >= self._size:
+            raise ValueError("chunk outside the file")
+        self._chunks.append(index)
+
+    def _declare(self, opcode: int, content: bytes) -> None:
+        """Take note of a schema or a channel."""
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(ReadDataStream(BytesIO(content)))
+            self._schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(ReadDataStream(BytesIO(content)))
+            if channel.id not in self._topics:
+                self._topics[channel.id] = _topic(channel, self._schemas.get(channel.schema_id))
+
+    def _load(self, offset: int) -> list[Stored]:
+        """Messages of the chunk at a byte offset; none where it is damaged, which is counted."""
+        self._stream.seek(offset)
+        try:
+            opcode, _, content = next(_frames(self._stream, self._size))
+            if opcode == Opcode.CHUNK:
+                return self._unpack(content, offset)
+        except OversizedLogError:
+            raise
+        except (_BrokenOffError, StopIteration, *_DECODING_ERRORS):
+            pass
+        self._summary.skip(f"{self._shown.name}: damaged chunk", f"byte {offset}")
+        return []
+
+    def _unpack(self, content: bytes, offset: int) -> list[Stored]:
+        chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+        where = f"byte {offset}"
+        data = memoryview(self._decompress(chunk, where))
+        found: list[Stored] = []
+        position = 0
+        while position < len(data):
+            opcode, size = _PREFIX.unpack_from(data, position)
+            begin, end = position + _PREFIX.size, position + _PREFIX.size + size
+            if end > len(data):
+                raise ValueError("record longer than its chunk")
+            if opcode == Opcode.MESSAGE:
+                found += self._message(data[begin:end], where)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._declare(opcode, bytes(data[begin:end]))
+            position = end
+        return found
+
+    def _decompress(self, chunk: Chunk, where: str) -> bytes:
+        data = unpack(chunk.compression, chunk.data, self._shown, self._limit, where)
+        if len(data) != chunk.uncompressed_size:
+            raise ValueError("chunk of another size than it says")
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("checksum of the chunk is wrong")
+        return data
+
+    def _message(self, content: memoryview, where: str) -> list[Stored]:
+        """The message, or nothing where its channel was never declared, which is counted."""
+        channel, _, log_time, _ = _MESSAGE.unpack_from(content)
+        topic = self._topics.get(channel)
+        if topic is None:
+            self._summary.skip(f"{self._shown.name}: message of an undeclared channel", where)
+            return []
+        return [Stored(topic, bytes(content[_MESSAGE.size :]), log_time, where)]
+
+    def _scan(self) -> Iterator[Stored]:
+        """From front to back, each chunk by log time, up to where the file breaks off."""
+        self._stream.seek(len(MAGIC))
+        offset = len(MAGIC)
+        unit = "message"
+        try:
+            for opcode, offset, content in _frames(self._stream, self._size):
+                if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                    break
+                if opcode == Opcode.CHUNK:
+                    unit = "chunk"
+                yield from self._read(opcode, content, offset)
+        except _BrokenOffError as error:
+            offset = error.offset
+        self._scanned = True
+        if not self._finished:
+            self._summary.note(
+                f"{self._shown.name}: not finished by its recorder, read up to the last whole {unit}",
+                f"byte {offset}",
+            )
+
+    def _read(self, opcode: int, content: bytes, offset: int) -> list[Stored]:
+        """Messages of a record outside the index; none where it is damaged, which is counted."""
+        try:
+            if opcode == Opcode.CHUNK:
+                return sorted(self._unpack(content, offset), key=lambda stored: stored.log_time)
+            if opcode == Opcode.MESSAGE:
+                return self._message(memoryview(content), f"byte {offset}")
+            self._declare(opcode, content)
+        except OversizedLogError:
+            raise
+        except _DECODING_ERRORS:
+            what = "chunk" if opcode == Opcode.CHUNK else "record"
+            self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
+        return []
+
+
+class _BrokenOffError(Exception):
+    """The file ends inside the record that begins at `offset`."""
+
+    def __init__(self, offset: int) -> None:
+        super().__init__(offset)
+        self.offset = offset
+
+
+def _frames(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
+    """(opcode, byte offset, content) of the records from the stream's position on."""
+    offset = stream.tell()
+    while offset < size:
+        stream.seek(offset)
+        prefix = stream.read(_PREFIX.size)
+        if len(prefix) < _PREFIX.size:
+            raise _BrokenOffError(offset)
+        opcode, length = _PREFIX.unpack(prefix)
+        if length > min(size - offset - _PREFIX.size, _LARGEST_RECORD):
+            raise _BrokenOffError(offset)
+        yield opcode, offset, stream.read(length)
+        offset += _PREFIX.size + length
+
+
+def _topic(channel: Channel, schema: Schema | None) -> Topic:
+    if channel.message_encoding != "cdr":
+        problem = f"encoded as {channel.message_encoding or 'nothing'}, CDR expected"
+        return Topic(channel.topic, schema.name if schema else "", problem=problem)
+    if schema is None:
+        return Topic(channel.topic, "", problem="has no type in the file")
+    known = schema.encoding in _FORMATS
+    return Topic(
+        channel.topic,
+        schema.name,
+        schema.data.decode(errors="replace") if known else "",
+        _FORMATS.get(schema.encoding, "ros2msg"),
+        channel.metadata.get("topic_type_hash", ""),
+        parse_qos(channel.metadata.get("offered_qos_profiles", "")),
+    )

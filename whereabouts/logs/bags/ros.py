@@ -1,0 +1,199 @@
+"""ROS 1 and ROS 2 bags: as records, and as raw messages for replay and conversion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from whereabouts.logs.bags.bag_directory import open_bag
+from whereabouts.logs.bags.ros_types import Decoder, UnreadableTypeError
+from whereabouts.logs.bags.storage import Stored, Topic, wanted_by
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
+from whereabouts.logs.log import Log
+from whereabouts.logs.summary import Summary
+from whereabouts.messages.decode import RECORDS, UnusableMessageError, other
+from whereabouts.messages.records import Record, strip_slash
+from whereabouts.system.log_errors import EmptyLogError, LogNotFoundError, NothingRecognisedError
+
+
+class RosLog(Log):
+    """A bag as a stream of records by log time.
+
+    Topics of other types than scans, clouds, odometry and tf are counted skips, except where `topics` names
+    them: then each message is a MessageRecord.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str] | None = None,
+        format: str = "rosbag2",
+        unpacked_limit: int = UNPACKED_LIMIT,
+    ) -> None:
+        super().__init__(path, topics)
+        self.format = format
+        _check(path)
+        self._bag = open_bag(path, self.summary, unpacked_limit)
+        self._found = self.summary.copy()
+        self._decoders: dict[int, Decoder | str] = {}
+        self._keep: list[Topic] = []
+
+    @property
+    def progress(self) -> float:
+        return self._bag.progress
+
+    def close(self) -> None:
+        self._bag.close()
+
+    def _records(self) -> Iterator[Record]:
+        self.summary.update(self._found)
+        messages = 0
+        for stored in self._bag.messages():
+            messages += 1
+            if self.wants(stored.topic.name):
+                self._place = stored.where
+                yield from self._decode(stored)
+        if not messages:
+            raise NothingRecognisedError(self.path, "holds no message" + _first_note(self.summary))
+
+    def _decode(self, stored: Stored) -> Iterator[Record]:
+        topic = stored.topic
+        decoder = self._decoder(topic)
+        if isinstance(decoder, str):
+            self.summary.skip(decoder, stored.where)
+            return
+        try:
+            records = _records_of(decoder(stored.data), stored)
+        except (UnreadableTypeError, UnusableMessageError) as error:
+            self.summary.skip(f"{topic.name}: {error}", stored.where)
+            return
+        yield from records
+
+    def _decoder(self, topic: Topic) -> Decoder | str:
+        """What decodes the topic's messages, or why nothing does."""
+        found = self._decoders.get(id(topic))
+        if found is None:
+            self._keep.append(topic)  # an id is unique only as long as its object lives
+            found = self._decoders[id(topic)] = self._make_decoder(topic)
+        return found
+
+    def _make_decoder(self, topic: Topic) -> Decoder | str:
+        if topic.type_name not in RECORDS and self._wanted is None and not topic.problem:
+            return f"{topic.name}: {topic.type_name} is not used"
+        try:
+            return Decoder(topic)
+        except UnreadableTypeError as error:
+            return f"{topic.name}: {topic.type_name} cannot be read: {error}"
+
+
+def _records_of(message: Any, stored: Stored) -> list[Record]:
+    topic = stored.topic
+    name = strip_slash(topic.name)
+    handler = RECORDS.get(topic.type_name)
+    if handler is None:
+        return [other(message, name, topic.type_name, stored.log_time)]
+    try:
+        return list(handler(message, name))
+    except (AttributeError, TypeError) as error:  # the bag's own definition of the type is another one
+        raise UnusableMessageError(f"not the fields of {topic.type_name}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """One message as recorded: CDR bytes, and nanoseconds at which it was recorded."""
+
+    topic: Topic
+    data: bytes
+    log_time: int
+
+    @property
+    def name(self) -> str:
+        """Name of the topic as recorded."""
+        return self.topic.name
+
+    @property
+    def type_name(self) -> str:
+        """Such as "sensor_msgs/msg/LaserScan"."""
+        return self.topic.type_name
+
+
+class RawLog:
+    """A bag as a stream of undecoded messages by log time; ROS 1 messages are converted to CDR.
+
+    topics : all topics that can be read, with type, definition and offered QoS. Where the bag has no index,
+        asking for them reads it once.
+    summary : account of the running or last pass.
+    """
+
+    def __init__(
+        self, path: Path | str, topics: Iterable[str] | None = None, unpacked_limit: int = UNPACKED_LIMIT
+    ) -> None:
+        self.path = Path(path)
+        self.summary = Summary()
+        self._wanted = wanted_by(topics)
+        _check(self.path)
+        self._bag = open_bag(self.path, self.summary, unpacked_limit)
+        self._found = self.summary.copy()
+
+    @property
+    def topics(self) -> list[Topic]:
+        return [topic for topic in self._bag.topics() if self._wanted(topic.name) and not topic.problem]
+
+    @property
+    def progress(self) -> float:
+        """Share of the bag read by the running pass, 0 to 1."""
+        return self._bag.progress
+
+    def __iter__(self) -> Iterator[RawMessage]:
+        self.summary.clear()
+        self.summary.update(self._found)
+        for stored in self._bag.messages():
+            topic = stored.topic
+            if not self._wanted(topic.name):
+                continue
+            if topic.problem:
+                self.summary.skip(f"{topic.name}: {topic.type_name}: {topic.problem}", stored.where)
+                continue
+            try:
+                data = stored.data if topic.to_cdr is None else topic.to_cdr(stored.data)
+            except Exception:  # generated code on arbitrary bytes: any error means the same
+                self.summary.skip(f"{topic.name}: bytes do not fit {topic.type_name}", stored.where)
+                continue
+            self.summary.count(strip_slash(topic.name))
+            yield RawMessage(topic, data, stored.log_time)
+
+    def close(self) -> None:
+        """Release files."""
+        self._bag.close()
+
+    def __enter__(self) -> RawLog:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def open_raw(path: Path | str, topics: Iterable[str] | None = None) -> RawLog:
+    """Open a bag for its raw messages.
+
+    Raises
+    ------
+    LogNotFoundError, EmptyLogError, UnknownFormatError, DamagedLogError : as `open_log`.
+    """
+    return RawLog(path, topics)
+
+
+def _check(path: Path) -> None:
+    if not path.exists():
+        raise LogNotFoundError(path, "does not exist; check the path")
+    if path.is_file() and not path.stat().st_size:
+        raise EmptyLogError(path, "is empty")
+
+
+def _first_note(summary: Summary) -> str:
+    return f"; {next(iter(summary.notes))}" if summary.notes else ""

@@ -1,0 +1,198 @@
+"""CARMEN logs: one message per line, plain or compressed.
+
+Read are PARAM (maximum range and mounts of the lasers), ODOM, FLASER, RLASER, ROBOTLASER1 and ROBOTLASER2.
+
+* Stamps are those of the sensor message (the first of the two on a line), as recorded: they may go backwards,
+  be rounded or be zero. They are counted, never repaired.
+* A log written by a mapper has NEFF lines. In those every pose is the mapper's, and ODOM lines restart at it:
+  scans carry `pose` and no `odometry`, ODOM lines are skips.
+* The scan topic is `scan` (frame `laser`), the rear laser's `rear_scan` (frame `rear_laser`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from estimation.errors import InputError
+from estimation.geometry.poses import uncompound
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
+from whereabouts.logs.formats.carmen_laser import (
+    BadLineError,
+    LaserLine,
+    LaserParameters,
+    numbers,
+    parse_flaser,
+    parse_robotlaser,
+    usable_range,
+)
+from whereabouts.logs.formats.text import TextSource
+from whereabouts.logs.log import Log
+from whereabouts.messages.records import Array, OdometryRecord, Record, ScanRecord
+from whereabouts.system.log_errors import NothingRecognisedError
+
+LaserParser = Callable[[Sequence[bytes], "float | None"], LaserLine]
+
+LASERS: dict[bytes, tuple[str, LaserParser]] = {
+    b"FLASER": ("front", parse_flaser),
+    b"RLASER": ("rear", parse_flaser),
+    b"ROBOTLASER1": ("front", parse_robotlaser),
+    b"ROBOTLASER2": ("rear", parse_robotlaser),
+}
+TOPICS = {"front": ("scan", "laser"), "rear": ("rear_scan", "rear_laser")}
+ODOMETRY_TOPIC = "wheel_odom"
+FACING_TOLERANCE = 0.1
+
+# Messages of the format that carry nothing this reader hands out.
+OTHER_MESSAGES = frozenset(
+    b"SYNC NEFF TRUEPOS RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 RAWLASER5 NMEA-GGA NMEA-RMC NMEAGGA NMEARMC "
+    b"IMU SONAR BUMPER GPS MARKER POSITION POINTCLOUD ARM".split()
+)
+KEYWORDS = frozenset(LASERS) | {b"PARAM", b"ODOM"}
+# A mapper's log is told by its first lines; they must reach past its first scan.
+HEAD_BYTES = 1 << 18
+
+
+class CarmenLog(Log):
+    """A CARMEN log as a stream of ScanRecord and OdometryRecord.
+
+    Parameters
+    ----------
+    path : the file (.clf or .log, plain, .gz or .bz2, or a zip archive holding one).
+    topics : hand out only these (`scan`, `rear_scan`, `wheel_odom`); None for all.
+    max_range : metres from which a reading is a no-return, instead of what the log says.
+    member : name inside a zip archive.
+    unpacked_limit : bytes that a compressed log may unpack to.
+    """
+
+    format = "carmen"
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str] | None = None,
+        max_range: float | None = None,
+        member: str | None = None,
+        unpacked_limit: int = UNPACKED_LIMIT,
+    ) -> None:
+        super().__init__(path, topics)
+        self._source = TextSource(path, member, unpacked_limit)
+        self._max_range = max_range
+        self._lasers: dict[str, LaserParameters] = {}
+        self._corrected = False
+
+    @property
+    def progress(self) -> float:
+        return self._source.progress
+
+    @property
+    def corrected(self) -> bool:
+        """Whether a mapper wrote this log, so that its poses are no odometry."""
+        return is_corrected(self._source.head(HEAD_BYTES))
+
+    def _records(self) -> Iterator[Record]:
+        self._lasers = {side: LaserParameters() for side in TOPICS}
+        self._corrected = self.corrected
+        recognised = number = 0
+        for number, line in self._source.lines(self.summary):
+            fields = line.split()
+            if not fields or fields[0].startswith(b"#"):
+                continue
+            try:
+                record = self._parse(fields)
+            except BadLineError as error:
+                self.summary.skip(str(error), f"line {number}")
+                continue
+            except InputError as error:
+                self.summary.skip(f"scan refused: {error}", f"line {number}")
+                continue
+            except _UnusedLineError as unused:
+                self.summary.skip(str(unused), f"line {number}")
+                continue
+            recognised += 1
+            if record is not None and self.wants(record.topic):
+                self._place = f"line {number}"
+                yield record
+        if not recognised:
+            raise NothingRecognisedError(
+                self.path, f"not one of {number} lines is a laser, ODOM or PARAM line; is it another format?"
+            )
+
+    def _parse(self, fields: list[bytes]) -> Record | None:
+        keyword = fields[0]
+        laser = LASERS.get(keyword)
+        if laser is not None:
+            side, parser = laser
+            return self._scan(side, parser(fields, self._limit(side)))
+        if keyword == b"ODOM":
+            return self._odometry(fields)
+        if keyword == b"PARAM":
+            self._parameter(fields)
+            return None
+        if keyword in OTHER_MESSAGES:
+            raise _UnusedLineError(f"{keyword.decode()} messages, not used")
+        raise _UnusedLineError("not a CARMEN message")
+
+    def _limit(self, side: str) -> float | None:
+        return self._lasers[side].max_range if self._max_range is None else self._max_range
+
+    def _scan(self, side: str, line: LaserLine) -> ScanRecord:
+        topic, frame = TOPICS[side]
+        laser = line.laser
+        if side == "rear" and abs(math.remainder(laser[2] - line.robot[2], 2.0 * math.pi)) < FACING_TOLERANCE:
+            laser = laser + np.array((0.0, 0.0, math.pi))  # some loggers left the half turn out
+        mount, corrected = self._lasers[side].split(laser, line.robot)
+        odometry: Array | None = line.robot
+        pose: Array | None = None
+        if self._corrected:
+            odometry, pose = None, odometry
+        elif corrected is not None:
+            pose = uncompound(corrected, mount)
+        return ScanRecord(line.scan, line.stamp, topic, frame, odometry, pose, mount)
+
+    def _odometry(self, fields: list[bytes]) -> OdometryRecord:
+        if len(fields) < 9:
+            raise BadLineError("ODOM: fields missing")
+        if self._corrected:
+            raise _UnusedLineError("ODOM in a mapper's log: restarts at its poses, is no odometry")
+        x, y, yaw, speed, turn, _, stamp = numbers(fields[1:8], "a field of ODOM")
+        return OdometryRecord(
+            np.array((x, y, yaw)), stamp, ODOMETRY_TOPIC, twist=np.array((speed, 0.0, turn))
+        )
+
+    def _parameter(self, fields: list[bytes]) -> None:
+        """Later values of a parameter replace earlier ones, as in the logger."""
+        if len(fields) < 3:
+            raise BadLineError("PARAM: value missing")
+        name = fields[1].decode(errors="replace").replace("front_laser", "frontlaser")
+        name = name.replace("rear_laser", "rearlaser").removeprefix("robot_").removeprefix("laser_")
+        side, _, setting = name.partition("laser_")
+        if side not in TOPICS or setting not in ("max", "offset", "side_offset", "angular_offset"):
+            return
+        value = numbers(fields[2:3], f"PARAM {fields[1].decode(errors='replace')}")[0]
+        self._lasers[side] = _updated(self._lasers[side], side, setting, value)
+
+
+class _UnusedLineError(Exception):
+    """A line that is passed over without being wrong."""
+
+
+def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> LaserParameters:
+    if setting == "max":
+        return LaserParameters(usable_range(value), laser.mount)
+    facing = math.pi if side == "rear" else 0.0
+    x, y, yaw = (0.0, 0.0, facing) if laser.mount is None else laser.mount
+    mount = {
+        "offset": (value, y, yaw),
+        "side_offset": (x, value, yaw),
+        "angular_offset": (x, y, value + facing),
+    }[setting]
+    return LaserParameters(laser.max_range, np.array(mount))
+
+
+def is_corrected(head: bytes) -> bool:
+    """Whether a mapper wrote these first lines: NEFF is its effective number of particles."""
+    return head.startswith(b"NEFF ") or b"\nNEFF " in head

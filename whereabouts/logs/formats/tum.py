@@ -1,0 +1,163 @@
+"""TUM trajectories: one line `stamp x y z qx qy qz qw` per pose, metres and seconds, `#` starts a comment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimation.errors import InputError
+from estimation.geometry.rotations import quaternion_from_rotation, rotation_from_quaternion
+from whereabouts.logs.formats.text import TextSource
+from whereabouts.logs.summary import Summary
+from whereabouts.messages.message_rotations import quaternion_of_yaw, to_plane
+from whereabouts.system.atomic import atomic_path
+from whereabouts.system.log_errors import EmptyLogError, TrajectoryError
+
+Array = NDArray[np.float64]
+
+HEADER = "# stamp x y z qx qy qz qw\n"
+UNIT_TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses with stamps, in file order.
+
+    stamps : (N,) seconds.
+    positions : (N, 3) metres.
+    quaternions : (N, 4) x, y, z, w of unit length.
+    """
+
+    stamps: Array
+    positions: Array
+    quaternions: Array
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def se2(self) -> Array:
+        """(N, 3) [x, y, yaw]."""
+        return to_plane(self.se3())
+
+    def se3(self) -> Array:
+        """(N, 4, 4) matrices."""
+        matrices = np.tile(np.eye(4), (len(self), 1, 1))
+        matrices[:, :3, :3] = rotation_from_quaternion(self.quaternions)
+        matrices[:, :3, 3] = self.positions
+        return matrices
+
+
+class TumWriter:
+    """Writes a trajectory pose by pose; a context manager.
+
+    The file appears when the block ends without an error; after an error a file already there is unchanged.
+    Stamps are written with the digits that give the same float64 back, poses with nine decimals.
+
+    Raises
+    ------
+    WriteError : the directory is missing or not writable.
+    InputError : from `write`, for a pose that is neither (3,) nor (4, 4), or not finite.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.count = 0
+        self._stack = ExitStack()
+
+    def __enter__(self) -> TumWriter:
+        temporary = self._stack.enter_context(atomic_path(self.path))
+        self._file = self._stack.enter_context(temporary.open("w", encoding="ascii", newline="\n"))
+        self._file.write(HEADER)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def write(self, stamp: float, pose: ArrayLike) -> None:
+        """Append one pose, (3,) [x, y, yaw] or a (4, 4) matrix, at `stamp` seconds."""
+        values = np.asarray(pose, dtype=np.float64)
+        if not np.isfinite(values).all() or not math.isfinite(stamp):
+            raise InputError(
+                f"pose {self.count} at stamp {stamp}: finite numbers expected, got {values.tolist()}"
+            )
+        self._file.write(format_line(stamp, values))
+        self.count += 1
+
+
+def format_line(stamp: float, pose: Array) -> str:
+    """One line of a TUM file.
+
+    Raises
+    ------
+    InputError : the pose is neither (3,) nor (4, 4).
+    """
+    if pose.shape == (3,):
+        x, y, z = float(pose[0]), float(pose[1]), 0.0
+        quaternion = quaternion_of_yaw(float(pose[2]))
+    elif pose.shape == (4, 4):
+        x, y, z = (float(v) for v in pose[:3, 3])
+        quaternion = quaternion_from_rotation(pose[:3, :3]).tolist()
+    else:
+        raise InputError(f"pose: shape (3,) or (4, 4) expected, got {pose.shape}")
+    time = np.format_float_positional(stamp, unique=True, trim="0")
+    numbers = " ".join(f"{value + 0.0:.9f}" for value in (x, y, z))
+    return f"{time} {numbers} {' '.join(f'{value + 0.0:.12f}' for value in quaternion)}\n"
+
+
+def write_tum(path: Path | str, stamps: ArrayLike, poses: ArrayLike | Sequence[ArrayLike]) -> None:
+    """Write a whole trajectory: stamps (N,) seconds, poses (N, 3) or (N, 4, 4).
+
+    Raises
+    ------
+    InputError : the numbers of stamps and poses differ, or a pose is not finite or of another shape.
+    WriteError : the directory is missing or not writable.
+    """
+    times = np.asarray(stamps, dtype=np.float64)
+    values = np.asarray(poses, dtype=np.float64)
+    if times.ndim != 1 or len(times) != len(values):
+        raise InputError(f"stamps: one for each of the {len(values)} poses expected, got shape {times.shape}")
+    with TumWriter(path) as writer:
+        for stamp, pose in zip(times, values, strict=True):
+            writer.write(float(stamp), pose)
+
+
+def read_tum(path: Path | str) -> Trajectory:
+    """Read a trajectory; planar ones have z = 0 and turn about z only.
+
+    Raises
+    ------
+    LogNotFoundError, EmptyLogError : nothing there.
+    TrajectoryError : a line has not eight finite numbers or no unit quaternion; the message has its number.
+    """
+    rows = np.array(list(_rows(Path(path))), dtype=np.float64)
+    if not len(rows):
+        raise EmptyLogError(path, "holds no pose; lines `stamp x y z qx qy qz qw` expected")
+    quaternions = rows[:, 4:8] / np.linalg.norm(rows[:, 4:8], axis=1, keepdims=True)
+    return Trajectory(rows[:, 0], rows[:, 1:4], quaternions)
+
+
+def _rows(path: Path) -> Iterator[list[float]]:
+    for number, line in TextSource(path).lines(Summary()):
+        text = line.strip()
+        if not text or text.startswith(b"#"):
+            continue
+        try:
+            values = [float(part) for part in text.replace(b",", b" ").split()]
+        except ValueError:
+            raise TrajectoryError(path, "`stamp x y z qx qy qz qw` expected", f"line {number}") from None
+        if len(values) != 8 or not all(map(math.isfinite, values)):
+            problem = f"eight finite numbers expected, got {len(values)}"
+            raise TrajectoryError(path, problem, f"line {number}")
+        if abs(math.hypot(*values[4:]) - 1.0) > UNIT_TOLERANCE:
+            problem = "the last four numbers are no unit quaternion qx qy qz qw"
+            raise TrajectoryError(path, problem, f"line {number}")
+        yield values

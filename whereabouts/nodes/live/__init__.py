@@ -1,0 +1,1 @@
+"""What looks at or acts on the running graph: console, demo, questions."""

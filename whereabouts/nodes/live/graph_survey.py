@@ -1,0 +1,121 @@
+"""A survey of the running robot: who publishes what, how often and with which QoS, and what nodes complain about."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from whereabouts.logs import Qos
+from whereabouts.messages.decode import UnusableMessageError
+from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.robot.bags import look_at_message
+from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, Seen, Survey
+
+HEARD = (SCAN, CLOUD, ODOMETRY, IMU, TF)
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+LOOK_AGAIN = 0.5  # s
+BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+NAMES = {
+    ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
+    DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
+}  # fmt: skip
+
+
+def survey_graph(seconds: float) -> Survey:
+    """Listen to everything of use for a while."""
+    context = Context()
+    rclpy.init(context=context)
+    node = Node("whereabouts_doctor", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        listener = _Listener(node)
+        begun = looked = time.monotonic()
+        listener.look()
+        while (now := time.monotonic()) < begun + seconds:
+            executor.spin_once(timeout_sec=0.1)
+            if now > looked + LOOK_AGAIN:
+                looked = now
+                listener.look()
+        listener.look()
+        listener.survey.seconds = seconds
+        return listener.done()
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+class _Listener:
+    """Subscribes what comes up, and notes what it says."""
+
+    def __init__(self, node: Node) -> None:
+        self.survey = Survey("the running robot", live=True)
+        self._node = node
+        self._subscribed: set[str] = set()
+        self._complaints: dict[str, Any] = {}
+
+    def look(self) -> None:
+        """Look for topics that are new, and for who publishes the known ones."""
+        for name, kinds in self._node.get_topic_names_and_types():
+            infos = self._node.get_publishers_info_by_topic(name)
+            if not infos:
+                continue
+            seen = self.survey.topics.setdefault(name, Seen(name, kinds[0]))
+            seen.publishers = tuple(sorted(_full_name(info) for info in infos))
+            seen.qos = tuple(_offer(info.qos_profile) for info in infos)
+            if name not in self._subscribed and kinds[0] in (*HEARD, DIAGNOSTICS):
+                self._subscribed.add(name)
+                self._subscribe(seen)
+
+    def _subscribe(self, seen: Seen) -> None:
+        def take(message: Any) -> None:
+            if isinstance(message, DiagnosticArray):
+                self._complaints |= {item.name: item for item in message.status}
+                return
+            try:
+                look_at_message(self.survey, seen, message, time.time())
+            except UnusableMessageError as error:
+                self._complaints[seen.name] = str(error)
+
+        qos = LATCHED if seen.name.endswith("tf_static") else BEST_EFFORT
+        self._node.create_subscription(message_class(seen.kind), seen.name, take, qos)
+
+    def done(self) -> Survey:
+        """The survey with what running nodes of the suite complain about."""
+        suite = [name for name, said in sorted(self._complaints.items()) if not isinstance(said, str)]
+        suite = [f"/{name}" for name in suite if self._complaints[name].hardware_id == "whereabouts"]
+        if suite:
+            self.survey.troubles.append(
+                f"nodes of the suite are running: {', '.join(suite)}. Their transforms are taken for the robot's own: "
+                "stop them before `whereabouts setup`"
+            )
+        for name, said in sorted(self._complaints.items()):
+            if isinstance(said, str):
+                self.survey.troubles.append(f"{name}: {said}")
+            elif said.hardware_id == "whereabouts":
+                drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
+                if said.level != b"\0" or drops:
+                    self.survey.troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
+        return self.survey
+
+
+def _full_name(info: Any) -> str:
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def _offer(profile: QoSProfile) -> Qos:
+    return Qos(
+        depth=profile.depth,
+        reliability=NAMES.get(profile.reliability, "unknown"),
+        durability=NAMES.get(profile.durability, "unknown"),
+    )

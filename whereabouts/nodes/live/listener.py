@@ -1,0 +1,101 @@
+"""Listens to whatever of some message types is published in the running graph, for the viewer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.system.interrupts import interrupts_kept
+
+DEPTH = 20
+LOOK_PERIOD = 1.0
+Take = Callable[[str, str, Any, int], None]
+
+
+class Listener:
+    """Subscribes topics as they appear.
+
+    Parameters
+    ----------
+    types : message types that are of interest.
+    take : called with type, topic without the namespace, message, and time of arrival in ns.
+    namespace : "" or "/robot1"; topics outside it are not listened to.
+    """
+
+    def __init__(self, node: Node, types: Collection[str], take: Take, namespace: str = "") -> None:
+        self._node = node
+        self._types = types
+        self._take = take
+        self._prefix = namespace.rstrip("/")
+        self.topics: dict[str, Any] = {}
+        self.unknown: set[str] = set()
+
+    def look(self) -> list[str]:
+        """Subscribe what has appeared since the last look; returns the new topics."""
+        found = []
+        for topic, kinds in self._node.get_topic_names_and_types():
+            wanted = [kind for kind in kinds if kind in self._types]
+            offers = self._node.get_publishers_info_by_topic(topic) if wanted else []
+            if topic in self.topics or not topic.startswith(f"{self._prefix}/") or not offers:
+                continue
+            try:
+                self._subscribe(topic, wanted[0], offers)
+                found.append(topic)
+            except UnknownTypeError as error:
+                self.unknown.add(str(error))
+        return found
+
+    def _subscribe(self, topic: str, type_name: str, offers: list[Any]) -> None:
+        # Best effort hears everybody; what is kept for latecomers is only sent to those who ask for it.
+        latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
+        qos = QoSProfile(
+            depth=DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        name = topic.removeprefix(self._prefix)
+
+        def keep(message: Any) -> None:
+            self._take(type_name, name, message, self._node.get_clock().now().nanoseconds)
+
+        self.topics[topic] = self._node.create_subscription(message_class(type_name), topic, keep, qos)
+
+
+def listen(
+    types: Collection[str],
+    take: Take,
+    namespace: str = "",
+    seconds: float | None = None,
+    on_topic: Callable[[str], None] = lambda topic: None,
+    done: Callable[[], bool] = lambda: False,
+) -> list[str]:
+    """Listen until Ctrl-C, for so many seconds, or until it is done; returns the topics that were heard."""
+    context = Context()
+    rclpy.init(context=context)
+    node = Node("whereabouts_view", context=context)
+    executor = NodeExecutor(context)
+    executor.add_node(node)
+    listener = Listener(node, types, take, namespace)
+    start, looked = time.monotonic(), -LOOK_PERIOD
+    try:
+        while not done() and (seconds is None or time.monotonic() - start < seconds):
+            if time.monotonic() - looked >= LOOK_PERIOD:
+                looked = time.monotonic()
+                for topic in listener.look():
+                    on_topic(topic)
+            with interrupts_kept():
+                executor.spin_once(timeout_sec=0.1)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+    return sorted(listener.topics)

@@ -1,0 +1,173 @@
+"""What people and agents make the running suite do: search, look again, forget, relabel, keep and load maps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.action.client import ActionClient
+
+from estimation.errors import InputError
+from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
+from whereabouts_msgs.action import FindObject
+from whereabouts_msgs.srv import (
+    ForgetObject,
+    LoadMap,
+    RelabelObject,
+    SaveMap,
+    TriggerVerification,
+)
+from world_model.questions import Recall
+from world_model.questions.answers import clean
+from world_model.questions.naming import PREPOSITIONS, in_known_words, plain, sort_of, things_named
+
+LONGEST = 24 * 3600.0
+
+
+@dataclass(frozen=True)
+class Done:
+    """How it ended. ok : whether what was asked for is done. stamp : s, 0 where there is none. object : its id."""
+
+    ok: bool
+    sentence: str
+    probability: float = 0.0
+    stamp: float = 0.0
+    object: str = ""
+
+
+def goal_for(name: str, world: Recall | None) -> FindObject.Goal:
+    """A goal from words: an object that they name, also by where it is, else a class with predicates before it.
+
+    Raises InputError for none.
+    """
+    words = plain(name)
+    if not words:
+        raise InputError("an object to find must have a name, a class at least")
+    if world is not None:
+        known = _known(name, world)
+        if known is not None:
+            return known
+    *predicates, kind = words.split()
+    if kind in PREPOSITIONS.split("|"):
+        raise InputError(f'"{words}" is no name of an object')
+    return FindObject.Goal(class_name=kind, predicates=predicates)
+
+
+def _known(name: str, world: Recall) -> FindObject.Goal | None:
+    """A goal from words of which something is known."""
+    try:
+        meant = things_named(world, name)
+    except InputError:
+        meant = None
+    words = plain(name)
+    sort = sort_of(world, words) or sort_of(world, in_known_words(world, words))
+    if sort is not None and sort.kind is not None and not (meant and meant.by_name):
+        return FindObject.Goal(class_name=sort.kind, predicates=list(sort.predicates))
+    if meant is not None and (meant.by_name or len(meant.ids) == 1):
+        return FindObject.Goal(object_id=meant.ids[0])
+    if meant is not None:
+        raise InputError(f"which one: {' or '.join(map(clean, meant.ids[:8]))}?")
+    return None
+
+
+def find(
+    client: Client,
+    goal: FindObject.Goal,
+    on_step: Callable[[str, float], None] = lambda words, probability: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Done:
+    """Search for an object with the robot until it is found, given up or stopped; then the goal is cancelled.
+
+    on_step : called with what the robot does next and the probability of seeing it there. Raises NoWorldError where no
+    node object_search runs.
+    """
+    action = ActionClient(client.node, FindObject, "find_object")
+    try:
+        if not client.until(action.server_is_ready):
+            raise NoWorldError("nobody searches: start it with `whereabouts run object_search`")
+        sent = action.send_goal_async(
+            goal,
+            feedback_callback=lambda message: on_step(message.feedback.reason, message.feedback.probability),
+        )
+        _await(client, sent, stopped)
+        if not sent.done():
+            client.until(sent.done)
+        handle = sent.result()
+        if handle is None or not handle.accepted:
+            return Done(False, "The search was not accepted.")
+        result = handle.get_result_async()
+        try:
+            _await(client, result, stopped)
+        except KeyboardInterrupt:
+            _cancel(client, handle, result)
+            raise
+        if not result.done():
+            _cancel(client, handle, result)
+            return Done(False, "The search was cancelled.")
+        return _outcome(result.result().result)
+    finally:
+        action.destroy()
+
+
+def _await(client: Client, future: Any, stopped: Callable[[], bool]) -> None:
+    end = time.monotonic() + LONGEST
+    while not future.done() and not stopped() and time.monotonic() < end:
+        client.spin()
+
+
+def _cancel(client: Client, handle: Any, result: Any) -> None:
+    cancelled = handle.cancel_goal_async()
+    client.until(cancelled.done, PATIENCE)
+    client.until(result.done, PATIENCE)
+
+
+def _outcome(result: FindObject.Result) -> Done:
+    if result.code != FindObject.Result.FOUND:
+        return Done(False, result.message or "It was not found.")
+    found = result.object[0] if result.object else None
+    where = f" on the {found.place.replace('_', ' ')}" if found is not None and found.place else ""
+    name = found.id if found is not None else "It"
+    sentence = f"{name} is found{where}, after {result.distance:.1f} m of driving."
+    if found is None:
+        return Done(True, sentence, 1.0)
+    return Done(
+        True, sentence, found.existence_probability, nanoseconds(found.last_seen) / NANOSECONDS, found.id
+    )
+
+
+def verify(client: Client, object_id: str) -> Done:
+    """Have the robot look at an object again. Raises NoWorldError where no node world_maintenance runs."""
+    request = TriggerVerification.Request(object_id=object_id, requester="a question")
+    answer = client.call(TriggerVerification, "world_maintenance/trigger", request)
+    return Done(answer.code == answer.SUCCESS, answer.message or f"{object_id} will be looked at next.")
+
+
+def forget(client: Client, object_id: str) -> Done:
+    """Take an object out of the world for good. Raises NoWorldError."""
+    answer = client.call(ForgetObject, "world_model/forget", ForgetObject.Request(object_id=object_id))
+    return Done(answer.code == answer.SUCCESS, answer.message)
+
+
+def relabel(client: Client, object_id: str, class_name: str) -> Done:
+    """Correct the class of an object. Raises NoWorldError."""
+    request = RelabelObject.Request(object_id=object_id, class_name=class_name)
+    answer = client.call(RelabelObject, "world_model/relabel", request)
+    return Done(answer.code == answer.SUCCESS, answer.message)
+
+
+def save_map(client: Client, path: str) -> Done:
+    """Have the node loop_closure write its map. Raises NoWorldError."""
+    answer = client.call(SaveMap, "loop_closure/save_map", SaveMap.Request(path=path), 60.0)
+    return Done(
+        answer.code == answer.SUCCESS, f"{answer.message}: {answer.path}" if answer.path else answer.message
+    )
+
+
+def load_map(client: Client, path: str, extend: bool) -> Done:
+    """Have the node loop_closure read a map and localise in it. Raises NoWorldError."""
+    request = LoadMap.Request(path=path, localization_only=not extend)
+    answer = client.call(LoadMap, "loop_closure/load_map", request, 60.0)
+    return Done(answer.code == answer.SUCCESS, answer.message)

@@ -1,0 +1,115 @@
+"""What the running node `world_model` knows, for questions: from its store where that is on this machine, else its
+newest `world_state`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from estimation.errors import WhereaboutsError
+from estimation.geometry.places import Places
+from whereabouts.nodes.messages.world_reading import state_from_message
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.runtime.suite_run import prepare_environment
+from whereabouts.system.interrupts import interrupts_kept
+from whereabouts_msgs.msg import WorldState as StateMessage
+from world_model.memory.store import Store
+from world_model.questions import Recall
+from world_model.symbols import Symbols, default_symbols
+
+PATIENCE = 5.0
+"""s in which a node that runs answers."""
+NODE = "world_model"
+
+
+class NoWorldError(WhereaboutsError):
+    """No node `world_model` answers."""
+
+
+class Client:
+    """A node of this process that talks to the running suite. namespace : "" or "/robot1"."""
+
+    def __init__(self, namespace: str = "") -> None:
+        prepare_environment()
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self.node = Node("whereabouts_client", context=self._context, namespace=namespace or None)
+        self._executor = NodeExecutor(self._context)
+        self._executor.add_node(self.node)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def until(self, done: Callable[[], bool], seconds: float = PATIENCE) -> bool:
+        """Spin until it is done or the time is over; returns whether it is done."""
+        end = time.monotonic() + seconds
+        while not done() and time.monotonic() < end:
+            self.spin()
+        return done()
+
+    def spin(self) -> None:
+        """Handle what has arrived."""
+        with interrupts_kept():
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def call(self, kind: Any, name: str, request: Any, seconds: float = PATIENCE) -> Any:
+        """The answer of a service. Raises NoWorldError where nobody answers."""
+        client = self.node.create_client(kind, name)
+        try:
+            if not self.until(client.service_is_ready, seconds):
+                raise NoWorldError(f"nobody offers {name}: start the suite with `whereabouts run`")
+            future = client.call_async(request)
+            if not self.until(future.done, seconds):
+                raise NoWorldError(f"{name} does not answer within {seconds:g} s")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def state(self) -> StateMessage:
+        """The newest world. Raises NoWorldError where nobody says it."""
+        heard: list[StateMessage] = []
+        qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        subscription = self.node.create_subscription(StateMessage, "world_state", heard.append, qos)
+        self.until(lambda: bool(heard))
+        self.node.destroy_subscription(subscription)
+        if not heard:
+            raise NoWorldError(
+                "no live world: nobody says world_state; start the suite with `whereabouts run world_model`, or name a "
+                "store: whereabouts ask world.sqlite ..."
+            )
+        return heard[-1]
+
+    def parameters(self, *names: str) -> list[str]:
+        """Text parameters of the node `world_model`; "" where it has none."""
+        request = GetParameters.Request(names=list(names))
+        answer = self.call(GetParameters, f"{NODE}/get_parameters", request)
+        return [value.string_value for value in answer.values] or [""] * len(names)
+
+
+@contextmanager
+def live_world(client: Client) -> Iterator[Recall]:
+    """What the node `world_model` knows. Raises NoWorldError where none runs."""
+    message = client.state()
+    path, places_file, symbols_file = client.parameters("store_path", "places_file", "predicates_file")
+    places = Places.load(places_file) if places_file and Path(places_file).is_file() else None
+    symbols = (
+        Symbols.load(symbols_file) if symbols_file and Path(symbols_file).is_file() else default_symbols()
+    )
+    if path and Path(path).is_file():
+        with Store(path, read_only=True) as store:
+            yield Recall.of_store(store, places, symbols)
+        return
+    state = state_from_message(message)
+    present = {item.id: item for item in state.objects}
+    yield Recall(state.stamp, state.epoch, present, places or Places(), symbols)

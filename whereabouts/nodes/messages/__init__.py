@@ -1,0 +1,1 @@
+"""Messages and frames into the library's objects and back; nothing here decides anything."""

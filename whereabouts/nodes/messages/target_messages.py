@@ -1,0 +1,112 @@
+"""Messages of `target_tracker`: tracked people out as targets and markers; nothing here decides anything."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from numpy.typing import NDArray
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from tracking.people.people_tracker import Person
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts_msgs.msg import DiscreteDistribution, ScanSegments, TargetArray
+from whereabouts_msgs.msg import Target as TargetMessage
+
+Array = NDArray[np.float64]
+COLOURS = (
+    (0.1, 0.5, 0.9),
+    (0.9, 0.5, 0.1),
+    (0.2, 0.7, 0.2),
+    (0.8, 0.2, 0.3),
+    (0.6, 0.3, 0.8),
+    (0.5, 0.4, 0.3),
+)
+
+
+def targets_message(header: Header, people: Sequence[Person], expected_count: float) -> TargetArray:
+    """Tracked people as targets."""
+    return TargetArray(
+        header=header, targets=[_target(person) for person in people], expected_count=float(expected_count)
+    )
+
+
+def _target(person: Person) -> TargetMessage:
+    x, y, vx, vy = (float(value) for value in person.mean)
+    return TargetMessage(
+        label=person.label,
+        position=Point(x=x, y=y, z=0.0),
+        velocity=Vector3(x=vx, y=vy, z=0.0),
+        state_covariance=person.covariance.reshape(16),
+        weight=float(person.weight),
+        extent=person.extent.reshape(4),
+        measurement_rate=float(person.rate),
+        class_distribution=DiscreteDistribution(
+            values=["person", "other"], probabilities=[person.person, 1.0 - person.person]
+        ),
+        last_seen=time_message(round(person.last_seen * NANOSECONDS)),
+        occluded=person.occluded,
+    )
+
+
+def labels_from_segments(message: ScanSegments, beams: int) -> NDArray[np.int64] | None:
+    """Labels (beams,) of a scan's segments, > 0 moving; None where they are of another scan."""
+    return np.asarray(message.labels, dtype=np.int64) if len(message.labels) == beams else None
+
+
+def people_markers(
+    header: Header, people: Sequence[Person], trails: Mapping[int, Sequence[Array]]
+) -> MarkerArray:
+    """Per person an ellipse of its extent, a velocity arrow, its number, and where it has been."""
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for person in people:
+        colour = _colour(person.label, 0.35 if person.occluded else 0.9)
+        position = Point(x=float(person.mean[0]), y=float(person.mean[1]), z=0.0)
+        markers.append(_body(header, person, position, colour))
+        markers.append(_arrow(header, person, position, colour))
+        text = _marker(header, "label", person.label, Marker.TEXT_VIEW_FACING, colour)
+        text.pose.position = Point(x=position.x, y=position.y, z=1.9)
+        text.scale.z = 0.25
+        text.text = f"{person.label}{' (hidden)' if person.occluded else ''}"
+        markers.append(text)
+        trail = trails.get(person.label, ())
+        if len(trail) >= 2:
+            line = _marker(header, "trail", person.label, Marker.LINE_STRIP, colour)
+            line.scale.x = 0.04
+            line.points = [Point(x=float(spot[0]), y=float(spot[1]), z=0.0) for spot in trail]
+            markers.append(line)
+    return MarkerArray(markers=markers)
+
+
+def _body(header: Header, person: Person, position: Point, colour: ColorRGBA) -> Marker:
+    """A cylinder as wide as two standard deviations of what is seen of the person."""
+    values, vectors = np.linalg.eigh(person.extent)
+    widths = 4.0 * np.sqrt(np.maximum(values, 0.05**2))
+    turn = float(np.arctan2(vectors[1, 1], vectors[0, 1]))
+    body = _marker(header, "extent", person.label, Marker.CYLINDER, colour)
+    body.pose.position = Point(x=position.x, y=position.y, z=0.8)
+    body.pose.orientation.z, body.pose.orientation.w = float(np.sin(0.5 * turn)), float(np.cos(0.5 * turn))
+    body.scale = Vector3(x=float(widths[1]), y=float(widths[0]), z=1.6)
+    return body
+
+
+def _arrow(header: Header, person: Person, position: Point, colour: ColorRGBA) -> Marker:
+    """Where the person will be in a second."""
+    arrow = _marker(header, "velocity", person.label, Marker.ARROW, colour)
+    arrow.scale = Vector3(x=0.05, y=0.1, z=0.1)
+    ahead = Point(x=position.x + float(person.mean[2]), y=position.y + float(person.mean[3]), z=0.0)
+    arrow.points = [position, ahead]
+    return arrow
+
+
+def _marker(header: Header, kind: str, label: int, shape: int, colour: ColorRGBA) -> Marker:
+    marker = Marker(header=header, ns=kind, id=label, type=shape, action=Marker.ADD, color=colour)
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _colour(label: int, opacity: float) -> ColorRGBA:
+    r, g, b = COLOURS[label % len(COLOURS)]
+    return ColorRGBA(r=r, g=g, b=b, a=opacity)

@@ -1,0 +1,248 @@
+"""Messages of `world_model`: worlds, objects and answers out, requests in; nothing here decides anything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, Point32, PoseWithCovariance, Vector3
+from numpy.typing import NDArray
+from std_msgs.msg import ColorRGBA, Header
+from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose
+from visualization_msgs.msg import Marker, MarkerArray
+
+from estimation.errors import InputError
+from estimation.geometry.places import Place
+from estimation.geometry.rotations import rotation_from_quaternion
+from whereabouts.nodes.messages.conversions import FREE
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts_msgs.msg import (
+    Attribute,
+    DiscreteDistribution,
+    GaussianDistribution,
+    Region,
+    WorldHypotheses,
+)
+from whereabouts_msgs.msg import WorldObject as ObjectMessage
+from whereabouts_msgs.msg import WorldState as StateMessage
+from world_model import WorldObject, WorldState
+from world_model.anchoring.attributes import extent
+from world_model.queries import Words
+
+Array = NDArray[np.float64]
+PALETTE = (
+    (0.9, 0.3, 0.2),
+    (0.2, 0.6, 0.9),
+    (0.3, 0.7, 0.3),
+    (0.9, 0.7, 0.1),
+    (0.6, 0.3, 0.8),
+    (0.4, 0.4, 0.4),
+)
+IDENTITY = np.eye(4)
+ABOVE = np.array([0.0, 0.0, 0.25])
+
+
+@dataclass
+class ObjectMessages:
+    """Objects as messages, made once for each version of an object."""
+
+    words: Words
+    _made: dict[int, tuple[WorldObject, ObjectMessage]] = field(default_factory=dict)
+
+    def message(self, item: WorldObject) -> ObjectMessage:
+        """The message of an object in the world frame."""
+        known = self._made.get(id(item))
+        if known is not None and known[0] is item:
+            return known[1]
+        made = object_message(self.words.described(item), IDENTITY)
+        self._made[id(item)] = (item, made)
+        return made
+
+    def keep(self, objects: Iterable[WorldObject]) -> None:
+        """Forget the messages of all other objects."""
+        wanted = {id(item) for item in objects}
+        self._made = {number: made for number, made in self._made.items() if number in wanted}
+
+
+def object_message(item: WorldObject, transform: Array) -> ObjectMessage:
+    """A described object, in the frame that `transform` (4, 4) leads to."""
+    message = ObjectMessage(
+        id=item.id,
+        class_distribution=distribution_message(item.attributes.get("class", {})),
+        properties=[
+            Attribute(name=name, discrete=distribution_message(values))
+            for name, values in item.attributes.items()
+            if name != "class"
+        ]
+        + [
+            Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
+            for name, (mean, variance) in item.quantities.items()
+        ],
+        predicates=list(item.predicates),
+        pose=pose_message(item, transform),
+        behaviors=distribution_message(item.behaviors),
+        existence_probability=_share(item.existence),
+        lost=item.lost,
+        place=item.place,
+        place_probability=_share(item.place_probability),
+        last_seen=stamp_message(item.last_seen),
+        first_seen=stamp_message(item.first_seen),
+        alternatives=list(item.alternatives),
+    )
+    known = extent(item.quantities)
+    if known is not None:
+        width, height = known
+        message.size = Vector3(x=width, y=width, z=height)
+    linear = message.velocity.twist.linear
+    linear.x, linear.y, linear.z = (float(v) for v in transform[:3, :3] @ item.velocity)
+    if item.lost and item.region is not None:
+        message.region = box_message(item.region)
+    return message
+
+
+def pose_message(item: WorldObject, transform: Array) -> PoseWithCovariance:
+    """Position and its covariance; the orientation is unknown."""
+    message = PoseWithCovariance()
+    turn = transform[:3, :3]
+    x, y, z = turn @ item.position + transform[:3, 3]
+    message.pose.position = Point(x=float(x), y=float(y), z=float(z))
+    covariance = np.diag(np.full(6, FREE))
+    covariance[:3, :3] = turn @ item.covariance @ turn.T
+    message.covariance = covariance.reshape(36)
+    return message
+
+
+def distribution_message(values: Mapping[str, float]) -> DiscreteDistribution:
+    """{value: probability} as a message."""
+    return DiscreteDistribution(values=list(values), probabilities=[_share(p) for p in values.values()])
+
+
+def box_message(box: Sequence[Sequence[float]]) -> Region:
+    """A box ((x0, x1), (y0, y1), (z0, z1)) as a message."""
+    low, high = np.array(box, dtype=np.float64).T
+    message = Region()
+    centre, size = 0.5 * (low + high), high - low
+    message.center.position = Point(**dict(zip("xyz", map(float, centre), strict=True)))
+    message.size = Vector3(**dict(zip("xyz", map(float, size), strict=True)))
+    return message
+
+
+def state_message(state: WorldState, header: Header, objects: Sequence[ObjectMessage]) -> StateMessage:
+    """One hypothesis."""
+    return StateMessage(
+        header=header,
+        objects=objects,
+        probability=_share(state.probability),
+        expected_count=float(state.expected_count),
+        hypothesis=state.hypothesis,
+        epoch=state.epoch,
+    )
+
+
+def hypotheses_message(
+    states: Sequence[WorldState], header: Header, messages: ObjectMessages
+) -> WorldHypotheses:
+    """Hypotheses, whose probabilities are made to sum to one where some were left out."""
+    total = sum(state.probability for state in states) or 1.0
+    made = []
+    for state in states:
+        objects = [messages.message(item) for item in by_id(state.objects)]
+        made.append(state_message(state, header, objects))
+        made[-1].probability = state.probability / total
+    return WorldHypotheses(header=header, hypotheses=made)
+
+
+def detections_message(header: Header, objects: Sequence[ObjectMessage]) -> Detection3DArray:
+    """What exists and is not lost, for software that knows vision_msgs only."""
+    detections = []
+    for item in objects:
+        if item.lost:
+            continue
+        made = Detection3D(header=header, id=item.id)
+        made.bbox.center = item.pose.pose
+        made.bbox.size = item.size
+        classes = item.class_distribution
+        for name, probability in zip(classes.values, classes.probabilities, strict=True):
+            hypothesis = ObjectHypothesis(class_id=name, score=probability * item.existence_probability)
+            made.results.append(ObjectHypothesisWithPose(hypothesis=hypothesis, pose=item.pose))
+        made.results.sort(key=lambda result: -result.hypothesis.score)
+        detections.append(made)
+    return Detection3DArray(header=header, detections=detections)
+
+
+def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words) -> MarkerArray:
+    """An ellipsoid of one standard deviation and a sentence per object; lost ones only have the sentence."""
+    stamp = nanoseconds(header.stamp) / NANOSECONDS
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for index, item in enumerate(objects):
+        colour = PALETTE[sum(map(ord, item.most_probable("class"))) % len(PALETTE)]
+        label = Marker(header=header, ns="symbols", id=index, type=Marker.TEXT_VIEW_FACING, action=Marker.ADD)
+        label.text = words.sentence(item, stamp)
+        label.scale.z = 0.12
+        label.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=float(item.existence))
+        _place(label, item.position + ABOVE)
+        markers.append(label)
+        if item.lost:
+            continue
+        body = Marker(header=header, ns="objects", id=index, type=Marker.SPHERE, action=Marker.ADD)
+        spread = np.sqrt(np.maximum(item.covariance.diagonal(), 1e-4))
+        body.scale = Vector3(**dict(zip("xyz", (float(max(2.0 * s, 0.06)) for s in spread), strict=True)))
+        body.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=0.3 + 0.6 * float(item.existence))
+        _place(body, item.position)
+        markers.append(body)
+    return MarkerArray(markers=markers)
+
+
+def region_from_message(message: Region, transform: Array) -> Place | str | None:
+    """A region of a request in the frame that `transform` leads to: a name, a polygon or a box; None where it is empty.
+
+    Raises
+    ------
+    InputError : corners or sizes that make no sense.
+    """
+    if len(message.polygon):
+        corners = np.array([[p.x, p.y, 0.0] for p in message.polygon])
+    else:
+        size = np.array([message.size.x, message.size.y, message.size.z])
+        if not size.any():
+            return message.name or None
+        if not np.isfinite(size).all() or (size[:2] <= 0.0).any() or size[2] < 0.0:
+            raise InputError(f"region.size: lengths above 0 m expected, got {size.tolist()}")
+        p, q = message.center.position, message.center.orientation
+        half = 0.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * size
+        turn = rotation_from_quaternion([q.x, q.y, q.z, q.w])
+        corners = half @ turn.T + [p.x, p.y, p.z]
+    corners = corners @ transform[:3, :3].T + transform[:3, 3]
+    given: dict[str, Any] = {"polygon": corners[:, :2]}
+    if not len(message.polygon) and message.size.z > 0.0:
+        z = float(corners[:, 2].mean())
+        given["height"] = (z - 0.5 * message.size.z, z + 0.5 * message.size.z)
+    return Place.checked(message.name or "region", given)
+
+
+def polygon_message(place: Place) -> Region:
+    """A place as a message."""
+    points = [Point32(x=float(x), y=float(y), z=0.0) for x, y in place.polygon]
+    return Region(name=place.name, polygon=points)
+
+
+def by_id(objects: Iterable[WorldObject]) -> list[WorldObject]:
+    """Objects in the order in which messages have them."""
+    return sorted(objects, key=lambda item: item.id)
+
+
+def stamp_message(seconds: float) -> Any:
+    """Seconds as a message stamp; what is before time began is zero."""
+    return time_message(max(round(seconds * NANOSECONDS), 0) if np.isfinite(seconds) else 0)
+
+
+def _place(marker: Marker, position: Array) -> None:
+    p = marker.pose.position
+    p.x, p.y, p.z = (float(value) for value in position)
+    marker.pose.orientation.w = 1.0
+
+
+def _share(value: float) -> float:
+    return min(max(float(value), 0.0), 1.0)

@@ -1,0 +1,194 @@
+"""Worlds, predicted paths, maps and regions from messages, for the world model and the nodes that act upon it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PoseStamped, Vector3
+from nav_msgs.msg import OccupancyGrid as GridMessage
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from estimation.errors import InputError
+from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.poses import pose_from_matrix
+from whereabouts.nodes.messages.conversions import fill_pose, pose_from_message, spatial
+from whereabouts.nodes.messages.packed import Packed
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.messages.transforms import TransformBuffer, TransformError
+from whereabouts_msgs.msg import DiscreteDistribution, PredictedPathArray, Region
+from whereabouts_msgs.msg import WorldObject as ObjectMessage
+from whereabouts_msgs.msg import WorldState as StateMessage
+from world_model import WorldObject, WorldState
+from world_model.predictions import Path
+
+Array = NDArray[np.float64]
+
+
+class LatestState:
+    """The newest world state, read when somebody looks at it.
+
+    refuse : called with the reason for a state that makes no sense; the one before then stays the newest.
+    on_read : called with each state that is read.
+    """
+
+    def __init__(
+        self, refuse: Callable[[str], None], on_read: Callable[[WorldState], None] = lambda state: None
+    ) -> None:
+        self._refuse = refuse
+        self._on_read = on_read
+        self._news: Packed | None = None
+        self._state: WorldState | None = None
+
+    def take(self, message: Packed) -> None:
+        """Keep a message instead of the one before."""
+        self._news = message
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._news = self._state = None
+
+    @property
+    def state(self) -> WorldState | None:
+        """The newest state, None before the first."""
+        news, self._news = self._news, None
+        if news is not None:
+            try:
+                message: StateMessage = news.unpack()
+                self._state = state_from_message(message)
+            except InputError as error:
+                self._refuse(str(error))
+            else:
+                self._on_read(self._state)
+        return self._state
+
+
+def state_from_message(message: StateMessage) -> WorldState:
+    """A WorldState; frames are the message's.
+
+    Raises
+    ------
+    InputError : an object with a pose or a covariance that is not finite; names it.
+    """
+    objects = tuple(object_from_message(item) for item in message.objects)
+    stamp = nanoseconds(message.header.stamp) / NANOSECONDS
+    return WorldState(objects, message.probability, message.expected_count, stamp, int(message.epoch))
+
+
+def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[int, Path]:
+    """The most probable path of each target, by label, in the frame that `transform` (4, 4) leads to.
+
+    Raises
+    ------
+    InputError : a path that makes no sense; names its label. One of a single point is left out.
+    """
+    start, turn = nanoseconds(message.header.stamp) / NANOSECONDS, transform[:2, :2]
+    found = {}
+    for told in message.paths:
+        if len(told.points) < 2:
+            continue
+        after = [p.time_from_start.sec + p.time_from_start.nanosec / NANOSECONDS for p in told.points]
+        places = np.array([[p.position.x, p.position.y, p.position.z] for p in told.points])
+        flat = (places @ transform[:3, :3].T + transform[:3, 3])[:, :2]
+        spread = np.array([p.covariance for p in told.points]).reshape(-1, 2, 2)
+        given = {
+            "path": np.column_stack([flat, start + np.array(after)]),
+            "covariances": turn @ spread @ turn.T,
+        }
+        found[int(told.label)] = Path.checked(f"path of target {told.label}", given)
+    return found
+
+
+def object_from_message(message: ObjectMessage) -> WorldObject:
+    """One object.
+
+    Raises
+    ------
+    InputError : a pose or a covariance that is not finite.
+    """
+    try:
+        position = pose_from_message(message.pose.pose)[:3]
+    except InputError as error:
+        raise InputError(f"object '{message.id}': {error}") from error
+    covariance = np.array(message.pose.covariance).reshape(6, 6)[:3, :3]
+    if not np.isfinite(covariance).all():
+        raise InputError(f"object '{message.id}': its covariance is not finite")
+    linear = message.velocity.twist.linear
+    attributes = {"class": _distribution(message.class_distribution)}
+    attributes |= {
+        item.name: _distribution(item.discrete) for item in message.properties if len(item.discrete.values)
+    }
+    return WorldObject(
+        message.id, position, np.array([linear.x, linear.y, linear.z]), covariance, attributes,
+        message.existence_probability, message.lost, _seconds(message.last_seen), _seconds(message.first_seen),
+        place=message.place, place_probability=message.place_probability,
+        predicates=tuple(message.predicates), alternatives=tuple(message.alternatives),
+        quantities={
+            item.name: (float(item.continuous.mean[0]), float(item.continuous.covariance[0]))
+            for item in message.properties
+            if len(item.continuous.mean) == 1 and len(item.continuous.covariance) == 1
+        },
+    )  # fmt: skip
+
+
+def grid_from_message(message: GridMessage) -> OccupancyGrid:
+    """A nav_msgs/OccupancyGrid.
+
+    Raises
+    ------
+    InputError : sizes that do not fit, a resolution that is not positive, a map turned against its axes.
+    """
+    info = message.info
+    if not info.resolution > 0.0 or info.width * info.height != len(message.data):
+        raise InputError(
+            f"map: {info.width} x {info.height} cells of {info.resolution:g} m and {len(message.data)} values"
+        )
+    pose = pose_from_message(info.origin)
+    if abs(pose[5]) > 1e-6:
+        raise InputError(f"map: turned by {pose[5]:.3f} rad against its axes")
+    values = np.frombuffer(message.data, dtype=np.int8).reshape(info.height, info.width)
+    return OccupancyGrid.from_values(values, float(info.resolution), pose[:2])
+
+
+def planar_pose(transforms: TransformBuffer, target: str, source: str) -> Array | None:
+    """Newest pose (3,) of `source` in `target`; None while tf does not tell."""
+    stamp = transforms.newest(target, source)
+    if stamp is None:
+        return None
+    try:
+        return pose_from_matrix(transforms.lookup(target, source, stamp))[[0, 1, 5]]
+    except TransformError:
+        return None
+
+
+def pose_stamped(header: Header, pose: Array) -> PoseStamped:
+    """A planar pose (3,) as a goal that nav2 takes."""
+    message = PoseStamped(header=header)
+    fill_pose(message.pose, spatial(pose))
+    return message
+
+
+def box_region(centre: Array, size: Array) -> Region:
+    """A box along the axes of the frame; centre and size (3,) m."""
+    region = Region()
+    region.center.position = Point(**dict(zip("xyz", map(float, centre), strict=True)))
+    region.center.orientation.w = 1.0
+    region.size = Vector3(**dict(zip("xyz", map(float, size), strict=True)))
+    return region
+
+
+def distribution_message(values: Mapping[str, float]) -> DiscreteDistribution:
+    """{value: probability} as a message."""
+    return DiscreteDistribution(
+        values=list(values), probabilities=[min(max(p, 0.0), 1.0) for p in values.values()]
+    )
+
+
+def _distribution(message: DiscreteDistribution) -> dict[str, float]:
+    return dict(zip(message.values, map(float, message.probabilities), strict=False))
+
+
+def _seconds(stamp: Time) -> float:
+    return nanoseconds(stamp) / NANOSECONDS

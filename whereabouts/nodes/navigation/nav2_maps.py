@@ -1,0 +1,124 @@
+"""The map by the names of nav2's map_saver, map_server and amcl, for what calls these; two of them need nav2_msgs.
+
+Services: `map_saver/save_map`, `map_server/load_map`, `map_server/map`, `reinitialize_global_localization`.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import unquote
+
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.srv import GetMap
+from std_srvs.srv import Empty
+
+from estimation.errors import InputError
+from whereabouts.nodes.ros.base import SuiteNode
+
+
+class KeptMap(Protocol):
+    """What the node lets be done with the files of its map."""
+
+    def map_now(self) -> OccupancyGrid:
+        """The map with all that is known. Raises InputError where there is none yet."""
+
+    def named(self, name: str, making: bool = False) -> Path:
+        """Stem of the files that a request names. Raises InputError for what requests may not name."""
+
+    def save_map(self, stem: Path) -> Path:
+        """Write the map's files. Raises InputError where there is no map, or a file is foreign."""
+
+    def load_map(self, stem: Path) -> int:
+        """Take a saved map, as at the start; returns how many keyframes it has. Raises InputError."""
+
+    def look_anew(self) -> None:
+        """Look for the robot in the whole map. Raises InputError where there is none yet."""
+
+
+class Nav2Maps:
+    """nav2's services of a map; files are named as in the node's own services, and as safe."""
+
+    def __init__(self, node: SuiteNode, kept: KeptMap) -> None:
+        self._node, self._kept = node, kept
+        node.add_service(GetMap, "map_server/map", self._get)
+        node.add_service(Empty, "reinitialize_global_localization", self._look)
+        try:
+            types = import_module("nav2_msgs.srv")
+            offered = (
+                (types.SaveMap, "map_saver/save_map", self._save),
+                (types.LoadMap, "map_server/load_map", self._load),
+            )
+        except (ImportError, AttributeError):
+            node.get_logger().info(
+                "nav2_msgs is not installed: no map_saver/save_map, no map_server/load_map"
+            )
+            return
+        for kind, name, answer in offered:
+            node.add_service(kind, name, answer)
+
+    def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
+        response.map = self._kept.map_now()
+        return response
+
+    def _look(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
+        self._kept.look_anew()
+        return response
+
+    def _save(self, request: Any, response: Any) -> Any:
+        topics = [self._node.resolve_topic_name(name) for name in (request.map_topic or "map", "map")]
+        if topics[0] != topics[1]:
+            raise InputError(f"map_topic: {topics[1]} expected, got {topics[0]}")
+        # The file says which grey means what, so that thresholds are checked and not used.
+        occupied, free = request.occupied_thresh or 0.65, request.free_thresh or 0.25
+        if not 0.0 < free < occupied <= 1.0:
+            raise InputError(
+                f"0 < free_thresh < occupied_thresh <= 1 expected, got {free:g} and {occupied:g}"
+            )
+        for name, value, known in (
+            ("image_format", request.image_format.lower(), "pgm"),
+            ("map_mode", request.map_mode.lower(), "trinary"),
+        ):
+            if value not in ("", known):
+                raise InputError(f"{name}: {known} expected, got {value!r}")
+        written = self._kept.save_map(self._kept.named(file_of(request.map_url), making=True))
+        self._node.get_logger().info(f"map_saver/save_map: {written}, with .pgm and .yaml")
+        response.result = True
+        return response
+
+    def _load(self, request: Any, response: Any) -> Any:
+        stem = self._kept.named(file_of(request.map_url))
+        graph, described = (stem.with_name(f"{stem.name}{ending}") for ending in (".npz", ".yaml"))
+        if not graph.exists():
+            found = described.exists()
+            response.result = (
+                response.RESULT_INVALID_MAP_DATA if found else response.RESULT_MAP_DOES_NOT_EXIST
+            )
+            beside = "; an image alone is no map to be found in" if found else ""
+            self._complain(f"{graph} is missing{beside}")
+            return response
+        try:
+            self._kept.load_map(stem)
+        except InputError as error:
+            response.result = response.RESULT_INVALID_MAP_DATA
+            self._complain(str(error))
+            return response
+        response.result = response.RESULT_SUCCESS
+        with suppress(InputError):  # there is no image of clouds
+            response.map = self._kept.map_now()
+        return response
+
+    def _complain(self, problem: str) -> None:
+        self._node.complain(f"service map_server/load_map: {problem}", key=("load_map", problem))
+
+
+def file_of(url: str) -> str:
+    """The path in a `file:` URL; what has no scheme is a path itself. Raises InputError for other schemes."""
+    scheme, separator, rest = url.partition("://")
+    if not separator:
+        return url
+    if scheme != "file" or not rest.startswith("/"):
+        raise InputError(f"map_url: a name or file:///PATH expected, got {url!r}")
+    return unquote(rest)

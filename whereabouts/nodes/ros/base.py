@@ -1,0 +1,555 @@
+"""What all nodes share, so that a node is only its own few lines.
+
+A node derives from `SuiteNode`, names its parameter model and implements `setup` (create inputs, outputs and
+services), `start_run` (forget live state) and, if it has something to say, `health`.
+
+Threads: every node runs on one single-threaded executor. No callback may wait for another one. Transforms are
+looked up without blocking (a message whose transform is still to come waits in its `Input`), and long actions
+are coroutines that yield, so that a cancel, a look-up or a service call can always be served.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Coroutine, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import rclpy
+from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
+from std_msgs.msg import Empty
+from tf2_msgs.msg import TFMessage
+
+from estimation.errors import InputError, WhereaboutsError
+from whereabouts.nodes.messages.envelopes import envelope
+from whereabouts.nodes.messages.outcomes import decline
+from whereabouts.nodes.messages.transforms import TransformBuffer
+from whereabouts.nodes.ros.bonding import Bonding
+from whereabouts.nodes.ros.declared_parameters import ParameterError, ParameterSet
+from whereabouts.nodes.ros.diagnostics import DiagnosticsPublisher, Health
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.footprint import keep_packed, release, settle
+from whereabouts.nodes.ros.host import SUPERVISOR_VARIABLE
+from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Frames, Handler, Input
+from whereabouts.nodes.ros.outputs import QUIET, Output
+from whereabouts.nodes.ros.timekeeping import Timekeeper
+from whereabouts.nodes.ros.turns import Caller, Turns, turn_topic
+from whereabouts.parameters.parameter_base import NodeParameters
+from whereabouts.system.interrupts import interrupts_kept, listen_to_interrupts
+from whereabouts_msgs.msg import Connections, Processed
+from whereabouts_msgs.srv import Reset
+
+WARNING_PERIOD = 5.0
+MOST_SILENCED = 1000  # kinds of complaints that are remembered
+HOUSEKEEPING_PERIOD = 0.2
+# A file that a node makes once it is active: from then on its death is no failure to start.
+ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TF_QOS = QoSProfile(depth=100)
+TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+NodeType = TypeVar("NodeType", bound="SuiteNode")
+
+
+class SuiteNode(LifecycleNode):
+    """A lifecycle node with validated parameters, accounted inputs, tf and diagnostics.
+
+    Attributes
+    ----------
+    settings : the current parameters, an instance of `parameters_model`.
+    active : whether the lifecycle state is active; inputs and timers rest otherwise.
+    epoch : number of the run; counts up when time goes back. last_run : why the last one began.
+    time : what the stamps of all sensors tell. turns : what is kept in a lock-step replay until it is its turn.
+    """
+
+    parameters_model: ClassVar[type[NodeParameters]] = NodeParameters
+    node_name: ClassVar[str] = ""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(self.node_name, **kwargs)
+        self._parameter_set = ParameterSet(self, self.parameters_model)
+        self.active = False
+        self.epoch = 0
+        self.defects = 0
+        self.complaints = 0
+        self.last_complaint = ""
+        self._silent_until: dict[Any, float] = {}
+        self.last_run = ""
+        self.time = Timekeeper(self)
+        # In lock-step on recorded time: what follows has to be the same each time.
+        self.replayed = bool(self.settings.report_processed and self.get_parameter("use_sim_time").value)
+        self.turns = Turns(self)
+        self._created: list[tuple[Callable[[Any], object], Any]] = []
+        self.inputs: list[Input] = []
+        self.outputs: list[Output] = []
+        self.transforms = TransformBuffer()
+        self.processed = self.create_publisher(Processed, "~/processed", 100, event_callbacks=QUIET)
+        self._connections = self.create_publisher(Connections, "~/connections", 1, event_callbacks=QUIET)
+        self.reported_counts: list[int] = []  # of the outputs, as listeners to ~/processed know them
+        self._diagnostics = DiagnosticsPublisher(self)
+        self._bonding = Bonding(self)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(self.settings.diagnostics_period, self._diagnostics.publish, clock=self._steady)
+        self._supervisor = int(os.environ.get(SUPERVISOR_VARIABLE, 0))
+        self.create_timer(HOUSEKEEPING_PERIOD, self._keep_house, clock=self._steady)
+
+    @property
+    def settings(self) -> Any:
+        """The current parameters."""
+        return self._parameter_set.values
+
+    @property
+    def resting(self) -> list[Any]:
+        """Subscriptions whose messages may lie about until something else wakes the node up."""
+        waits = any(item.waits for item in self.inputs)
+        return [
+            item.subscription
+            for item in self.inputs
+            if item.on_demand and not (waits and (item.is_transforms or item.awaited))
+        ]
+
+    # What a node implements.
+
+    def setup(self) -> None:
+        """Create inputs, outputs, timers and services."""
+
+    def start_run(self) -> None:
+        """Forget live state: somebody asked for it, or the node starts."""
+
+    def next_run(self) -> None:
+        """Time jumped back: forget live state, but for what is worth to be taken up again."""
+        self.start_run()
+
+    def health(self) -> Health:
+        """The node's own judgement of how it is doing."""
+        return Health()
+
+    # What a node uses.
+
+    def add_input(
+        self,
+        message_type: type,
+        topic: str,
+        handler: Handler,
+        frames: Frames | None = None,
+        on_demand: bool = False,
+        packed: bool = False,
+        companions: Sequence[Input] = (),
+        in_turn: bool = False,
+        awaited: bool = False,
+        qos: QoSProfile | None = None,
+    ) -> Input:
+        """Subscribe a sensor topic; see `Input`."""
+        item = Input(
+            self, message_type, topic, handler,
+            frames=frames, on_demand=on_demand, packed=packed, companions=companions, in_turn=in_turn,
+            awaited=awaited, qos=qos,
+        )  # fmt: skip
+        self.inputs.append(item)
+        self._created.append((self.destroy_subscription, item.subscription))
+        return item
+
+    def take_on(self, item: Input) -> None:
+        """An input that was made elsewhere goes with the others."""
+        self.inputs.append(item)
+        self._created.append((self.destroy_subscription, item.subscription))
+
+    def goes_with(self, end: Callable[[], None]) -> None:
+        """Call `end` when what the node has set up is taken down."""
+        self._created.append((lambda _: end(), None))
+
+    def add_latched_input(
+        self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
+    ) -> Input:
+        """Subscribe a state that is kept for those who come late, such as a map."""
+        item = Input(self, message_type, topic, handler, qos=HEARD_LATCHED, sensor=False, in_turn=in_turn)
+        self.inputs.append(item)
+        self._created.append((self.destroy_subscription, item.subscription))
+        return item
+
+    def add_action(
+        self, action_type: type, name: str, execute: Callable[[Any], Coroutine[Any, Any, Any]]
+    ) -> ActionServer:
+        """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted."""
+
+        inside = envelope(action_type.Goal)  # type: ignore[attr-defined]
+        full_name = self.resolve_topic_name(name)
+        self.turns.serves(full_name)
+
+        def judge(goal: Any) -> GoalResponse:
+            try:
+                inside.check(goal)
+            except InputError as error:
+                self.complain(f"action {name}: goal refused: {error}", key=(name, "refused"))
+                return GoalResponse.REJECT
+            return GoalResponse.ACCEPT if self.active else GoalResponse.REJECT
+
+        async def run(handle: Any) -> Any:
+            try:
+                await self.turns.begin(full_name)
+                return await execute(handle)
+            except Exception as error:
+                self.report_defect(f"action {name}", error)
+                handle.abort()
+                return action_type.Result(message=f"{type(error).__name__}: {error}")  # type: ignore[attr-defined]
+            finally:
+                self.turns.ended(full_name, handle)
+
+        server = ActionServer(
+            self, action_type, name, run, goal_callback=judge, cancel_callback=lambda _: CancelResponse.ACCEPT
+        )
+        self._created.append((lambda item: item.destroy(), server))
+        return server
+
+    def add_caller(self, action_type: type, name: str, answers: bool = True) -> Caller:
+        """Call an action; see `Caller`."""
+        caller = Caller(self, action_type, name, answers)
+        self._created.append((lambda client: client.destroy(), caller.client))
+        return caller
+
+    async def pause(self, seconds: float) -> None:
+        """Let other callbacks run for a while; for coroutines of actions. In a replay by message time."""
+        if self.turns.on:
+            await self.turns.rest(seconds)
+            return
+        done = Future()
+        timer = self.create_timer(seconds, lambda: done.set_result(None), clock=self._steady)
+        try:
+            await done
+        finally:
+            self.destroy_timer(timer)
+
+    def add_output(self, message_type: type, topic: str, qos: QoSProfile | int = 10) -> Output:
+        """A counted publisher that is silent while the node is inactive."""
+        publisher = self.create_lifecycle_publisher(message_type, topic, qos, event_callbacks=QUIET)
+        self._created.append((self.destroy_lifecycle_publisher, publisher))
+        output = Output(publisher)
+        self.outputs.append(output)
+        return output
+
+    def add_timer(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back every `period` seconds of the node's ROS clock, in a replay of message time, while it is active."""
+
+        def tick() -> None:
+            if not self.active:
+                return
+            try:
+                callback()
+            except WhereaboutsError as error:
+                self.complain(str(error), key=callback)
+            except Exception as error:
+                self.report_defect(f"timer {getattr(callback, '__name__', '')}", error)
+
+        if self.replayed:
+            self.time.call_every(period, tick)
+            return
+        timer = self.create_timer(period, tick)
+        self._created.append((self.destroy_timer, timer))
+
+    def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence, any other a failure."""
+
+        inside = envelope(service_type.Request)  # type: ignore[attr-defined]
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                inside.check(request)
+                return callback(request, response)
+            except WhereaboutsError as error:
+                if not decline(response, str(error), "REFUSED"):
+                    self.complain(f"service {name}: {error}", key=(name, str(error)))
+            except OSError as error:
+                self.complain(f"service {name}: {error}", key=(name, "failed"))
+                decline(response, str(error)[:1000])
+            except Exception as error:
+                self.report_defect(f"service {name}", error)
+                decline(response, f"{type(error).__name__}: {error}")
+            return response
+
+        service = self.create_service(service_type, name, answer)
+        self._created.append((self.destroy_service, service))
+
+    def listen_to_transforms(self, on_demand: bool = False) -> None:
+        """Subscribe tf and tf_static. on_demand : for nodes that seldom look where anything is; see `Input`."""
+        for topic, static, qos in (("tf", False, TF_QOS), ("tf_static", True, TF_STATIC_QOS)):
+
+            def handle(message: TFMessage, _: int, static: bool = static) -> None:
+                self._take_transforms(message, static)
+
+            rests = on_demand and not static
+            item = Input(self, TFMessage, topic, handle, qos=qos, sensor=False, on_demand=rests)
+            self.inputs.append(item)
+            self._created.append((self.destroy_subscription, item.subscription))
+
+    @property
+    def now(self) -> int:
+        """ns that the node's clock shows; in a lock-step replay, what the stamps say, as /clock comes at any moment."""
+        now = self.time.clocks.now if self.turns.on else None
+        return int(self.get_clock().now().nanoseconds) if now is None else now
+
+    def broadcaster(self) -> Output:
+        """A publisher for tf; give it lists of transforms in a TFMessage."""
+        return self.add_output(TFMessage, "tf", TF_QOS)
+
+    def alarm(self, text: str) -> None:
+        """Warn, in the log and in diagnostics, each time."""
+        self.complaints += 1
+        self.last_complaint = text
+        self.get_logger().warning(text)
+
+    def complain(self, text: str, key: Any = None, defect: bool = False) -> None:
+        """Warn, at most once in a while for each key; count always."""
+        self.complaints += 1
+        self.defects += defect
+        self.last_complaint = text.splitlines()[0]
+        now = time.monotonic()
+        if now < self._silent_until.get(key or text, 0.0):
+            return
+        if len(self._silent_until) >= MOST_SILENCED:
+            self._silent_until.clear()
+        self._silent_until[key or text] = now + WARNING_PERIOD
+        logger = self.get_logger()
+        if defect:
+            logger.error(text)
+        else:
+            logger.warning(text)
+
+    def report_defect(self, where: str, error: Exception) -> None:
+        """An exception nobody expected: said with its trace, counted, survived. The executor calls it, too."""
+        trace = "".join(traceback.format_exception(error, limit=-4))
+        self.complain(
+            f"{where}: internal error: {type(error).__name__}: {error}\n{trace}", (where, "defect"), True
+        )
+
+    def begin_run(self, reason: str, counted: bool = True) -> None:
+        """Time went back: a new epoch, with a warning. What is known for good stays.
+
+        counted : false where nothing is lost, as no more than one message has been taken before.
+        """
+        self._end_run(f"a new run begins: {reason}" if counted else f"first of all, {reason}", counted)
+        self.next_run()
+
+    def _end_run(self, reason: str, counted: bool = True) -> None:
+        self.epoch += counted
+        self.last_run = reason
+        self.alarm(reason)
+        for item in self.inputs:
+            item.new_run()
+
+    # Lifecycle.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._parameter_set.freeze(True)
+        done = self._configure(state)
+        self._parameter_set.freeze(done == TransitionCallbackReturn.SUCCESS)
+        return done
+
+    def _configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            self.setup()
+            self.add_service(Reset, "~/reset", self._reset)
+            if self.replayed:
+                topic = turn_topic(self.get_fully_qualified_name())
+                turn = Input(self, Empty, topic, self.turns.take, sensor=False, qos=QoSProfile(depth=10))
+                self.inputs.append(turn)
+                self._created.append((self.destroy_subscription, turn.subscription))
+            self.start_run()
+        except WhereaboutsError as error:
+            self.get_logger().error(f"cannot configure: {error}")
+            self._destroy_created()
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self.report_defect("configure", error)
+            self._destroy_created()
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = super().on_activate(state)
+        self.active = result == TransitionCallbackReturn.SUCCESS
+        if self.active:
+            self._bonding.form()
+        mark = os.environ.get(ACTIVE_VARIABLE)
+        if self.active and mark:
+            Path(mark).touch()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.active = False
+        self._bonding.end()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._destroy_created()
+        self.time.stop()
+        self._parameter_set.freeze(False)
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.active = False
+        self._bonding.end()
+        self._destroy_created()
+        return super().on_shutdown(state)
+
+    def _destroy_created(self) -> None:
+        for destroy, entity in reversed(self._created):
+            destroy(entity)
+        self._created.clear()
+        self.inputs.clear()
+        self.outputs.clear()
+        self.turns.clear()
+        self.transforms = TransformBuffer()
+
+    def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self._end_run(f"reset: {request.reason or 'it was asked for'}")
+        self.time.begin()
+        self.start_run()
+        response.code, response.message = Reset.Response.SUCCESS, "started afresh"
+        return response
+
+    def _keep_house(self) -> None:
+        """All that is due now and then, in one timer: each wakes the node up."""
+        self._check_supervisor()
+        # In a replay only messages change what there is to go on with.
+        if not self.turns.on:
+            self.serve_waiting()
+        if self.active:
+            self.time.mind_silence()
+            for item in self.inputs:
+                item.serve_shed()
+        self._report_connections()
+
+    def _check_supervisor(self) -> None:
+        if self._supervisor and os.getppid() != self._supervisor:
+            self.get_logger().error("the supervisor is gone: ending")
+            raise KeyboardInterrupt
+
+    def _report_connections(self) -> None:
+        """Say who is connected and what went through: who replays or tests waits for it."""
+        if not (self.settings.report_processed and self.active):
+            return
+        counts = [*self.put_out.values()]
+        turns = self.turns if self.replayed else None
+        subscribers = [output.subscribers for output in self.outputs]
+        if turns is not None:
+            subscribers += map(turns.listeners, turns.counts)
+        came = {item.topic: item.counts.received for item in self.inputs}
+        came |= {} if turns is None else turns.received
+        self.reported_counts = counts
+        message = Connections(
+            inputs=[*came],
+            received=[*came.values()],
+            on_demand=[item.topic for item in self.inputs if item.on_demand],
+            outputs=[*self.put_out],
+            sent=counts,
+            subscribers=subscribers,
+        )
+        self._connections.publish(message)
+
+    @property
+    def put_out(self) -> dict[str, int]:
+        """What was sent, by topic; in a replay also what else others or the replay have to know of."""
+        sent = {output.topic: output.count for output in self.outputs}
+        return sent | self.turns.counts if self.replayed else sent
+
+    def acknowledge(self, message: Processed) -> None:
+        """Say that something is done with, and what was sent because of it."""
+        sent = self.put_out
+        message.output_topics, message.output_counts = [*sent], [*sent.values()]
+        self.processed.publish(message)
+        self.reported_counts = [*sent.values()]
+
+    def _take_transforms(self, message: TFMessage, static: bool) -> None:
+        problem: InputError | None = None
+        for transform in message.transforms:
+            try:
+                self.transforms.insert(transform, static)
+            except InputError as error:
+                problem = error
+        self.serve_waiting(reported=not any(item.on_demand and item.is_transforms for item in self.inputs))
+        for item in self.inputs:
+            item.transforms_came()
+        if problem is not None:
+            raise problem
+
+    def serve_waiting(self, reported: bool = False) -> None:
+        """Go on with what waits for transforms, if they have come; see `Input.serve_waiting`."""
+        if self.active:
+            for item in self.inputs:
+                item.serve_waiting(reported)
+
+
+def run_node(node_type: type[NodeType]) -> int:
+    """Run one node until it is told to stop; the body of every executable.
+
+    Returns the exit code: 0 after SIGINT or SIGTERM, 1 for an error, 2 for wrong parameters.
+    """
+    listen_to_interrupts()
+    rclpy.init()
+    keep_packed()
+    node: NodeType | None = None
+    try:
+        with interrupts_kept():
+            node = node_type()
+            if node.settings.autostart and not start(node):
+                return 1
+            settle()
+            _spin(node)
+    except ParameterError as error:
+        print(f"{node_type.node_name}: {error}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except Exception:
+        traceback.print_exc()
+        return 1
+    finally:
+        if node is not None:
+            node.destroy_node()
+        _shut_down()
+        # The middleware gives its shared memory back once nothing refers to the node any more.
+        del node
+        release()
+    return 0
+
+
+def _shut_down() -> None:
+    """Shut the context down, unless the thread that hears of signals comes first, at this very moment."""
+    try:
+        rclpy.try_shutdown()  # type: ignore[attr-defined]
+    except RuntimeError:
+        if rclpy.ok():  # type: ignore[attr-defined]
+            raise
+
+
+def _spin(node: SuiteNode) -> None:
+    executor = NodeExecutor()
+    executor.add_node(node)
+    try:
+        executor.spin()
+    finally:
+        executor.shutdown()
+
+
+def start(node: SuiteNode) -> bool:
+    """Configure and activate; whether both succeeded."""
+    return (
+        node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        and node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    )
+
+
+def exit_with(node_type: type[SuiteNode]) -> None:
+    """Run a node and leave the process without tearing down Python, which middleware threads can hang on."""
+    code = run_node(node_type)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

@@ -1,0 +1,182 @@
+"""One process from which nodes are forked: what they import and load is in memory once, and a node is there at once.
+
+The host imports the nodes and loads their compiled functions, but nothing of ROS is started in it; each child does that
+for itself, and is a process like any other: it is killed, restarted and measured alone. A child is forked twice, so
+that the supervisor, which is made the one that adopts orphans, becomes its parent and can wait for it. Linux only.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import importlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+PR_SET_NAME, PR_SET_CHILD_SUBREAPER = 15, 36
+READY_WITHIN = 60.0
+"""s for imports and compiled functions; a host that takes longer is given up, and nodes start by themselves."""
+LONGEST = 1 << 20
+ADOPTED_WITHIN = 5.0
+SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
+"""Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself."""
+
+
+class Forked:
+    """A process that the host made, with the part of `subprocess.Popen` that the supervisor needs."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        """Exit code, negative for a signal; None while it runs."""
+        if self.returncode is None:
+            try:
+                pid, status = os.waitpid(self.pid, os.WNOHANG)
+            except ChildProcessError:
+                pid, status = self.pid, 1 << 8
+            if pid:
+                self.returncode = os.waitstatus_to_exitcode(status)
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for its end. Raises subprocess.TimeoutExpired."""
+        until = None if timeout is None else time.monotonic() + timeout
+        while (code := self.poll()) is None:
+            if until is not None and time.monotonic() >= until:
+                raise subprocess.TimeoutExpired([], timeout or 0.0)
+            time.sleep(0.005)
+        return code
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, unless it has ended."""
+        if self.poll() is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+class Host:
+    """The supervisor's end. Raises OSError where this machine cannot do it."""
+
+    def __init__(self, log: Path) -> None:
+        if ctypes.CDLL(None, use_errno=True).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) != 0:
+            raise OSError(ctypes.get_errno(), "children of children cannot be adopted here")
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket = ours
+        ours.settimeout(READY_WITHIN)
+        with theirs, log.open("ab") as out:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", __name__, str(theirs.fileno())],
+                stdout=out, stderr=subprocess.STDOUT, pass_fds=[theirs.fileno()], start_new_session=True,
+            )  # fmt: skip
+
+    def start(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Forked:
+        """Fork a node. command : as for a process of its own, `python -m MODULE ...`. Raises OSError."""
+        module, arguments = command[2], command[3:]
+        request = {
+            "module": module, "arguments": arguments, "log": str(log), "environment": dict(environment),
+            "folder": os.getcwd(),
+        }  # fmt: skip
+        self._socket.send(json.dumps(request).encode())
+        answer = self._socket.recv(64)
+        if not answer:
+            raise ConnectionError("the host of the nodes has ended")
+        return Forked(int(answer))
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def end(self) -> None:
+        """Nodes that run go on."""
+        self._socket.close()
+        self._process.kill()
+        self._process.wait()
+
+
+def serve(connection: socket.socket) -> None:
+    """Load everything, then fork what is asked for until nobody asks any more."""
+    _load()
+    gc.collect()
+    # What is here stays, and collecting must not touch it: pages that nobody writes to are shared.
+    gc.freeze()
+    while request := connection.recv(LONGEST):
+        ends = os.pipe()
+        between = os.fork()
+        if between == 0:
+            node = os.fork()
+            if node == 0:
+                connection.close()
+                _become(json.loads(request))
+            os.write(ends[1], str(node).encode())
+            os._exit(0)
+        os.close(ends[1])
+        os.waitpid(between, 0)
+        connection.send(os.read(ends[0], 64))
+        os.close(ends[0])
+
+
+def _load() -> None:
+    from whereabouts.compile import PARTS
+    from whereabouts.node_names import NODES
+    from whereabouts.nodes.ros.footprint import keep_packed
+
+    keep_packed()
+    for name in NODES:
+        importlib.import_module(f"whereabouts.nodes.{name}_node")
+    # Where nothing is compiled yet, each node had better compile its own.
+    if any(Path(__file__).parents[3].joinpath("estimation").rglob("*.nbi")):
+        for part in PARTS.values():
+            part()
+
+
+def _wait_for_parent(supervisor: int) -> None:
+    """Until the process between has ended: a node whose parent is another takes its supervisor for gone."""
+    until = time.monotonic() + ADOPTED_WITHIN
+    while supervisor and os.getppid() != supervisor and time.monotonic() < until:
+        time.sleep(0.001)
+
+
+def _become(request: dict[str, Any]) -> None:
+    """This process is the node from now on; never returns."""
+    try:
+        _wait_for_parent(int(request["environment"].get(SUPERVISOR_VARIABLE, 0)))
+        os.setsid()
+        out = os.open(request["log"], os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        os.dup2(out, 1)
+        os.dup2(out, 2)
+        os.close(out)
+        os.chdir(request["folder"])
+        os.environ.clear()
+        os.environ.update(request["environment"])
+        name = request["module"].rpartition(".")[2].removesuffix("_node")
+        ctypes.CDLL(None).prctl(PR_SET_NAME, name.encode()[:15], 0, 0, 0)
+        module = importlib.import_module(request["module"])
+        sys.argv = [str(module.__file__), *request["arguments"]]
+        module.main()
+    except KeyboardInterrupt:
+        # Before the node itself listens.
+        os._exit(0)
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    with socket.socket(fileno=int(sys.argv[1])) as given:
+        serve(given)

@@ -1,0 +1,454 @@
+"""One subscription of a node: order, transforms that are still to come, and an account of every message."""
+
+from __future__ import annotations
+
+import bisect
+import time
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from tf2_msgs.msg import TFMessage
+
+from estimation.errors import InputError
+from whereabouts.nodes.messages.envelopes import envelope, type_name
+from whereabouts.nodes.messages.packed import Packed
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import TransformError
+from whereabouts.nodes.ros.budget import BUDGETS, DEFAULT, Purse
+from whereabouts.system.clocks import SourceClock
+from whereabouts_msgs.msg import Processed
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.ros.base import SuiteNode
+
+WAITING_LIMIT = 64
+RELIABLE_DEPTH = 200
+LATENCY_WINDOW = 2000
+# The stamps that a message can carry.
+EARLIEST, LATEST = -(2**31) * NANOSECONDS, (2**31 - 1) * NANOSECONDS
+
+Handler = Callable[[Any, int], None]
+Pairs = tuple[tuple[str, str], ...]
+Frames = Callable[[Any], Sequence[tuple[str, str]]]
+
+
+@dataclass
+class InputCounts:
+    """What became of the messages of one topic."""
+
+    received: int = 0
+    used: int = 0
+    late: int = 0
+    inactive: int = 0
+    lost: int = 0
+    reported_lost: int = 0
+    stamp_gaps: int = 0
+    drops: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def dropped(self) -> int:
+        return sum(self.drops.values())
+
+
+@dataclass
+class Waiting:
+    """A message whose transform is still to come."""
+
+    message: Any
+    stamp: int
+    arrived: float
+
+
+class Input:
+    """Messages of one topic on their way to a handler.
+
+    Parameters
+    ----------
+    handler : called with the message and its stamp in nanoseconds; an `InputError` it raises is a refused
+        message, counted and reported, any other exception a defect that is reported with its trace.
+    frames : pairs (target, source) that must be in tf at the stamp before the handler is called. Until then
+        the message waits, and newer ones that need the same frames with it, so that order is kept among these.
+    sensor : whether it is a sensor's own topic: its stamps then tell the node's time
+    (`whereabouts.system.clocks`), and jumps
+        in the publisher's numbers and in stamps are losses. Several nodes publish tf, and its numbers say nothing.
+    on_demand : whether messages may lie about until something else wakes the node up: for what is only looked at now
+        and then. They are not acknowledged one by one, what the queue had no room for is not lost, and their latency
+        counts from when they are taken in.
+        In a replay nothing is on demand, as it would come now sooner, now later.
+    companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
+    in_turn : whether a message is kept, in a lock-step replay, until it is the node's turn; see `Turns`.
+    awaited : whether others wait for it also on a live robot, as its messages say where theirs were taken.
+    packed : whether the handler is given a `Packed` message instead of the message itself.
+    """
+
+    def __init__(
+        self,
+        node: SuiteNode,
+        message_type: type,
+        topic: str,
+        handler: Handler,
+        *,
+        frames: Frames | None = None,
+        qos: QoSProfile | None = None,
+        sensor: bool = True,
+        on_demand: bool = False,
+        packed: bool = False,
+        companions: Sequence[Input] = (),
+        in_turn: bool = False,
+        awaited: bool = False,
+    ) -> None:
+        self._node = node
+        self._in_turn = in_turn
+        self.awaited = awaited
+        self._companions = [item for item in companions if node.replayed or item.awaited]
+        self._expected: bool | None = None
+        self._kind = message_type
+        self._packed = packed
+        self._envelope = envelope(message_type)
+        self._purse = Purse(BUDGETS.get(type_name(message_type), DEFAULT))
+        self._shed: tuple[Any, int, float] | None = None
+        self._handler = handler
+        self._frames = frames
+        self._sensor = sensor
+        self.on_demand = on_demand and not node.replayed
+        self.is_transforms = message_type is TFMessage
+        self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
+        self._sequence = 0
+        self._acknowledged = 0
+        self._one_publisher: bool | None = None
+        self._waiting: dict[Pairs, list[Waiting]] = {}  # by what they wait for, oldest stamp first
+        self._time: SourceClock[None] = SourceClock()
+        self._admitted = 0.0  # when the last message was let in
+        self._periods: deque[int] = deque(maxlen=50)
+        self._last_stamp: int | None = None
+        self.counts = InputCounts()
+        self.arrived = 0.0  # when the message being handled reached the process, s of `time.perf_counter`
+        self.latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
+        self.subscription = node.create_subscription(
+            message_type,
+            topic,
+            self._receive,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
+            qos or sensor_qos(node.settings.input_reliability),
+            callback_group=node.default_callback_group,
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=self._on_lost,
+                incompatible_qos=self._on_incompatible,
+                use_default_callbacks=False,
+            ),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            raw=packed,
+        )
+        self.topic = self.subscription.topic_name
+
+    def _receive(self, message: Any, info: dict[str, Any]) -> None:
+        arrived = self._node.time.heard_at = time.perf_counter()
+        self.counts.received += 1
+        sequence = int(info.get("publication_sequence_number") or 0)
+        self._check_sequence(sequence)
+        try:
+            stamp = time.time_ns() if self._packed else self._stamp_of(message)
+            message, stamp = self._opened(message)
+        except InputError as error:
+            self.drop("refused", str(error))
+            self._acknowledge(min(max(stamp, EARLIEST), LATEST), sequence)
+            return
+        # What is latched is said once: a node that ignored it while inactive would never have it.
+        if not self._node.active and not self._latched:
+            self.counts.inactive += 1
+        else:
+            # Not every middleware tells when it received a message.
+            received = 0 if self.on_demand else int(info.get("received_timestamp") or 0)
+            queued = max(0, time.time_ns() - received) / NANOSECONDS if received else 0.0
+            if self._kept:
+                self._keep(lambda: self._guarded(message, stamp, arrived - queued))
+            else:
+                self._within_budget(message, stamp, arrived - queued)
+        self._acknowledge(stamp, sequence)
+
+    def _within_budget(self, message: Any, stamp: int, arrived: float) -> None:
+        """Go on with a message, or keep it back instead of the one before. In lock-step there is all the time."""
+        if self._node.settings.report_processed:
+            self._guarded(message, stamp, arrived)
+            return
+        over = self._purse.over(time.perf_counter())
+        if self._shed is not None:
+            self.drop("over budget", over or "a newer one has come")
+            self._shed = None
+        if over:
+            self._shed = (message, stamp, arrived)
+            return
+        begun = time.perf_counter()
+        self._guarded(message, stamp, arrived)
+        size = len(message.data) if self._packed else self._envelope.size(message)
+        self._purse.spend(size, time.perf_counter() - begun)
+
+    def serve_shed(self) -> None:
+        """Handle what was kept back, once there is budget for it again."""
+        if self._shed is not None and not self._purse.over(time.perf_counter()):
+            kept, self._shed = self._shed, None
+            self._within_budget(*kept)
+
+    @property
+    def _kept(self) -> bool:
+        return self._in_turn and self._node.turns.on
+
+    def _keep(self, work: Callable[[], None]) -> None:
+        self._node.turns.keep(self._node.inputs.index(self), work)
+
+    def _guarded(self, message: Any, stamp: int, arrived: float) -> None:
+        try:
+            self._accept(message, stamp, arrived)
+        except Exception as error:
+            self._defect(error)
+
+    def _defect(self, error: Exception) -> None:
+        trace = traceback.format_exc(limit=-4)
+        self.drop("internal error", f"{type(error).__name__}: {error}\n{trace}", defect=True)
+
+    def _opened(self, message: Any) -> tuple[Any, int]:
+        """A message that is inside of its envelope, and its stamp. Nothing else looks at one that is not."""
+        if self._packed:
+            packed = Packed(self._kind, message)
+            return packed, packed.stamp
+        self._envelope.check(message)
+        return message, self._stamp_of(message)
+
+    def _stamp_of(self, message: Any) -> int:
+        return nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
+
+    def _accept(self, message: Any, stamp: int, arrived: float) -> None:
+        waiting = Waiting(message, stamp, arrived)
+        if self._sensor and self._stamped:
+            self._node.time.follow(self, waiting)
+        else:
+            self.admit(waiting)
+
+    def silence(self, arrived: float) -> int:
+        """Time since the last message that was let in, ns."""
+        return round((arrived - self._admitted) * NANOSECONDS) if self._admitted else 0
+
+    def behind(self, stamp: int) -> int:
+        """How far a stamp is behind what more than one message speaks for, ns; negative for one ahead."""
+        return (stamp if self._time.confirmed is None else self._time.confirmed) - stamp
+
+    def admit(self, waiting: Waiting, late: bool = False) -> None:
+        """Handle a message of the node's time, as soon as its transforms are there."""
+        self._admitted = waiting.arrived
+        self.counts.late += late
+        if self._sensor and self._stamped:
+            self._check_period(waiting.stamp)
+        self._time.take(waiting.stamp, None)
+        needed = self._needed(waiting.message)
+        if needed not in self._waiting and self._complete(needed, waiting.stamp):
+            self._handle(waiting.message, waiting.stamp, waiting.arrived)
+        else:
+            if sum(map(len, self._waiting.values())) >= WAITING_LIMIT:
+                self._make_room()
+            bisect.insort(self._waiting.setdefault(needed, []), waiting, key=lambda item: item.stamp)
+        self.serve_waiting(reported=True)
+        if self._node.replayed:
+            self._node.serve_waiting(reported=True)
+        elif self.awaited:
+            self._node.serve_waiting()
+
+    def _complete(self, needed: Pairs, stamp: int) -> bool:
+        """Whether all is there that belongs to a message."""
+        return self._ready(needed, stamp) and all(item.has_told(stamp) for item in self._companions)
+
+    def has_told(self, stamp: int) -> bool:
+        """Whether messages up to a stamp have come, if anybody sends any."""
+        if self._expected is None:
+            self._expected = self._node.count_publishers(self.topic) > 0
+        return not self._expected or (self._time.newest is not None and self._time.newest >= stamp)
+
+    def _make_room(self) -> None:
+        longest = max(self._waiting, key=lambda needed: len(self._waiting[needed]))
+        self._take_first(longest)
+        self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
+
+    def _take_first(self, needed: Pairs) -> Waiting:
+        queue = self._waiting[needed]
+        first = queue.pop(0)
+        if not queue:
+            del self._waiting[needed]
+        return first
+
+    def _handle(self, message: Any, stamp: int, arrived: float) -> None:
+        self.arrived = arrived
+        try:
+            self._handler(message, stamp)
+        except (InputError, TransformError) as error:
+            self.drop("refused", str(error))
+            return
+        except Exception as error:
+            self._defect(error)
+            return
+        self.counts.used += 1
+        self.latencies.append(time.perf_counter() - arrived)
+
+    def _needed(self, message: Any) -> Pairs:
+        return () if self._frames is None else tuple(self._frames(message))
+
+    def _ready(self, needed: Pairs, stamp: int) -> bool:
+        """Whether all transforms are there; True also where waiting would not help: the handler then says why."""
+        try:
+            for target, source in needed:
+                self._node.transforms.lookup(target, source, stamp)
+        except TransformError as error:
+            return not error.later
+        except Exception:
+            return True
+        return True
+
+    @property
+    def waits(self) -> bool:
+        """Whether messages wait for their transforms."""
+        return bool(self._waiting)
+
+    def companion_came(self) -> None:
+        """Go on with what waits for it, or when it is the node's turn."""
+        if self._kept:
+            self.transforms_came()
+        elif self._waiting:
+            self.serve_waiting()
+
+    def transforms_came(self) -> None:
+        """Go on with what waits when it is the node's turn, if that is how it is."""
+        if self._kept and self._waiting:
+            self._keep(partial(self.serve_waiting, reported=True))
+
+    def serve_waiting(self, reported: bool = False, give_up: bool = False) -> None:
+        """Handle messages whose transforms have come, and drop those that time has left behind.
+
+        Time is that of the topic's own further messages, not that of a machine that may be busy.
+
+        reported : whether the caller is about to say what the node has published. give_up : nothing more will come.
+        """
+        if self._kept and not (self._node.turns.taken or give_up):
+            return
+        timeout = round(self._node.settings.transform_timeout * NANOSECONDS)
+        for needed in list(self._waiting):
+            while needed in self._waiting:
+                first = self._waiting[needed][0]
+                over = give_up or (self._time.confirmed or 0) > first.stamp + timeout
+                if self._complete(needed, first.stamp) or (over and self._ready(needed, first.stamp)):
+                    self._take_first(needed)
+                    self._handle(first.message, first.stamp, first.arrived)
+                    if not reported:
+                        # Said again, as there may be more output now.
+                        self._acknowledge(first.stamp, self._acknowledged)
+                elif over:
+                    self._take_first(needed)
+                    self.drop("no transform", self._missing(needed, first.stamp))
+                else:
+                    break
+
+    def _missing(self, needed: Pairs, stamp: int) -> str:
+        for target, source in needed:
+            try:
+                self._node.transforms.lookup(target, source, stamp)
+            except TransformError as error:
+                return f"no transform from '{source}' to '{target}': {error}; is it on tf or tf_static?"
+        return "transform arrived too late"
+
+    def refuse(self, detail: str) -> None:
+        """Take back that a message was of use: its handler found out later that it makes no sense."""
+        self.counts.used -= 1
+        self.drop("refused", detail)
+
+    def drop(self, reason: str, detail: str, defect: bool = False) -> None:
+        """Count a message that is given up on, and say so."""
+        self.counts.drops[reason] += 1
+        self._node.complain(f"{self.topic}: {reason}: {detail}", key=(self.topic, reason), defect=defect)
+
+    def new_run(self) -> None:
+        """Forget what belongs to the run before."""
+        if self._waiting:
+            self.counts.drops["run ended while waiting"] += sum(map(len, self._waiting.values()))
+        self._waiting.clear()
+        self._time.forget()
+        self._admitted = 0.0
+        self._shed = None
+        self._periods.clear()
+        self._last_stamp = None
+
+    def _check_sequence(self, sequence: int) -> None:
+        """Publishers number their messages: with a single one, a jump is a loss. A smaller number is a restart."""
+        if not self._sensor or self.on_demand:
+            return
+        if self._one_publisher is None:
+            self.watch_publishers()
+        if self._one_publisher and sequence > self._sequence + 1 and self._sequence > 0:
+            lost = sequence - self._sequence - 1
+            self.counts.lost += lost
+            self._node.complain(f"{self.topic}: {lost} messages lost on the way", key=(self.topic, "lost"))
+        self._sequence = sequence
+
+    def watch_publishers(self) -> None:
+        """Numbers of several publishers interleave and say nothing; called now and then, as asking costs time."""
+        # The graph may not know yet of the one whose message has just come.
+        self._one_publisher = self._node.count_publishers(self.topic) <= 1
+        if not self._one_publisher:
+            self._sequence = 0
+        # One that has died keeps nobody waiting.
+        self._expected = None
+
+    def _check_period(self, stamp: int) -> None:
+        """A gap between stamps of several usual periods: the sensor or its driver left something out."""
+        if self._last_stamp is not None and stamp > self._last_stamp:
+            period = stamp - self._last_stamp
+            if len(self._periods) >= 10:
+                usual = sorted(self._periods)[len(self._periods) // 2]
+                self.counts.stamp_gaps += max(0, round(period / usual) - 1) if usual > 0 else 0
+            self._periods.append(period)
+        self._last_stamp = stamp
+
+    def _on_lost(self, event: Any) -> None:
+        # Of what is latched a newer message takes the place of the one before: that is not a loss.
+        if not (self._latched or self.on_demand):
+            self.counts.reported_lost = int(event.total_count)
+
+    def _on_incompatible(self, event: Any) -> None:
+        policy = str(event.last_policy_kind).rpartition(".")[2].lower().removeprefix("rmw_qos_policy_")
+        self._node.complain(
+            f"{self.topic}: a publisher offers less than is asked for ({policy}) and is not heard. Change it, or set "
+            f"qos_overrides.{self.topic}.subscription.{policy} for this node",
+            key=(self.topic, "qos"),
+        )
+
+    def _acknowledge(self, stamp: int, sequence: int) -> None:
+        if self.on_demand or not self._node.settings.report_processed:
+            return
+        self._acknowledged = sequence
+        message = Processed(
+            stamp=time_message(stamp),
+            topic=self.topic,
+            sequence=sequence,
+            received=self.counts.received,
+            dropped=self.counts.dropped,
+            lost=max(self.counts.lost, self.counts.reported_lost),
+        )
+        self._node.acknowledge(message)
+
+
+# What is said once and must not get lost: a verdict, a change of who is there.
+EVENTS = QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+# A state that is kept for those who come late. Of two at once the first is heard as well: a replay counts them.
+HEARD_LATCHED = QoSProfile(
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+
+def sensor_qos(reliability: str) -> QoSProfile:
+    """The sensor-data profile, or a reliable one deep enough for a burst."""
+    if reliability == "reliable":
+        return QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+    return qos_profile_sensor_data

@@ -1,0 +1,213 @@
+"""What a node keeps until it is its turn, so that a lock-step replay repeats to the last digit.
+
+What several nodes say because of one message reaches a further node in any order. In a replay such inputs (`in_turn`),
+goals and results of actions, and coroutines that rest are kept. Once nothing is under way any more, the replay gives
+those nodes their turns that have something kept, in the order of `RANKS`; what follows depends on the bag alone. Kept
+things, goals and results are counted like messages, under names that no topic has.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rclpy.action.client import ActionClient
+from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
+
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts_msgs.msg import Processed
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.ros.base import SuiteNode
+
+# Who is listened to has its turn first; nodes of one rank say nothing to each other but what is kept.
+RANKS = {"motion_predictor": 1, "verifier": 1, "world_model": 1, "world_maintenance": 2, "object_search": 2}
+# What is kept is done in the order of inputs, then goals, results, and coroutines that have rested.
+GOALS, RESULTS, RESTS = 1000, 1001, 1002
+MARK = 8  # bytes of a goal's id that tell who sent it
+# Listeners that an output has at least that no topic stands for.
+ENOUGH = 1 << 16
+
+
+def turn_topic(node: str) -> str:
+    """Where a node, by its full name, is told that it is its turn."""
+    return f"{node}/turn"
+
+
+def kept_name(node: str) -> str:
+    """Under which a node counts what it has kept."""
+    return f"{node}/kept"
+
+
+def goals_name(action: str) -> str:
+    """Under which goals of an action are counted."""
+    return f"{action}/goals"
+
+
+def results_name(action: str, mark: bytes) -> str:
+    """Under which results are counted that go to whom the mark is of."""
+    return f"{action}/results_{mark.hex()}"
+
+
+def mark_of(client: str) -> bytes:
+    """What the ids of a node's goals begin with."""
+    return hashlib.blake2b(client.encode(), digest_size=MARK).digest()
+
+
+def goal_id(client: str) -> UUID:
+    """A new goal's id that tells whose it is."""
+    return UUID(uuid=list(mark_of(client) + uuid.uuid4().bytes[MARK:]))
+
+
+@dataclass
+class _Rest:
+    since: int | None
+    seconds: float
+    over: Future
+
+    def is_over(self, now: int) -> bool:
+        """By message time; also where that went back."""
+        return self.since is None or not self.since <= now < self.since + self.seconds * NANOSECONDS
+
+
+class Turns:
+    """What one node keeps.
+
+    on : whether there is a replay that gives turns. taken : whether it is its just now. received, sent : goals and
+    results, by name.
+    """
+
+    def __init__(self, node: SuiteNode) -> None:
+        self._node = node
+        self.clear()
+
+    def clear(self) -> None:
+        """The node is to be configured anew."""
+        self.on = False
+        self.received: dict[str, int] = {}
+        self.sent: dict[str, int] = {}
+        self._listeners: dict[str, Callable[[], int]] = {}
+        self._kept: list[tuple[int, int, Callable[[], None]]] = []
+        self._count = 0
+        self._rests: list[_Rest] = []
+        self.taken = False
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What the node has put out besides messages."""
+        return {kept_name(self._node.get_fully_qualified_name()): self._count, **self.sent}
+
+    def listeners(self, name: str) -> int:
+        """How many have been found that take what is put out under a name."""
+        return self._listeners[name]() if name in self._listeners else ENOUGH
+
+    def keep(self, rank: int, work: Callable[[], None]) -> None:
+        """Do this when it is the node's turn."""
+        self._count += 1
+        self._kept.append((rank, self._count, work))
+
+    def take(self, _message: Any, _stamp: int) -> None:
+        """It is the node's turn."""
+        self.on = self.taken = True
+        kept, self._kept = sorted(self._kept, key=lambda item: item[:2]), []
+        for _, _, work in kept:
+            try:
+                work()
+            except Exception as error:
+                self._node.report_defect("turn", error)
+        self.taken = False
+
+    # Coroutines.
+
+    async def rest(self, seconds: float) -> None:
+        """Until it is the node's turn after so much message time."""
+        rest = _Rest(self._node.time.clocks.now, seconds, Future())
+        self._rests.append(rest)
+        await rest.over
+
+    def look(self, now: int) -> None:
+        """Time has gone on: who has rested long enough is to go on."""
+        for rest in [rest for rest in self._rests if rest.is_over(now)]:
+            self._rests.remove(rest)
+            self.keep(RESTS, partial(self._wake, rest.over))
+
+    def _wake(self, over: Future) -> None:
+        over.set_result(None)
+        go_on = getattr(self._node.executor, "go_on", None)
+        if go_on is not None:
+            go_on(self._node)
+
+    # Actions.
+
+    def serves(self, action: str) -> None:
+        """The node offers an action."""
+        self.received[goals_name(action)] = 0
+
+    async def begin(self, action: str) -> None:
+        """A goal has been accepted: it is begun when it is the node's turn."""
+        if not self.on:
+            return
+        begun: Future = Future()
+        self._come(goals_name(action), GOALS, partial(self._wake, begun))
+        await begun
+
+    def ended(self, action: str, handle: Any) -> None:
+        """A goal's result goes out."""
+        if not self._node.replayed:
+            return
+        name = results_name(action, bytes(handle.goal_id.uuid)[:MARK])
+        self.sent[name] = self.sent.get(name, 0) + 1
+
+    def result(self, name: str, work: Callable[[], None]) -> None:
+        """A result has come: what follows from it is done when it is the node's turn."""
+        if self.on:
+            self._come(name, RESULTS, work)
+        else:
+            work()
+
+    def calls(self, name: str, listeners: Callable[[], int]) -> None:
+        """The node sends goals under a name."""
+        self.sent[name], self._listeners[name] = 0, listeners
+
+    def _come(self, name: str, rank: int, work: Callable[[], None]) -> None:
+        self.received[name] = self.received.get(name, 0) + 1
+        self.keep(rank, work)
+        self._node.acknowledge(Processed(topic=name, received=self.received[name]))
+
+
+class Caller:
+    """Sends a node's goals to an action, and hands back what comes of them. answers : whether anybody asks for that."""
+
+    def __init__(self, node: SuiteNode, action_type: type, name: str, answers: bool = True) -> None:
+        self._turns, self._me = node.turns, node.get_fully_qualified_name()
+        self.client = ActionClient(node, action_type, name)
+        action = node.resolve_topic_name(name)
+        self._goals, self._results = goals_name(action), results_name(action, mark_of(self._me))
+        self._turns.calls(self._goals, lambda: int(self.ready))
+        if answers:
+            self._turns.received[self._results] = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether anybody offers the action."""
+        return bool(self.client.server_is_ready())
+
+    def send(self, goal: Any, ended: Callable[[Any], None] | None = None) -> None:
+        """Send a goal. ended : called with the answer, None where the goal was refused."""
+        self._turns.sent[self._goals] += 1
+        sent = self.client.send_goal_async(goal, goal_uuid=goal_id(self._me))
+        if ended is not None:
+            sent.add_done_callback(lambda done: self._accepted(done.result(), ended))
+
+    def _accepted(self, handle: Any, ended: Callable[[Any], None]) -> None:
+        if handle is None or not handle.accepted:
+            ended(None)
+            return
+        handle.get_result_async().add_done_callback(
+            lambda done: self._turns.result(self._results, lambda: ended(done.result()))
+        )

@@ -1,0 +1,493 @@
+"""Publishes a bag into the graph: at a rate, or in lock-step as fast as the nodes keep up."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from whereabouts.logs import RawMessage, Topic, open_raw
+from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.ros.flow import Flow
+from whereabouts.nodes.ros.turns import turn_topic
+from whereabouts.nodes.runtime.dead_ends import DeadEnds
+from whereabouts.nodes.runtime.turn_giver import TurnGiver
+from whereabouts_msgs.msg import Connections, Processed
+
+DEPTH = 200
+PATIENCE = 30.0
+# s after which a turn is given again that nobody has answered: the node was not yet found.
+AGAIN = 0.5
+# s between two looks whether those that are waited for still run.
+CARE_PERIOD = 0.1
+
+
+class MessageLog(Protocol):
+    """Messages by log time; `RawLog` is one."""
+
+    @property
+    def topics(self) -> list[Topic]:
+        """All that there will be."""
+
+    @property
+    def progress(self) -> float:
+        """Share of the messages that have been read."""
+
+    def __iter__(self) -> Iterator[RawMessage]: ...
+
+    def close(self) -> None:
+        """Release files."""
+
+
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+# Inputs of every node, and those that a person writes to.
+NOT_DATA = ("/tf", "/tf_static", "/turn", "/initialpose", "/clicked_point")
+
+
+@dataclass
+class ReplayAccount:
+    """What was sent and what became of it.
+
+    published : messages per topic. skipped : topics that could not be published, and why.
+    unanswered : messages per node that it did not report as processed in time (lock-step only).
+    processed : messages per node that it reported as processed.
+    lost : messages per node and topic that were sent and, by the node's count, did not arrive.
+    deaf : nodes that nothing was sent to, and the topics they listen to.
+    """
+
+    published: Counter[str] = field(default_factory=Counter)
+    skipped: dict[str, str] = field(default_factory=dict)
+    unanswered: Counter[str] = field(default_factory=Counter)
+    processed: Counter[str] = field(default_factory=Counter)
+    lost: dict[str, int] = field(default_factory=dict)
+    deaf: dict[str, list[str]] = field(default_factory=dict)
+    bag_seconds: float = 0.0
+    wall_seconds: float = 0.0
+
+    @property
+    def total_lost(self) -> int:
+        return sum(self.lost.values())
+
+
+class Replayer:
+    """Replays one bag.
+
+    Parameters
+    ----------
+    bag : a file, or messages that are made as they are sent: what they tell may then depend on what the nodes said.
+    node, executor : a node of the caller's to publish with, and what spins it.
+    rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every
+        watched node that subscribes to its topic has reported the one before as processed, and whatever the nodes
+        sent each other because of it has been taken in as well, each in its turn; see `Turns`.
+    watched : full names of the nodes to wait for; not for what they take in on demand.
+    namespace : put before the recorded topic names that have it not.
+    is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
+    clock_period : s of the bag between two messages on /clock, at least; each wakes every node up.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        executor: Executor,
+        bag: Path | MessageLog,
+        rate: float | None = None,
+        watched: Sequence[str] = (),
+        namespace: str = "",
+        topics: Sequence[str] | None = None,
+        is_running: Callable[[str], bool] = lambda name: True,
+        clock_period: float = 0.005,
+    ) -> None:
+        self._node = node
+        self._executor = executor
+        self._rate = rate
+        self.watched = list(watched)
+        self._namespace = namespace.rstrip("/")
+        self._is_running = is_running
+        self._log: MessageLog = open_raw(bag, topics) if isinstance(bag, Path) else bag
+        self._publishers: dict[str, Any] = {}
+        self._latched: set[str] = set()
+        self._sent: Counter[str] = Counter()
+        # What others have sent on topics of the bag, and how many messages who listens will have received with it.
+        self._foreign: Counter[str] = Counter()
+        self._expected: dict[tuple[str, str], int] = {}
+        self._answers: dict[tuple[str, str], Processed] = {}
+        self._consumers: dict[str, list[str]] = {}
+        self._flow = Flow(self._consumers_of, lambda topic: self._sent[topic])
+        self.account = ReplayAccount()
+        self.now = 0
+        self._clock = node.create_publisher(Clock, "/clock", 10)
+        self._clock_sent = 0
+        self._clock_period = round(clock_period * NANOSECONDS)
+        self._connections: dict[str, Connections] = {}
+        self._inputs: dict[str, frozenset[str]] = {}
+        self._on_demand: dict[str, frozenset[str]] = {}
+        self._reported: dict[str, int] = {}
+        self._dead = DeadEnds(node)
+        self._turns = TurnGiver(node, self.watched if rate is None else ())
+        # Whether somebody else has sent something that the nodes have to be done with. Called after each message.
+        self._noted = False
+        self.on_settled: Callable[[], None] = lambda: None
+        self._died: dict[str, int] = {}
+        self._born: dict[str, float] = {}
+        self._subscriptions = [
+            listen(name) for name in self.watched for listen in (self._listen, self._listen_to_connections)
+        ]
+        for topic in self._log.topics:
+            self._advertise(topic)
+
+    @property
+    def progress(self) -> float:
+        """Share of the bag that has been sent."""
+        return self._log.progress
+
+    def close(self) -> None:
+        """Release the bag and all publishers."""
+        self._log.close()
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._node.destroy_publisher(self._clock)
+        self._turns.close(self._node.destroy_publisher)
+
+    def _listen(self, watched: str) -> Any:
+        def keep(message: Processed, info: dict[str, Any]) -> None:
+            if self._is_of_the_dead(watched, info):
+                return
+            before = self._answers.get((watched, message.topic))
+            if before is not None and self._foreign[message.topic]:
+                # Publishers number their messages each for itself; ours are more.
+                message.sequence = max(message.sequence, before.sequence)
+            self._answers[watched, message.topic] = message
+            published = dict(zip(message.output_topics, message.output_counts, strict=True))
+            self._turns.note(watched, published)
+            self._flow.note(watched, {message.topic: message.received}, published)
+
+        return self._node.create_subscription(
+            Processed,
+            f"{watched}/processed",
+            keep,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
+            DEPTH,
+        )
+
+    def _is_of_the_dead(self, watched: str, info: dict[str, Any]) -> bool:
+        """What a node said before it died may still be on its way."""
+        return int(info["source_timestamp"]) <= self._died.get(watched, 0)
+
+    def _listen_to_connections(self, watched: str) -> Any:
+        def keep(message: Connections, info: dict[str, Any]) -> None:
+            if self._is_of_the_dead(watched, info):
+                return
+            self._connections[watched] = message
+            inputs, on_demand = frozenset(message.inputs), frozenset(message.on_demand)
+            if inputs != self._inputs.get(watched) or on_demand != self._on_demand.get(watched):
+                self._inputs[watched], self._on_demand[watched] = inputs, on_demand
+                self._consumers.clear()
+            self._reported[watched] = int(info["source_timestamp"])
+            received = dict(zip(message.inputs, message.received, strict=True))
+            published = dict(zip(message.outputs, message.sent, strict=True))
+            self._turns.note(watched, published)
+            self._flow.note(watched, received, published)
+
+        return self._node.create_subscription(
+            Connections,
+            f"{watched}/connections",
+            keep,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
+            1,
+        )
+
+    def _name(self, topic: Topic) -> str:
+        return self._name_of(topic.name)
+
+    def _name_of(self, recorded: str) -> str:
+        name = f"/{recorded.lstrip('/')}"
+        return name if name.startswith(f"{self._namespace}/") else f"{self._namespace}{name}"
+
+    def _deaf(self) -> dict[str, list[str]]:
+        """Nodes of which nothing that was sent has reached an input but tf, and what they listen to."""
+        found = {}
+        for watched in self.watched:
+            inputs = {name for name in self._inputs.get(watched, ()) if not name.endswith(NOT_DATA)}
+            answered = {topic for name, topic in self._answers if name == watched}
+            if inputs and not inputs & (answered | {name for name, count in self._sent.items() if count}):
+                found[watched] = sorted(inputs)
+        return found
+
+    def _advertise(self, topic: Topic) -> None:
+        if topic.type_name == CLOCK_TYPE:
+            # A simulator's, as `ros2 bag record -a` has it: with two clocks time would leap with every message.
+            self.account.skipped[topic.name] = "the replay has a clock of its own"
+            return
+        latched = any(offer.durability == "transient_local" for offer in topic.qos)
+        # Old recordings do not tell; who listens to these asks for it.
+        latched = latched or topic.name.rsplit("/", 1)[-1] in ("tf_static", "world_state")
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+        try:
+            kind = message_class(topic.type_name)
+        except UnknownTypeError as error:
+            self.account.skipped[topic.name] = str(error)
+            return
+        self._publishers[topic.name] = self._node.create_publisher(kind, self._name(topic), qos)
+        if latched:
+            self._latched.add(self._name(topic))
+
+    def run(self, on_message: Callable[[RawMessage], None] | None = None) -> ReplayAccount:
+        """Send everything; returns when the watched nodes are done with it."""
+        started = time.monotonic()
+        first: int | None = None
+        for message in self._messages():
+            first = message.log_time if first is None else first
+            self.now = message.log_time
+            self._wait_until_due(started, message.log_time - first)
+            self._send(message)
+            if on_message is not None:
+                on_message(message)
+            if self._noted and self._rate is None:
+                self._noted = False
+                self._wait_while(lambda: self._untold() or self._flow.behind())
+                self._expected.clear()
+                self._give_turns()
+            self.on_settled()
+        self._settle()
+        self.account.bag_seconds = (self.now - (first or 0)) / NANOSECONDS
+        self.account.wall_seconds = time.monotonic() - started
+        self._count_losses()
+        self.account.deaf = self._deaf()
+        return self.account
+
+    def _messages(self) -> Iterator[RawMessage]:
+        for message in self._log:
+            if message.name in self._publishers:
+                yield message
+
+    def _wait_until_due(self, started: float, offset: int) -> None:
+        if self._rate is None:
+            return
+        due = started + offset / NANOSECONDS / self._rate
+        while (left := due - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def _send(self, message: RawMessage) -> None:
+        if message.log_time - self._clock_sent >= self._clock_period or message.log_time < self._clock_sent:
+            self._clock.publish(Clock(clock=time_message(message.log_time)))
+            self._clock_sent = message.log_time
+        self._publishers[message.name].publish(bytes(message.data))
+        self._sent[self._name(message.topic)] += 1
+        self.account.published[message.name] += 1
+        if self._rate is None:
+            self._wait_for_answers(message.topic)
+
+    def note(self, name: str) -> None:
+        """Somebody else is about to send a message or a goal (by its name) that the nodes have to be done with."""
+        self._sent[name] += 1
+        self._noted = True
+        if name in {self._name_of(topic) for topic in self._publishers}:
+            self._foreign[name] += 1
+            for node in self._consumers_of(name):
+                answer = self._answers.get((node, name))
+                if answer is not None:
+                    before = self._expected.get((node, name), 0)
+                    self._expected[node, name] = max(before, int(answer.received)) + 1
+
+    def _wait_for_answers(self, topic: Topic) -> None:
+        """Until every watched subscriber is done with this topic's latest message and with what followed from it."""
+        name = self._name(topic)
+        self._wait_while(lambda: self._behind(name))
+        self._give_turns()
+
+    def _give_turns(self) -> None:
+        """Let nodes do what they have kept, until nobody has anything."""
+        while due := self._turns.due():
+            for name in due:
+                self._turns.give(name)
+            self._wait_while(lambda due=due: self._in_turn(due) or self._flow.behind())  # type: ignore[misc]
+
+    def _in_turn(self, names: Sequence[str]) -> list[str]:
+        """Who of these is not done with his turn."""
+        return [name for name in names if self._answered(name, turn_topic(name)) < self._turns.given(name)]
+
+    def begin_turns(self) -> None:
+        """Tell all nodes that there are turns, and wait until they know; those that were told know it twice."""
+        takers = [name for name in self.watched if turn_topic(name) in self._inputs.get(name, ())]
+        deadline, again = time.monotonic() + PATIENCE, 0.0
+        waiting = takers if self._rate is None else []
+        while waiting and time.monotonic() < deadline:
+            if time.monotonic() >= again:
+                for name in waiting:
+                    self._turns.give(name)
+                again = time.monotonic() + AGAIN
+            self._executor.spin_once(timeout_sec=0.05)
+            waiting = self._in_turn(waiting)
+
+    def _wait_while(self, behind: Callable[[], list[str]]) -> None:
+        """Until nobody is behind any more."""
+        waiting = behind()
+        now = time.monotonic()
+        deadline, care = now + PATIENCE, now + CARE_PERIOD
+        while waiting and now < deadline:
+            self._executor.spin_once(timeout_sec=CARE_PERIOD)
+            waiting = behind()
+            now = time.monotonic()
+            if waiting and now >= care:
+                care = now + CARE_PERIOD
+                if not all(map(self._is_running, waiting)):
+                    break
+        if waiting:
+            # One died or hangs: the message counts as unanswered, and who listens is asked again.
+            self.account.unanswered.update(waiting)
+            self._consumers.clear()
+            self._flow.forgive()
+
+    def _untold(self) -> list[str]:
+        """Who has yet to receive what others have sent on topics of the bag."""
+        return [key[0] for key, count in self._expected.items() if self._answers[key].received < count]
+
+    def _own(self, name: str) -> int:
+        """The number of our last message on a topic."""
+        return self._sent[name] - self._foreign[name]
+
+    def _behind(self, name: str) -> list[str]:
+        number = self._own(name)
+        direct = [node for node in self._consumers_of(name) if self._answered(node, name) < number]
+        return direct or self._flow.behind()
+
+    def _answered(self, node: str, name: str) -> int:
+        answer = self._answers.get((node, name))
+        return 0 if answer is None else int(answer.sequence)
+
+    def _consumers_of(self, name: str) -> list[str]:
+        found = self._consumers.get(name)
+        if found is None:
+            found = [node for node in self._subscribers(name) if name not in self._on_demand.get(node, ())]
+            if found or not self._is_wanted(name):
+                self._consumers[name] = found
+        return found
+
+    def _is_wanted(self, name: str) -> bool:
+        """Whether a topic without known subscribers may have some yet; asking the graph for each message is slow."""
+        return any(
+            name in self._inputs.get(node, (name,)) and name not in self._on_demand.get(node, ())
+            for node in self.watched
+        )
+
+    def _subscribers(self, name: str) -> list[str]:
+        # Goals and results are on no topic.
+        counted = [node for node in self.watched if name in self._inputs.get(node, ())]
+        found = {
+            f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+            for end in self._node.get_subscriptions_info_by_topic(name)
+            if tuple(end.endpoint_gid) not in self._dead
+        }
+        return [node for node in self.watched if node in found] or counted
+
+    def _is_kept_for(self, name: str, topic: str) -> bool:
+        """Whether a node that came late is given the latched message; one that asks for a volatile topic is not."""
+        return any(
+            f"{end.node_namespace.rstrip('/')}/{end.node_name}" == name
+            and end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            for end in self._node.get_subscriptions_info_by_topic(topic)
+        )
+
+    def sent_by_nodes(self, topic: str) -> int:
+        """Messages that the watched nodes have reported to have published on a topic."""
+        return self._flow.published(topic)
+
+    def sent_by_all(self, topic: str) -> int:
+        """The same with those of the bag."""
+        return self._flow.published(topic) + self._sent[topic]
+
+    def unconnected(self, recorded: Collection[str] = ()) -> list[str]:
+        """What has yet to be found before nothing can get lost, as sentences; empty once all is connected.
+
+        A node that is active may be unknown for a while to those it listens to, and what they say meanwhile never
+        reaches it.
+
+        recorded : topics that the caller listens to.
+        """
+        silent = [
+            f"{name} has not reported its connections"
+            for name in self.watched
+            if name not in self._connections
+        ]
+        if silent:
+            return silent
+        listeners = Counter(topic for report in self._connections.values() for topic in report.inputs)
+        listeners.update(recorded)
+        played = {self._name_of(topic) for topic in self._publishers}
+        missing = [
+            f"{name} is not yet a known subscriber of {topic}"
+            for name, report in self._connections.items()
+            for topic in played.intersection(report.inputs)
+            if name not in self._subscribers(topic)
+        ]
+        missing += [
+            f"{name} has not received the last message on {topic}"
+            for name, report in self._connections.items()
+            for topic, received in zip(report.inputs, report.received, strict=True)
+            if topic in self._latched
+            and self._sent[topic]
+            and not received
+            and self._is_kept_for(name, topic)
+        ]
+        for name, report in self._connections.items():
+            for topic, found in zip(report.outputs, report.subscribers, strict=True):
+                alive = found - self._dead.known(topic, self._born.get(name, 0.0))
+                if alive < listeners[topic]:
+                    missing.append(f"{name} has found {alive} of {listeners[topic]} subscribers of {topic}")
+        return missing
+
+    def bury(self, node: str) -> None:
+        """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
+        self._connections.pop(node, None)
+        self._inputs.pop(node, None)
+        self._consumers.clear()
+        self._died[node] = time.time_ns()
+        self._turns.died(node)
+        self._flow.died(node)
+        self._dead.bury(node)
+        self._born[node] = time.monotonic()
+
+    def silent_since(self, moment: int) -> list[str]:
+        """Watched nodes that have not said since a moment (ns of the system's clock) how much went through them."""
+        return [name for name in self.watched if self._reported.get(name, 0) <= moment]
+
+    def nodes_changed(self) -> None:
+        """A watched node came or went: ask the graph again who listens to what, and count from here."""
+        self._consumers.clear()
+        self._flow.forgive()
+
+    def _settle(self) -> None:
+        """Let the nodes finish: until all answers are in, or no more come."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            behind = [
+                node
+                for topic in self._log.topics
+                if topic.name in self._publishers
+                for node in self._consumers_of(self._name(topic))
+                if self._answered(node, self._name(topic)) < self._own(self._name(topic))
+            ] + self._flow.behind()
+            if not behind:
+                return
+            before = sum(answer.received for answer in self._answers.values())
+            self._executor.spin_once(timeout_sec=0.2)
+            if sum(answer.received for answer in self._answers.values()) > before:
+                deadline = time.monotonic() + PATIENCE
+
+    def _count_losses(self) -> None:
+        losses: dict[str, int] = defaultdict(int)
+        for (node, topic), answer in self._answers.items():
+            self.account.processed[node] += int(answer.received)
+            if answer.lost:
+                losses[f"{node} {topic}"] = int(answer.lost)
+        self.account.lost = dict(losses)

@@ -1,0 +1,254 @@
+"""A bag through a set of nodes: start them, replay, record, end them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
+from rclpy.context import Context
+from rclpy.node import Node
+
+from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.runtime.domain import free_domain
+from whereabouts.nodes.runtime.recorder import Recorder
+from whereabouts.nodes.runtime.replayer import PATIENCE, MessageLog, ReplayAccount, Replayer
+from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError, Supervisor
+from whereabouts.system.resources import config_file
+
+# The very first start on a machine compiles; a node that dies meanwhile is noticed at once.
+START_TIMEOUT = 1800.0
+# Nodes find each other within moments; a mismatch of reliability or durability is the usual reason why they do not.
+CONNECT_TIMEOUT = 60.0
+QUIET = 0.5
+# s that a recording waits for what nodes say that they have sent.
+RECORDER_PATIENCE = 2.0
+# What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
+REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
+
+
+@dataclass
+class SuiteRun:
+    """What to run.
+
+    bag : as of `Replayer`. rate : multiple of the recorded speed, None for lock-step.
+    record : (topic, type) to record to `output`.
+    clock_period : as of `Replayer`, s.
+    on_event : called with a sentence about a node that died, came back or was killed.
+    on_progress : called with the share of the bag that has been sent.
+    """
+
+    bag: Path | MessageLog
+    nodes: Sequence[NodeSpec]
+    log_directory: Path
+    rate: float | None = None
+    namespace: str = ""
+    clock_period: float = 0.005
+    record: Sequence[tuple[str, str]] = ()
+    output: Path | None = None
+    on_event: Callable[[str], None] = lambda text: None
+    on_progress: Callable[[float], None] = lambda share: None
+    on_message: Callable[[RawMessage], None] = lambda message: None
+    supervisor: Supervisor | None = field(default=None, init=False)
+    replayer: Replayer | None = field(default=None, init=False)
+
+
+def prepare_environment(private: bool = False) -> None:
+    """Environment of this process and its nodes; call it before anything of ROS is created.
+
+    private : stay on this machine and on a domain of one's own, unless the user has chosen one.
+    """
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_file("fastdds.xml")))
+    if private:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        if "ROS_DOMAIN_ID" not in os.environ:
+            os.environ["ROS_DOMAIN_ID"] = str(free_domain())
+
+
+def run_suite(run: SuiteRun) -> ReplayAccount:
+    """Replay a bag through nodes.
+
+    Raises
+    ------
+    SuiteError : a node could not be started or kept running.
+    LogError : the bag cannot be read.
+    """
+    with ExitStack() as stack:
+        context = Context()
+        rclpy.init(context=context)
+        stack.callback(context.try_shutdown)
+        node = Node("whereabouts_replay", context=context, namespace=run.namespace or None)
+        executor = NodeExecutor(context)
+        executor.add_node(node)
+        stack.callback(node.destroy_node)
+        supervisor = stack.enter_context(
+            Supervisor(run.log_directory, on_event=run.on_event, hosted=len(run.nodes) > 1)
+        )
+        run.supervisor = supervisor
+        replayer = Replayer(
+            node,
+            executor,
+            run.bag,
+            run.rate,
+            watched=[spec.full_name for spec in run.nodes],
+            namespace=run.namespace,
+            is_running=lambda name: supervisor.nodes[name].running,
+            clock_period=run.clock_period,
+        )
+        stack.callback(replayer.close)
+        supervisor.on_death = replayer.bury
+        run.replayer = replayer
+        recorder = None
+        if run.output is not None:
+            writer = stack.enter_context(McapWriter(run.output))
+            recorder = Recorder(node, writer, run.record)
+            recorder.now = lambda: replayer.now
+            if run.rate is None:
+                replayer.on_settled = _CatchUp(executor, recorder, replayer)
+        for spec in run.nodes:
+            supervisor.start(spec)
+        watch = _Watch(
+            node, executor, supervisor, replayer, recorder.topics if recorder else [], run.on_event
+        )
+        watch.wait_until_ready()
+
+        def between_messages(message: RawMessage) -> None:
+            run.on_message(message)
+            run.on_progress(replayer.progress)
+            watch.look()
+
+        account = replayer.run(between_messages)
+        if recorder is not None:
+            _let_recorder_finish(executor, recorder, replayer)
+        return account
+
+
+class _Watch:
+    """Looks after the nodes between messages, and pauses the replay while one comes back."""
+
+    def __init__(
+        self,
+        node: Node,
+        executor: Any,
+        supervisor: Supervisor,
+        replayer: Replayer,
+        recorded: Sequence[str],
+        on_event: Callable[[str], None],
+    ) -> None:
+        self._executor = executor
+        self._supervisor = supervisor
+        self._replayer = replayer
+        self._recorded = recorded
+        self._on_event = on_event
+        self._clients = {name: node.create_client(GetState, f"{name}/get_state") for name in replayer.watched}
+        self._deaths = 0
+
+    def look(self) -> None:
+        """Notice a node that died; the supervisor starts it again, so wait for it."""
+        self._supervisor.check()
+        deaths = sum(len(managed.deaths) for managed in self._supervisor.nodes.values())
+        if deaths > self._deaths:
+            self.wait_until_ready()
+            self._deaths = deaths
+
+    def wait_until_ready(self) -> None:
+        """Until every node is active, all have found each other, and what went through them so far is known.
+
+        Raises
+        ------
+        SuiteError : one is not active in time, or has ended.
+        """
+        deadline = time.monotonic() + START_TIMEOUT
+        for name, client in self._clients.items():
+            while not self._is_active(client):
+                self._supervisor.check()
+                if time.monotonic() > deadline:
+                    tail = self._supervisor.nodes[name].log_tail()
+                    raise SuiteError(
+                        f"{name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
+                    )
+        deadline = time.monotonic() + CONNECT_TIMEOUT
+        while missing := self._replayer.unconnected(self._recorded):
+            self._supervisor.check()
+            if time.monotonic() > deadline:
+                self._on_event(f"continuing, although {'; '.join(missing)}")
+                break
+            self._executor.spin_once(timeout_sec=0.05)
+        connected = time.time_ns()
+        while self._replayer.silent_since(connected) and time.monotonic() < deadline:
+            self._supervisor.check()
+            self._executor.spin_once(timeout_sec=0.05)
+        self._replayer.nodes_changed()
+        self._replayer.begin_turns()
+
+    def _is_active(self, client: Any) -> bool:
+        if not client.service_is_ready():
+            self._executor.spin_once(timeout_sec=0.05)
+            return False
+        future = client.call_async(GetState.Request())
+        self._executor.spin_until_future_complete(future, timeout_sec=1.0)
+        if not future.done():
+            client.remove_pending_request(future)
+            return False
+        return bool(future.result().current_state.id == State.PRIMARY_STATE_ACTIVE)
+
+
+class _CatchUp:
+    """Lets the recorder take in what the nodes have sent because of a message, so that it is of that moment."""
+
+    def __init__(self, executor: Any, recorder: Recorder, replayer: Replayer) -> None:
+        self._executor, self._recorder, self._replayer = executor, recorder, replayer
+        self._forgiven: Counter[str] = Counter()
+
+    def __call__(self) -> None:
+        deadline = time.monotonic() + RECORDER_PATIENCE
+        while behind := self._behind():
+            if time.monotonic() > deadline:
+                # A node that died has not sent all that it had counted.
+                self._forgiven.update(behind)
+                return
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _behind(self) -> dict[str, int]:
+        lacks = {
+            topic: self._replayer.sent_by_all(topic)
+            - self._recorder.counts.get(topic, 0)
+            - self._forgiven[topic]
+            for topic in self._recorder.topics
+            if not topic.endswith("diagnostics")
+        }
+        return {topic: count for topic, count in lacks.items() if count > 0}
+
+
+def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) -> None:
+    """The nodes are done; what they have sent last is still on its way."""
+
+    def quiet() -> float:
+        return time.monotonic() - recorder.last_arrival
+
+    begun = time.monotonic()
+
+    def complete() -> bool:
+        # The last word of every node is of the end.
+        last = all(recorder.told.get(name.lstrip("/"), begun) >= begun for name in replayer.watched)
+        return last and all(
+            recorder.counts.get(topic, 0) >= replayer.sent_by_nodes(topic) for topic in recorder.topics
+        )
+
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline and not (complete() and quiet() >= QUIET):
+        executor.spin_once(timeout_sec=QUIET / 5)
+
+
+def replay_spec(executable: str, **parameters: Any) -> NodeSpec:
+    """A node set up for replay."""
+    return NodeSpec(executable, parameters={**REPLAY_PARAMETERS, **parameters})

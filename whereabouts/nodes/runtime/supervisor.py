@@ -1,0 +1,305 @@
+"""Runs nodes as processes: starts them, brings back those that die, ends them all cleanly."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from estimation.errors import WhereaboutsError
+from whereabouts.nodes.ros.base import ACTIVE_VARIABLE
+from whereabouts.nodes.ros.host import SUPERVISOR_VARIABLE, Host
+from whereabouts.nodes.runtime.shared_memory import remove_orphans
+from whereabouts.system.resources import config_file
+
+# A node that dies more often than LIMIT times within WINDOW, s, before it was ever active, or in a replay, is given up.
+RESTART_LIMIT = 5
+RESTART_WINDOW = 60.0
+# s before it is started again: at once after the first death of late, then twice as long after each, up to the longest.
+BACK_OFF, LONGEST_BACK_OFF = 0.5, 30.0
+GRACE = 5.0
+
+
+class SuiteError(WhereaboutsError):
+    """A node could not be started or kept running; the message has the end of its log."""
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node to run.
+
+    executable : such as "scan_registration". namespace : "" or "/robot1".
+    parameters : set on top of the shipped file and `parameter_file`.
+    remappings : topic names, from -> to.
+    """
+
+    executable: str
+    namespace: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameter_file: Path | None = None
+    remappings: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def full_name(self) -> str:
+        """Fully qualified node name."""
+        return f"{self.namespace.rstrip('/')}/{self.executable}"
+
+    def command(self) -> list[str]:
+        """The process's command line."""
+        command = [sys.executable, "-m", f"whereabouts.nodes.{self.executable}_node", "--ros-args"]
+        if self.namespace:
+            command += ["-r", f"__ns:={self.namespace}"]
+        for source, target in self.remappings.items():
+            command += ["-r", f"{source}:={target}"]
+        files = [config_file(f"{self.executable}.yaml"), self.parameter_file]
+        for path in filter(None, files):
+            command += ["--params-file", str(path)]
+        if os.environ.get("ROS_SECURITY_ENABLE") == "true":
+            command += ["--enclave", self.full_name]
+        for name, value in self.parameters.items():
+            command += ["-p", f"{name}:={_literal(value)}"]
+        return command
+
+
+def _literal(value: Any) -> str:
+    """A parameter value as YAML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return json.dumps(value) if isinstance(value, list) else str(value)
+
+
+class Process(Protocol):
+    """What the supervisor needs of a process."""
+
+    pid: int
+    returncode: int | None
+
+    def poll(self) -> int | None: ...
+    def wait(self, timeout: float | None = None) -> int: ...
+    def send_signal(self, sig: int) -> None: ...
+    def kill(self) -> None: ...
+
+
+Launch = Callable[[list[str], Path, Mapping[str, str]], Process]
+
+
+def launch_alone(command: list[str], log: Path, environment: Mapping[str, str]) -> Process:
+    """A process that imports everything for itself."""
+    with log.open("ab") as out:
+        # A session of its own, so that Ctrl-C reaches the supervisor only, which then ends the nodes in order.
+        return subprocess.Popen(
+            command, stdout=out, stderr=subprocess.STDOUT, env=environment, start_new_session=True
+        )
+
+
+class ManagedNode:
+    """One node's process and its history."""
+
+    def __init__(self, spec: NodeSpec, log: Path, environment: Mapping[str, str], launch: Launch) -> None:
+        self.spec = spec
+        self.log = log
+        self._launch = launch
+        self._mark = log.with_suffix(".active")
+        self._mark.unlink(missing_ok=True)
+        self._environment = {
+            **environment, SUPERVISOR_VARIABLE: str(os.getpid()), ACTIVE_VARIABLE: str(self._mark)
+        }  # fmt: skip
+        self.starts: list[float] = []
+        self.deaths: list[float] = []
+        self.due: float | None = None
+        self.process = self._start()
+
+    def _start(self) -> Process:
+        self.starts.append(time.monotonic())
+        return self._launch(self.spec.command(), self.log, self._environment)
+
+    @property
+    def running(self) -> bool:
+        return self.process.poll() is None
+
+    @property
+    def restarts(self) -> int:
+        return len(self.starts) - 1
+
+    @property
+    def was_active(self) -> bool:
+        """Whether it has ever been: its death is then no failure to start."""
+        return self._mark.exists()
+
+    def died(self) -> int:
+        """Note a death, and when to start again; how many there have been of late."""
+        now = time.monotonic()
+        self.deaths.append(now)
+        recent = sum(now - death < RESTART_WINDOW for death in self.deaths)
+        wait = 0.0 if recent == 1 else min(BACK_OFF * 2.0 ** (recent - 2), LONGEST_BACK_OFF)
+        self.due = now + wait
+        return recent
+
+    def restart(self) -> None:
+        """Start again."""
+        self.due = None
+        self.process = self._start()
+
+    def log_tail(self, lines: int = 15) -> str:
+        """The end of its output."""
+        return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+
+
+class Supervisor:
+    """Keeps a set of nodes running; a context manager that ends them when left.
+
+    Parameters
+    ----------
+    log_directory : one log file per node goes there.
+    restart : bring back a node that died of a signal or an error, after ever longer waits.
+    patient : go on for ever with a node that was active once; otherwise it is given up after RESTART_LIMIT deaths.
+    on_event : called with a sentence whenever a node died, came back or was given up.
+    hosted : fork nodes from one process that has loaded everything (`Host`), where this machine can: for several nodes.
+    """
+
+    def __init__(
+        self,
+        log_directory: Path,
+        restart: bool = True,
+        on_event: Callable[[str], None] | None = None,
+        patient: bool = False,
+        hosted: bool = False,
+    ) -> None:
+        self._patient = patient
+        self._hosted = hosted
+        self._host: Host | None = None
+        self._log_directory = log_directory
+        self._restart = restart
+        self._on_event = on_event or (lambda text: None)
+        self.nodes: dict[str, ManagedNode] = {}
+        self._given_up: set[str] = set()
+        # Called with the full name of a node that has ended, before it is started again.
+        self.on_death: Callable[[str], None] = lambda name: None
+
+    def __enter__(self) -> Supervisor:
+        remove_orphans()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self, spec: NodeSpec) -> ManagedNode:
+        """Start one node."""
+        self._log_directory.mkdir(parents=True, exist_ok=True)
+        log = self._log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
+        log.unlink(missing_ok=True)
+        # An interrupt between the process and its entry here would leave a node that nobody ends.
+        with _interrupt_later():
+            self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ, self._launch)
+        return self.nodes[spec.full_name]
+
+    def _launch(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Process:
+        if self._hosted:
+            try:
+                if self._host is None:
+                    self._host = Host(self._log_directory / "host.log")
+                return self._host.start(command, log, environment)
+            except OSError as error:
+                self._hosted = False
+                self._end_host()
+                self._on_event(f"nodes are started one by one: {error or type(error).__name__}")
+        return launch_alone(command, log, environment)
+
+    @property
+    def host_pid(self) -> int | None:
+        """Process from which nodes are forked, if there is one."""
+        return None if self._host is None else self._host.pid
+
+    def _end_host(self) -> None:
+        if self._host is not None:
+            self._host.end()
+            self._host = None
+
+    def _has_ended(self) -> bool:
+        """Whether any child has: one question instead of one for each, as it is asked between any two messages."""
+        if any(node.process.returncode is not None for node in self.nodes.values()):
+            return True
+        try:
+            return os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        except ChildProcessError:
+            return True
+
+    def check(self) -> None:
+        """Look after the nodes; call it now and then.
+
+        Raises
+        ------
+        SuiteError : a node ended by itself before it was ever active, or keeps dying and there is no patience.
+        """
+        if not self._has_ended():
+            return
+        for name, node in self.nodes.items():
+            if node.running or name in self._given_up:
+                continue
+            if node.due is None:
+                self._bury(name, node)
+            if node.due is not None and time.monotonic() >= node.due:
+                code = node.process.returncode or 0
+                node.restart()
+                self._on_event(f"{name} ended with {_reason(code)} and was started again")
+
+    def _bury(self, name: str, node: ManagedNode) -> None:
+        """A node has ended: decide when it is started again, if at all."""
+        code, known = node.process.returncode, node.was_active
+        if code in (1, 2) and not known:
+            self._given_up.add(name)
+            raise SuiteError(f"{name} could not start; its last lines:\n{node.log_tail()}")
+        if not self._restart:
+            return
+        self.on_death(name)
+        remove_orphans()
+        if node.died() > RESTART_LIMIT and not (known and self._patient):
+            self._given_up.add(name)
+            raise SuiteError(f"{name} died {len(node.deaths)} times; its last lines:\n{node.log_tail()}")
+
+    def stop(self) -> None:
+        """End all nodes: SIGINT, and for one that does not listen SIGKILL."""
+        for node in self.nodes.values():
+            if node.running:
+                node.process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + GRACE
+        for name, node in self.nodes.items():
+            try:
+                node.process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                self._on_event(f"{name} did not end in {GRACE:.0f} s and was killed")
+                node.process.kill()
+                node.process.wait()
+        self._end_host()
+        remove_orphans()
+
+
+@contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Hold back Ctrl-C until the block is done."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if held:
+        raise KeyboardInterrupt
+
+
+def _reason(code: int) -> str:
+    if code < 0:
+        return signal.Signals(-code).name
+    return f"exit code {code}"

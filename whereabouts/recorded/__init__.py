@@ -1,0 +1,1 @@
+"""Recorded logs through the libraries, without ROS: odometry, maps, people, worlds."""

@@ -1,0 +1,319 @@
+"""Evidence of recorded or received messages as the world model takes it: frames, covariances, distributions.
+
+Messages are taken by their fields only, so that those of a live graph and those read from a bag are treated alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from estimation.conversion.uncertain_frame import through_uncertain_pose
+from estimation.errors import InputError
+from estimation.geometry.rotations import rotation_from_quaternion
+from whereabouts.recorded.camera_messages import box_from_message
+from world_model import ObjectEvidence, WorldEvidence
+from world_model.camera import Box, Located
+from world_model.symbols import Gaussian, Symbols, default_symbols
+
+Array = npt.NDArray[np.float64]
+SUM_TOLERANCE = 0.01
+SIZE_SIGMA = 0.1
+"""Standard deviation of a detected extent, as a share of it."""
+FLOOR_SIGMA = 1.0
+"""m: height of a tracked target is not known."""
+NOT_FOUND = "not_found"
+"""`detection_id` of an object that was looked for, by its `object_id`, and is not there."""
+PERSON = "person"
+FARTHEST = 1e6
+"""m: nothing is farther away, or longer."""
+SHORTEST = 1e-6
+"""m: an extent below it was not measured."""
+SUREST, WIDEST = 1e-12, 1e15
+"""m²: a variance below is taken as this one; above it says nothing."""
+
+
+@dataclass(frozen=True)
+class SeenFrame:
+    """How to get from the frame of a message to the world: matrix (4, 4), and what is uncertain about it: the robot's
+    origin (2,) and the covariance (3, 3) of its x, y, yaw; None where the message is in the world frame."""
+
+    matrix: Array = field(default_factory=lambda: np.eye(4))
+    origin: Array | None = None
+    pose_covariance: Array | None = None
+
+    def position(self, position: Array, covariance: Array | None) -> tuple[Array, Array | None]:
+        """Position (3,) and covariance (3, 3) in the world; the covariance is turned, the robot's is added."""
+        turn = self.matrix[:3, :3]
+        moved = turn @ position + self.matrix[:3, 3]
+        if covariance is None:
+            return moved, None
+        turned = turn @ covariance @ turn.T
+        if self.origin is None or self.pose_covariance is None:
+            return moved, turned
+        return through_uncertain_pose(moved, turned, self.origin, self.pose_covariance)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """What a deployment knows of its detectors' words.
+
+    known : values of the attributes that are limited, {"class": [...]}. attributes : names of all that are taken in.
+    sigma : m, of detections that come without covariance. quantities : names of those that stay numbers; others become
+    symbols of the attributes.
+    """
+
+    known: Mapping[str, Sequence[str]]
+    attributes: Sequence[str]
+    sigma: float
+    symbols: Symbols = field(default_factory=default_symbols)
+    quantities: Sequence[str] = ()
+
+    def evidence(self, message: Any, frame: SeenFrame) -> tuple[WorldEvidence, list[str]]:
+        """A whereabouts_msgs/WorldEvidence, and the ids of objects that were looked for and not found.
+
+        Raises InputError naming detection and field.
+        """
+        objects, missing = [], []
+        for index, item in enumerate(message.objects):
+            if item.detection_id == NOT_FOUND and item.object_id:
+                missing.append(str(item.object_id))
+                continue
+            with _named(f"objects[{index}]"):
+                objects.append(self._object(item, frame))
+        sensor = None
+        if len(message.field_of_view):
+            with _named("field_of_view"):
+                sensor = _sensor(message.field_of_view[0], frame)
+        # Where nobody says what was in view, what is not seen may have been out of it.
+        return WorldEvidence(objects, sensor, bool(message.blocked) or sensor is None), missing
+
+    def detections(self, message: Any, frame: SeenFrame) -> WorldEvidence:
+        """A vision_msgs/Detection3DArray; where the detector looked is not known. Raises InputError."""
+        objects = []
+        for index, item in enumerate(message.detections):
+            with _named(f"detections[{index}]"):
+                objects.append(self._detection(item, frame))
+        return WorldEvidence(objects)
+
+    def boxes(
+        self, message: Any, frame: SeenFrame, place: Callable[[Box], Located]
+    ) -> tuple[WorldEvidence, dict[int, str]]:
+        """A vision_msgs/Detection2DArray, and why detections could not be placed, by index.
+
+        frame : of the camera. place : where in it the object in a box is. Raises InputError for words and numbers that
+        make no sense.
+        """
+        objects, refused = [], {}
+        for index, item in enumerate(message.detections):
+            with _named(f"detections[{index}]"):
+                attributes = self._classified(item.results)
+                box = box_from_message(item.bbox)
+                try:
+                    found = place(box)
+                except InputError as error:
+                    refused[index] = f"detections[{index}]: {error}"
+                    continue
+                position, turned = frame.position(found.position, found.covariance)
+                words, numbers = self._with_symbols(attributes, _extent_of(found.width, found.height))
+                objects.append(ObjectEvidence(position, turned, words, quantities=numbers))
+        return WorldEvidence(objects), refused
+
+    def targets(
+        self, message: Any, frame: SeenFrame, ids: Mapping[int, str]
+    ) -> tuple[WorldEvidence, list[int]]:
+        """A whereabouts_msgs/TargetArray, and the labels of those that are taken in: what is hidden is no measurement.
+
+        ids : which object each label was last. Says nothing about things that are no targets. Raises InputError.
+        """
+        objects, labels = [], []
+        for index, item in enumerate(message.targets):
+            if item.occluded:
+                continue
+            with _named(f"targets[{index}]"):
+                state = np.asarray(item.state_covariance, dtype=np.float64).reshape(4, 4)
+                covariance = np.zeros((3, 3))
+                covariance[:2, :2], covariance[2, 2] = state[:2, :2], FLOOR_SIGMA**2
+                position, covariance_there = frame.position(_vector(item.position), covariance)
+                words = _distribution("class_distribution", item.class_distribution)
+                kind = self._complete("class", words or {PERSON: 1.0})
+                label = int(item.label)
+                objects.append(ObjectEvidence(position, covariance_there, {"class": kind}, ids.get(label)))
+                labels.append(label)
+        return WorldEvidence(objects, blocked=True), labels
+
+    def _object(self, item: Any, frame: SeenFrame) -> ObjectEvidence:
+        covariance = _covariance("pose.covariance", item.pose.covariance)
+        if covariance is None:
+            covariance = self.sigma**2 * np.eye(3)
+        position, turned = frame.position(_vector(item.pose.pose.position), covariance)
+        attributes: dict[str, dict[str, float]] = {}
+        quantities = _extent(item.size)
+        for given in item.attributes:
+            name = str(given.name)
+            discrete = _distribution(f"attributes[{name!r}]", given.discrete)
+            if discrete:
+                attributes[name] = self._complete(name, discrete)
+            elif len(given.continuous.mean):
+                mean, spread = given.continuous.mean, given.continuous.covariance
+                size = len(mean)
+                quantities |= self.symbols.unpacked(
+                    name, mean, spread if len(spread) else np.zeros(size * size)
+                )
+            else:
+                raise InputError(f"attributes[{name!r}]: neither discrete nor continuous is filled")
+        words, numbers = self._with_symbols(attributes, quantities)
+        return ObjectEvidence(position, turned, words, item.object_id or None, numbers)
+
+    def _detection(self, item: Any, frame: SeenFrame) -> ObjectEvidence:
+        best = max(item.results, key=lambda result: result.hypothesis.score, default=None)
+        position, covariance = _vector(item.bbox.center.position), None
+        if best is not None:
+            at = _vector(best.pose.pose.position)
+            position = at if at.any() else position
+            covariance = _covariance("results[].pose.covariance", best.pose.covariance)
+        attributes = self._classified(item.results)
+        if covariance is None:
+            covariance = self.sigma**2 * np.eye(3)
+        position, turned = frame.position(position, covariance)
+        words, numbers = self._with_symbols(attributes, _extent(item.bbox.size))
+        return ObjectEvidence(position, turned, words, quantities=numbers)
+
+    def _classified(self, results: Iterable[Any]) -> dict[str, dict[str, float]]:
+        """The class by the scores of vision_msgs/ObjectHypothesisWithPose; {} where there are none."""
+        scores: dict[str, float] = {}
+        for result in results:
+            name, score = str(result.hypothesis.class_id), float(result.hypothesis.score)
+            if not name or not 0.0 <= score < np.inf:
+                raise InputError(
+                    f"results: a class_id with a score of at least 0 expected, got {name!r}: {score!r}"
+                )
+            scores[name] = scores.get(name, 0.0) + score
+        total = sum(scores.values())
+        if not total < np.inf:
+            raise InputError(f"results: scores that can be added up expected, got {list(scores.values())}")
+        if total <= 0.0:
+            return {}
+        # Scores of independent classifiers may add up to more than one.
+        return {"class": self._complete("class", {n: s / max(total, 1.0) for n, s in scores.items()})}
+
+    def _complete(self, attribute: str, given: Mapping[str, float]) -> dict[str, float]:
+        """A distribution that sums to one: what is missing belongs to known values that were not named."""
+        total = sum(given.values())
+        if total <= 0.0:
+            raise InputError(f"attributes[{attribute!r}]: probabilities sum to {total:g}")
+        others = [value for value in self.known.get(attribute, ()) if value not in given]
+        rest = max(1.0 - total, 0.0)
+        if rest <= 1e-9 or not others:
+            return {value: p / total for value, p in given.items()}
+        return {**given, **{value: rest / len(others) for value in others}}
+
+    def _with_symbols(
+        self, attributes: dict[str, dict[str, float]], quantities: Mapping[str, Gaussian]
+    ) -> tuple[dict[str, dict[str, float]], dict[str, Gaussian]]:
+        """Measured numbers become symbols of the attributes that were not given in words, or stay numbers."""
+        numbers = {name: value for name, value in quantities.items() if name in self.quantities}
+        others = {name: value for name, value in quantities.items() if name not in self.quantities}
+        if others:
+            for name, values in self.symbols.perceived(others, self.known).items():
+                if name in self.attributes:
+                    attributes.setdefault(name, values)
+        return attributes, numbers
+
+
+class _named:  # noqa: N801 - reads like a function where it is used
+    """Puts the place in front of an InputError raised within."""
+
+    def __init__(self, place: str) -> None:
+        self._place = place
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, InputError):
+            raise InputError(f"{self._place}: {error}") from None
+
+
+def most_probably(item: ObjectEvidence, class_name: str) -> bool:
+    """Whether a detection is more probably of this class than not."""
+    return float(item.attributes.get("class", {}).get(class_name, 0.0)) > 0.5
+
+
+def _vector(point: Any) -> Array:
+    """(3,) metres, none farther than anything is. Raises InputError."""
+    found = np.array([point.x, point.y, point.z], dtype=np.float64)
+    if not (np.abs(found) <= FARTHEST).all():
+        raise InputError(f"coordinates within {FARTHEST:g} m expected, got {found.tolist()}")
+    return found
+
+
+def _covariance(name: str, values: Iterable[float]) -> Array | None:
+    """Position block (3, 3) of a 6x6 covariance; None where it is zero, which stands for unknown."""
+    block = np.array(values, dtype=np.float64).reshape(6, 6)[:3, :3]
+    if not (np.abs(block) <= WIDEST).all():
+        raise InputError(f"{name} must be finite and below {WIDEST:g}; it holds NaN, infinity or more")
+    if not block.any():
+        return None
+    # A measurement is never surer than this, and what divides by its variance can.
+    places = np.arange(3)
+    block[places, places] = np.maximum(block[places, places], SUREST)
+    return block
+
+
+def _distribution(name: str, given: Any) -> dict[str, float]:
+    """A DiscreteDistribution as a mapping; {} where it is empty."""
+    values, probabilities = [str(value) for value in given.values], [float(p) for p in given.probabilities]
+    if len(values) != len(probabilities):
+        raise InputError(f"{name}: {len(values)} values but {len(probabilities)} probabilities")
+    if len(set(values)) != len(values) or "" in values:
+        raise InputError(f"{name}: values must be names, each given once, got {values}")
+    if (
+        not all(0.0 <= p <= 1.0 + SUM_TOLERANCE for p in probabilities)
+        or sum(probabilities) > 1.0 + SUM_TOLERANCE
+    ):
+        raise InputError(
+            f"{name}: probabilities in [0, 1] that sum to at most one expected, got {probabilities}"
+        )
+    return dict(zip(values, probabilities, strict=True))
+
+
+def _extent(size: Any) -> dict[str, Gaussian]:
+    """Size (the diagonal) and ratio (height by width) of a detected extent; {} where it is not known."""
+    return _extents(_vector(size))
+
+
+def _extent_of(width: float, height: float) -> dict[str, Gaussian]:
+    """The same of something seen from one side: as deep as it is wide."""
+    return _extents(np.array([width, width, height]))
+
+
+def _extents(extent: Array) -> dict[str, Gaussian]:
+    if (extent < 0.0).any():
+        raise InputError(f"size: lengths of at least 0 m expected, got {extent.tolist()}")
+    if not (extent >= SHORTEST).any():
+        return {}
+    diagonal = float(np.linalg.norm(extent))
+    found = {"size": (diagonal, (SIZE_SIGMA * diagonal) ** 2)}
+    width = float(extent[:2].max())
+    if min(width, extent[2]) >= SHORTEST:
+        ratio = float(extent[2]) / width
+        found["ratio"] = (ratio, 2.0 * (SIZE_SIGMA * ratio) ** 2)
+    return found
+
+
+def _sensor(view: Any, frame: SeenFrame) -> dict[str, Any]:
+    q = view.pose.orientation
+    x, y, z = frame.matrix[:3, :3] @ _vector(view.pose.position) + frame.matrix[:3, 3]
+    ahead = frame.matrix[:3, :3] @ rotation_from_quaternion([q.x, q.y, q.z, q.w])[:, 0]
+    return {
+        "pose": (float(x), float(y), float(z), float(np.arctan2(ahead[1], ahead[0]))),
+        "range": float(view.range_max),
+        "range_min": float(view.range_min),
+        "angle": float(view.horizontal_angle),
+        "vertical_angle": float(view.vertical_angle),
+    }

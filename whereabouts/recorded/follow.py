@@ -1,0 +1,131 @@
+"""Odometry over a recorded log, without ROS: one pose per scan or cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.geometry.poses import between, compound, inverse, pose_to_matrix, transform_points
+from registration.odometry.follower import Odometry, OdometryConfig
+from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
+from whereabouts.logs import CloudRecord, Log, OdometryRecord, ScanRecord
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPose:
+    """Where the robot was at one measurement, in the frame of the first.
+
+    pose : (3,) x, y, yaw for scans, (4, 4) for clouds. wheels : (3,) by wheel odometry alone, None without.
+    covariance : (3, 3) or (6, 6) of the sensor's pose since the first measurement.
+    """
+
+    stamp: float
+    pose: Array
+    converged: bool
+    reason: str
+    fitness: float
+    wheels: Array | None
+    record: ScanRecord | CloudRecord
+    covariance: Array
+
+
+class Follower:
+    """Registers the scans or clouds of one topic of a log, with its wheel odometry as the first guess."""
+
+    def __init__(self, config: OdometryConfig | None = None, use_wheels: bool = True) -> None:
+        self._odometry = Odometry(config)
+        self._use_wheels = use_wheels
+        self._history = WheelHistory()
+        self._wheels: Array | None = None
+        self._last_stamp: int | None = None
+
+    def add_wheels(self, record: OdometryRecord) -> None:
+        """A wheel odometry message."""
+        self._history.insert(round(record.stamp * NANOSECONDS), np.asarray(record.pose))
+
+    def add_scan(self, record: ScanRecord) -> FollowedPose:
+        """The next scan."""
+        mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
+        motion, wheels = self._motion(record)
+        guess = None if motion is None else compound(compound(inverse(mount), motion), mount)
+        pose = self._odometry.register(record.scan, record.stamp, guess=guess)
+        robot = compound(compound(mount, pose), inverse(mount))
+        return self._followed(record, robot, wheels)
+
+    def add_cloud(self, record: CloudRecord) -> FollowedPose:
+        """The next cloud."""
+        stamp = round(record.stamp * NANOSECONDS)
+        motion = None if self._last_stamp is None else self._history.motion(self._last_stamp, stamp, 0.5)
+        self._last_stamp = stamp
+        guess = None
+        if motion is not None and self._use_wheels:
+            guess = pose_to_matrix(np.array([motion[0], motion[1], 0.0, 0.0, 0.0, motion[2]]))
+        pose = self._odometry.register(record.points, record.stamp, guess=guess, times=record.times)
+        return self._followed(record, pose, None)
+
+    def _motion(self, record: ScanRecord) -> tuple[Array | None, Array | None]:
+        """Wheel motion since the last scan, and the wheels' pose; from the record itself or from messages."""
+        stamp = round(record.stamp * NANOSECONDS)
+        last, self._last_stamp = self._last_stamp, stamp
+        before = self._wheels
+        if record.odometry is not None:
+            self._wheels = np.asarray(record.odometry)
+            motion = None if before is None else between(before, self._wheels)
+        else:
+            motion = None if last is None else self._history.motion(last, stamp, 0.5)
+            self._wheels = motion if before is None or motion is None else compound(before, motion)
+        return (motion if self._use_wheels else None), self._wheels
+
+    def _followed(self, record: ScanRecord | CloudRecord, pose: Array, wheels: Array | None) -> FollowedPose:
+        odometry = self._odometry
+        return FollowedPose(
+            record.stamp,
+            pose,
+            odometry.converged,
+            odometry.reason,
+            odometry.fitness,
+            wheels,
+            record,
+            odometry.covariance.copy(),
+        )
+
+
+def follow(
+    log: Log, config: OdometryConfig | None = None, use_wheels: bool = True, topic: str | None = None
+) -> Iterator[FollowedPose]:
+    """Odometry over a log.
+
+    topic : of the scans or clouds to follow; the first one seen where None. Of several odometry topics the wheels' is
+    taken, otherwise the first: a bag may carry the truth as well.
+    """
+    follower = Follower(config, use_wheels)
+    wheels: str | None = None
+    for record in log:
+        if isinstance(record, OdometryRecord):
+            wheels = record.topic if wheels is None or _of_wheels(record.topic) else wheels
+            if record.topic == wheels:
+                follower.add_wheels(record)
+        elif isinstance(record, ScanRecord | CloudRecord):
+            topic = record.topic if topic is None else topic
+            if record.topic.lstrip("/") != topic.lstrip("/"):
+                continue
+            yield follower.add_scan(record) if isinstance(record, ScanRecord) else follower.add_cloud(record)
+
+
+def _of_wheels(topic: str) -> bool:
+    return topic.strip("/").rsplit("/", 1)[-1] == "wheel_odom"
+
+
+def static_points(followed: FollowedPose, every: int = 1) -> Array:
+    """End points of a followed scan in the frame of the first, (M, 2) metres."""
+    assert isinstance(followed.record, ScanRecord)
+    mount = followed.record.sensor_pose
+    points = followed.record.scan.points()[::every]
+    if mount is not None:
+        points = transform_points(mount, points)
+    return np.asarray(transform_points(followed.pose, points))

@@ -1,0 +1,125 @@
+"""What `whereabouts world` reads and writes besides evidence: settings, moments in words, states, answers, events."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from estimation.errors import InputError
+from whereabouts.parameters.world_model import WorldModelParameters
+from whereabouts.system.atomic import atomic_path
+from world_model import WorldModel, WorldState
+from world_model.queries import LAST_SEEN, Answer
+
+
+def state_record(model: WorldModel, state: WorldState) -> dict[str, Any]:
+    """One line of the states file."""
+    return {
+        "stamp": state.stamp,
+        "epoch": state.epoch,
+        "probability": state.probability,
+        "expected_count": state.expected_count,
+        "associations": list(state.associations),
+        "objects": [
+            {
+                "id": item.id,
+                "position": item.position.tolist(),
+                "covariance": item.covariance.tolist(),
+                "attributes": {name: dict(values) for name, values in item.attributes.items()},
+                "quantities": {name: list(pair) for name, pair in item.quantities.items()},
+                "existence": item.existence,
+                "lost": item.lost,
+                "last_seen": item.last_seen,
+                "place": item.place,
+                "place_probability": item.place_probability,
+                "predicates": list(item.predicates),
+            }
+            for item in map(model.words.described, state.objects)
+        ],
+    }
+
+
+def answer_record(answer: Answer) -> dict[str, Any]:
+    """One answer of the figures file."""
+    return {
+        "id": answer.object.id,
+        "probability": answer.probability,
+        "position": answer.object.position.tolist(),
+        "places": {name: p for name, p in answer.places.items() if p > 0.001},
+        "description": answer.description,
+        "stamp": answer.stamp,
+    }
+
+
+def moment(text: str, newest: float) -> float | str | None:
+    """Seconds of a moment in words: a number, a date with time, a time of the day that ended with the newest stamp."""
+    if not text:
+        return None
+    if text == LAST_SEEN:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        if "T" in text or "-" in text:
+            return datetime.fromisoformat(text).timestamp()
+        end = datetime.fromtimestamp(newest)
+        clock = datetime.strptime(text, "%H:%M:%S" if text.count(":") == 2 else "%H:%M")
+        then = end.replace(hour=clock.hour, minute=clock.minute, second=clock.second, microsecond=0)
+        return (then if then <= end else then - timedelta(days=1)).timestamp()
+    except (ValueError, OverflowError, OSError):
+        raise InputError(
+            f'--at: seconds, 2026-11-21T09:00, 09:00 or "{LAST_SEEN}" expected, got {text!r}'
+        ) from None
+
+
+def write_events(model: WorldModel, path: Path | None) -> None:
+    """All events of all runs as CSV: run, stamp, event, id."""
+    if path is None or model.store is None:
+        return
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("run", "stamp", "event", "id"))
+        for run, *_ in model.store.epochs():
+            rows: Iterable[tuple[float, str, str]] = model.store.events(run)
+            writer.writerows((run, f"{stamp:.6f}", event, name) for stamp, event, name in rows)
+
+
+def write_looked_back(model: WorldModel, path: Path | None) -> None:
+    """Object of each detection of a moving sensor, as all that was seen says, as CSV: stamp, index in its look, id."""
+    if path is None:
+        return
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("stamp", "detection", "id"))
+        for stamp, names in model.look_back():
+            writer.writerows((f"{stamp:.6f}", index, name or "") for index, name in enumerate(names))
+
+
+def settings_from(params: Path | None, places: Path | None, store: Path | None) -> WorldModelParameters:
+    """The settings of a parameter file and of options. Raises InputError naming what is wrong."""
+    given: dict[str, Any] = {}
+    if params is not None:
+        try:
+            file = yaml.safe_load(params.read_text(encoding="utf-8"))
+            sections = [file[name] for name in file if name.strip("/*") in ("", "world_model")]
+            given = dict(sections[-1]["ros__parameters"])
+        except (OSError, yaml.YAMLError, KeyError, TypeError, IndexError, AttributeError) as error:
+            raise InputError(f"--params: {params} is no parameter file of world_model: {error}") from error
+    if places is not None:
+        given["places_file"] = str(places)
+    if store is not None:
+        given["store_path"] = str(store)
+    try:
+        return WorldModelParameters(**given)
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        name = wrong["loc"][0] if wrong["loc"] else "parameters"
+        raise InputError(f"--params: {name}: {wrong['msg'].removeprefix('Value error, ')}") from error

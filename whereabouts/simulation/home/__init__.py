@@ -1,0 +1,1 @@
+"""The apartment: a day with people and objects, cameras and a robot that lives in it."""

@@ -1,0 +1,1 @@
+"""Scenes of the experiments: rooms, streets, crowds, people who hide."""

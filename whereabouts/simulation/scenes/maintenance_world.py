@@ -1,0 +1,158 @@
+"""The world of section 3.7.1: a square room, objects that grow uncertain while nobody looks, one robot.
+
+The robot is perfectly localised and drives straight. Whatever is within range at a time step is measured and
+filtered, whatever strategy drives it. `maintained` and `fixed_path` are compiled, `maintained_by` asks `Maintenance`
+itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.errors import InputError
+from whereabouts.simulation.scenes.maintenance_world_kernels import HERE, drive, look_around, run
+from world_model.state import WorldObject, WorldState
+from world_model.tasks.looks import Sensor
+from world_model.tasks.maintenance import Maintenance
+from world_model.tasks.maintenance_config import MaintenanceConfig
+from world_model.tasks.maintenance_kernels import shortest_way
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class RoomPlan:
+    """size : m, of the square room. objects : how many. noise : most process noise, m²/s. duration, time_step : s.
+
+    speed : m/s. sensors : all look at each step.
+    """
+
+    size: float = 10.0
+    objects: int = 10
+    noise: float = 0.01
+    duration: float = 1000.0
+    time_step: float = 0.5
+    speed: float = 0.5
+    sensors: tuple[Sensor, ...] = (Sensor("camera", 0.4, 2.0, 0.01 * np.eye(2)),)
+
+
+@dataclass
+class TourAccount:
+    """What a run came to: means over time of the largest and the summed entropy, nat; metres; looks, goals."""
+
+    worst: float
+    total: float
+    distance: float
+    updates: Array
+    goals: Array
+    path: Array
+
+
+class MaintenanceRoom:
+    """One run at its beginning: `positions` and `growth` (m² per step) are true, `means` and `variances` believed.
+
+    Raises
+    ------
+    InputError : a sensor whose errors are not alike along all axes.
+    """
+
+    def __init__(self, plan: RoomPlan, seed: int) -> None:
+        self.plan = plan
+        self.sensors = np.array([_circular(sensor) for sensor in plan.sensors])
+        rng, count, steps = np.random.default_rng(seed), plan.objects, round(plan.duration / plan.time_step)
+        self.positions = rng.uniform(0.0, plan.size, (count, 2))
+        self.growth = plan.time_step * rng.uniform(0.0, plan.noise, count)
+        first = float(self.sensors[0, 2])
+        self.means = self.positions + math.sqrt(first) * rng.standard_normal((count, 2))
+        self.variances = np.full(count, first)
+        self.noise = rng.standard_normal((steps, len(self.sensors), count, 2))
+
+    def run(self, config: MaintenanceConfig, order: Sequence[int] | Array = ()) -> TourAccount:
+        """By maintenance, or from object to object in an order."""
+        plan = self.plan
+        settings = (
+            config.information_gain_threshold, config.weight, config.information_gain_norm, config.cost_scale,
+            config.company, config.standoff, config.anticipation, config.tour,
+        )  # fmt: skip
+        costs = np.array([sensor.cost for sensor in plan.sensors])
+        worst, total, distance, updates, goals, path = run(
+            self.positions, self.growth, self.means.copy(), self.variances.copy(), plan.size, self.noise,
+            self.sensors, costs, plan.speed * plan.time_step, plan.time_step, config.retry_after,
+            np.array(settings), np.asarray(order, dtype=np.int64),
+        )  # fmt: skip
+        steps = len(self.noise)
+        return TourAccount(worst / steps, total / steps, distance, updates, goals, path)
+
+
+def _circular(sensor: Sensor) -> tuple[float, float, float]:
+    """range_min, range_max and the variance along each axis."""
+    covariance = np.asarray(sensor.covariance, dtype=np.float64)
+    if not np.allclose(covariance, covariance[0, 0] * np.eye(len(covariance))):
+        raise InputError(f"sensor {sensor.name!r}: the simulated rooms know circular errors only")
+    return sensor.range_min, sensor.range_max, float(covariance[0, 0])
+
+
+def fixed_path(plan: RoomPlan, seed: int, order: str = "given") -> TourAccount:
+    """The text's benchmark, from object to object over and over; `order` "given", or "tour": the shortest one."""
+    room = MaintenanceRoom(plan, seed)
+    return room.run(
+        MaintenanceConfig(), range(plan.objects) if order == "given" else shortest_tour(room.positions)
+    )
+
+
+def maintained(plan: RoomPlan, seed: int, config: MaintenanceConfig) -> TourAccount:
+    """The proposed strategy, compiled."""
+    return MaintenanceRoom(plan, seed).run(config)
+
+
+def maintained_by(maintenance: Maintenance, plan: RoomPlan, seed: int) -> TourAccount:
+    """The same room, where `Maintenance` itself says what to do; much slower."""
+    room, time, task = MaintenanceRoom(plan, seed), 0.0, None
+    pose = np.array([0.5 * plan.size, 0.5 * plan.size, 0.0])
+    updates, goals, path = (
+        np.zeros(plan.objects, np.int64),
+        np.zeros(plan.objects, np.int64),
+        [pose[:2].copy()],
+    )
+    worst = total = distance = 0.0
+    for noise in room.noise:
+        if task is None:
+            task = maintenance.next_task(_state(room, time), pose, plan.sensors)
+            if task is not None:
+                goals[int(task.object_id)] += 1
+        if task is not None:
+            distance += drive(pose, task.goal[:2], plan.speed * plan.time_step)
+        time += plan.time_step
+        before = updates.copy()
+        summed, largest = look_around(
+            (room.positions, room.growth), room.variances, room.means, pose, room.sensors, noise, updates
+        )
+        worst, total = worst + largest, total + summed
+        path.append(pose[:2].copy())
+        if task is not None and math.hypot(*(pose[:2] - task.goal[:2])) <= HERE:
+            k = int(task.object_id)
+            maintenance.report(task, "found" if updates[k] > before[k] else "occluded", time)
+            task = None
+    steps = len(room.noise)
+    return TourAccount(worst / steps, total / steps, distance, updates, goals, np.array(path))
+
+
+def _state(room: MaintenanceRoom, time: float) -> WorldState:
+    """What a world model would say, planar; objects are called after their numbers."""
+    objects = tuple(
+        WorldObject(
+            str(k), np.array([*room.means[k], 0.0]), np.zeros(3), np.diag([variance, variance, 0.0]), {}, 1.0, False,
+            time, process_noise=np.diag([growth, growth, 0.0]) / room.plan.time_step,
+        )
+        for k, (variance, growth) in enumerate(zip(room.variances, room.growth, strict=True))
+    )  # fmt: skip
+    return WorldState(objects, 1.0, float(len(objects)), time)
+
+
+def shortest_tour(points: Array) -> Array:
+    """Order (N,) of the shortest round trip over points (N, 2), for some ten of them."""
+    return np.asarray(shortest_way(points[0, 0], points[0, 1], points, 0))
