@@ -1,1 +1,1 @@
-"""Registration and odometry of clouds, on small_gicp, KISS-ICP, KISS-Matcher and NDT."""
+"""Registration of clouds, on small_gicp, KISS-Matcher and NDT."""
