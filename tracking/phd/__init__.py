@@ -1,1 +1,1 @@
-"""The text's extended-target PHD filter (Paper B) and the point filter of Vo and Ma."""
+"""The extended-target PHD filter of the reference (Paper B) and the point filter of Vo and Ma."""
