@@ -10,7 +10,7 @@ import ast
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 PACKAGES = ("estimation", "registration", "loop_closure", "tracking", "world_model")
@@ -31,12 +31,13 @@ def digests(root: Path) -> dict[str, str]:
     }
 
 
-def dependents(root: Path, files: Iterable[str], changed: Iterable[str]) -> set[str]:
+def dependents(root: Path, files: Iterable[str], changed: Collection[str]) -> set[str]:
     """Files that import a changed one, directly or not, and the changed ones; paths from `root`."""
-    known = {name: _module(name) for name in files}
-    of_module = {module: name for name, module in known.items()}
+    there = set(files)
+    # One that is gone has importers, too.
+    of_module = {_module(name): name for name in {*there, *changed}}
     importers: dict[str, set[str]] = {}
-    for name in known:
+    for name in there:
         for module in _imported(root / name):
             if module in of_module:
                 importers.setdefault(of_module[module], set()).add(name)
