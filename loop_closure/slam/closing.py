@@ -20,7 +20,7 @@ from loop_closure.work import Steps
 from registration.placement.align_submaps import APART, align_submaps, ambiguous
 
 CERTAIN_IN_SPACE = 2.0  # metres: a cloud of a street has far more to tell than a scan
-LAYING, LAYING_CLOUD = (3.0, 6.0), 60.0  # ms of laying a local map on another, known well and not; of a cloud
+LAYING, LAYING_CLOUD = (4.0, 8.0), 60.0  # ms of laying a local map on another, known well and not; of a cloud
 
 
 @dataclass(frozen=True)

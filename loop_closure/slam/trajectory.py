@@ -44,9 +44,6 @@ from registration.laser.scan import Scan
 
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
-# Keyframes that wait for their turn when a scan may cost twice its pace, three times with twice as many; and how many
-# may wait at most: what is more is worked on at once, whatever it takes.
-WAITING, MOST_WAITING = 40, 100
 WRONG = 0.3  # metres by which a closure misses the whole that cannot be true
 # Costs of steps, ms: of LEARNT edges, the uncertainty of each node, a decision for each that waits, thinning.
 LEARNT, LEARNING, AROUND, DECIDING, EXAMINING = 500, 2.0, 0.001, 0.02, 2.0
@@ -108,9 +105,9 @@ class Slam:
         with the place and not with the time. every_scan : remember where each scan was taken; not by default if `thin`.
 
         pace : what `process` may do with one scan, ms of one core of a desktop computer, about: loops are searched and
-        closed in steps, keyframe by keyframe, and what is left over is done with the scans that follow, and in
-        `finish`; the more keyframes wait, the more a scan may cost. How much follows from the scans, not from a clock:
-        the same scans give the same map. None: everything at once.
+        closed in steps, keyframe by keyframe, and what is left over is done with the scans that follow, by `work`
+        while none comes, and in `finish`. How much follows from the scans, not from a clock: the same scans give
+        the same map. None: everything at once.
         """
         self.config = config or SlamConfig()
         if thin and not isinstance(graph, SmoothedGraph | None):
@@ -342,10 +339,7 @@ class Slam:
 
     def _worked(self, keyframe: int | None) -> SlamUpdate:
         """Work as long as one scan may, and say what came of it."""
-        pace = None if self.pace is None else self.pace * (1.0 + self.behind / WAITING)
-        self._work(Allowance(pace))
-        # Closures that come too late help nobody.
-        self._work(Allowance(None), MOST_WAITING)
+        self._work(Allowance(self.pace))
         accepted, self._accepted = self._accepted, []
         return SlamUpdate(self.pose, accepted, keyframe, len(self._hypotheses.waiting), self.behind)
 
