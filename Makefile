@@ -6,7 +6,7 @@ BIN := .venv/bin
 # The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test test-bounds lint setup setup-test docs site colcon wheels lock bench chaos peers clean
+.PHONY: help demo test test-bounds lint setup setup-test docs site colcon wheels lock bench bench-check chaos peers clean
 
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
@@ -18,7 +18,8 @@ help:
 	@echo "make colcon  build the workspace with colcon"
 	@echo "make wheels  wheels of the product, its experiments and its messages, in dist/"
 	@echo "make lock    requirements/lock.txt anew: all that the runtime needs, with hashes, for every Python and machine"
-	@echo "make bench   benchmarks; results go to bench/*.txt"
+	@echo "make bench   benchmarks; results go to bench/*.txt and bench/ratios.json"
+	@echo "make bench-check  processor times beside other libraries'; exit status 1 where a ratio got worse by more than its spread"
 	@echo "make peers   an environment for peers that need other versions of libraries, for the experiment peers"
 	@echo "make clean   remove .venv and everything generated"
 
@@ -87,6 +88,10 @@ peers:
 
 bench: setup-test
 	@for file in bench/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+	$(BIN)/python bench/ratios.py
+
+bench-check: setup-test
+	$(BIN)/python bench/ratios.py --check
 
 clean:
 	rm -rf .venv .venv-peers build dist install log site demo-report experiments-out .pytest_cache .mypy_cache .ruff_cache .hypothesis bags/home.mcap bags/killian.mcap
