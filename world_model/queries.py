@@ -19,12 +19,10 @@ from world_model.describing import ago, named
 from world_model.state import MOVED_ON, WorldObject, WorldState
 from world_model.symbols import Symbols, default_symbols
 
-NEAR = 0.75
-"""m: what is this close to an object is there, where a region is named by an object."""
+NEAR = 0.75  # m: what is this close to an object is there, where a region is named by an object
 CORNERS = 24
 LAST_SEEN = "last_seen"
-World = tuple[float, Sequence[WorldObject]]
-"""Probability and objects of one hypothesis."""
+World = tuple[float, Sequence[WorldObject]]  # Probability and objects of one hypothesis
 
 
 class Past(Protocol):

@@ -15,9 +15,8 @@ from estimation.filters.gaussians import GaussianMixture, repair_covariance
 class MultipleModelFilter:
     """State of M models: `means` (M, d), `covariances` (M, d, d), `probabilities` (M,).
 
-    transition : (M, M), row i the probabilities of passing from model i to each; rows add up to 1.
-    means, covariances : (M, d), (M, d, d), or (d,), (d, d) where all models start alike.
-    Raises InputError naming the argument.
+    transition : (M, M), row i the probabilities of passing from model i to each; rows add up to 1. means, covariances :
+    (M, d), (M, d, d), or (d,), (d, d) where all models start alike. Raises InputError naming the argument.
     """
 
     def __init__(

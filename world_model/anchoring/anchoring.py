@@ -20,8 +20,7 @@ from world_model.config import WorldModelConfig
 from world_model.evidence import Measurements
 from world_model.predictions import Behavior
 
-TIDY = 64
-"""Looks after which anchors that nobody believes in are looked for."""
+TIDY = 64  # Looks after which anchors that nobody believes in are looked for
 
 
 class Anchoring:

@@ -128,14 +128,10 @@ class Vocabulary:
         }
 
 
-Gaussian = tuple[float, float]
-"""Mean and variance, SI units."""
-OUTLIERS = 0.05
-"""Share of measurements that say nothing: of an object that is partly hidden, for one."""
-SIDES = 3.0
-"""Measurements of a mover after which its extent forgets: it looks wider or narrower as it turns."""
-UNKNOWN = -1.0
-"""Variance of a quantity that was never measured."""
+Gaussian = tuple[float, float]  # Mean and variance, SI units
+OUTLIERS = 0.05  # Share of measurements that say nothing: of an object that is partly hidden, for one
+SIDES = 3.0  # Measurements of a mover after which its extent forgets: it looks wider or narrower as it turns
+UNKNOWN = -1.0  # Variance of a quantity that was never measured
 
 
 class Quantities:

@@ -17,16 +17,12 @@ from world_model.anchoring.loops.kernels import miss, predict
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
 from world_model.anchoring.occlusion import _extents as extents
 
-CORE = 0.7
-"""Share of width and height that is surely filled."""
-ALIKE = 0.7
-"""Ratio of two widths from which neither object can lie in the other."""
-SURE = 3.0
-"""Standard deviations of where things are that a statement about bodies leaves open."""
+CORE = 0.7  # Share of width and height that is surely filled
+ALIKE = 0.7  # Ratio of two widths from which neither object can lie in the other
+SURE = 3.0  # Standard deviations of where things are that a statement about bodies leaves open
 SEEN_THROUGH = 0.99
 """Probability that a beam which would have met a core would have ended there: glass, thin legs, errors of the pose."""
-BEAM = 0.02
-"""m: standard deviation of where a beam goes."""
+BEAM = 0.02  # m: standard deviation of where a beam goes
 
 
 class Bodies:

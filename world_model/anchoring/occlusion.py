@@ -13,11 +13,9 @@ from world_model.anchoring.loops.kernels import MOVING, REST
 from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.evidence import View
 
-SMALL = 0.05
-"""m: width and height of an object whose size is not known."""
+SMALL = 0.05  # m: width and height of an object whose size is not known
 SURELY = 0.9
-FARTHEST = 3.0
-"""Standard deviations beyond a body at which nothing is within it."""
+FARTHEST = 3.0  # Standard deviations beyond a body at which nothing is within it
 LEAST_SIGMA = 0.01
 
 

@@ -19,8 +19,7 @@ from world_model.calibration.sensor_filter import error_basis
 from world_model.calibration.sensor_worlds import NEAR, Detections
 from world_model.evidence import Measurements
 
-TWINS = 0.03
-"""m: no two objects rest as near each other, nor nearer than a detection's standard deviation."""
+TWINS = 0.03  # m: no two objects rest as near each other, nor nearer than a detection's standard deviation
 
 
 class Corrections:

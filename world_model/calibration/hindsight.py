@@ -14,10 +14,8 @@ from world_model.calibration.sensor_bias import within
 from world_model.calibration.sensor_errors import SensorErrors
 from world_model.evidence import Measurements
 
-FIRST_LOOKS = 100
-"""Looks of a sensor that has not moved; as many as are needed where nobody looks back."""
-MOST_LOOKS = 4000
-"""Older looks are forgotten: what they said is in the places of objects."""
+FIRST_LOOKS = 100  # Looks of a sensor that has not moved; as many as are needed where nobody looks back
+MOST_LOOKS = 4000  # Older looks are forgotten: what they said is in the places of objects
 
 
 @dataclass

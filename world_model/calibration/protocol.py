@@ -14,8 +14,7 @@ from world_model.calibration.sensor_bias import CONSTANT
 from world_model.calibration.sensor_filter import error_basis
 from world_model.evidence import Measurements
 
-Looks = list[tuple[float, tuple[str | None, ...]]]
-"""Stamp, s, and object of each detection, per look."""
+Looks = list[tuple[float, tuple[str | None, ...]]]  # Stamp, s, and object of each detection, per look
 
 
 class Calibration(Protocol):

@@ -17,20 +17,13 @@ from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.drift import JITTER, RANGES, STEPS
 from world_model.calibration.sensor_filter import ERRORS, LOG_2PI, SHARED, SensorFilter
 
-MOST = 8
-"""Hypotheses that are kept."""
-THRESHOLD = 25.0
-"""-2 log of the odds to the best from which one is dropped."""
-MEMORY = 30
-"""Detections that two hypotheses explain alike before they are taken for one."""
-TRIED = 20
-"""Shared errors for which the best owners are tried."""
-NEAR = 1.0
-"""m: objects this far from all detections are not asked."""
-WIDE = 25.0
-"""Variance of a detection that is worse than it says, times that said."""
-SELDOM = 5.0
-"""-2 log of how often that is."""
+MOST = 8  # Hypotheses that are kept
+THRESHOLD = 25.0  # -2 log of the odds to the best from which one is dropped
+MEMORY = 30  # Detections that two hypotheses explain alike before they are taken for one
+TRIED = 20  # Shared errors for which the best owners are tried
+NEAR = 1.0  # m: objects this far from all detections are not asked
+WIDE = 25.0  # Variance of a detection that is worse than it says, times that said
+SELDOM = 5.0  # -2 log of how often that is
 GRID = np.stack(np.meshgrid(RANGES, STEPS), -1).reshape(-1, 2)
 COSTS = (GRID**2).sum(1)
 

@@ -11,16 +11,12 @@ from estimation.errors import InputError
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 
-CORE = 0.5
-"""Share of a box's sides in which its object is looked for: at the edges is what stands behind."""
-FRONT = 0.3
-"""Quantile of the depths there that is the object's front, as some of them go past it."""
+CORE = 0.5  # Share of a box's sides in which its object is looked for: at the edges is what stands behind
+FRONT = 0.3  # Quantile of the depths there that is the object's front, as some of them go past it
 SAME = 0.15  # m and more, of its size: depths that far from the front are of the same object
 FEWEST = 4
-JITTER = 0.05
-"""Standard deviation of a box's edges, of its sides."""
-SCAN_SIGMA = 0.25
-"""m: a scanner meets the furniture at its edge, and the thing lies somewhere on it."""
+JITTER = 0.05  # Standard deviation of a box's edges, of its sides
+SCAN_SIGMA = 0.25  # m: a scanner meets the furniture at its edge, and the thing lies somewhere on it
 
 
 @dataclass(frozen=True)
@@ -46,9 +42,7 @@ class Located:
 def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
     """Position and extent of the object in a box, by a depth image of the same camera.
 
-    Raises
-    ------
-    InputError : a box without size or outside of the image, or nothing in it with a known depth.
+    Raises InputError: a box without size or outside of the image, or nothing in it with a known depth.
     """
     _check(box, camera)
     half = 0.5 * CORE * np.array([box.width, box.height])
@@ -68,9 +62,7 @@ def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
 def located_by_scan(box: Box, camera: CameraModel, pose: FloatArray, scan: LevelScan) -> Located:
     """The same by a level scan, from the camera's pose (4, 4) in the frame of the scan.
 
-    Raises
-    ------
-    InputError : as `located`, or the scanner meets nothing in that direction.
+    Raises InputError: as `located`, or the scanner meets nothing in that direction.
     """
     _check(box, camera)
     ray = pose[:3, :3] @ camera.rays([[box.x, box.y]])[0]

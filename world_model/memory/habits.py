@@ -19,16 +19,11 @@ from world_model.state import Box, WorldObject
 
 DAY = 86400.0
 BINS = 24
-NEIGHBOR = 0.5
-"""Weight of the hour before and the hour after."""
-OF_CLASS = 0.2
-"""Weight of what others of its class do, beside what it does itself."""
-DOUBT = 1800.0
-"""s: what was watched for this long at a time of day is believed by half to be a habit."""
-LEAST = 900.0
-"""s: and less than this says nothing."""
-WATCHED = 60.0
-"""s: for how long after its last measurement something counts as watched."""
+NEIGHBOR = 0.5  # Weight of the hour before and the hour after
+OF_CLASS = 0.2  # Weight of what others of its class do, beside what it does itself
+DOUBT = 1800.0  # s: what was watched for this long at a time of day is believed by half to be a habit
+LEAST = 900.0  # s: and less than this says nothing
+WATCHED = 60.0  # s: for how long after its last measurement something counts as watched
 
 
 class History(Protocol):

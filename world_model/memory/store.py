@@ -41,14 +41,11 @@ LIMIT = 100_000
 EVENT_LEVEL = 30
 """Rows with a higher level are kept longer; events have this one, others the ruler sequence of their number."""
 EVENTS = ("appeared", "gone", "lost", "found", "returned", "renamed")
-INSTANTS = 3
-"""Failures in a row after which a write is tried again once a second only."""
-RETRY = 1.0
-"""s of the time that passes: stamps may stand still, or be of a replay."""
+INSTANTS = 3  # Failures in a row after which a write is tried again once a second only
+RETRY = 1.0  # s of the time that passes: stamps may stand still, or be of a replay
 _Run = tuple[int, float | None, float | None]
 
-PERIOD = 600.0
-"""s between two looks for damage, each with a snapshot where something was written since."""
+PERIOD = 600.0  # s between two looks for damage, each with a snapshot where something was written since
 
 
 @dataclass

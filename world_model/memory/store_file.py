@@ -31,13 +31,10 @@ from world_model.memory.store_repair import (
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 COMPANIONS = ("", "-wal", "-shm")
 SNAPSHOTS = 2
-SPACE = 3.0
-"""Times the size of a file that has to be free for a new one beside it."""
-CLOSING = 1.0
-"""s for which a writer that ends looks at what it leaves."""
+SPACE = 3.0  # Times the size of a file that has to be free for a new one beside it
+CLOSING = 1.0  # s for which a writer that ends looks at what it leaves
 _TIP = struct.Struct("<QII")
-_WHOLE = 32
-"""Where in the file beside the store the digest of what was found whole lies, after the tip."""
+_WHOLE = 32  # Where in the file beside the store the digest of what was found whole lies, after the tip
 
 
 class StoreError(WhereaboutsError):
@@ -52,9 +49,8 @@ class StoreFile:
     """One open file. `connection` is in autocommit mode; transactions are explicit.
 
     `found` : what was damaged or missing when it was opened, a sentence each; `aside` : where the damaged file is now.
-    A read-only store is not put right: what is whole is answered from memory.
-
-    Raises StoreVersionError or StoreError, naming the file.
+    A read-only store is not put right: what is whole is answered from memory. Raises StoreVersionError or StoreError,
+    naming the file.
     """
 
     def __init__(self, path: Path, read_only: bool = False) -> None:

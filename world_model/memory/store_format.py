@@ -18,12 +18,10 @@ from typing import Any
 
 from world_model.memory.store_rows import COLUMNS
 
-FIRST_VERSION = 1
-"""Without marks; taken over when it is opened."""
+FIRST_VERSION = 1  # Without marks; taken over when it is opened
 VERSION = 202611
 """Year and month of the format. A next one differs in two bits or more: one bit is a damage, not a version."""
-APPLICATION = 0x77686272
-"""Marks the file as a world model's among all that SQLite may have written."""
+APPLICATION = 0x77686272  # Marks the file as a world model's among all that SQLite may have written
 PAGE = 4096
 MAGIC = b"SQLite format 3\0"
 

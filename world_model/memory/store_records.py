@@ -20,10 +20,8 @@ from world_model.memory.store_rows import COLUMNS, Written, decode
 from world_model.state import WorldObject, most_probable
 from world_model.symbols import parse_symbol
 
-REACH = 1.0
-"""m around a place from which nothing is there more probably than not."""
-AT_ONCE = 5000
-"""Rows of history that are sooner looked through than objects one by one."""
+REACH = 1.0  # m around a place from which nothing is there more probably than not
+AT_ONCE = 5000  # Rows of history that are sooner looked through than objects one by one
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,7 @@ Row = tuple[Any, ...]
 TABLES = (*COUNTED, CLOCK)
 # What reading a damaged file may raise: SQLite's messages may hold bytes of the file that are no text.
 READING_ERRORS = (sqlite3.Error, ValueError, OverflowError, SystemError, MemoryError)
-MOST = 5
-"""Damages that are named one by one."""
+MOST = 5  # Damages that are named one by one
 SLICE = 500
 
 

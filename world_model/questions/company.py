@@ -23,14 +23,10 @@ from world_model.questions.naming import (
 from world_model.questions.past import Change, changes_of, since_when, told_change
 from world_model.questions.recall import DAY, PERSON, Recall
 
-BESIDE = 1.0
-"""m: who is that close to a piece of furniture is at it."""
-NOW = 300.0
-"""s: who was seen within it is taken to be there."""
-AROUND_MOVE = 30.0
-"""s before and after a move in which somebody who was there may have moved it."""
-PAUSE = 900.0
-"""s: who is back within it has not been away."""
+BESIDE = 1.0  # m: who is that close to a piece of furniture is at it
+NOW = 300.0  # s: who was seen within it is taken to be there
+AROUND_MOVE = 30.0  # s before and after a move in which somebody who was there may have moved it
+PAUSE = 900.0  # s: who is back within it has not been away
 
 
 @dataclass(frozen=True)

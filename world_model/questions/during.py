@@ -13,8 +13,7 @@ from world_model.questions.where import evidence_of, within
 
 FOUND, NOT_FOUND = 0.96, 0.9
 """That something was where it was seen at some time; that it was nowhere else between the looks."""
-AT_FIRST = 4.0 * DAY
-"""s: of the end of a span, in which it is looked for first when something left a place."""
+AT_FIRST = 4.0 * DAY  # s: of the end of a span, in which it is looked for first when something left a place
 
 
 def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None = None) -> dict[str, float]:

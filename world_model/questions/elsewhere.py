@@ -13,22 +13,14 @@ from datetime import datetime
 from world_model.questions.presence import Course, course_of
 from world_model.questions.recall import BELIEVED, DAY, FOUND_AFTER, PERSON, Recall, Timeline
 
-WEEKS = 28 * DAY
-"""s: of the history that says where things go."""
-OUT = 2.0 * FOUND_AFTER
-"""s: what was found no sooner was out of the house, as far as anybody could tell."""
-HOURS = 1.0
-"""Deviation of the time of day at which something does the same again."""
-ANY_HOUR, ANY_PLACE = 0.05, 0.3
-"""What counts a move at another time of day, and one from another place."""
-PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15
-"""What is taken to be known of where anything goes, in moves."""
-OVERLOOKED = 0.02
-"""That a look at a place does not find what is there."""
-GUESS = 0.4
-"""Probability below which a place is no answer."""
-SHORTEST, LONGEST = 120.0, 6 * 3600.0
-"""s: of a round of looks."""
+WEEKS = 28 * DAY  # s: of the history that says where things go
+OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell
+HOURS = 1.0  # Deviation of the time of day at which something does the same again
+ANY_HOUR, ANY_PLACE = 0.05, 0.3  # What counts a move at another time of day, and one from another place
+PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15  # What is taken to be known of where anything goes, in moves
+OVERLOOKED = 0.02  # That a look at a place does not find what is there
+GUESS = 0.4  # Probability below which a place is no answer
+SHORTEST, LONGEST = 120.0, 6 * 3600.0  # s: of a round of looks
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,7 @@ from world_model.questions.where import (
 from world_model.questions.wording import plainly
 from world_model.symbols import Symbols
 
-LONGEST = 500
-"""Characters of a question."""
+LONGEST = 500  # Characters of a question
 CAN_BE_ASKED = (
     "where is the red cup", "where was cup-3 yesterday at nine", "where are the cups", "where is the cup usually",
     "when was the cup last seen", "when was the cup moved", "how often was the cup moved since monday",

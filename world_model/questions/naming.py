@@ -11,14 +11,10 @@ from world_model.questions.spelling import is_called, respelled
 from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
-LEAST = 0.3
-"""Probability of class and colours from which on an object is meant."""
-MOST_PAST = 60
-"""Objects of a class that are no longer there, among which one is looked for."""
-NAMES = ("name", "identity")
-"""Attributes that say what a person is called."""
-MOST_PEOPLE = 200
-"""Ids of people among whom one with a name is looked for."""
+LEAST = 0.3  # Probability of class and colours from which on an object is meant
+MOST_PAST = 60  # Objects of a class that are no longer there, among which one is looked for
+NAMES = ("name", "identity")  # Attributes that say what a person is called
+MOST_PEOPLE = 200  # Ids of people among whom one with a name is looked for
 AT, NOT_AT = (
     "on top of|on|in|at|inside|within|from",
     "next to|close to|in front of|under|near|by|beside|around|behind",

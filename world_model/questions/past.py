@@ -15,10 +15,8 @@ from world_model.questions.where import evidence_of
 WEEK = 7 * 86400.0
 DAYS, ENDS = 3 * 86400.0, 80
 """Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
-LONG = 1500
-"""Rows of an object's history that are read where no time is given."""
-CONFIRMED = 60.0
-"""s: what was seen for less may have been a false detection, and is not missed."""
+LONG = 1500  # Rows of an object's history that are read where no time is given
+CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, and is not missed
 
 
 @dataclass(frozen=True)

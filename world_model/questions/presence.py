@@ -11,8 +11,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.questions.recall import BELIEVED, PERSON, Recall, Timeline
 
-MOST = 25_000
-"""Rows of history that are looked through: some weeks of a busy home."""
+MOST = 25_000  # Rows of history that are looked through: some weeks of a busy home
 
 
 Sight = tuple[float, str, bytes, float, int, float, float]

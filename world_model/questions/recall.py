@@ -26,34 +26,22 @@ if TYPE_CHECKING:
     from world_model.world import WorldModel
 
 PERSON = "person"
-APART = 0.5
-"""m: so far from where it was something has been moved, where no other place says so."""
-STEP = 0.005
-"""m: what moves less from row to row rests."""
-AWAY = 900.0
-"""s: what was missing for longer and is back began another stay."""
-BELIEVED = 0.5
-"""Existence below which something is not told of as being there."""
+APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
+STEP = 0.005  # m: what moves less from row to row rests
+AWAY = 900.0  # s: what was missing for longer and is back began another stay
+BELIEVED = 0.5  # Existence below which something is not told of as being there
 LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
 DAY = 86400.0
-PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY
-"""What is taken to be known of the rate of moves of anything."""
-BACK_AGAIN = 0.25
-"""Share of moves between two looks that lead back before the second."""
+PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
+BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
 KEPT = 256
-NEWEST = 400
-"""Rows of an object's history that a question about the present reads."""
-RECENT = 60
-"""Objects of a class that ended last, among which doubles are looked for."""
-AROUND = 1.5 * DAY
-"""s: of the history that says where something was at a moment."""
-FOUND_AFTER = 1200.0
-"""s: what was missing is found about so long after it came back."""
-SAME = 0.93
-"""That what looks like something that went, and came since, is the same."""
-RETURNS = 7.0 * DAY
-"""s: what was away for longer is another one."""
+NEWEST = 400  # Rows of an object's history that a question about the present reads
+RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
+AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
+FOUND_AFTER = 1200.0  # s: what was missing is found about so long after it came back
+SAME = 0.93  # That what looks like something that went, and came since, is the same
+RETURNS = 7.0 * DAY  # s: what was away for longer is another one
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from world_model.questions.presence import presence_of
 from world_model.questions.recall import DAY, Recall
 from world_model.questions.where import is_at, where_usually
 
-WEEKS = 28 * DAY
-"""s: of the history that habits and routines are read from."""
+WEEKS = 28 * DAY  # s: of the history that habits and routines are read from
 LEAST_DAYS = 2.0
 USUAL = 0.5
 AHEAD = 2 * 3600.0

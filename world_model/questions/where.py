@@ -29,10 +29,8 @@ MONTH = 28 * 86400.0
 TWIN, SWAPPED = 0.85, 0.5
 """That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
 both moved, and where they were."""
-UNSEEN = 0.89
-"""The most that is told of a place where something was not seen: it is never told as sure."""
-LATELY = 6 * 3600.0
-"""s: what went from where it was no longer ago may be where it usually goes then."""
+UNSEEN = 0.89  # The most that is told of a place where something was not seen: it is never told as sure
+LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where it usually goes then
 
 
 def where_is(world: Recall, what: str) -> Answer:
@@ -413,10 +411,7 @@ def _chances(world: Recall, line: Timeline, stamp: float) -> dict[str, float]:
 
 
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
-    """What is, or was, at a place at a moment. value : ids.
-
-    Raises NothingKnownError, AmbiguousError.
-    """
+    """What is, or was, at a place at a moment. value : ids. Raises NothingKnownError, AmbiguousError."""
     where = place_named(world, place)
     stamp = world.now if when is None else within(world, when).middle
     chances = at_place(world, where, stamp)

@@ -31,9 +31,7 @@ OCCLUDED, FOUND, NOT_FOUND = "occluded", "found", "not_found"
 class Box:
     """A region: centre (3,) and size (3,) m, along the axes of the map.
 
-    Raises
-    ------
-    InputError : a size that is not positive.
+    Raises InputError: a size that is not positive.
     """
 
     centre: FloatArray
