@@ -218,11 +218,6 @@ def default_symbols() -> Symbols:
     return Symbols(yaml.safe_load(text))
 
 
-def object_symbol(class_name: str, number: int) -> str:
-    """`cup-3` of ("cup", 3)."""
-    return f"{class_name}-{number}"
-
-
 def parse_symbol(symbol: str) -> tuple[str, int] | None:
     """("cup", 3) of `cup-3`; None where it is no such symbol."""
     found = SYMBOL.fullmatch(symbol)

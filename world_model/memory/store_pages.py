@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from world_model.memory.store_format import PAGE
 
-LEAF, INTERIOR = 13, 5
+LEAF = 13
 INDEX = (2, 10)
 LOG_HEAD, FRAME_HEAD = 32, 24
 FRAME = FRAME_HEAD + PAGE

@@ -235,10 +235,6 @@ class Relations:
         base = max(self._room_frames[room] + weight, 1e-300)
         return np.asarray((self._pairs_in(room).diagonal() + weight * share) / base)
 
-    def column(self, names: Sequence[str]) -> FloatArray:
-        """(M,) indices into `names` of the relations; -1 where one is unknown."""
-        return np.array([self._index.get(self.unified(name), -1) for name in names], dtype=np.int64)
-
     def posterior(self, target: str, observed: Sequence[str]) -> dict[str, float]:
         """(5.2): p(o_j | o_T) over the observed names; sums to one."""
         total = sum(self.count(name) for name in observed) or 1.0
@@ -246,11 +242,6 @@ class Relations:
         joint = {name: self.probability(target, name) * prior[name] for name in observed}
         norm = sum(joint.values())
         return {name: value / norm for name, value in joint.items()} if norm > 0.0 else {}
-
-    @property
-    def room_types(self) -> list[str]:
-        """Room types frames were counted for."""
-        return list(self._rooms)
 
     def room_probability(self, name: str, room: str) -> float:
         """p(name | room): the share of the room's frames that show it, smoothed as (5.1)."""
