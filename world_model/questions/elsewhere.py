@@ -39,12 +39,7 @@ class Elsewhere:
 
 def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
     """Where an object is that was not found where it was; `line` has at least its last stay."""
-    key = f"elsewhere {line.id}"
-    known = world.kept.get(key)
-    if not isinstance(known, Elsewhere):
-        known = _weighed(world, line)
-        world.kept[key] = known
-    return known
+    return world.once(f"elsewhere {line.id}", lambda: _weighed(world, line))
 
 
 def _weighed(world: Recall, line: Timeline) -> Elsewhere:

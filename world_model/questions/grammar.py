@@ -26,7 +26,7 @@ from world_model.questions.answers import (
 )
 from world_model.questions.moments import Span, ahead, extract
 from world_model.questions.naming import PREPOSITIONS, is_person, phrases
-from world_model.questions.recall import Recall, recall
+from world_model.questions.recall import Recall, Trust, recall
 from world_model.questions.spelling import respelled
 from world_model.questions.wording import plainly
 from world_model.symbols import Symbols
@@ -336,7 +336,7 @@ def answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
     except AmbiguousError as error:
         return Answer(str(error), "choices", 1.0, iso(world.now), None, (), (), error.choices)
     except NothingKnownError as error:
-        return Answer(str(error), "unknown", 0.9, iso(world.now))
+        return Answer(str(error), "unknown", Trust.NOT_SEEN, iso(world.now))
     except NotUnderstoodError as error:
         return Answer(str(error), "not_understood", choices=CAN_BE_ASKED)
     except InputError as error:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.questions.recall import BELIEVED, PERSON, Recall, Timeline
+from world_model.questions.recall import BELIEVED, PERSON, Recall, Timeline, of_all
 
 MOST = 25_000  # Rows of history that are looked through: some weeks of a busy home
 
@@ -32,10 +32,7 @@ class Course:
         for place, seconds in zip(self.places, np.diff(edges).tolist(), strict=True):
             if place is not None and seconds > 0.0:
                 spent[place] = spent.get(place, 0.0) + seconds
-        total = sum(spent.values())
-        if absent and len(self.stamps):
-            total = max(total, end - max(start, float(self.stamps[0])))
-        return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
+        return of_all(spent, end - max(start, float(self.stamps[0])) if absent and len(self.stamps) else 0.0)
 
 
 @dataclass(frozen=True)
@@ -54,12 +51,7 @@ class Presence:
 
 def presence_of(world: Recall, start: float) -> Presence:
     """Where all that is no person was since a moment, or since what `MOST` rows tell; read once."""
-    key = f"presence {start}"
-    known = world.kept.get(key)
-    if not isinstance(known, Presence):
-        known = _read(world, start)
-        world.kept[key] = known
-    return known
+    return world.once(f"presence {start}", lambda: _read(world, start))
 
 
 def course_of(world: Recall, name: str, start: float) -> Course | None:
@@ -67,11 +59,7 @@ def course_of(world: Recall, name: str, start: float) -> Course | None:
     whole = world.kept.get(f"presence {start}")
     if isinstance(whole, Presence):
         return whole.courses.get(name)
-    key = f"course {name} {start}"
-    if key not in world.kept:
-        world.kept[key] = _of_one(world, name, start)
-    known = world.kept[key]
-    return known if isinstance(known, Course) else None
+    return world.once(f"course {name} {start}", lambda: _of_one(world, name, start))
 
 
 def _of_one(world: Recall, name: str, start: float) -> Course | None:

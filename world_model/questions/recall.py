@@ -7,10 +7,10 @@ import json
 import math
 import re
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,8 @@ from world_model.symbols import Symbols, default_symbols, parse_symbol
 if TYPE_CHECKING:
     from world_model.world import WorldModel
 
+T = TypeVar("T")
+DAY = 86400.0  # s
 PERSON = "person"
 APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
 STEP = 0.005  # m: what moves less from row to row rests
@@ -32,7 +34,6 @@ AWAY = 900.0  # s: what was missing for longer and is back began another stay
 BELIEVED = 0.5  # Existence below which something is not told of as being there
 LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
-DAY = 86400.0
 PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
 BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
 KEPT = 256
@@ -42,6 +43,17 @@ AROUND = 1.5 * DAY  # s: of the history that says where something was at a momen
 FOUND_AFTER = 1200.0  # s: what was missing is found about so long after it came back
 SAME = 0.93  # That what looks like something that went, and came since, is the same
 RETURNS = 7.0 * DAY  # s: what was away for longer is another one
+
+
+class Trust:
+    """Probabilities that an answer is right, rounded from the first households of `experiment questions`."""
+
+    SEEN = 0.97  # it says what was seen
+    CHANGED = 0.98  # it says all that changed
+    STORY = 0.95  # it says when something was moved, or all that was done with it
+    NOT_SEEN = 0.9  # it says that something was not, as nobody saw it
+    EACH = 0.99  # factor for each thing that it lists
+    NEAR_BY, NOBODY = 0.7, 0.6  # who was where something was moved had to do with it; that nobody had
 
 
 @dataclass(frozen=True)
@@ -134,6 +146,12 @@ class Timeline:
 
         absent : of all the time since it was first seen, else of that in which it was anywhere.
         """
+        return of_all(
+            self.spent(start, end), end - max(start, self.stays[0].since) if absent and self.stays else 0.0
+        )
+
+    def spent(self, start: float, end: float) -> dict[str, float]:
+        """s between two moments by place; of what passed between two stays half each."""
         spent: dict[str, float] = {}
         for stay, after in zip(self.stays, [*self.stays[1:], None], strict=True):
             until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
@@ -142,10 +160,13 @@ class Timeline:
             long = min(until, end) - max(stay.since, start)
             if long > 0.0:
                 spent[stay.place] = spent.get(stay.place, 0.0) + long
-        total = sum(spent.values())
-        if absent and self.stays:
-            total = max(total, end - max(start, self.stays[0].since))
-        return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
+        return spent
+
+
+def of_all(spent: dict[str, float], least: float) -> dict[str, float]:
+    """Shares of their sum, or of `least` s where that is more."""
+    total = max(sum(spent.values()), least)
+    return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
 
 
 class Links:
@@ -158,12 +179,13 @@ class Links:
         """For ids of a class that ended the id that goes on, with its probability."""
         if kind == PERSON or not kind or self._recall.store is None:
             return {}
-        found = self._recall.kept.get(f"links {kind}")
-        if not isinstance(found, dict):
-            lives = self._lives(kind)
-            found = self._recall.kept[f"links {kind}"] = _linked(lives)
-            self._doubles(lives, found)
-        return found
+        return self._recall.once(f"links {kind}", lambda: self._made(kind))
+
+    def _made(self, kind: str) -> dict[str, tuple[str, float]]:
+        lives = self._lives(kind)
+        links = _linked(lives)
+        self._doubles(lives, links)
+        return links
 
     def _doubles(self, lives: list[Life], links: dict[str, tuple[str, float]]) -> None:
         """What ended where another one like it is from then on was that one, with an id of its own for a while."""
@@ -186,11 +208,7 @@ class Links:
                     links[life.id] = (other.id, SAME)
                     doubles.add(life.id)
                     break
-        self._recall.kept["doubles"] = self._known_doubles() | doubles
-
-    def _known_doubles(self) -> set[str]:
-        found = self._recall.kept.get("doubles")
-        return found if isinstance(found, set) else set()
+        self._recall.doubles |= doubles
 
     def _lives(self, kind: str) -> list[Life]:
         assert self._recall.store is not None
@@ -205,8 +223,7 @@ class Links:
     def before(self, object_id: str) -> list[str]:
         """Earlier ids of an object, the newest first."""
         links = self.of(self._recall.kind(object_id))
-        doubles = self._known_doubles()
-        previous = {after: name for name, (after, _) in links.items() if name not in doubles}
+        previous = {after: name for name, (after, _) in links.items() if name not in self._recall.doubles}
         found = []
         while object_id in previous:
             object_id = previous[object_id]
@@ -229,7 +246,15 @@ class Recall:
     store: Store | None = None
     sequence: int = -1
     _timelines: OrderedDict[tuple[str, int], Timeline] = field(default_factory=OrderedDict, repr=False)
-    kept: dict[str, object] = field(default_factory=dict, repr=False)
+    kept: dict[str, Any] = field(default_factory=dict, repr=False)
+    doubles: set[str] = field(default_factory=set, repr=False)
+
+    def once(self, key: str, make: Callable[[], T]) -> T:
+        """What `make` says, which is asked once."""
+        if key not in self.kept:
+            self.kept[key] = make()
+        found: T = self.kept[key]
+        return found
 
     @classmethod
     def of_store(cls, store: Store, places: Places | None = None, symbols: Symbols | None = None) -> Recall:
@@ -328,19 +353,18 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
             return self.timeline(name)
-        key = f"since {name} {start}"
-        known = self.kept.get(key)
-        if not isinstance(known, Timeline):
-            known = self.read(name, self.epoch, start - AROUND)
-            if known.stays and known.stays[0].since > start and self.store is not None:
-                # It was not looked at for long before: from when it was seen last.
-                earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
-                known = self.read(name, self.epoch, earlier[0][0]) if earlier else known
-            for before in self._links.before(name):
-                if known.stays and known.stays[0].since <= start:
-                    break
-                known = _joined(self.read(before, self.epoch, start - AROUND), known)
-            self.kept[key] = known
+        return self.once(f"since {name} {start}", lambda: self._from(name, start))
+
+    def _from(self, name: str, start: float) -> Timeline:
+        known = self.read(name, self.epoch, start - AROUND)
+        if known.stays and known.stays[0].since > start and self.store is not None:
+            # It was not looked at for long before: from when it was seen last.
+            earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
+            known = self.read(name, self.epoch, earlier[0][0]) if earlier else known
+        for before in self._links.before(name):
+            if known.stays and known.stays[0].since <= start:
+                break
+            known = _joined(self.read(before, self.epoch, start - AROUND), known)
         return known
 
     def has_changed(self, object_id: str) -> bool:
@@ -368,12 +392,7 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines:
             return self._timelines[name, self.epoch]
-        key = f"latest {name} {most}"
-        known = self.kept.get(key)
-        if not isinstance(known, Timeline):
-            known = self._until(name, math.inf, most)
-            self.kept[key] = known
-        return known
+        return self.once(f"latest {name} {most}", lambda: self._until(name, math.inf, most))
 
     def _until(self, name: str, end: float, most: int = NEWEST) -> Timeline:
         """The newest stays that began before a moment, s."""
@@ -391,14 +410,11 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines:
             return self._timelines[name, self.epoch]
-        key = f"glimpse {name} {stamp}"
-        known = self.kept.get(key)
-        if not isinstance(known, Timeline):
-            known = self.read(name, self.epoch, stamp - AROUND, stamp + AROUND)
-            if not known.stays or known.stays[0].since > stamp:
-                known = self._until(name, stamp + AROUND)
-            self.kept[key] = known
-        return known
+        return self.once(f"glimpse {name} {stamp}", lambda: self._around(name, stamp))
+
+    def _around(self, name: str, stamp: float) -> Timeline:
+        known = self.read(name, self.epoch, stamp - AROUND, stamp + AROUND)
+        return known if known.stays and known.stays[0].since <= stamp else self._until(name, stamp + AROUND)
 
     def window(self, object_id: str, start: float, end: float) -> Timeline:
         """The part of an object's timeline around a span of time."""
@@ -412,12 +428,12 @@ class Recall:
 
     def active(self, start: float, end: float) -> list[str]:
         """Objects of this run of which anything is known between two moments."""
-        if self.store is None:
-            return list(self.present)
-        key = f"active {start} {end}"
-        if key not in self.kept:
-            self.kept[key] = self.store.active(start, end)
-        return list(self.kept[key])  # type: ignore[call-overload]
+        store = self.store
+        return list(
+            self.present
+            if store is None
+            else self.once(f"active {start} {end}", lambda: store.active(start, end))
+        )
 
     def departed(self, ago: float) -> list[str]:
         """Objects that went from where they were no longer than `ago` s before now."""
@@ -429,12 +445,7 @@ class Recall:
         return [name, *self._links.before(name)]
 
     def read(
-        self,
-        object_id: str,
-        run: int,
-        start: float = -math.inf,
-        end: float = math.inf,
-        most: int = -1,
+        self, object_id: str, run: int, start: float = -math.inf, end: float = math.inf, most: int = -1
     ) -> Timeline:
         """The stays of one id in a run, between two moments, s, or the newest rows."""
         item = self.present.get(object_id) if run == self.epoch and end >= self.now else None
@@ -461,12 +472,9 @@ class Recall:
 
     def words(self, positions: FloatArray) -> list[str]:
         """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
-        ordered = self.kept.get("places")
-        if not isinstance(ordered, _Ordered):
-            # What is said last is said: the smallest furniture.
-            places = sorted(self.places, key=lambda place: (place.kind != "room", -place.area))
-            ordered = self.kept["places"] = _Ordered(places)
-        return _words(ordered, positions)
+        # What is said last is said: the smallest furniture.
+        order = lambda: sorted(self.places, key=lambda place: (place.kind != "room", -place.area))  # noqa: E731
+        return _words(self.once("places", lambda: _Ordered(order())), positions)
 
     def place_probability(self, item: WorldObject, place: str) -> float:
         """That an object which exists, and is where it was measured, is at a place."""

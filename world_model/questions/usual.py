@@ -21,7 +21,7 @@ from world_model.questions.answers import (
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
 from world_model.questions.presence import presence_of
-from world_model.questions.recall import DAY, Recall
+from world_model.questions.recall import DAY, Recall, Trust
 from world_model.questions.where import is_at, where_usually
 
 WEEKS = 28 * DAY  # s: of the history that habits and routines are read from
@@ -54,7 +54,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     )
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
-    probability = 0.98 * math.prod(_certain(share) for share in shares.values())
+    probability = Trust.CHANGED * math.prod(_certain(share) for share in shares.values())
     options = tuple({"object": name, "place": where, "probability": share} for name, share in shares.items())
     return Answer(
         f"{sentence}, {told(probability)}.",
@@ -137,9 +137,10 @@ def is_at_usual_place(world: Recall, what: str) -> Answer:
 
 def learned(world: Recall) -> Routines:
     """Routines of the last weeks of history. Raises NothingKnownError where there are less than two days."""
-    kept = world.kept.get("routines")
-    if isinstance(kept, Routines):
-        return kept
+    return world.once("routines", lambda: _learned(world))
+
+
+def _learned(world: Recall) -> Routines:
     config = RoutinesConfig(days=round(WEEKS / DAY) + 1)
     start = world.now - WEEKS
     courses = presence_of(world, start).courses
@@ -173,6 +174,4 @@ def learned(world: Recall) -> Routines:
         "last": last, "moves": float(moves), "exposure": float(len(courses) * (last - first)),
         "places": dict.fromkeys(names), "objects": things,
     }  # fmt: skip
-    made = Routines.from_dict(data)
-    world.kept["routines"] = made
-    return made
+    return Routines.from_dict(data)
