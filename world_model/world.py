@@ -23,7 +23,7 @@ from world_model.memory.habits import Habits
 from world_model.memory.household import SUFFIX, ByNow, Household
 from world_model.memory.store import Store
 from world_model.predictions import Behavior, checked_predictions
-from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
+from world_model.queries import LAST_SEEN, QueryAnswer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
 from world_model.warm_up import warm_up
 
@@ -228,7 +228,7 @@ class WorldModel:
             objects, float(self.anchoring.beliefs.probabilities()[0]), expected, stamp, self.epoch
         )
 
-    def query(self, *, stamp: float | str | None = None, **request: Any) -> list[Answer]:
+    def query(self, *, stamp: float | str | None = None, **request: Any) -> list[QueryAnswer]:
         """Which objects meet a request, the most probable first; see `world_model.queries.Request`.
 
         class_name, predicate (one symbol or several), region (name of a place or of an object, a `Place`, or

@@ -25,7 +25,7 @@ Where it differs from the text:
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -369,29 +369,14 @@ class SwitchingFilter:
         motion: ConstantVelocity,
         mean: npt.ArrayLike,
         covariance: npt.ArrayLike,
-        k_crit: float = 1.075,
-        particles: int = 1000,
-        samples: int = 250,
-        mardia_interval: int = 40,
-        seed: int = 0,
-        position_in_ratio: bool = True,
-        decorrelated: bool = True,
+        *settings: Any,
+        **named: Any,
     ) -> None:
         mean = as_vectors("mean", mean, 4)
         if mean.shape != (4,):
             raise InputError(f"mean must have shape (4,), not {mean.shape}")
-        self._bank = SwitchingBank(
-            motion,
-            mean[None],
-            as_floats("covariance", covariance)[None],
-            k_crit,
-            particles,
-            samples,
-            mardia_interval,
-            seed,
-            position_in_ratio,
-            decorrelated,
-        )
+        spread = as_floats("covariance", covariance)[None]
+        self._bank = SwitchingBank(motion, mean[None], spread, *settings, **named)
 
     def predict(self, dt: float) -> None:
         """Move the target dt ≥ 0 seconds on."""

@@ -11,7 +11,7 @@ from estimation.checks import FloatArray
 from world_model.anchoring.loops.kernels import SETTLED_HITS
 from world_model.anchoring.loops.leaves import MOVING, IntArray, Leaves
 from world_model.anchoring.loops.look import Look
-from world_model.evidence import Sensor
+from world_model.evidence import SensorCone
 
 EDGES = 2.0 ** np.arange(1.0, 6.01, 0.5)
 """Bounds of the distances that are told apart, in standard deviations of a detection."""
@@ -116,7 +116,7 @@ class Rounds:
         self._sensors: list[tuple[Pose | None, float, float]] = []
         self.patience = LONGEST
 
-    def look(self, sensor: Sensor | None, stamp: float, silent: bool) -> None:
+    def look(self, sensor: SensorCone | None, stamp: float, silent: bool) -> None:
         """Take a look in; `patience` is then how long, in seconds, a mover is shown that nobody looks at.
 
         silent : whether not being seen means nothing in this look.

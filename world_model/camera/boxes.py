@@ -20,7 +20,7 @@ SCAN_SIGMA = 0.25  # m: a scanner meets the furniture at its edge, and the thing
 
 
 @dataclass(frozen=True)
-class Box:
+class ImageBox:
     """A frame around an object in an image: middle and sides, pixels."""
 
     x: float
@@ -30,7 +30,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Located:
+class LocatedBox:
     """position (3,), covariance (3, 3) in the camera's optical frame, m and m²; width, height : m, 0 where unknown."""
 
     position: FloatArray
@@ -39,7 +39,7 @@ class Located:
     height: float
 
 
-def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
+def located(box: ImageBox, camera: CameraModel, depth: DepthImage) -> LocatedBox:
     """Position and extent of the object in a box, by a depth image of the same camera.
 
     Raises InputError: a box without size or outside of the image, or nothing in it with a known depth.
@@ -59,7 +59,7 @@ def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
     )
 
 
-def located_by_scan(box: Box, camera: CameraModel, pose: FloatArray, scan: LevelScan) -> Located:
+def located_by_scan(box: ImageBox, camera: CameraModel, pose: FloatArray, scan: LevelScan) -> LocatedBox:
     """The same by a level scan, from the camera's pose (4, 4) in the frame of the scan.
 
     Raises InputError: as `located`, or the scanner meets nothing in that direction.
@@ -73,7 +73,7 @@ def located_by_scan(box: Box, camera: CameraModel, pose: FloatArray, scan: Level
     return _placed(box, camera, away / level, SCAN_SIGMA)
 
 
-def _check(box: Box, camera: CameraModel) -> None:
+def _check(box: ImageBox, camera: CameraModel) -> None:
     if not (np.isfinite([box.x, box.y]).all() and 0.0 < box.width < np.inf and 0.0 < box.height < np.inf):
         raise InputError(
             f"bbox: a finite middle and sides above 0 expected, got {box.x:g}, {box.y:g}, "
@@ -87,7 +87,7 @@ def _check(box: Box, camera: CameraModel) -> None:
         )
 
 
-def _placed(box: Box, camera: CameraModel, front: float, sigma: float) -> Located:
+def _placed(box: ImageBox, camera: CameraModel, front: float, sigma: float) -> LocatedBox:
     ray = camera.rays([[box.x, box.y]])[0]
     width, height = box.width * front / camera.fx, box.height * front / camera.fy
     # The middle of a thing lies behind its front by about half of the smaller side.
@@ -103,4 +103,4 @@ def _placed(box: Box, camera: CameraModel, front: float, sigma: float) -> Locate
     covariance = np.diag([across[0] ** 2, across[1] ** 2, 0.0]) + along**2 * np.outer(direction, direction)
     # Nor does what is cut tell how large it is.
     width, height = (0.0, 0.0) if cut_x or cut_y else (width, height)
-    return Located(ray * ahead, covariance + 1e-6 * np.eye(3), width, height)
+    return LocatedBox(ray * ahead, covariance + 1e-6 * np.eye(3), width, height)

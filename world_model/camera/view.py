@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.camera.boxes import Box
+from world_model.camera.boxes import ImageBox
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 from world_model.camera.rates import SightRates
@@ -50,7 +50,7 @@ class CameraView:
     pose_covariance: FloatArray | None = None
     origin: FloatArray | None = None
     rates: SightRates = field(default_factory=SightRates)
-    taken: tuple[Box, ...] = ()
+    taken: tuple[ImageBox, ...] = ()
 
     @property
     def knows_hidden(self) -> bool:

@@ -26,7 +26,7 @@ LEAST = 900.0  # s: and less than this says nothing
 WATCHED = 60.0  # s: for how long after its last measurement something counts as watched
 
 
-class History(Protocol):
+class NoteSource(Protocol):
     """The part of a store that habits are learned from."""
 
     def notes(self) -> Iterable[Note]: ...
@@ -66,7 +66,7 @@ class Habits:
                 self._total[key][int(hour) % BINS] += until - begin
             begin = until
 
-    def learn(self, store: History) -> None:
+    def learn(self, store: NoteSource) -> None:
         """Everything that a store's history says: objects stay where they were noted until they are noted elsewhere."""
         if not self._names:
             return

@@ -1,6 +1,6 @@
 """Memory of the world model: every change of the most probable world, in one SQLite file.
 
-One transaction per message in write-ahead mode: a crash loses at most the message that was being written. Table
+One transaction per message in write-ahead mode: a crash loses at most the message that was being written. StoreTable
 `current` always has the newest state of every object, for the restart; `history` has a row per event, for questions
 about the past, and is thinned out when it exceeds a limit: what is old, and no event, first.
 """
@@ -25,8 +25,8 @@ from world_model.memory.store_format import (
     HISTORY,
     NAMES,
     OBJECTS,
-    Clock,
-    Table,
+    StoreClock,
+    StoreTable,
     summed,
 )
 from world_model.memory.store_keeper import Keeper
@@ -60,8 +60,8 @@ class _Change:
     past: int = 0
     marks: int = 0
 
-    def applied(self, clock: Clock) -> Clock:
-        return Clock(
+    def applied(self, clock: StoreClock) -> StoreClock:
+        return StoreClock(
             self.epoch,
             self.stamp,
             clock.identity,
@@ -259,7 +259,7 @@ class Store(Records):
         rows = self._execute("SELECT count(*) FROM history WHERE key = ?", found[0]).fetchone()[0]
         return int(found[0]), int(rows)
 
-    def _put(self, table: Table, *values: object) -> int:
+    def _put(self, table: StoreTable, *values: object) -> int:
         """Write a row, in place of the one with the same key; returns its mark."""
         mark = table.mark(values)
         self._file.connection.execute(table.insert, (*values, mark))
@@ -378,7 +378,7 @@ class Store(Records):
             raise StoreError(f"{self.path}: cannot be read: {error}") from error
 
     def _resume(self) -> None:
-        self._clock = Clock.of(self._execute("SELECT * FROM clock").fetchone())
+        self._clock = StoreClock.of(self._execute("SELECT * FROM clock").fetchone())
         epoch, run = self._epoch, "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?"
         self._run = self._execute(run, epoch).fetchone()
         self._next_row = 1 + (self._execute("SELECT max(row) FROM history").fetchone()[0] or 0)

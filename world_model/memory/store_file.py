@@ -14,7 +14,14 @@ from contextlib import closing
 from pathlib import Path
 
 from estimation.errors import WhereaboutsError
-from world_model.memory.store_format import APPLICATION, FIRST_VERSION, MAGIC, VERSION, Clock, header_problem
+from world_model.memory.store_format import (
+    APPLICATION,
+    FIRST_VERSION,
+    MAGIC,
+    VERSION,
+    StoreClock,
+    header_problem,
+)
 from world_model.memory.store_pages import Pages
 from world_model.memory.store_repair import (
     READING_ERRORS,
@@ -81,7 +88,7 @@ class StoreFile:
         """Where snapshots are kept, the newest first."""
         return [Path(f"{self.path}.snapshot-{number + 1}") for number in range(SNAPSHOTS)]
 
-    def note(self, clock: Clock) -> None:
+    def note(self, clock: StoreClock) -> None:
         """Remember beside the file how far it has been written: what a log lost is then known."""
         if self._lock is not None:
             name = zlib.crc32(clock.identity.encode())
@@ -159,7 +166,7 @@ class StoreFile:
             for pragma in ("journal_mode = WAL", "synchronous = NORMAL", "secure_delete = ON"):
                 connection.execute(f"PRAGMA {pragma}").fetchall()
             connection.execute("PRAGMA wal_autocheckpoint = 1000").fetchall()
-            clock = Clock.of(connection.execute("SELECT * FROM clock").fetchone())
+            clock = StoreClock.of(connection.execute("SELECT * FROM clock").fetchone())
             self._compare_tip(clock)
             return connection
         except (sqlite3.Error, OSError) as error:
@@ -259,7 +266,7 @@ class StoreFile:
             self.aside = set_aside(self.path, "damaged")
             self.found.append(f"{self.path}: only its log was there; it was set aside as {self.aside.name}")
 
-    def _compare_tip(self, clock: Clock) -> None:
+    def _compare_tip(self, clock: StoreClock) -> None:
         assert self._lock is not None
         sequence, name, check = _TIP.unpack(os.pread(self._lock, _TIP.size, 0).ljust(_TIP.size, b"\0"))
         mine = name == zlib.crc32(clock.identity.encode()) and _tip(sequence, name)[-4:] == struct.pack(

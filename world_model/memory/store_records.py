@@ -14,7 +14,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.memory.store_file import StoreFile
-from world_model.memory.store_format import Clock
+from world_model.memory.store_format import StoreClock
 from world_model.memory.store_places import EVENT, NAME, RUN, places_of
 from world_model.memory.store_rows import COLUMNS, Written, decode
 from world_model.state import WorldObject, most_probable
@@ -63,7 +63,7 @@ class Records:
     """The reading part of `Store`."""
 
     _file: StoreFile
-    _clock: Clock
+    _clock: StoreClock
     _written: dict[str, Written]
 
     @property
@@ -196,7 +196,7 @@ class Records:
 
     def newest(self) -> tuple[int, float | None, int]:
         """Run, stamp and number of the last message that the file has."""
-        clock = Clock.of(self._execute("SELECT * FROM clock").fetchone())
+        clock = StoreClock.of(self._execute("SELECT * FROM clock").fetchone())
         return clock.epoch, clock.stamp, clock.sequence
 
     def present(self) -> list[WorldObject]:

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from datetime import datetime
 
-from world_model.questions.presence import Course, course_of
+from world_model.questions.presence import PlaceCourse, course_of
 from world_model.questions.recall import BELIEVED, DAY, FOUND_AFTER, PERSON, Recall, Timeline
 
 WEEKS = 28 * DAY  # s: of the history that says where things go
@@ -69,7 +69,7 @@ def _weighed(world: Recall, line: Timeline) -> Elsewhere:
     return Elsewhere({place: p / total for place, p in chances.items() if p > 1e-3 * total}, out / total)
 
 
-def _votes(course: Course | None, place: str, stamp: float) -> tuple[dict[str, float], float]:
+def _votes(course: PlaceCourse | None, place: str, stamp: float) -> tuple[dict[str, float], float]:
     """How often it went to each place, and out of the house, when it left a place: what was alike counts more."""
     votes: dict[str, float] = {}
     out = 0.0

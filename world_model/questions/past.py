@@ -9,7 +9,7 @@ from world_model.questions.answers import Answer, NothingKnownError, clean, cloc
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, name_of, one_named, place_named, spoken
-from world_model.questions.recall import DAY, PERSON, Recall, Stay, Timeline, Trust
+from world_model.questions.recall import DAY, PERSON, ObjectStay, Recall, Timeline, Trust
 from world_model.questions.where import evidence_of
 
 WEEK = 7 * DAY
@@ -90,9 +90,9 @@ def _line(world: Recall, name: str, span: Span) -> Timeline:
     return world.since(name, span.start) if math.isfinite(span.start) else world.latest(name, LONG)
 
 
-def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[Stay]:
+def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[ObjectStay]:
     """Stays at a place, those that follow each other in one room being one."""
-    found: list[Stay] = []
+    found: list[ObjectStay] = []
     inside = False
     for stay in line.stays:
         here = world.contains(where, stay.place)
@@ -325,7 +325,7 @@ def _is_false(world: Recall, line: Timeline) -> bool:
 def what_is_missing(world: Recall, since: str | float | Span | None = None) -> Answer:
     """What was there and is no longer, in the last week or since a moment. value : ids."""
     span = since_when(world, since if since is not None else Span(world.now - WEEK, world.now))
-    missing: list[tuple[float, str, Stay]] = []
+    missing: list[tuple[float, str, ObjectStay]] = []
     certain = 1.0
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
     candidates += world.active(span.start, span.end)

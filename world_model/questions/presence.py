@@ -18,7 +18,7 @@ Sight = tuple[float, str, bytes, float, int, float, float]
 
 
 @dataclass(frozen=True)
-class Course:
+class PlaceCourse:
     """One object: from each of `stamps` (N,), s, on it was at `places` (N,), None where it was nowhere."""
 
     stamps: FloatArray
@@ -41,7 +41,7 @@ class Presence:
 
     start: float
     end: float
-    courses: dict[str, Course]
+    courses: dict[str, PlaceCourse]
 
     def shares(self, name: str, absent: bool = False) -> dict[str, float]:
         """Share of the time by place of one object, {} where it was not seen."""
@@ -54,7 +54,7 @@ def presence_of(world: Recall, start: float) -> Presence:
     return world.once(f"presence {start}", lambda: _read(world, start))
 
 
-def course_of(world: Recall, name: str, start: float) -> Course | None:
+def course_of(world: Recall, name: str, start: float) -> PlaceCourse | None:
     """Where one object was since a moment, None where it was not seen: of few objects cheaper than `presence_of`."""
     whole = world.kept.get(f"presence {start}")
     if isinstance(whole, Presence):
@@ -62,7 +62,7 @@ def course_of(world: Recall, name: str, start: float) -> Course | None:
     return world.once(f"course {name} {start}", lambda: _of_one(world, name, start))
 
 
-def _of_one(world: Recall, name: str, start: float) -> Course | None:
+def _of_one(world: Recall, name: str, start: float) -> PlaceCourse | None:
     if world.store is None:
         line = world.timeline(name)
         return _of_line(line) if line.stays else None
@@ -103,7 +103,7 @@ def _read(world: Recall, start: float) -> Presence:
     positions = b"".join([*(row[3] for row in rows), *(row[2] for row in before.values())])
     words = world.words(np.frombuffer(positions, "<f8").reshape(-1, 3))
     first = dict(zip(before, words[len(rows) :], strict=True))
-    courses: dict[str, Course] = {}
+    courses: dict[str, PlaceCourse] = {}
     for name, found in by_name.items():
         stamps = [rows[index][1] for index in found]
         places = [words[index] if _is_there(rows[index][1:]) else None for index in found]
@@ -126,13 +126,15 @@ def _is_there(row: tuple[Any, ...]) -> bool:
     return row[1] != "gone" and not row[4] and row[3] >= BELIEVED
 
 
-def _course(stamps: list[float], places: list[str | None], seen: float) -> Course:
+def _course(stamps: list[float], places: list[str | None], seen: float) -> PlaceCourse:
     """Only where the place is another than before."""
     kept = [index for index in range(len(places)) if index == 0 or places[index] != places[index - 1]]
-    return Course(np.array([stamps[index] for index in kept]), tuple(places[index] for index in kept), seen)
+    return PlaceCourse(
+        np.array([stamps[index] for index in kept]), tuple(places[index] for index in kept), seen
+    )
 
 
-def _of_line(line: Timeline) -> Course:
+def _of_line(line: Timeline) -> PlaceCourse:
     stamps: list[float] = []
     places: list[str | None] = []
     for stay in line.stays:

@@ -57,7 +57,7 @@ class Trust:
 
 
 @dataclass(frozen=True)
-class Stay:
+class ObjectStay:
     """An object at one place. place : name, "" where no place is named. came_after, since : between these it came.
     until, left_by : between these it went, None while it is there. position : (3,) m. p : of the place, where it was.
     gone : it was then out of the world, or lost, before it was seen anywhere else."""
@@ -88,7 +88,7 @@ class Timeline:
     cut : whether there is more of it, before these stays, that was not read."""
 
     id: str
-    stays: tuple[Stay, ...]
+    stays: tuple[ObjectStay, ...]
     lost: bool
     since: float = math.inf
     cut: bool = False
@@ -101,7 +101,7 @@ class Timeline:
         known = self.stays[-1].until - self.stays[0].since
         return (len(self.stays) - 1 + PRIOR_MOVES) / (known + PRIOR_TIME)
 
-    def at(self, stamp: float) -> tuple[dict[str, float], Stay | None]:
+    def at(self, stamp: float) -> tuple[dict[str, float], ObjectStay | None]:
         """Probability by place at a moment, and the stay that is most probable; {} before it was first seen.
 
         Between two looks that found it at different places it may have gone at any moment; what is not told for is
@@ -125,12 +125,12 @@ class Timeline:
         chances[after.place] = chances.get(after.place, 0.0) + there
         return chances, stay if stays_yet >= there else after
 
-    def _doubt(self, stay: Stay) -> float:
+    def _doubt(self, stay: ObjectStay) -> float:
         """That it was elsewhere for a while during a stay, and nobody saw."""
         gap = (stay.until - stay.since) / max(stay.seen - 1, 1)
         return min(BACK_AGAIN * (1.0 - math.exp(-self.rate * gap)), 0.3)
 
-    def _later(self, stay: Stay, stamp: float) -> tuple[dict[str, float], Stay]:
+    def _later(self, stay: ObjectStay, stamp: float) -> tuple[dict[str, float], ObjectStay]:
         if stay.left_by is not None and stamp >= stay.left_by:
             return {}, stay
         if stay.left_by is not None:
@@ -596,9 +596,9 @@ def _words(ordered: _Ordered, positions: FloatArray) -> list[str]:
 
 def _stays(
     stamps: list[float], here: list[bool], seen: list[float], positions: FloatArray, words: list[str]
-) -> tuple[Stay, ...]:
+) -> tuple[ObjectStay, ...]:
     """Rows of history joined where an object is still at the same place."""
-    stays: list[Stay] = []
+    stays: list[ObjectStay] = []
     for begin, end in _runs(here, positions, words):
         stamp, position, word = stamps[begin], positions[begin], words[begin]
         current = stays[-1] if stays else None
@@ -620,7 +620,7 @@ def _stays(
             continue
         after = current.until if current is not None else -math.inf
         since = min(seen[begin], stamp) if seen[begin] > after else stamp
-        stays.append(Stay(word, after, since, max(since, until), None, position, seen=end - begin))
+        stays.append(ObjectStay(word, after, since, max(since, until), None, position, seen=end - begin))
     return tuple(stays)
 
 
@@ -637,7 +637,7 @@ def _runs(here: list[bool], positions: FloatArray, words: list[str]) -> list[tup
     return list(itertools.pairwise(edges))
 
 
-def _goes_on(current: Stay, word: str, position: FloatArray, stamp: float) -> bool:
+def _goes_on(current: ObjectStay, word: str, position: FloatArray, stamp: float) -> bool:
     """Whether what is seen still belongs to a stay."""
     if current.place != word:
         return False

@@ -24,7 +24,7 @@ from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.presence import course_of
-from world_model.questions.recall import BELIEVED, DAY, PERSON, Recall, Stay, Timeline, Trust
+from world_model.questions.recall import BELIEVED, DAY, PERSON, ObjectStay, Recall, Timeline, Trust
 
 MONTH = 28 * DAY
 TWIN, SWAPPED = 0.85, 0.5
@@ -182,7 +182,7 @@ def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
     return replace(there, sentence=sentence, probability=0.8 * there.probability, alternatives=options)
 
 
-def _position(stay: Stay) -> str:
+def _position(stay: ObjectStay) -> str:
     x, y, z = stay.position
     return f"at ({x:.2f}, {y:.2f}, {z:.2f}) m"
 
@@ -214,7 +214,7 @@ def _gaps(line: Timeline) -> list[tuple[float, float]]:
     return [(stay.until, after.since) for stay, after in zip(line.stays, line.stays[1:], strict=False)]
 
 
-def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+def _unknown(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
     before = [each for each in line.stays if each.until <= stamp]
     known = before[-1] if before else stay
     sentence = (
@@ -226,7 +226,7 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
     )
 
 
-def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
     """It is not where it was: where it probably went, or what looks like it and came since."""
     if world.kind(name) == PERSON:
         seen = f"was seen last {spoken(world, stay.place)} at {clock(stay.until)}"

@@ -38,7 +38,7 @@ class Usual(Protocol):
     ) -> float: ...
 
 
-class Recall:
+class Recognition:
     """usual : where things usually are, if that is learned."""
 
     def __init__(self, anchors: Anchors, objects: SingleObjects, bodies: Bodies) -> None:
