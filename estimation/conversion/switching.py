@@ -31,14 +31,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from estimation.checks import (
-    FloatArray,
-    as_floats,
-    as_points,
-    as_shape,
-    as_vectors,
-    require_count,
-)
+from estimation.checks import FloatArray, as_floats, as_points, as_shape, as_vectors, require_count
 from estimation.conversion import switching_kernels as kernels
 from estimation.conversion.conversion_kernels import to_map_ucm
 from estimation.conversion.particles import STAGE_SMOOTHING, Particles, unrelated

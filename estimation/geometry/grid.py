@@ -163,11 +163,7 @@ class OccupancyGrid:
             cells[seen > 0] = np.clip(cells + change[seen], -MOST, MOST)[seen > 0]
 
     def ray_cast(
-        self,
-        position: npt.ArrayLike,
-        headings: npt.ArrayLike,
-        max_range: float,
-        through_unknown: bool = True,
+        self, position: npt.ArrayLike, headings: npt.ArrayLike, max_range: float, through_unknown: bool = True
     ) -> FloatArray:
         """Distance (M,) to the first occupied cell along each heading, metres; inf where there is none.
 

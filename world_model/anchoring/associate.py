@@ -89,12 +89,7 @@ class Association:
         return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
 
     def _with_origins(
-        self,
-        seen: Detections,
-        measured: Measurements,
-        chosen: IntArray,
-        born: FloatArray,
-        clutter: float,
+        self, seen: Detections, measured: Measurements, chosen: IntArray, born: FloatArray, clutter: float
     ) -> Detections:
         """The detections with how probable it is that each is new or false, (2.6): nothing new is inside of a body."""
         anchors, view = self.anchors, measured.view

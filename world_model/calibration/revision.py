@@ -90,11 +90,7 @@ def residuals(data: Sightings, found: Explanation) -> FloatArray:
     distance, bearing, sight = expected(found.places[None], data.poses[data.look][:, None])
     off = constants(distance, bearing, sight, data.rates[data.look][:, None]) @ found.constant
     return np.stack(
-        [
-            data.seen[:, :1] - distance - off[..., 0],
-            within(data.seen[:, 1:] - bearing - off[..., 1]),
-        ],
-        -1,
+        [data.seen[:, :1] - distance - off[..., 0], within(data.seen[:, 1:] - bearing - off[..., 1])], -1
     )
 
 

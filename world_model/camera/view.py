@@ -136,11 +136,7 @@ class CameraView:
         off = np.abs(np.arctan2(np.sin(off), np.cos(off)))
         # Who looks over the vertical sees all around.
         half = float(off.max()) + 0.02 if not self._sees_vertical else np.pi
-        return {
-            "pose": (*self.pose[:3, 3].tolist(), yaw),
-            "range": FARTHEST,
-            "angle": 2.0 * min(half, np.pi),
-        }
+        return {"pose": (*self.pose[:3, 3].tolist(), yaw), "range": FARTHEST, "angle": 2.0 * min(half, np.pi)}
 
     @property
     def _sees_vertical(self) -> bool:

@@ -54,7 +54,7 @@ def _when(chosen: Array, length: float) -> str:
 
 def _duration(seconds: float) -> str:
     """Minutes up to two hours, hours up to two days, then days."""
-    for unit, length, most in (("min", 60.0, 7200.0), ("h", HOUR, 2.0 * DAY)):
+    for unit, length, most in (("min", 60, 2.0 * HOUR), ("h", HOUR, 2.0 * DAY)):
         if seconds < most:
             return f"{seconds / length:.0f} {unit}"
     return f"{seconds / DAY:.0f} days"

@@ -283,7 +283,7 @@ class Store(Records):
         """Delete up to `count` rows of the older half of history, those of low level first."""
         if count <= 0:
             return 0
-        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        newest = self._newest_row()
         deleted = 0
         for level in range(EVENT_LEVEL + 1):
             marks = self._execute(
@@ -381,7 +381,7 @@ class Store(Records):
         self._clock = StoreClock.of(self._execute("SELECT * FROM clock").fetchone())
         epoch, run = self._epoch, "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?"
         self._run = self._execute(run, epoch).fetchone()
-        self._next_row = 1 + (self._execute("SELECT max(row) FROM history").fetchone()[0] or 0)
+        self._next_row = 1 + self._newest_row()
         self._kept_places = self._places_row()
         self._written = {}
         if self.read_only:

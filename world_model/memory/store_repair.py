@@ -300,26 +300,20 @@ class _Rebuilt:
             other = small["names" if name == "objects" else "objects"]
             for key in other.keys() - small[name].keys():
                 self._again(OBJECTS if name == "objects" else NAMES, other[key])
-        if before is not None:
-            counts = [len(small[table.name]) for table in COUNTED[:4]]
-            counts.append(self._target.execute("SELECT count(*) FROM history").fetchone()[0])
-            lacks = [max(due - count, 0) for due, count in zip(before.counts, counts, strict=True)]
-        else:
-            lacks = [1] * len(COUNTED) if old is None else [0] * len(COUNTED)
+        lacks = [int(old is None)] * len(COUNTED) if before is None else self._lacks(before)
         identity = StoreClock.of(old).identity if old is not None else ""
         if any(lacks):
             self._fill(snapshots, identity)
         self._run(INDICES)
         self._work_out(old, lacks[3] > 0)
         self._write()
-        self.missing = self._missing(before)
+        self.missing = None if before is None else sum(self._lacks(before))
 
-    def _missing(self, before: StoreClock | None) -> int | None:
-        if before is None:
-            return None
+    def _lacks(self, before: StoreClock) -> list[int]:
+        """How many rows of each table are missing."""
         past = self._target.execute("SELECT count(*) FROM history").fetchone()[0]
         now = (*(len(self._small[table.name]) for table in COUNTED[:4]), past)
-        return sum(max(due - count, 0) for due, count in zip(before.counts, now, strict=True))
+        return [max(due - count, 0) for due, count in zip(before.counts, now, strict=True)]
 
     def _again(self, table: StoreTable, row: Row) -> None:
         values = row[:-1]
