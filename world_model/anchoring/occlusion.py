@@ -9,8 +9,7 @@ from scipy.special import ndtr
 
 from estimation.checks import FloatArray
 from world_model.anchoring.attributes import FLATTEST, Quantities
-from world_model.anchoring.loops.kernels import MOVING, REST
-from world_model.anchoring.loops.leaves import IntArray, Leaves
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
 from world_model.evidence import View
 
 SMALL = 0.05  # m: width and height of an object whose size is not known

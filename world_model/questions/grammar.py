@@ -55,7 +55,7 @@ _USUALLY = r"(?:usually|normally|mostly|often|generally|most of the time)"
 
 
 @dataclass(frozen=True)
-class Asked:
+class ParsedQuestion:
     """What a pattern found in a question. said : words by group. span, word : the time in it, and how it was put."""
 
     world: Recall
@@ -117,10 +117,10 @@ class Asked:
         return self.world
 
 
-Call = Callable[[Asked], Answer]
+Call = Callable[[ParsedQuestion], Answer]
 
 
-def _where(q: Asked) -> Answer:
+def _where(q: ParsedQuestion) -> Answer:
     if q.past:
         assert q.when is not None
         if is_person(q.world, q.what):
@@ -130,45 +130,45 @@ def _where(q: Asked) -> Answer:
     return (where.where_was if was and q.span is None else where.where_is)(q.world, q.what)
 
 
-def _last_at(q: Asked) -> Answer:
+def _last_at(q: ParsedQuestion) -> Answer:
     if q.since is not None:
         return during.was_at(q.world, q.what, q.place, q.since)
     return during.when_last_at(q.world, q.what, q.place)
 
 
-def _long(q: Asked) -> Answer:
+def _long(q: ParsedQuestion) -> Answer:
     if q.past and q.since is not None:
         return during.how_long_at(q.world, q.what, q.place, q.since)
     return past.how_long_there(q.world, q.what, q.place)
 
 
-def _who(q: Asked) -> Answer:
+def _who(q: ParsedQuestion) -> Answer:
     if q.said.get("verb") in ("is", "are") and not q.past:
         return company.who_is_here(q.world, q.place)
     return company.who_was_here(q.world, q.place, q.since, q.who)
 
 
-def _next(q: Asked) -> Answer:
+def _next(q: ParsedQuestion) -> Answer:
     ahead_of = q.said.get("ahead")
     return usual.what_is_needed_next(
         q.always, extract(f"in the last {ahead_of}", 0.0)[1] if ahead_of else None
     )
 
 
-def _what_at(q: Asked) -> Answer:
+def _what_at(q: ParsedQuestion) -> Answer:
     if q.during is not None:
         return during.what_was_at(q.world, q.place, q.during)
     was = q.said.get("verb") in ("was", "were", "lay", "stood") or q.past
     return where.what_is_at(q.world, q.place, q.when if was else None)
 
 
-def _is_at(q: Asked) -> Answer:
+def _is_at(q: ParsedQuestion) -> Answer:
     if q.during is not None:
         return during.was_at(q.world, q.what, q.place, q.during)
     return where.is_at(q.world, q.what, q.place, q.then)
 
 
-def _listed(q: Asked) -> Answer:
+def _listed(q: ParsedQuestion) -> Answer:
     """ "cups are on the desk", "red things in the kitchen"."""
     what = re.sub(rf" (?:is|are|was|were)(?: there)? (?=(?:{PREPOSITIONS}) )", " ", q.what)
     if not q.past:
@@ -178,7 +178,7 @@ def _listed(q: Asked) -> Answer:
     return where.where_was(q.world, what, q.when)
 
 
-def _will_be(q: Asked) -> Answer:
+def _will_be(q: ParsedQuestion) -> Answer:
     if q.span is None:
         raise NotUnderstoodError('When? Say "tomorrow at eight", "in two hours" or "this evening".')
     return usual.where_will_be(q.world, q.what, q.span)
@@ -379,7 +379,7 @@ def _matched(world: Recall, text: str, question: str) -> Answer:
                     continue
                 said = {name: value for name, value in found.groupdict().items() if value is not None}
                 try:
-                    return call(Asked(world, said, then, word if then is not None else ""))
+                    return call(ParsedQuestion(world, said, then, word if then is not None else ""))
                 except (NothingKnownError, NotUnderstoodError) as error:
                     tried.append(error)
         if span is None:

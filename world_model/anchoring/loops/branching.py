@@ -6,7 +6,8 @@ import numba
 import numpy as np
 
 from world_model.anchoring.loops.contacts import correct_shared
-from world_model.anchoring.loops.kernels import MOVING, REST, copy_leaf, correct, create, miss
+from world_model.anchoring.loops.kernels import copy_leaf, correct, create, miss
+from world_model.anchoring.loops.leaves import MOVING, REST
 
 SAME = 0.1  # difference of two distributions that no later detection would tell; of attributes twice that
 SPREAD, APART = (

@@ -6,8 +6,6 @@ import numba
 import numpy as np
 
 from world_model.anchoring.loops.kernels import (
-    MOVING,
-    REST,
     SETTLED_HITS,
     attribute_factor,
     class_of,
@@ -16,6 +14,7 @@ from world_model.anchoring.loops.kernels import (
     predict,
     visible_probability,
 )
+from world_model.anchoring.loops.leaves import MOVING, REST
 
 RECENT = 0.5  # s: a sensor does not move far in this time
 OUT_OF_GATE = -60.0  # log density below which a detection is of something else
