@@ -11,8 +11,8 @@ from collections.abc import Iterable
 
 from world_model.state import WorldObject
 
-SURE = 0.9  # Probability from which on a class is said without it
-LIKELY = 0.5  # And below which nothing is said
+SURE = 0.9  # Probability from which on a class is said without it, and an answer without "probably"
+LIKELY = 0.5  # Below it no class is said
 COLOR = "color"
 
 

@@ -15,9 +15,8 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.places import Places
 from world_model.memory.store_records import Note
-from world_model.state import Box, WorldObject
+from world_model.state import DAY, Box, WorldObject
 
-DAY = 86400.0
 BINS = 24
 NEIGHBOR = 0.5  # Weight of the hour before and the hour after
 OF_CLASS = 0.2  # Weight of what others of its class do, beside what it does itself

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from world_model.state import DAY, HOUR
+
 Array = np.ndarray
-DAY = 86400.0  # s
-HOUR = 3600.0  # s
 FEWEST_DAYS = 3  # on which a thing left a place, before it usually does anything
 
 

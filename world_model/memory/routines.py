@@ -37,12 +37,12 @@ from world_model.memory.routine_kernels import (
     stays,
 )
 from world_model.memory.routine_words import usual_move
+from world_model.state import DAY, HOUR
 
 Array = np.ndarray
-DAY = 86400.0  # s
 FORMAT = "whereabouts.routines"
 VERSION = 1
-EMPTY_HALF_LIFE = 3600.0  # s, in which a look that did not find a thing says half as much
+EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from world_model.questions.answers import Answer, clean, clock, duration, iso, l
 from world_model.questions.moments import Span
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.past import Change, changes_of, since_when, told_change
-from world_model.questions.recall import DAY, Recall, Timeline, Trust
+from world_model.questions.recall import Recall, Timeline, Trust
 from world_model.questions.where import evidence_of, within
+from world_model.state import DAY
 
 FOUND, NOT_FOUND = 0.96, Trust.NOT_SEEN
 """That something was where it was seen at some time; that it was nowhere else between the looks."""

@@ -19,14 +19,13 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.geometry.places import Place, Places
 from world_model.memory.store import Store
-from world_model.state import WorldObject
+from world_model.state import DAY, WorldObject
 from world_model.symbols import Symbols, default_symbols, parse_symbol
 
 if TYPE_CHECKING:
     from world_model.world import WorldModel
 
 T = TypeVar("T")
-DAY = 86400.0  # s
 PERSON = "person"
 APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
 STEP = 0.005  # m: what moves less from row to row rests

@@ -5,24 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from world_model.describing import LIKELY, SURE
 from world_model.memory.routines import FORMAT, VERSION, Routines, RoutinesConfig
-from world_model.questions.answers import (
-    LIKELY,
-    SURE,
-    Answer,
-    NothingKnownError,
-    clean,
-    clock,
-    duration,
-    iso,
-    listed,
-    told,
-)
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
 from world_model.questions.presence import presence_of
-from world_model.questions.recall import DAY, Recall, Trust
+from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import is_at, where_usually
+from world_model.state import DAY
 
 WEEKS = 28 * DAY  # s: of the history that habits and routines are read from
 LEAST_DAYS = 2.0
