@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 
-UNPACKED_LIMIT = 2 << 30
-"""Bytes of all arrays of an archive."""
+UNPACKED_LIMIT = 2 << 30  # Bytes of all arrays of an archive
 MEMBERS = 100
 KINDS = "biufU"
 _ERRORS = (
@@ -41,9 +40,7 @@ _ERRORS = (
 def read_archive(path: Path | str, limit: int = UNPACKED_LIMIT) -> dict[str, NDArray[Any]]:
     """All arrays of an archive; numbers and text only.
 
-    Raises
-    ------
-    InputError : the file is missing, is no such archive, is damaged, or unpacks to more than `limit` bytes.
+    Raises InputError: the file is missing, is no such archive, is damaged, or unpacks to more than `limit` bytes.
     """
     try:
         with zipfile.ZipFile(path) as archive:

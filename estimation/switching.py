@@ -1,13 +1,5 @@
 """The name by which users import `estimation.conversion.switching`."""
 
-from estimation.conversion.switching import (
-    ConstantVelocity,
-    SwitchingBank,
-    SwitchingFilter,
-)
+from estimation.conversion.switching import ConstantVelocity, SwitchingBank, SwitchingFilter
 
-__all__ = [
-    "ConstantVelocity",
-    "SwitchingBank",
-    "SwitchingFilter",
-]
+__all__ = ["ConstantVelocity", "SwitchingBank", "SwitchingFilter"]

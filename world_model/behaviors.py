@@ -13,8 +13,7 @@ import yaml
 from estimation.checks import FloatArray
 from world_model.config import Motion
 
-CARRY_SPEED = 0.7
-"""m/s: at which things are carried, standard deviation."""
+CARRY_SPEED = 0.7  # m/s: at which things are carried, standard deviation
 FREE_RUN = 10.0
 """s: a mover seen for the first time has the speed that its accelerations add up to in this time."""
 

@@ -14,10 +14,6 @@ from world_model.calibration.sensor_bias import CONSTANT, NAMES
 from world_model.state import Box
 
 MODELS = ("static", "constant_velocity")
-DEFAULT_MOVED_PER_SECOND = 1e-4
-DEFAULT_ACCEL_SIGMA = 0.5
-DEFAULT_FOLLOWS = 0.8
-DEFAULT_USUAL = 0.5
 
 
 def setting(default: float, unit: str, text: str, low: float, high: float) -> float:
@@ -46,10 +42,10 @@ class Motion:
     taken away is where it usually is at that time of day."""
 
     model: str = "static"
-    accel_sigma: float = DEFAULT_ACCEL_SIGMA
-    moved_per_second: float = DEFAULT_MOVED_PER_SECOND
-    follows_prediction: float = DEFAULT_FOLLOWS
-    usual_place: float = DEFAULT_USUAL
+    accel_sigma: float = 0.5
+    moved_per_second: float = 1e-4
+    follows_prediction: float = 0.8
+    usual_place: float = 0.5
     turn_sigma: float = 0.0
 
     @classmethod
@@ -57,43 +53,25 @@ class Motion:
         """Raises InputError naming class and field."""
         if not isinstance(given, Mapping):
             raise InputError(f"motion[{name!r}] must be a mapping, not {given!r}")
-        unknown = set(given) - {
-            "model",
-            "accel_sigma",
-            "moved_per_second",
-            "follows_prediction",
-            "usual_place",
-            "turn_sigma",
-        }
+        unknown = set(given) - set(cls.__dataclass_fields__)
         if unknown:
             raise InputError(f"motion[{name!r}] has unknown fields {sorted(unknown)}")
         model = given.get("model", "static")
         if model not in MODELS:
             raise InputError(f"motion[{name!r}].model: one of {', '.join(MODELS)}, got {model!r}")
         # What moves by itself is carried by nobody, unless a deployment says so.
-        moved = DEFAULT_MOVED_PER_SECOND if model == "static" else 0.0
-        defaults = {
-            "accel_sigma": DEFAULT_ACCEL_SIGMA,
-            "moved_per_second": moved,
-            "follows_prediction": DEFAULT_FOLLOWS,
-            "usual_place": DEFAULT_USUAL,
-            "turn_sigma": 0.0,
-        }
-        values = {}
-        for key, default in defaults.items():
-            value = given.get(key, default)
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, (int, float, np.number))
-                or not 0 <= value < np.inf
-            ):
+        values = {"moved_per_second": 0.0} if model != "static" else {}
+        for key, value in given.items():
+            if key == "model":
+                continue
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not number or not 0 <= value < np.inf:
                 raise InputError(
                     f"motion[{name!r}].{key} must be a finite number of at least 0, not {value!r}"
                 )
-            values[key] = float(value)
-        for key in ("follows_prediction", "usual_place"):
-            if values[key] > 1.0:
+            if value > 1.0 and key in ("follows_prediction", "usual_place"):
                 raise InputError(f"motion[{name!r}].{key} must be in [0, 1]")
+            values[key] = float(value)
         return cls(model, **values)
 
 

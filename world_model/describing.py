@@ -11,10 +11,8 @@ from collections.abc import Iterable
 
 from world_model.state import WorldObject
 
-SURE = 0.9
-"""Probability from which on a class is said without it."""
-LIKELY = 0.5
-"""And below which nothing is said."""
+SURE = 0.9  # Probability from which on a class is said without it, and an answer without "probably"
+LIKELY = 0.5  # Below it no class is said
 COLOR = "color"
 
 
@@ -44,7 +42,7 @@ def ago(seconds: float) -> str:
         return "long ago"
     if seconds < 5.0:
         return "now"
-    for unit, length, most in (("s", 1.0, 90.0), ("min", 60.0, 5400.0), ("h", 3600.0, 172800.0)):
-        if seconds < most:
+    for unit, length, most in (("s", 1, 90), ("min", 60, 90), ("h", 3600, 48)):
+        if seconds < most * length:
             return f"{seconds / length:.0f} {unit} ago"
-    return f"{seconds / 86400.0:.0f} days ago"
+    return f"{seconds / 86400:.0f} days ago"

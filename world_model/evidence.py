@@ -86,7 +86,7 @@ class WorldEvidence:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SensorCone:
     """A checked `WorldEvidence.sensor`: pose (4,) x, y, z, yaw; lengths m, angles rad (full openings)."""
 
     pose: FloatArray
@@ -96,7 +96,7 @@ class Sensor:
     vertical_angle: float = 0.0
 
     @classmethod
-    def checked(cls, given: Mapping[str, Any]) -> Sensor:
+    def checked(cls, given: Mapping[str, Any]) -> SensorCone:
         """Raises InputError naming what is missing or out of range."""
         try:
             pose, far, angle = given["pose"], float(given["range"]), float(given["angle"])
@@ -123,7 +123,7 @@ class Measurements:
     covariances: FloatArray
     attributes: tuple[Mapping[str, Distribution], ...]
     object_ids: tuple[str | None, ...]
-    sensor: Sensor | None
+    sensor: SensorCone | None
     silent: bool
     """Whether not being seen means nothing in this look."""
     quantities: tuple[Mapping[str, tuple[float, float]], ...]
@@ -147,7 +147,7 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
         raise InputError(f"evidence must be a WorldEvidence, not {type(evidence).__name__}")
     objects = list(evidence.objects)
     given = evidence.view.sensor if evidence.sensor is None and evidence.view is not None else evidence.sensor
-    sensor = None if given is None else Sensor.checked(given)
+    sensor = None if given is None else SensorCone.checked(given)
     positions, covariances = np.empty((len(objects), 3)), np.empty((len(objects), 3, 3))
     for index, item in enumerate(objects):
         if not isinstance(item, ObjectEvidence):

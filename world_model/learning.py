@@ -18,7 +18,7 @@ from estimation.errors import InputError
 from world_model.anchoring.loops.kernels import clearance
 from world_model.anchoring.unseen import sensor_array
 from world_model.config import WorldModelConfig
-from world_model.evidence import Sensor, WorldEvidence
+from world_model.evidence import SensorCone, WorldEvidence
 from world_model.state import WorldObject
 from world_model.world import WorldModel
 
@@ -30,9 +30,8 @@ SETTLED_SECONDS = 2.0  # what appears later than this after the first look is ne
 
 @dataclass(frozen=True)
 class Learned:
-    """config : the settings with what was learned. covariances : (3, 3) m² of a detection by class.
-    by_class : probability of detection by class. detections, objects, seconds : what it was learned from.
-    """
+    """config : the settings with what was learned. covariances : (3, 3) m² of a detection by class. by_class :
+    probability of detection by class. detections, objects, seconds : what it was learned from."""
 
     config: WorldModelConfig
     covariances: dict[str, FloatArray]
@@ -81,7 +80,7 @@ def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfi
         found = {name: j for j, name in enumerate(state.associations) if name is not None}
         detections += len(state.associations)
         pending += [(index, name) for name in state.associations]
-        view = None if evidence.sensor is None else sensor_array(Sensor.checked(evidence.sensor))
+        view = None if evidence.sensor is None else sensor_array(SensorCone.checked(evidence.sensor))
         for item in state.objects:
             history = histories.setdefault(item.id, _History("", item.first_seen))
             history.kind = item.most_probable("class")

@@ -12,10 +12,8 @@ from estimation.checks import FloatArray, as_finite
 from estimation.errors import InputError
 from world_model.state import WorldObject
 
-UNSURE = 0.25
-"""m per second: how uncertain a path grows whose predictor does not say it."""
-SAME_PLACE = 1.0
-"""m: a path without a name is that of a mover this near to its beginning."""
+UNSURE = 0.25  # m per second: how uncertain a path grows whose predictor does not say it
+SAME_PLACE = 1.0  # m: a path without a name is that of a mover this near to its beginning
 
 
 class Course(Protocol):

@@ -19,12 +19,10 @@ from world_model.describing import ago, named
 from world_model.state import MOVED_ON, WorldObject, WorldState
 from world_model.symbols import Symbols, default_symbols
 
-NEAR = 0.75
-"""m: what is this close to an object is there, where a region is named by an object."""
+NEAR = 0.75  # m: what is this close to an object is there, where a region is named by an object
 CORNERS = 24
 LAST_SEEN = "last_seen"
-World = tuple[float, Sequence[WorldObject]]
-"""Probability and objects of one hypothesis."""
+World = tuple[float, Sequence[WorldObject]]  # Probability and objects of one hypothesis
 
 
 class Past(Protocol):
@@ -49,7 +47,7 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True)
-class Answer:
+class QueryAnswer:
     """One object. probability : that it meets the request. places : probability by name of place. description : in
     words, "the red cup (cup-3): on the kitchen table, p = 0.68". stamp : the moment that was asked about, s."""
 
@@ -159,7 +157,7 @@ class Words:
         return f"{self.name(item)}: {'moved away, ' if item.lost else ''}{where}{seen}"
 
 
-def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -> list[Answer]:
+def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -> list[QueryAnswer]:
     """Objects that meet a request, the most probable first; `worlds` are all hypotheses, the most probable first.
 
     Raises InputError for a place, class or predicate nobody knows of.
@@ -179,7 +177,7 @@ def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -
             totals[item.id] = totals.get(item.id, 0.0) + share * meets[id(item)]
     order = sorted((-p, name) for name, p in totals.items() if p >= max(request.min_probability, 1e-6))
     return [
-        Answer(
+        QueryAnswer(
             words.described(first[name]),
             -p,
             stamp,

@@ -12,6 +12,7 @@ from estimation.checks import FloatArray
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
+DAY, HOUR = 86400.0, 3600.0  # s
 MOVED_ON = "moved_on"
 """Predicate of what nobody has seen for a while and has probably gone its way since: `place` says where it is now."""
 

@@ -23,8 +23,7 @@ from estimation.geometry.polygons import interval_mass
 from world_model.evidence import Distribution
 from world_model.symbols_file import Interval, Predicate, Quantity, read_relations
 
-Gaussian = tuple[float, float]
-"""Mean and variance of one quantity, SI units."""
+Gaussian = tuple[float, float]  # Mean and variance of one quantity, SI units
 OPEN_END = 0.5
 """An interval without upper end is taken to be this much of its lower end wide, where a distribution is asked for."""
 SYMBOL = re.compile(r"(.+)-(\d+)")
@@ -217,11 +216,6 @@ def default_symbols() -> Symbols:
     """The shipped `defaults/predicates.yaml`."""
     text = files("world_model").joinpath("defaults/predicates.yaml").read_text(encoding="utf-8")
     return Symbols(yaml.safe_load(text))
-
-
-def object_symbol(class_name: str, number: int) -> str:
-    """`cup-3` of ("cup", 3)."""
-    return f"{class_name}-{number}"
 
 
 def parse_symbol(symbol: str) -> tuple[str, int] | None:

@@ -36,7 +36,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Relations:
+class GroundingFile:
     """A checked file: quantities, the quantities of measured vectors, predicates, each by name."""
 
     quantities: Mapping[str, Quantity]
@@ -48,7 +48,7 @@ class Relations:
         return _known(where, name, self.quantities)
 
 
-def read_relations(given: Any) -> Relations:
+def read_relations(given: Any) -> GroundingFile:
     """Check what a file holds. Raises InputError naming symbol and field."""
     given = _mapping("predicates", given)
     _only("predicates", given, "quantities", "vectors", "predicates")
@@ -66,7 +66,7 @@ def read_relations(given: Any) -> Relations:
     }
     for predicate in predicates.values():
         _check_acyclic(predicate, predicates, ())
-    return Relations(quantities, vectors, predicates)
+    return GroundingFile(quantities, vectors, predicates)
 
 
 def _quantity(name: str, given: Any) -> Quantity:

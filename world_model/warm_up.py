@@ -13,6 +13,7 @@ from world_model.evidence import ObjectEvidence, WorldEvidence, checked
 from world_model.predictions import Path
 
 LOOKS = 24
+NOISE = 0.05  # m, and s between looks: any small number does
 TWINS = [(0.0, 0.0, 1.0), (0.12, 0.0, 1.0), (1.0, 1.0, 1.0)]
 SENSOR = {"pose": (-3.0, 0.0, 1.0, 0.0), "range": 10.0, "angle": 2.0}
 
@@ -25,27 +26,30 @@ def warm_up() -> None:
         config = WorldModelConfig(
             classes=("a", "b"),
             region=((-2.0, 2.0), (-2.0, 2.0), (0.0, 2.0)),
-            detection_probability=0.6,
+            detection_probability=0.5,
             clutter_per_frame=2.0,
-            missed_run_frames=2.5,
-            motion={"*": {"model": model, "moved_per_second": 0.1}},
+            missed_run_frames=2.0,
+            motion={"*": {"model": model, "moved_per_second": 0.5}},
             merged_detections=True,
             hypotheses=10,
         )
         anchors = Anchoring(config, Corrections)
         for step in range(LOOKS):
             spots = TWINS if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
-            seen = [np.array(p) + rng.normal(0.0, 0.05, 3) for p in spots if rng.random() < 0.6]
+            seen = [np.array(p) + rng.normal(0.0, NOISE, 3) for p in spots if rng.random() < 0.5]
             seen += list(rng.uniform([-2, -2, 0], [2, 2, 2], (rng.poisson(2.0), 3)))
             given = [
                 ObjectEvidence(
-                    p, 0.0025 * np.eye(3), {"class": {"a": 0.8, "b": 0.2}}, quantities={"size": (0.1, 1e-4)}
+                    p,
+                    NOISE**2 * np.eye(3),
+                    {"class": {"a": 0.5, "b": 0.5}},
+                    quantities={"size": (NOISE, NOISE**2)},
                 )
                 for p in seen
             ]
-            measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), 0.05)
-            anchors.look(measured, 0.05 * step, 0.0)
+            measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), NOISE)
+            anchors.look(measured, NOISE * step, 0.0)
             anchors.beliefs.probabilities()
-            ahead = np.array([[0.0, 0.0, 0.05 * step], [0.0, 1.0, 0.05 * step + 1.0]])
+            ahead = np.array([[0.0, 0.0, NOISE * step], [0.0, 1.0, NOISE * step + 1.0]])
             anchors.guidance.guide({"a-1": Path.checked("path", ahead)})
         anchors.presentation.predicted(3.0)

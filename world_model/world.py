@@ -23,7 +23,7 @@ from world_model.memory.habits import Habits
 from world_model.memory.household import SUFFIX, ByNow, Household
 from world_model.memory.store import Store
 from world_model.predictions import Behavior, checked_predictions
-from world_model.queries import LAST_SEEN, Answer, Request, Words, ask, last_seen, worlds_at
+from world_model.queries import LAST_SEEN, QueryAnswer, Request, Words, ask, last_seen, worlds_at
 from world_model.state import Box, WorldObject, WorldState
 from world_model.warm_up import warm_up
 
@@ -113,9 +113,8 @@ class WorldModel:
         absences where nothing was seen since. An older one starts a new epoch with an empty model. predictions : where
         movers go, {id: path} (or paths of the nearest movers), a path being (T, 3) x, y, t in m and s or anything with
         `path` and `covariances` (T, 2, 2) m², such as a `tracking.intentions.Prediction`; None withdraws one. It is the
-        person behaviour until it ends; without it movers go straight on.
-
-        Raises InputError, before anything has changed, naming what is wrong with the evidence.
+        person behaviour until it ends; without it movers go straight on. Raises InputError, before anything has
+        changed, naming what is wrong with the evidence.
         """
         measured = checked(evidence, self.config.measurement_sigma)
         if self.household.aliases and any(measured.object_ids):
@@ -229,7 +228,7 @@ class WorldModel:
             objects, float(self.anchoring.beliefs.probabilities()[0]), expected, stamp, self.epoch
         )
 
-    def query(self, *, stamp: float | str | None = None, **request: Any) -> list[Answer]:
+    def query(self, *, stamp: float | str | None = None, **request: Any) -> list[QueryAnswer]:
         """Which objects meet a request, the most probable first; see `world_model.queries.Request`.
 
         class_name, predicate (one symbol or several), region (name of a place or of an object, a `Place`, or

@@ -210,10 +210,7 @@ def _eigenvalue_ratio(P: FloatArray) -> FloatArray:
 
 
 def absolute_bias(
-    range_: npt.ArrayLike,
-    bearing: npt.ArrayLike,
-    sigma_range: npt.ArrayLike,
-    sigma_bearing: npt.ArrayLike,
+    range_: npt.ArrayLike, bearing: npt.ArrayLike, sigma_range: npt.ArrayLike, sigma_bearing: npt.ArrayLike
 ) -> float | FloatArray:
     """Distance, m, between the linearised and the UCM mean: the candidate measure (6.10)."""
     linear, _ = convert(range_, bearing, sigma_range, sigma_bearing, "linear")
@@ -223,10 +220,7 @@ def absolute_bias(
 
 
 def bias_significance(
-    range_: npt.ArrayLike,
-    bearing: npt.ArrayLike,
-    sigma_range: npt.ArrayLike,
-    sigma_bearing: npt.ArrayLike,
+    range_: npt.ArrayLike, bearing: npt.ArrayLike, sigma_range: npt.ArrayLike, sigma_bearing: npt.ArrayLike
 ) -> float | FloatArray:
     """Absolute bias over the smallest standard deviation of the UCM: the candidate measure β of (6.11)."""
     bias = absolute_bias(range_, bearing, sigma_range, sigma_bearing)

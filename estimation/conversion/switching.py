@@ -25,20 +25,13 @@ Where it differs from the text:
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from estimation.checks import (
-    FloatArray,
-    as_floats,
-    as_points,
-    as_shape,
-    as_vectors,
-    require_count,
-)
+from estimation.checks import FloatArray, as_floats, as_points, as_shape, as_vectors, require_count
 from estimation.conversion import switching_kernels as kernels
 from estimation.conversion.conversion_kernels import to_map_ucm
 from estimation.conversion.particles import STAGE_SMOOTHING, Particles, unrelated
@@ -73,13 +66,12 @@ class _ParticleTarget:
 class SwitchingBank:
     """Many switching filters side by side, predicted and updated together.
 
-    motion : the motion model. means (M, 4) [x, y, vx, vy] in the map frame, m and m/s; covariances (M, 4, 4).
-    k_crit : K from which a target needs particles (6.13); 0 is an always-particle filter, inf a Kalman filter.
-    particles, samples : sizes of the particle set and of the converted measurement sample.
-    mardia_interval : updates in particle mode between normality tests.
-    seed : of all draws; each target has a stream of its own, so that a bank of M equals M filters.
-    position_in_ratio : whether K includes the robot's position covariance. decorrelated : whether the measurement's
-    covariance lies along the predicted bearing, where that is the better known one. Raises InputError.
+    motion : the motion model. means (M, 4) [x, y, vx, vy] in the map frame, m and m/s; covariances (M, 4, 4). k_crit :
+    K from which a target needs particles (6.13); 0 is an always-particle filter, inf a Kalman filter. particles,
+    samples : sizes of the particle set and of the converted measurement sample. mardia_interval : updates in particle
+    mode between normality tests. seed : of all draws; each target has a stream of its own, so that a bank of M equals M
+    filters. position_in_ratio : whether K includes the robot's position covariance. decorrelated : whether the
+    measurement's covariance lies along the predicted bearing, where that is the better known one. Raises InputError.
     """
 
     def __init__(
@@ -370,29 +362,14 @@ class SwitchingFilter:
         motion: ConstantVelocity,
         mean: npt.ArrayLike,
         covariance: npt.ArrayLike,
-        k_crit: float = 1.075,
-        particles: int = 1000,
-        samples: int = 250,
-        mardia_interval: int = 40,
-        seed: int = 0,
-        position_in_ratio: bool = True,
-        decorrelated: bool = True,
+        *settings: Any,
+        **named: Any,
     ) -> None:
         mean = as_vectors("mean", mean, 4)
         if mean.shape != (4,):
             raise InputError(f"mean must have shape (4,), not {mean.shape}")
-        self._bank = SwitchingBank(
-            motion,
-            mean[None],
-            as_floats("covariance", covariance)[None],
-            k_crit,
-            particles,
-            samples,
-            mardia_interval,
-            seed,
-            position_in_ratio,
-            decorrelated,
-        )
+        spread = as_floats("covariance", covariance)[None]
+        self._bank = SwitchingBank(motion, mean[None], spread, *settings, **named)
 
     def predict(self, dt: float) -> None:
         """Move the target dt ≥ 0 seconds on."""

@@ -26,8 +26,7 @@ from estimation.geometry.polygons import (
 )
 
 KINDS = ("room", "furniture")
-LIKELY = 0.5
-"""From this probability on something is said to be at a piece of furniture rather than in a room."""
+LIKELY = 0.5  # From this probability on something is said to be at a piece of furniture rather than in a room
 ANY_HEIGHT = (-np.inf, np.inf)
 
 

@@ -12,8 +12,7 @@ from scipy.special import owens_t
 from estimation.checks import FloatArray, as_finite
 from estimation.errors import InputError
 
-LEAST_VARIANCE = 1e-12
-"""m²; an exact position is a very narrow Gaussian."""
+LEAST_VARIANCE = 1e-12  # m²; an exact position is a very narrow Gaussian
 
 
 def check_outline(name: str, corners: npt.ArrayLike) -> FloatArray:

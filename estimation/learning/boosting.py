@@ -87,19 +87,11 @@ class AdaBoost:
         model._set(self.stumps[:rounds], self.feature_count)
         return model
 
-    def importance(self) -> FloatArray:
-        """Share of the vote that rests on each feature, (n,) summing to one. InputError before `fit`."""
-        self._require_fitted()
-        votes = np.bincount(self._features, self._weights, minlength=self.feature_count)
-        return np.asarray(votes / votes.sum(), dtype=np.float64)
-
     def fit(self, F: npt.ArrayLike, y: npt.ArrayLike) -> AdaBoost:
         """Learn from features (M, n) and labels (M,) of 0 and 1; returns the model itself.
 
-        Raises
-        ------
-        InputError : wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only,
-            or features that are all constant or no better than chance from the first round on.
+        Raises InputError: wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only,
+        or features that are all constant or no better than chance from the first round on.
         """
         features = as_points("F", F)
         labels = as_labels(y, len(features))
@@ -131,9 +123,7 @@ class AdaBoost:
     def score(self, F: npt.ArrayLike) -> FloatArray:
         """Likelihood of class 1, (M,) in [0, 1]: the vote share c of equation (12), for features (M, n).
 
-        Raises
-        ------
-        InputError : not fitted, wrong number of columns, or features that are not finite.
+        Raises InputError: not fitted, wrong number of columns, or features that are not finite.
         """
         self._require_fitted()
         return np.asarray(
@@ -164,11 +154,7 @@ class AdaBoost:
     @classmethod
     def load(cls, path: str | Path) -> AdaBoost:
         """The model that `save` wrote; InputError where the file is no such model or of another version."""
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise InputError(f"path: {path} is not a JSON file") from error
-        return cls.from_dict(content, path)
+        return cls.from_dict(read_json(path), path)
 
     @classmethod
     def from_dict(cls, content: Any, path: str | Path = "model") -> AdaBoost:
@@ -195,18 +181,21 @@ class AdaBoost:
 
 def _stump(entry: dict[str, float], feature_count: int) -> Stump:
     """A stump from its JSON object; ValueError where a number is out of its range."""
-    stump = Stump(
-        int(entry["feature"]),
-        float(entry["threshold"]),
-        int(entry["polarity"]),
-        float(entry["weight"]),
-        float(entry["error"]),
-    )
+    kinds = {"feature": int, "threshold": float, "polarity": int, "weight": float, "error": float}
+    stump = Stump(**{name: kind(entry[name]) for name, kind in kinds.items()})
     if not 0 <= stump.feature < feature_count or stump.polarity not in (-1, 1):
         raise ValueError(f"feature {stump.feature} of {feature_count}, polarity {stump.polarity}")
     if not (math.isfinite(stump.threshold) and 0.0 < stump.weight < math.inf):
         raise ValueError(f"threshold {stump.threshold}, weight {stump.weight}")
     return stump
+
+
+def read_json(path: str | Path) -> Any:
+    """The content of a JSON file. InputError where it is none."""
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"path: {path} is not a JSON file") from error
 
 
 def as_labels(y: npt.ArrayLike, count: int) -> npt.NDArray[np.int8]:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray, as_finite, as_points, require_count, require_positive
 from estimation.errors import InputError
-from estimation.learning.boosting import as_labels
+from estimation.learning.boosting import as_labels, read_json
 from estimation.learning.gradient_boosting_kernels import add_tree, grow, sum_trees
 
 FORMAT = "whereabouts.gradient_boosting"
@@ -70,7 +70,6 @@ class GradientBoosting:
         self._features = np.zeros((0, 0), dtype=np.int64)
         self._thresholds = np.zeros((0, 0))
         self._leaves = np.zeros((0, 0))
-        self._gains = np.zeros(0)
 
     def fit(
         self, F: npt.ArrayLike, y: npt.ArrayLike, weights: npt.ArrayLike | None = None
@@ -79,9 +78,7 @@ class GradientBoosting:
 
         Weights are scaled so that each class has half of their sum.
 
-        Raises
-        ------
-        InputError : wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only.
+        Raises InputError: wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only.
         """
         features = as_points("F", F)
         labels = as_labels(y, len(features)).astype(np.float64)
@@ -137,18 +134,9 @@ class GradientBoosting:
     def score(self, F: npt.ArrayLike) -> FloatArray:
         """Likelihood of class 1, (M,) in [0, 1], for features (M, n).
 
-        Raises
-        ------
-        InputError : not fitted, wrong number of columns, or features that are not finite.
+        Raises InputError: not fitted, wrong number of columns, or features that are not finite.
         """
         return np.asarray(1.0 / (1.0 + np.exp(-self.decision(F))))
-
-    def importance(self) -> FloatArray:
-        """Share of all splits made on each feature, (n,) summing to one. InputError before `fit`."""
-        self._require_fitted()
-        made = self._features[self._thresholds < _NO_SPLIT]
-        splits = np.bincount(made, minlength=self.feature_count)
-        return np.asarray(splits / max(splits.sum(), 1), dtype=np.float64)
 
     def to_dict(self) -> dict[str, Any]:
         """The model as plain numbers and lists, for `from_dict`. InputError before `fit`."""
@@ -205,11 +193,7 @@ class GradientBoosting:
     @classmethod
     def load(cls, path: str | Path) -> GradientBoosting:
         """The model that `save` wrote; InputError where the file is no such model or of another version."""
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise InputError(f"path: {path} is not a JSON file") from error
-        return cls.from_dict(content)
+        return cls.from_dict(read_json(path))
 
     def _require_fitted(self) -> None:
         if not self.feature_count:

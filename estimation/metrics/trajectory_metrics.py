@@ -49,16 +49,6 @@ class PoseErrors:
     rotation: FloatArray
     pairs: npt.NDArray[np.int64]
 
-    @cached_property
-    def translation_rmse(self) -> float:
-        """Root mean square, m."""
-        return math.sqrt(float((self.translation**2).mean()))
-
-    @cached_property
-    def rotation_rmse(self) -> float:
-        """Root mean square, rad."""
-        return math.sqrt(float((self.rotation**2).mean()))
-
 
 @dataclass(frozen=True)
 class RelationErrors:
@@ -95,11 +85,6 @@ class RelationErrors:
     def rotation_mean(self) -> float:
         """rad."""
         return float(np.nanmean(self.rotation))
-
-    @property
-    def rotation_std(self) -> float:
-        """rad."""
-        return float(np.nanstd(self.rotation))
 
 
 def _matrices(name: str, poses: npt.ArrayLike) -> FloatArray:

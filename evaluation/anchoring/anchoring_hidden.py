@@ -13,7 +13,7 @@ from evaluation.anchoring.anchoring_gnn import GlobalNearestNeighbour
 from evaluation.anchoring.identities import IdentityScore
 from whereabouts.logs.formats import kitti
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.camera import Box, CameraModel, CameraView, DepthImage, Located, located
+from world_model.camera import CameraModel, CameraView, DepthImage, ImageBox, LocatedBox, located
 
 DETECTED = (0.9, 0.6, 0.05, 0.05)
 """p_D of what is not, partly, largely hidden, and where nobody knows."""
@@ -93,10 +93,10 @@ def through_camera(frame: kitti.KittiFrame, luck: Luck) -> Detected:
         sides = np.array([right - left, bottom - top])
         x, y = 0.5 * np.array([left + right, top + bottom]) + JITTER * sides * rng.normal(size=2)
         width, height = np.maximum(sides * (1.0 + JITTER * rng.normal(size=2)), 4.0)
-        boxes.append(Box(float(x), float(y), float(width), float(height)))
+        boxes.append(ImageBox(float(x), float(y), float(width), float(height)))
     for _ in range(rng.poisson(FALSE)):
         x, y = rng.uniform([0.0, 0.35], [1.0, 0.7]) * [camera.width, camera.height]
-        boxes.append(Box(float(x), float(y), *rng.uniform(5.0, 25.0, 2).tolist()))
+        boxes.append(ImageBox(float(x), float(y), *rng.uniform(5.0, 25.0, 2).tolist()))
     seen, items = [], []
     for box in boxes:
         place = located(box, camera, depth)
@@ -110,7 +110,7 @@ def through_camera(frame: kitti.KittiFrame, luck: Luck) -> Detected:
     return Detected(np.array(seen).reshape(-1, 3), WorldEvidence(items, view=view))
 
 
-def _extent(place: Located) -> dict[str, tuple[float, float]]:
+def _extent(place: LocatedBox) -> dict[str, tuple[float, float]]:
     """Diagonal and height by width, where the image holds all of it."""
     if place.width <= 0.0:
         return {}

@@ -157,16 +157,6 @@ def test_training_error_falls_with_rounds():
     assert errors[0] > errors[1] > errors[2]
 
 
-def test_importance_is_the_share_of_the_vote():
-    F, y = noisy(8)
-    model = AdaBoost(20).fit(F, y)
-    expected = np.zeros(6)
-    for stump in model.stumps:
-        expected[stump.feature] += stump.weight
-    np.testing.assert_allclose(model.importance(), expected / expected.sum())
-    assert np.argmax(model.importance()) in (1, 3)
-
-
 def test_saved_and_loaded(tmp_path):
     F, y = noisy(9)
     model = AdaBoost(7).fit(F, y)

@@ -32,7 +32,7 @@ from whereabouts.nodes.ros.base import TF_STATIC_QOS
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.depth_camera import DepthCamera, Framed, looking
 from whereabouts.simulation.home.floor_plan import apartment, places_file
-from world_model.camera import Box
+from world_model.camera import ImageBox
 from world_model.warm_up import warm_up
 
 CUP = ("cup", Item("cup", "red", (0.05, 0.05, 0.06)), np.array([0.0, 3.5, 0.76]))
@@ -179,7 +179,7 @@ def test_what_makes_no_sense_is_said_and_counted_and_the_node_goes_on(graph: Gra
         graph.until(lambda: robot.world.figures().get(key) == str(count), f"{count} refused on {topic}")
 
     robot.now = 1.0
-    box = [Framed(Box(80.0, 60.0, 10.0, 10.0), {"cup": 0.9})]
+    box = [Framed(ImageBox(80.0, 60.0, 10.0, 10.0), {"cup": 0.9})]
     robot.boxes(box)
     refused("detections_2d", 1)
     robot.now = 2.0

@@ -17,7 +17,7 @@ from whereabouts.nodes.messages.transforms import TransformError, transform_mess
 from whereabouts.nodes.verifier_node import VerifierNode
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts_msgs.action import VerifyObject
-from world_model.tasks.verification import Box
+from world_model.tasks.verification import RegionBox
 
 POSE = np.array([-3.0, -1.5, 0.4])
 THING = (-1.5, -1.4)
@@ -107,6 +107,6 @@ def test_a_frame_is_where_the_sensor_was_when_it_came_though_tf_has_begun_anew_s
     with pytest.raises(TransformError):
         node.transforms.lookup("map", message.header.frame_id, stamp)
     assert node._latest is not None
-    region = Box(np.array([*THING, 0.2]), np.full(3, 0.6))
+    region = RegionBox(np.array([*THING, 0.2]), np.full(3, 0.6))
     assert len(node._frame(region, *node._latest).points) >= 3
     node.destroy_node()

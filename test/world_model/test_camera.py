@@ -15,10 +15,10 @@ from whereabouts.simulation.home.depth_camera import DepthCamera, looking
 from whereabouts.simulation.home.floor_plan import apartment
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 from world_model.camera import (
-    Box,
     CameraModel,
     CameraView,
     DepthImage,
+    ImageBox,
     LevelScan,
     SightRates,
     located,
@@ -146,7 +146,7 @@ def test_a_box_is_placed_at_its_object_not_at_the_wall_behind() -> None:
     metres = np.full((120, 160), 4.0, np.float32)
     metres[50:70, 90:110] = 2.0
     metres[55:58, 95:98] = np.nan
-    found = located(Box(99.5, 59.5, 24.0, 24.0), camera, DepthImage(metres))
+    found = located(ImageBox(99.5, 59.5, 24.0, 24.0), camera, DepthImage(metres))
     # As deep as it is wide: its middle is half of that behind its front.
     assert found.position[2] == pytest.approx(2.0 + 0.5 * 24.0 * 2.0 / 140.0, abs=0.02)
     assert found.position[0] == pytest.approx(found.position[2] * 20.0 / 140.0)
@@ -154,14 +154,14 @@ def test_a_box_is_placed_at_its_object_not_at_the_wall_behind() -> None:
     assert (np.linalg.eigvalsh(found.covariance) > 0.0).all()
     # A depth between front and background is nobody's.
     stripes = np.where(np.arange(160) % 10 < 3, 1.0, 9.0).astype(np.float32) * np.ones((120, 1), np.float32)
-    assert located(Box(80.0, 60.0, 40.0, 40.0), camera, DepthImage(stripes)).position[2] < 2.0
-    cut = located(Box(4.0, 59.5, 20.0, 24.0), camera, DepthImage(metres))
+    assert located(ImageBox(80.0, 60.0, 40.0, 40.0), camera, DepthImage(stripes)).position[2] < 2.0
+    cut = located(ImageBox(4.0, 59.5, 20.0, 24.0), camera, DepthImage(metres))
     assert (cut.width, cut.height) == (0.0, 0.0)
     for box, words in (
-        (Box(300.0, 60.0, 10.0, 10.0), "resized"),
-        (Box(80.0, 60.0, 0.0, 10.0), "sides above 0"),
-        (Box(np.nan, 60.0, 5.0, 10.0), "finite middle"),
-        (Box(96.0, 56.0, 2.0, 2.0), "no depth"),
+        (ImageBox(300.0, 60.0, 10.0, 10.0), "resized"),
+        (ImageBox(80.0, 60.0, 0.0, 10.0), "sides above 0"),
+        (ImageBox(np.nan, 60.0, 5.0, 10.0), "finite middle"),
+        (ImageBox(96.0, 56.0, 2.0, 2.0), "no depth"),
     ):
         with pytest.raises(InputError, match=words):
             located(box, camera, DepthImage(metres))
@@ -173,13 +173,13 @@ def test_a_scan_places_boxes_and_hides_what_is_behind_walls_but_not_what_stands_
     wall = np.column_stack([np.full(400, 3.0), y, np.full(400, 0.2)])
     scan = LevelScan(wall, FORWARD[:3, 3])
     view = CameraView(camera, FORWARD, scan=scan)
-    found = located_by_scan(Box(79.5, 59.5, 10.0, 10.0), camera, FORWARD, scan)
+    found = located_by_scan(ImageBox(79.5, 59.5, 10.0, 10.0), camera, FORWARD, scan)
     assert (FORWARD[:3, :3] @ found.position + FORWARD[:3, 3])[:2] == pytest.approx([3.1, 0.0], abs=0.05)
     places = np.array([[2.0, 0.0, 1.0], [3.2, 0.0, 1.0], [4.5, 0.0, 1.0]])
     clear = view.visible(places, np.full(3, 0.02), np.full(3, np.nan))
     assert clear == pytest.approx([1.0, 1.0, 0.0])
     with pytest.raises(InputError, match="meets nothing"):
-        located_by_scan(Box(79.5, 59.5, 10.0, 10.0), camera, FORWARD, LevelScan(-wall, FORWARD[:3, 3]))
+        located_by_scan(ImageBox(79.5, 59.5, 10.0, 10.0), camera, FORWARD, LevelScan(-wall, FORWARD[:3, 3]))
 
 
 def test_in_view_hidden_unknown_beside_and_behind() -> None:
@@ -192,7 +192,7 @@ def test_in_view_hidden_unknown_beside_and_behind() -> None:
     clear = view.visible(places, np.full(6, 0.02), np.full(6, np.nan))
     assert clear == pytest.approx([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     # A detection that nobody could place may be of what is there.
-    taken = CameraView(camera, FORWARD, DepthImage(metres), taken=(Box(79.5, 59.5, 30.0, 30.0),))
+    taken = CameraView(camera, FORWARD, DepthImage(metres), taken=(ImageBox(79.5, 59.5, 30.0, 30.0),))
     assert taken.visible(places[:1], np.array([0.02]), UNKNOWN) == [0.0]
     # Nobody knows what was in view where nobody knows where the robot is.
     lost = CameraView(

@@ -13,7 +13,7 @@ from estimation.errors import InputError
 from estimation.geometry.places import Place, Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.memory.store import Store
-from world_model.queries import Answer
+from world_model.queries import QueryAnswer
 
 CONFIG = WorldModelConfig(
     classes=["cup", "bowl", "shoe", "table"],
@@ -58,7 +58,7 @@ def model(tmp_path: Path) -> Iterator[WorldModel]:
         yield made
 
 
-def one(answers: list[Answer]) -> Answer:
+def one(answers: list[QueryAnswer]) -> QueryAnswer:
     assert len(answers) == 1, answers
     return answers[0]
 

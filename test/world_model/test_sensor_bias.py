@@ -12,7 +12,7 @@ from world_model.calibration.sensor_bias import CONSTANT, PRIOR, basis, rates
 from world_model.calibration.sensor_errors import SensorErrors
 from world_model.calibration.sensor_evidence import SensorEvidence
 from world_model.calibration.sensor_filter import SensorFilter, error_basis
-from world_model.calibration.sensor_worlds import Detections, SensorWorlds
+from world_model.calibration.sensor_worlds import SensorDetections, SensorWorlds
 
 LANDMARKS = np.array([[0.0, 3.0, 0.0], [2.5, 0.5, 0.0], [-2.5, -0.5, 0.0], [0.5, -3.0, 0.0], [3.0, 3.0, 0.0]])
 REGION = ((-6.0, 6.0), (-6.0, 6.0), (-0.5, 0.5))
@@ -186,10 +186,10 @@ def neighbours() -> tuple[SensorWorlds, np.ndarray]:
     return worlds, places
 
 
-def ahead(z: np.ndarray) -> Detections:
+def ahead(z: np.ndarray) -> SensorDetections:
     """Detections from the origin, which see 3 cm well."""
     J = error_basis(z, np.zeros(4))
-    return Detections(z, np.tile(0.03**2 * np.eye(2), (len(z), 1, 1)), J, np.full(len(z), 6.0), {})
+    return SensorDetections(z, np.tile(0.03**2 * np.eye(2), (len(z), 1, 1)), J, np.full(len(z), 6.0), {})
 
 
 def test_detections_of_a_look_are_turned_together() -> None:

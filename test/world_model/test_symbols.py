@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from world_model.symbols import Symbols, default_symbols, object_symbol, parse_symbol
+from world_model.symbols import Symbols, default_symbols, parse_symbol
 
 DEGREE = math.pi / 180.0
 ATTRIBUTES = {"class": {"cup": 0.7, "bowl": 0.2, "shoe": 0.1}, "color": {"red": 0.6, "blue": 0.4}}
@@ -114,7 +114,7 @@ def test_words_nobody_knows_are_refused() -> None:
 
 
 def test_object_symbols_both_ways() -> None:
-    assert parse_symbol(object_symbol("tea-can", 12)) == ("tea-can", 12)
+    assert parse_symbol("tea-can-12") == ("tea-can", 12)
     assert parse_symbol("the good cup") is None
 
 

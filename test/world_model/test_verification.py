@@ -11,12 +11,12 @@ from estimation.geometry.poses import pose_to_matrix
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts.simulation.shapes import Shapes
 from world_model.tasks.appearance import Appearance
-from world_model.tasks.verification import Box, Verification, look_with_cloud, look_with_scan
+from world_model.tasks.verification import RegionBox, Verification, look_with_cloud, look_with_scan
 
 LIDAR = Lidar(720, 2.0 * np.pi * 719 / 720)
 SENSOR = pose_to_matrix(np.array([1.0, 0.5, 0.3, 0.0, 0.0, 0.7]))
 POSE = np.array([1.0, 0.5, 0.7])
-REGION = Box(np.array([3.0, 1.5, 0.3]), np.array([0.6, 0.6, 0.6]))
+REGION = RegionBox(np.array([3.0, 1.5, 0.3]), np.array([0.6, 0.6, 0.6]))
 
 
 def scanned(*things: Shapes) -> tuple[np.ndarray, float, float]:
@@ -55,7 +55,7 @@ def test_scanners_that_sweep_the_other_way_or_hang_upside_down_see_the_same() ->
 
 def test_a_scanner_at_another_height_sees_nothing_of_it() -> None:
     ranges, first, step = scanned()
-    low = Box(np.array([3.0, 1.5, 1.0]), np.array([0.6, 0.6, 0.4]))
+    low = RegionBox(np.array([3.0, 1.5, 1.0]), np.array([0.6, 0.6, 0.4]))
     assert look_with_scan(low, ranges, first, step, 12.0, SENSOR).visible == 0.0
 
 
@@ -91,7 +91,7 @@ def test_several_frames_have_to_agree_and_hidden_ones_say_nothing() -> None:
 
 
 def test_what_the_map_has_anyway_is_no_object() -> None:
-    region = Box(np.array([4.9, 1.0, 0.3]), np.array([0.6, 0.6, 0.6]))
+    region = RegionBox(np.array([4.9, 1.0, 0.3]), np.array([0.6, 0.6, 0.6]))
     ranges, first, step = scanned()
     frame = look_with_scan(region, ranges, first, step, 12.0, SENSOR)
     assert len(frame.points) > 5
@@ -104,16 +104,16 @@ def test_what_the_map_has_anyway_is_no_object() -> None:
 
 def test_regions_without_size_are_refused() -> None:
     with pytest.raises(InputError, match="size"):
-        Box(np.zeros(3), np.array([1.0, 0.0, 1.0]))
+        RegionBox(np.zeros(3), np.array([1.0, 0.0, 1.0]))
     with pytest.raises(InputError, match="centre"):
-        Box(np.array([np.nan, 0.0, 0.0]), np.ones(3))
+        RegionBox(np.array([np.nan, 0.0, 0.0]), np.ones(3))
 
 
 def test_a_return_in_a_wide_region_may_be_anything() -> None:
     ranges, first, step = scanned(box(0.3, 0.3, (3.0, 1.5, 0.2)))
     outcomes = []
     for width in (0.6, 2.0):
-        region = Box(REGION.centre, np.array([width, width, 0.6]))
+        region = RegionBox(REGION.centre, np.array([width, width, 0.6]))
         verification = Verification(region, needed=2)
         for _ in range(2):
             outcome = verification.take(look_with_scan(region, ranges, first, step, 12.0, SENSOR))

@@ -21,7 +21,15 @@ from whereabouts.nodes.messages.transforms import TransformError, frame_name
 from whereabouts.nodes.ros.inputs import Input
 from whereabouts.recorded.camera_messages import Cameras, check_depth, depth_from_message
 from whereabouts.recorded.evidence_messages import SeenFrame
-from world_model.camera import Box, CameraModel, CameraView, DepthImage, LevelScan, Located, SightRates
+from world_model.camera import (
+    CameraModel,
+    CameraView,
+    DepthImage,
+    ImageBox,
+    LevelScan,
+    LocatedBox,
+    SightRates,
+)
 from world_model.camera import located as placed_by_depth
 from world_model.camera import located_by_scan as placed_by_scan
 from world_model.camera.rates import SUFFIX
@@ -163,7 +171,7 @@ class CameraDoor:
         self._counted = stamp
         return False
 
-    def placing(self, view: CameraView) -> Callable[[Box], Located]:
+    def placing(self, view: CameraView) -> Callable[[ImageBox], LocatedBox]:
         """Where the object in a box is, in the camera's frame. Raises InputError where there is no depth at all."""
         if view.depth is not None:
             depth = view.depth

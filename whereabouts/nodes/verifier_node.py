@@ -26,7 +26,14 @@ from whereabouts.parameters.verifier import VerifierParameters
 from whereabouts_msgs.action import VerifyObject
 from whereabouts_msgs.msg import ObjectEvidence, Region
 from world_model.tasks.appearance import Appearance
-from world_model.tasks.verification import FOUND, Box, Frame, Verification, look_with_cloud, look_with_scan
+from world_model.tasks.verification import (
+    FOUND,
+    Frame,
+    RegionBox,
+    Verification,
+    look_with_cloud,
+    look_with_scan,
+)
 
 
 class VerifierNode(SuiteNode):
@@ -137,7 +144,7 @@ class VerifierNode(SuiteNode):
             item.pose.covariance = full.reshape(36)
             result.evidence.objects = [item]
 
-    def _box(self, request: Any) -> Box:
+    def _box(self, request: Any) -> RegionBox:
         """The region in the map. Raises InputError where it is none, TransformError where it cannot be placed."""
         region: Region = request.region
         frame = frame_name(request.header.frame_id) or self._map_frame
@@ -148,9 +155,9 @@ class VerifierNode(SuiteNode):
                 self.transforms.lookup(self._map_frame, frame, nanoseconds(request.header.stamp)),
                 centre[None],
             )[0]
-        return Box(centre, size)
+        return RegionBox(centre, size)
 
-    def _frame(self, box: Box, message: LaserScan | PointCloud2, sensor: Matrix) -> Frame:
+    def _frame(self, box: RegionBox, message: LaserScan | PointCloud2, sensor: Matrix) -> Frame:
         reach = self.settings.max_range
         if isinstance(message, LaserScan):
             farthest = min(message.range_max, reach) if message.range_max > 0.0 else reach

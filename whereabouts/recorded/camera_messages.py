@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from estimation.errors import InputError
-from world_model.camera import Box, CameraModel, DepthImage
+from world_model.camera import CameraModel, DepthImage, ImageBox
 
 KEPT = 30
 """Depth images that wait for detections: a second of a fast camera."""
@@ -37,10 +37,10 @@ def depth_from_message(message: Any) -> DepthImage:
     )
 
 
-def box_from_message(bbox: Any) -> Box:
+def box_from_message(bbox: Any) -> ImageBox:
     """A vision_msgs/BoundingBox2D; one that is turned is put into an upright one of its size."""
     centre = bbox.center.position
-    return Box(float(centre.x), float(centre.y), float(bbox.size_x), float(bbox.size_y))
+    return ImageBox(float(centre.x), float(centre.y), float(bbox.size_x), float(bbox.size_y))
 
 
 @dataclass

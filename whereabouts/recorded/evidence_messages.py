@@ -17,7 +17,7 @@ from estimation.errors import InputError
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.recorded.camera_messages import box_from_message
 from world_model import ObjectEvidence, WorldEvidence
-from world_model.camera import Box, Located
+from world_model.camera import ImageBox, LocatedBox
 from world_model.symbols import Gaussian, Symbols, default_symbols
 
 Array = npt.NDArray[np.float64]
@@ -101,7 +101,7 @@ class Reader:
         return WorldEvidence(objects)
 
     def boxes(
-        self, message: Any, frame: SeenFrame, place: Callable[[Box], Located]
+        self, message: Any, frame: SeenFrame, place: Callable[[ImageBox], LocatedBox]
     ) -> tuple[WorldEvidence, dict[int, str]]:
         """A vision_msgs/Detection2DArray, and why detections could not be placed, by index.
 

@@ -15,7 +15,7 @@ from estimation.errors import InputError
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts.system.atomic import atomic_path
 from world_model import WorldModel, WorldState
-from world_model.queries import LAST_SEEN, Answer
+from world_model.queries import LAST_SEEN, QueryAnswer
 
 
 def state_record(model: WorldModel, state: WorldState) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def state_record(model: WorldModel, state: WorldState) -> dict[str, Any]:
     }
 
 
-def answer_record(answer: Answer) -> dict[str, Any]:
+def answer_record(answer: QueryAnswer) -> dict[str, Any]:
     """One answer of the figures file."""
     return {
         "id": answer.object.id,

@@ -13,15 +13,14 @@ from world_model.anchoring.bodies import Bodies
 from world_model.anchoring.guidance import Guidance
 from world_model.anchoring.loops.look import Look
 from world_model.anchoring.present import Presentation
-from world_model.anchoring.recall import Recall
+from world_model.anchoring.recognition import Recognition
 from world_model.anchoring.single import SingleObjects
-from world_model.calibration.protocol import Calibration, Known
+from world_model.calibration.protocol import Calibration
 from world_model.config import WorldModelConfig
 from world_model.evidence import Measurements
 from world_model.predictions import Behavior
 
-TIDY = 64
-"""Looks after which anchors that nobody believes in are looked for."""
+TIDY = 64  # Looks after which anchors that nobody believes in are looked for
 
 
 class Anchoring:
@@ -42,8 +41,10 @@ class Anchoring:
         self.bodies = Bodies(self.anchors)
         self.association = Association(self.anchors, self.bodies)
         self.objects = SingleObjects(self.anchors, self.beliefs)
-        self.recall = Recall(self.anchors, self.objects, self.bodies)
-        self.calibration: Calibration = Known(config.sensor_bias) if calibrated is None else calibrated(self)
+        self.recall = Recognition(self.anchors, self.objects, self.bodies)
+        self.calibration: Calibration = (
+            Calibration(config.sensor_bias) if calibrated is None else calibrated(self)
+        )
         self._looks = 0
 
     def reset(self) -> None:

@@ -29,12 +29,9 @@ from world_model.evidence import Distribution
 from world_model.predictions import Course
 from world_model.state import WorldObject
 
-THRESHOLD = 11.5
-"""Hypotheses less probable than the best of their cluster by e to this are dropped."""
-DEPENDENCE = 1e-4
-"""Total variation from which two tracks are dependent."""
-LEAST_PRESENCE = 1e-6
-"""An anchor less probably there, never believed in, is dropped."""
+THRESHOLD = 11.5  # Hypotheses less probable than the best of their cluster by e to this are dropped
+DEPENDENCE = 1e-4  # Total variation from which two tracks are dependent
+LEAST_PRESENCE = 1e-6  # An anchor less probably there, never believed in, is dropped
 FORGOTTEN_SIGMA = 3.0
 """m: a mover known less well than this says no more than that some object is somewhere; its anchor goes."""
 

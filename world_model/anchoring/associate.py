@@ -26,12 +26,9 @@ from world_model.anchoring.touching import Touching, sharing, touched_by
 from world_model.anchoring.unseen import sensor_array
 from world_model.evidence import Measurements
 
-BURST = 1e-3
-"""Probability that a look finds new objects in company: a cupboard was opened, a room entered."""
-COVERED = 0.5
-"""Probability of being hidden within the view from which on a mover counts as hidden."""
-COMPANY = 10.0
-"""How many they are then, mean."""
+BURST = 1e-3  # Probability that a look finds new objects in company: a cupboard was opened, a room entered
+COVERED = 0.5  # Probability of being hidden within the view from which on a mover counts as hidden
+COMPANY = 10.0  # How many they are then, mean
 NOBODY = Movers(
     np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros((0, 3, 3)), 0.0
 )
@@ -92,12 +89,7 @@ class Association:
         return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
 
     def _with_origins(
-        self,
-        seen: Detections,
-        measured: Measurements,
-        chosen: IntArray,
-        born: FloatArray,
-        clutter: float,
+        self, seen: Detections, measured: Measurements, chosen: IntArray, born: FloatArray, clutter: float
     ) -> Detections:
         """The detections with how probable it is that each is new or false, (2.6): nothing new is inside of a body."""
         anchors, view = self.anchors, measured.view

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
@@ -128,14 +129,11 @@ class Vocabulary:
         }
 
 
-Gaussian = tuple[float, float]
-"""Mean and variance, SI units."""
-OUTLIERS = 0.05
-"""Share of measurements that say nothing: of an object that is partly hidden, for one."""
-SIDES = 3.0
-"""Measurements of a mover after which its extent forgets: it looks wider or narrower as it turns."""
-UNKNOWN = -1.0
-"""Variance of a quantity that was never measured."""
+Gaussian = tuple[float, float]  # Mean and variance, SI units
+FLATTEST = 0.05  # Height by width of what is taken to be the flattest thing
+OUTLIERS = 0.05  # Share of measurements that say nothing: of an object that is partly hidden, for one
+SIDES = 3.0  # Measurements of a mover after which its extent forgets: it looks wider or narrower as it turns
+UNKNOWN = -1.0  # Variance of a quantity that was never measured
 
 
 class Quantities:
@@ -220,6 +218,13 @@ class Quantities:
             moves = leaves.behavior[at, MOVING] > leaves.behavior[at, REST]
             leaves.variances[at, q] = np.maximum((1.0 - gain) * variance, r / np.where(moves, SIDES, MEMORY))
 
+    def told(self, leaves: Leaves, slots: IntArray, name: str) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Means (n,) of one quantity of leaves, and of which of them it was measured (n,)."""
+        if name not in self.names:
+            return np.zeros(len(slots)), np.zeros(len(slots), bool)
+        column = self.names.index(name)
+        return leaves.values[slots, column], leaves.variances[slots, column] >= 0.0
+
     def described(self, leaves: Leaves, slot: int) -> dict[str, Gaussian]:
         """What is known of one leaf."""
         known = leaves.variances[slot].tolist()
@@ -240,7 +245,7 @@ def extent(quantities: Mapping[str, Gaussian]) -> tuple[float, float] | None:
     """Width and height, m, of an object with a known diagonal "size" (and "ratio", height by width); None without."""
     if "size" not in quantities:
         return None
-    ratio = max(quantities["ratio"][0], 0.05) if "ratio" in quantities else 1.0
+    ratio = max(quantities["ratio"][0], FLATTEST) if "ratio" in quantities else 1.0
     width = quantities["size"][0] / float(np.sqrt(2.0 + ratio**2))
     return width, ratio * width
 

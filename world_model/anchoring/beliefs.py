@@ -15,12 +15,9 @@ from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArra
 from world_model.anchoring.present import BELIEVED, Presentation
 from world_model.state import WorldObject
 
-LEAST_ALTERNATIVE = 0.01
-"""Probability from which another symbol for an object is worth mentioning."""
-NAMED = 0.95
-"""Probability from which an anchor gets a symbol and is believed in for the first time."""
-LATELY = 1.0
-"""s after its first detection that it may turn out that an object began otherwise."""
+LEAST_ALTERNATIVE = 0.01  # Probability from which another symbol for an object is worth mentioning
+NAMED = 0.95  # Probability from which an anchor gets a symbol and is believed in for the first time
+LATELY = 1.0  # s after its first detection that it may turn out that an object began otherwise
 LOST_SIGMA = 1.5
 """m: a mover that is looked for, but hidden, is shown until its position is known less well than this."""
 

@@ -15,18 +15,14 @@ from world_model.anchoring.anchors import THRESHOLD, Anchors
 from world_model.anchoring.loops.expansion import unify
 from world_model.anchoring.loops.kernels import miss, predict
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
-from world_model.anchoring.occlusion import _extents as extents
+from world_model.anchoring.occlusion import extents
 
-CORE = 0.7
-"""Share of width and height that is surely filled."""
-ALIKE = 0.7
-"""Ratio of two widths from which neither object can lie in the other."""
-SURE = 3.0
-"""Standard deviations of where things are that a statement about bodies leaves open."""
+CORE = 0.7  # Share of width and height that is surely filled
+ALIKE = 0.7  # Ratio of two widths from which neither object can lie in the other
+SURE = 3.0  # Standard deviations of where things are that a statement about bodies leaves open
 SEEN_THROUGH = 0.99
 """Probability that a beam which would have met a core would have ended there: glass, thin legs, errors of the pose."""
-BEAM = 0.02
-"""m: standard deviation of where a beam goes."""
+BEAM = 0.02  # m: standard deviation of where a beam goes
 
 
 class Bodies:
@@ -37,11 +33,8 @@ class Bodies:
 
     def solid(self, slots: IntArray) -> IntArray:
         """Those of these leaves that rest and have a known size."""
-        leaves, names = self.anchors.leaves, self.anchors.quantities.names
-        if "size" not in names or not len(slots):
-            return slots[:0]
-        pi = leaves.behavior[slots]
-        known = leaves.variances[slots, names.index("size")] >= 0.0
+        pi = self.anchors.leaves.behavior[slots]
+        known = self.anchors.quantities.told(self.anchors.leaves, slots, "size")[1]
         return slots[known & (pi[:, REST] > pi[:, MOVING])]
 
     def cores(self, slots: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:

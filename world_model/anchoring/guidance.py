@@ -19,8 +19,7 @@ from world_model.anchoring.loops.leaves import MOVING, NONE, REST
 from world_model.anchoring.loops.walking import walk
 from world_model.predictions import Behavior, Course
 
-DOUBT_SECONDS = 5.0
-"""What was found out about who keeps to the predicted path is forgotten in this time."""
+DOUBT_SECONDS = 5.0  # What was found out about who keeps to the predicted path is forgotten in this time
 
 
 @numba.njit(cache=True)

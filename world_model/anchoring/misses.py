@@ -7,8 +7,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.config import WorldModelConfig
 
-SINGLE = 0.5
-"""Share of the misses of movers that come one at a time."""
+SINGLE = 0.5  # Share of the misses of movers that come one at a time
 SHORTEST, LONGEST = 5.0, 20.0
 """Looks that hide a mover in one run, mean: what passes before it decides, and a setting only within these bounds."""
 

@@ -8,16 +8,13 @@ from scipy.spatial.distance import cdist
 from scipy.special import ndtr
 
 from estimation.checks import FloatArray
-from world_model.anchoring.attributes import Quantities
-from world_model.anchoring.loops.kernels import MOVING, REST
-from world_model.anchoring.loops.leaves import IntArray, Leaves
+from world_model.anchoring.attributes import FLATTEST, Quantities
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
 from world_model.evidence import View
 
-SMALL = 0.05
-"""m: width and height of an object whose size is not known."""
+SMALL = 0.05  # m: width and height of an object whose size is not known
 SURELY = 0.9
-FARTHEST = 3.0
-"""Standard deviations beyond a body at which nothing is within it."""
+FARTHEST = 3.0  # Standard deviations beyond a body at which nothing is within it
 LEAST_SIGMA = 0.01
 
 
@@ -34,32 +31,22 @@ def hide(
     sensor (8,) as in `clearance`. What covers is surely there, and of a size that was measured.
     """
     here = leaves.behavior[:, REST] + leaves.behavior[:, MOVING]
-    covers = measured(leaves, np.flatnonzero((leaves.track >= 0) & (here > SURELY)), quantities)
+    covers = np.flatnonzero((leaves.track >= 0) & (here > SURELY))
+    covers = covers[quantities.told(leaves, covers, "size")[1]]
     if len(covers) == 0:
         return
-    width, height = _extents(leaves, covers, quantities)
     own = np.full((len(leaves.track), 2), SMALL)
-    own[covers, 0], own[covers, 1] = width, height
+    own[covers] = extents(leaves, covers, quantities).T
     _cover(leaves, chosen[:count], clear, covers, own, sensor)
 
 
 def restrict(leaves: Leaves, chosen: IntArray, clear: FloatArray, view: View, quantities: Quantities) -> None:
     """Lower the probability `clear` of being in view of the leaves `chosen` (n,) as a view tells, in place."""
     index = np.flatnonzero(clear[: len(chosen)] > 0.0)
-    slots = chosen[index]
-    moving = leaves.behavior[slots, MOVING] > leaves.behavior[slots, REST]
-    positions = np.where(moving[:, None], leaves.moving[slots, :3], leaves.rest[slots])
-    spreads = np.where(
-        moving[:, None],
-        leaves.moving_cov[slots][:, range(3), range(3)],
-        leaves.rest_cov[slots][:, range(3), range(3)],
-    )
-    sizes = np.full(len(slots), quantities.small("size"))
-    if "size" in quantities.names:
-        column = quantities.names.index("size")
-        known = leaves.variances[slots, column] >= 0.0
-        sizes[known] = np.maximum(leaves.values[slots[known], column], SMALL)
-    clear[index] *= view.seen(positions, np.sqrt(np.maximum(spreads.max(1, initial=0.0), 0.0)), sizes)
+    positions, variances = spots(leaves, chosen[index])
+    size, known = quantities.told(leaves, chosen[index], "size")
+    sizes = np.where(known, np.maximum(size, SMALL), quantities.small("size"))
+    clear[index] *= view.seen(positions, np.sqrt(variances), sizes)
 
 
 def free(
@@ -73,12 +60,10 @@ def free(
     result = np.ones(len(positions))
     if "size" not in quantities.names or len(slots) == 0 or len(positions) == 0:
         return result
-    side = _extents(leaves, slots, quantities).min(0)
-    moving = (leaves.behavior[slots, MOVING] > leaves.behavior[slots, REST])[:, None]
-    middle = np.where(moving, leaves.moving[slots, :3], leaves.rest[slots])
-    spread = np.where(moving, _variances(leaves.moving_cov[slots]), _variances(leaves.rest_cov[slots])).max(1)
+    side = extents(leaves, slots, quantities).min(0)
+    middle, spread = spots(leaves, slots)
     away = cdist(middle, positions)
-    blur = np.sqrt(spread[:, None] + _variances(covariances).max(1))
+    blur = np.sqrt(spread[:, None] + covariances.diagonal(axis1=1, axis2=2).max(1))
     body, at = np.nonzero(away < side[:, None] + FARTHEST * blur)
     off, width, scale = away[body, at], side[body], blur[body, at]
     inside = ndtr((width - off) / scale) - ndtr((-width - off) / scale)
@@ -87,29 +72,20 @@ def free(
     return result
 
 
-def _variances(covariances: FloatArray) -> FloatArray:
-    """Of the position (n, 3), from covariances (n, 3, 3) or (n, 6, 6)."""
-    diagonal: FloatArray = covariances.diagonal(axis1=1, axis2=2)[:, :3]
-    return diagonal
+def spots(leaves: Leaves, slots: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Where leaves most probably are (n, 3), m, and the largest variance of that (n,), m²."""
+    moving = leaves.behavior[slots, MOVING] > leaves.behavior[slots, REST]
+    covariances = np.where(moving[:, None, None], leaves.moving_cov[slots, :3, :3], leaves.rest_cov[slots])
+    middle = np.where(moving[:, None], leaves.moving[slots, :3], leaves.rest[slots])
+    return middle, covariances.diagonal(axis1=1, axis2=2).max(1, initial=0.0)
 
 
-def measured(leaves: Leaves, slots: IntArray, quantities: Quantities) -> IntArray:
-    """Of these leaves those of a measured size."""
-    if "size" not in quantities.names:
-        return slots[:0]
-    return slots[leaves.variances[slots, quantities.names.index("size")] >= 0.0]
-
-
-def _extents(leaves: Leaves, slots: IntArray, quantities: Quantities) -> FloatArray:
+def extents(leaves: Leaves, slots: IntArray, quantities: Quantities) -> FloatArray:
     """Widths and heights (2, n) from the diagonal, and from height by width where that is known."""
-    column = quantities.names.index("size")
-    known = leaves.variances[slots, column] >= 0.0
-    size = np.where(known, leaves.values[slots, column], quantities.small("size"))
-    ratio = np.ones(len(slots))
-    if "ratio" in quantities.names:
-        column = quantities.names.index("ratio")
-        known = leaves.variances[slots, column] >= 0.0
-        ratio = np.where(known, np.maximum(leaves.values[slots, column], 0.05), 1.0)
+    size, known = quantities.told(leaves, slots, "size")
+    size = np.where(known, size, quantities.small("size"))
+    ratio, known = quantities.told(leaves, slots, "ratio")
+    ratio = np.where(known, np.maximum(ratio, FLATTEST), 1.0)
     width = np.maximum(size, 0.0) / np.sqrt(2.0 + ratio**2)
     return np.stack([width, ratio * width])
 

@@ -16,8 +16,7 @@ from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST
 from world_model.evidence import Measurements
 from world_model.state import Box
 
-GATE = 25.0
-"""Squared Mahalanobis distance from which a verified object was moved rather than measured badly."""
+GATE = 25.0  # Squared Mahalanobis distance from which a verified object was moved rather than measured badly
 
 
 class SingleObjects:

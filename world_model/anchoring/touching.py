@@ -11,15 +11,14 @@ from estimation.checks import FloatArray
 from world_model.anchoring.loops.kernels import SETTLED_HITS
 from world_model.anchoring.loops.leaves import MOVING, IntArray, Leaves
 from world_model.anchoring.loops.look import Look
-from world_model.evidence import Sensor
+from world_model.evidence import SensorCone
 
 EDGES = 2.0 ** np.arange(1.0, 6.01, 0.5)
 """Bounds of the distances that are told apart, in standard deviations of a detection."""
 EXPECTED = 16.0
 """Within this distance, in standard deviations, movers are expected to be detected as one until it shows that they are
 not."""
-OFTEN = 0.1
-"""Share of vanishing from which a distance counts."""
+OFTEN = 0.1  # Share of vanishing from which a distance counts
 LEAST = 2.0
 FADE = 0.9999
 
@@ -104,12 +103,9 @@ def sharing(leaves: Leaves, slots: IntArray, here: npt.NDArray[np.bool_]) -> Flo
     return np.where(known, moving, 0.0)
 
 
-LONGEST = 0.3
-"""s: no mover that nobody looks at is shown for longer."""
-LOOKS = 1.5
-"""Looks of the other sensors for which a mover that one has lost is shown."""
-NEAR, TURNED = 0.5, 0.35
-"""m and rad between two looks of one sensor at the most. Sensors have no names."""
+LONGEST = 0.3  # s: no mover that nobody looks at is shown for longer
+LOOKS = 1.5  # Looks of the other sensors for which a mover that one has lost is shown
+NEAR, TURNED = 0.5, 0.35  # m and rad between two looks of one sensor at the most. Sensors have no names.
 Pose = tuple[float, float, float]
 
 
@@ -120,7 +116,7 @@ class Rounds:
         self._sensors: list[tuple[Pose | None, float, float]] = []
         self.patience = LONGEST
 
-    def look(self, sensor: Sensor | None, stamp: float, silent: bool) -> None:
+    def look(self, sensor: SensorCone | None, stamp: float, silent: bool) -> None:
         """Take a look in; `patience` is then how long, in seconds, a mover is shown that nobody looks at.
 
         silent : whether not being seen means nothing in this look.

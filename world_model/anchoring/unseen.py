@@ -13,7 +13,7 @@ from estimation.checks import FloatArray
 from world_model.anchoring.attributes import Quantities
 from world_model.anchoring.loops.kernels import clearance
 from world_model.config import WorldModelConfig
-from world_model.evidence import Sensor, View
+from world_model.evidence import SensorCone, View
 
 MOST_CELLS = 96
 SMALLEST_CELL = 0.25
@@ -149,7 +149,7 @@ class Unseen:
         )
 
 
-def sensor_array(sensor: Sensor | None) -> FloatArray:
+def sensor_array(sensor: SensorCone | None) -> FloatArray:
     """A sensor as `clearance` takes it, (8,)."""
     if sensor is None:
         return np.zeros(8)

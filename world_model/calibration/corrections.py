@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,23 +12,23 @@ from world_model.anchoring.anchors import THRESHOLD
 from world_model.anchoring.loops.kernels import attribute_factor
 from world_model.anchoring.loops.leaves import REST
 from world_model.anchoring.loops.look import Look
-from world_model.calibration.hindsight import MOST_LOOKS, Hindsight
-from world_model.calibration.protocol import Looks, constant_errors, without
+from world_model.calibration.hindsight import MOST_LOOKS, Hindsight, KeptLook
+from world_model.calibration.protocol import Calibration, Looks, Symbols, without
 from world_model.calibration.sensor_errors import SensorErrors
 from world_model.calibration.sensor_filter import error_basis
-from world_model.calibration.sensor_worlds import NEAR, Detections
+from world_model.calibration.sensor_worlds import NEAR, SensorDetections
 from world_model.evidence import Measurements
 
-TWINS = 0.03
-"""m: no two objects rest as near each other, nor nearer than a detection's standard deviation."""
+TWINS = 0.03  # m: no two objects rest as near each other, nor nearer than a detection's standard deviation
 
 
-class Corrections:
-    """A `Calibration` that learns. bias : the sensor's errors. most_looks : how many are kept to be explained anew."""
+class Corrections(Calibration):
+    """Learns them. bias : the sensor's errors. most_looks : how many are kept to be explained anew."""
 
     def __init__(self, anchoring: Anchoring, most_looks: int = MOST_LOOKS) -> None:
         self.anchors, self.beliefs, self.objects = anchoring.anchors, anchoring.beliefs, anchoring.objects
-        self.bias = SensorErrors(constant_errors(self.anchors.config.sensor_bias))
+        super().__init__(self.anchors.config.sensor_bias)
+        self.bias = SensorErrors(self.stated)
         self.hindsight = Hindsight(most_looks)
         self._said: list[int] | None = None
 
@@ -95,7 +95,9 @@ class Corrections:
             unlike[bias.ids[number]] = height - 2.0 * np.log(np.array(factor) + 1e-12)
         z, R = raw.positions[:, :2], raw.covariances[:, :2, :2]
         J = error_basis(raw.positions, raw.sensor.pose, bias.rate)
-        said = bias.worlds.look(Detections(z, R, J, -2.0 * (otherwise - level), unlike, float(bias.rate[2])))
+        said = bias.worlds.look(
+            SensorDetections(z, R, J, -2.0 * (otherwise - level), unlike, float(bias.rate[2]))
+        )
         names = {name: number for number, name in bias.ids.items()}
         surely = ~movers & (leaves.behavior[look.chosen, REST] > 0.5)
         for j, name in enumerate(said):
@@ -152,16 +154,14 @@ class Corrections:
         self._join_twins(raw, owners, {number: names for names, number in names.items() if number in resting})
 
     def keep(
-        self,
-        raw: Measurements,
-        likelihood: FloatArray,
-        stamp: float,
-        owners: list[int],
-        symbols: Sequence[str | None],
+        self, raw: Measurements, likelihood: FloatArray, stamp: float, owners: list[int], symbols: Symbols
     ) -> None:
         """Keep a look, so that later evidence can correct whose its detections were."""
         if raw.sensor is not None and owners:
-            self.hindsight.add(raw, likelihood, stamp, owners, tuple(symbols), self.bias)
+            # The words take many times the room of the numbers, and their likelihood says what they did.
+            seen = replace(raw, attributes=(), quantities=(), object_ids=())
+            look = KeptLook(stamp, seen, likelihood, list(owners), symbols, self.bias.rate)
+            self.hindsight.add(look, self.bias.moved)
 
     def _join_twins(self, raw: Measurements, owners: list[int], names: dict[int, int]) -> None:
         """What was taken for two objects, because the sensor was off, and is at one place now, is one: the older."""

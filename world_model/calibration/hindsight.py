@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,17 +11,14 @@ from estimation.checks import FloatArray
 from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.calibration.revision import Explanation, Sightings, explain
 from world_model.calibration.sensor_bias import within
-from world_model.calibration.sensor_errors import SensorErrors
 from world_model.evidence import Measurements
 
-FIRST_LOOKS = 100
-"""Looks of a sensor that has not moved; as many as are needed where nobody looks back."""
-MOST_LOOKS = 4000
-"""Older looks are forgotten: what they said is in the places of objects."""
+FIRST_LOOKS = 100  # Looks of a sensor that has not moved; as many as are needed where nobody looks back
+MOST_LOOKS = 4000  # Older looks are forgotten: what they said is in the places of objects
 
 
 @dataclass
-class Look:
+class KeptLook:
     """stamp, s; measured : M detections as they came, without their words; likelihood (M, A); owners (M,) : numbers of
     tracks; symbols (M,) : what was said of each detection then; rate (3,) : speed of the sensor, m/s and rad/s."""
 
@@ -56,25 +53,13 @@ class Hindsight:
 
     def reset(self) -> None:
         """Nothing was seen."""
-        self.looks: deque[Look] = deque(maxlen=self._most)
+        self.looks: deque[KeptLook] = deque(maxlen=self._most)
 
-    def add(
-        self,
-        measured: Measurements,
-        likelihood: FloatArray,
-        stamp: float,
-        owners: list[int],
-        symbols: tuple[str | None, ...],
-        sensor: SensorErrors,
-    ) -> None:
-        """Keep a look, measured as it came. Of a sensor that has not moved, few are kept."""
-        if measured.sensor is None or not owners:
-            return
-        if not sensor.moved and len(self.looks) >= FIRST_LOOKS:
+    def add(self, look: KeptLook, moved: bool) -> None:
+        """Keep a look. Of a sensor that has not moved, few are kept."""
+        if not moved and len(self.looks) >= FIRST_LOOKS:
             self.looks.popleft()
-        # The words take many times the room of the numbers, and their likelihood says what they did.
-        seen = replace(measured, attributes=(), quantities=(), object_ids=())
-        self.looks.append(Look(stamp, seen, likelihood, list(owners), symbols, sensor.rate))
+        self.looks.append(look)
 
     def explained(
         self,

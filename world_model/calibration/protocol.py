@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -14,22 +13,32 @@ from world_model.calibration.sensor_bias import CONSTANT
 from world_model.calibration.sensor_filter import error_basis
 from world_model.evidence import Measurements
 
-Looks = list[tuple[float, tuple[str | None, ...]]]
-"""Stamp, s, and object of each detection, per look."""
+Symbols = tuple[str | None, ...]
+Looks = list[tuple[float, Symbols]]  # Stamp, s, and object of each detection, per look
 
 
-class Calibration(Protocol):
-    """One look after the other: `corrected`, `weigh`, `learn`, `keep`."""
+class Calibration:
+    """Constant errors that a deployment states, and nothing is learned; `Corrections` learns.
+
+    One look after the other: `corrected`, `weigh`, `learn`, `keep`.
+    """
+
+    def __init__(self, sensor_bias: Sequence[float]) -> None:
+        self.stated = constant_errors(sensor_bias)
 
     @property
     def values(self) -> FloatArray:
         """Constant errors (8,), see `sensor_bias`."""
+        return self.stated
 
     def reset(self) -> None:
         """Nothing is known but what the settings say."""
 
     def corrected(self, measured: Measurements, stamp: float) -> Measurements:
         """Detections of a look at a stamp, s, without the errors that the sensor is known to have."""
+        if measured.sensor is None or not self.stated.any():
+            return measured
+        return without(measured, np.concatenate([self.stated, np.zeros(2)]))
 
     def weigh(self, raw: Measurements, look: Look) -> None:
         """Have a say in which detection is of which object, by the weights of a look of detections `raw`."""
@@ -38,47 +47,12 @@ class Calibration(Protocol):
         """Take in whose detections (M,) those of the look were, by number of track; may correct that."""
 
     def keep(
-        self,
-        raw: Measurements,
-        likelihood: FloatArray,
-        stamp: float,
-        owners: list[int],
-        symbols: Sequence[str | None],
+        self, raw: Measurements, likelihood: FloatArray, stamp: float, owners: list[int], symbols: Symbols
     ) -> None:
         """Keep a look with the likelihood (M, A) of its words, its tracks and their symbols."""
 
     def look_back(self) -> Looks:
         """Correct earlier conclusions; whose the detections of the looks that were kept are taken to be now."""
-
-
-class Known:
-    """Constant errors that a deployment states, and nothing is learned."""
-
-    def __init__(self, sensor_bias: Sequence[float]) -> None:
-        self.values = constant_errors(sensor_bias)
-
-    def reset(self) -> None: ...
-
-    def corrected(self, measured: Measurements, stamp: float) -> Measurements:
-        """Without the stated errors."""
-        if measured.sensor is None or not self.values.any():
-            return measured
-        return without(measured, np.concatenate([self.values, np.zeros(2)]))
-
-    def weigh(self, raw: Measurements, look: Look) -> None: ...
-
-    def learn(self, raw: Measurements, owners: list[int]) -> None: ...
-
-    def keep(
-        self,
-        raw: Measurements,
-        likelihood: FloatArray,
-        stamp: float,
-        owners: list[int],
-        symbols: Sequence[str | None],
-    ) -> None: ...
-
-    def look_back(self) -> Looks:
         return []
 
 

@@ -21,10 +21,8 @@ from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW, STEPS, U
 from world_model.calibration.sensor_bias import ASIDE, CONSTANT, PRIOR, depth_share, within
 
 ROUNDS = 12
-SHAKEN = 3
-"""Times that what was found is tried to be left for something better."""
-SOME = 50
-"""Looks that are explained first, when those before come in later."""
+SHAKEN = 3  # Times that what was found is tried to be left for something better
+SOME = 50  # Looks that are explained first, when those before come in later
 
 
 @dataclass(frozen=True)
@@ -92,11 +90,7 @@ def residuals(data: Sightings, found: Explanation) -> FloatArray:
     distance, bearing, sight = expected(found.places[None], data.poses[data.look][:, None])
     off = constants(distance, bearing, sight, data.rates[data.look][:, None]) @ found.constant
     return np.stack(
-        [
-            data.seen[:, :1] - distance - off[..., 0],
-            within(data.seen[:, 1:] - bearing - off[..., 1]),
-        ],
-        -1,
+        [data.seen[:, :1] - distance - off[..., 0], within(data.seen[:, 1:] - bearing - off[..., 1])], -1
     )
 
 

@@ -21,12 +21,9 @@ PRIOR = np.array([0.1, 0.05, 1.0, 0.02, 0.03, 0.03, 0.05, 0.05])
 anything is known."""
 PARALLAX = 0.5
 """m: a sensor that has not moved farther than this cannot tell its errors from the objects' places."""
-ASIDE = 1.2
-"""rad: no camera reports depth of what is farther off its axis."""
-SOONEST, LATEST = 0.01, 0.6
-"""s: how fast a sensor moves is known from poses this far apart."""
-QUICKEST = np.array([5.0, 5.0, 6.0])
-"""m/s and rad/s: what is faster is no motion of a sensor."""
+ASIDE = 1.2  # rad: no camera reports depth of what is farther off its axis
+SOONEST, LATEST = 0.01, 0.6  # s: how fast a sensor moves is known from poses this far apart
+QUICKEST = np.array([5.0, 5.0, 6.0])  # m/s and rad/s: what is faster is no motion of a sensor
 
 
 def depth_share(bearing: FloatArray) -> FloatArray:

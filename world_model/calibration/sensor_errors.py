@@ -16,22 +16,15 @@ significant; 8 are usual for a sensor without errors, 28 are exceeded in one of 
 OUTLIER = 16.0
 """Squared Mahalanobis distance from which a detection is no witness, while objects are given their detections without
 regard to the sensor's errors."""
-FASTEST = 5.0
-"""m/s: no sensor moves faster."""
-MOVED = 0.3
-"""m: what is seen this far from where it was expected was carried, or is another."""
-BASELINE = 0.1
-"""s: poses this far apart say how fast the sensor moves, if there are any."""
-MOST = 100
-"""Places that are kept; of more, those not seen for longest go back to being independent."""
+FASTEST = 5.0  # m/s: no sensor moves faster
+MOVED = 0.3  # m: what is seen this far from where it was expected was carried, or is another
+BASELINE = 0.1  # s: poses this far apart say how fast the sensor moves, if there are any
+MOST = 100  # Places that are kept; of more, those not seen for longest go back to being independent
 TAKEN = 0.1
 """Standard deviations of constant errors, of those before anything is known, once all that was seen was explained."""
-PATIENCE = 300
-"""Looks after which a sensor that has shown no errors is watched less."""
-SELDOM = 5
-"""Looks of which one is watched then."""
-SETTLED = 0.02
-"""m: the same of the places of objects."""
+PATIENCE = 300  # Looks after which a sensor that has shown no errors is watched less
+SELDOM = 5  # Looks of which one is watched then
+SETTLED = 0.02  # m: the same of the places of objects
 
 
 class SensorErrors:

@@ -15,22 +15,14 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.anchoring.loops.kernels import MEMORY
 
-TAILS = 4.0
-"""Degrees of freedom of a detection's density."""
-CLEARLY = 1.5
-"""Log odds from which an object is a witness."""
-WITNESSES = 2
-"""Fewest of them that are enough, where the constant errors are significant; else one more."""
-SHARE = 0.3
-"""The same, of all objects that said something."""
-SAYS = 6.0
-"""Most that one object counts, log odds."""
-ENOUGH = 10.0
-"""Log odds of all objects together from which there are errors, whichever they are."""
-USUAL = 20.0
-"""Detections that the stated covariances count when the scale is found."""
-FARTHEST = 12.0
-"""Squared Mahalanobis distance beyond which one is no farther off, for the scale."""
+TAILS = 4.0  # Degrees of freedom of a detection's density
+CLEARLY = 1.5  # Log odds from which an object is a witness
+WITNESSES = 2  # Fewest of them that are enough, where the constant errors are significant; else one more
+SHARE = 0.3  # The same, of all objects that said something
+SAYS = 6.0  # Most that one object counts, log odds
+ENOUGH = 10.0  # Log odds of all objects together from which there are errors, whichever they are
+USUAL = 20.0  # Detections that the stated covariances count when the scale is found
+FARTHEST = 12.0  # Squared Mahalanobis distance beyond which one is no farther off, for the scale
 
 
 class Scaled:

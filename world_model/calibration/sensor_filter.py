@@ -17,16 +17,14 @@ from world_model.calibration.sensor_bias import CONSTANT, PRIOR, basis
 
 ERRORS = CONSTANT + 2
 """Length of the part of the state before the places: constant errors; shared range and turn."""
-STATE = [*range(CONSTANT), 0, 3]
-"""Columns of `basis` by error of the state."""
+STATE = [*range(CONSTANT), 0, 3]  # Columns of `basis` by error of the state
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 SHARED = slice(CONSTANT, ERRORS)
 NEWLY = slice(CONSTANT - 1, ERRORS)
 """Errors that have a part that changes with every look: delay, shared range and turn."""
-SPREAD = np.array([JITTER, *QUICK])
-"""Its standard deviations."""
+SPREAD = np.array([JITTER, *QUICK])  # Its standard deviations
 
 
 def error_basis(positions: FloatArray, pose: FloatArray, rate: FloatArray | None = None) -> FloatArray:

@@ -17,20 +17,13 @@ from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.drift import JITTER, RANGES, STEPS
 from world_model.calibration.sensor_filter import ERRORS, LOG_2PI, SHARED, SensorFilter
 
-MOST = 8
-"""Hypotheses that are kept."""
-THRESHOLD = 25.0
-"""-2 log of the odds to the best from which one is dropped."""
-MEMORY = 30
-"""Detections that two hypotheses explain alike before they are taken for one."""
-TRIED = 20
-"""Shared errors for which the best owners are tried."""
-NEAR = 1.0
-"""m: objects this far from all detections are not asked."""
-WIDE = 25.0
-"""Variance of a detection that is worse than it says, times that said."""
-SELDOM = 5.0
-"""-2 log of how often that is."""
+MOST = 8  # Hypotheses that are kept
+THRESHOLD = 25.0  # -2 log of the odds to the best from which one is dropped
+MEMORY = 30  # SensorDetections that two hypotheses explain alike before they are taken for one
+TRIED = 20  # Shared errors for which the best owners are tried
+NEAR = 1.0  # m: objects this far from all detections are not asked
+WIDE = 25.0  # Variance of a detection that is worse than it says, times that said
+SELDOM = 5.0  # -2 log of how often that is
 GRID = np.stack(np.meshgrid(RANGES, STEPS), -1).reshape(-1, 2)
 COSTS = (GRID**2).sum(1)
 
@@ -45,7 +38,7 @@ class Hypothesis:
 
 
 @dataclass
-class Detections:
+class SensorDetections:
     """M detections as they came: z (M, 2), R (M, 2, 2), J (M, 2, 10); new (M,) : -2 log density of being of nothing
     known that rests. unlike (M,) by number of an object : -2 log of how well its attributes and height fit.
     turning : yaw rate of the sensor, rad/s."""
@@ -58,7 +51,7 @@ class Detections:
     turning: float = 0.0
 
 
-def candidates(filter: SensorFilter, seen: Detections) -> list[tuple[IntArray, FloatArray]]:
+def candidates(filter: SensorFilter, seen: SensorDetections) -> list[tuple[IntArray, FloatArray]]:
     """Ways to explain a look: index of each detection's object, -1 for none, and what its variance is multiplied by."""
     M = len(seen.z)
     nothing = [(np.full(M, -1), np.ones(M))]
@@ -146,7 +139,7 @@ class SensorWorlds:
         for hypothesis in self.hypotheses:
             hypothesis.filter.predict(stamp)
 
-    def look(self, seen: Detections) -> list[int]:
+    def look(self, seen: SensorDetections) -> list[int]:
         """Take a look in: the object (M,) of each detection as the most probable hypothesis has it."""
         fresh = [self.number() for _ in seen.z]
         children: list[tuple[float, Hypothesis, IntArray, FloatArray]] = []
@@ -178,7 +171,7 @@ class SensorWorlds:
         return said
 
     @staticmethod
-    def _cost(filter: SensorFilter, seen: Detections, owner: IntArray, scale: FloatArray) -> float:
+    def _cost(filter: SensorFilter, seen: SensorDetections, owner: IntArray, scale: FloatArray) -> float:
         old = np.flatnonzero(owner >= 0)
         cost = float(seen.new[owner < 0].sum() + SELDOM * (scale > 1.0).sum())
         if len(old) == 0:

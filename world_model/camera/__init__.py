@@ -4,19 +4,19 @@ No ROS here. `CameraModel` is the lens, `DepthImage` and `LevelScan` tell what h
 with the camera's pose, `SightRates` learns how good the detector is, and `located` finds where the things in boxes are.
 """
 
-from world_model.camera.boxes import Box, Located, located, located_by_scan
+from world_model.camera.boxes import ImageBox, LocatedBox, located, located_by_scan
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 from world_model.camera.rates import SightRates
 from world_model.camera.view import CameraView
 
 __all__ = [
-    "Box",
     "CameraModel",
     "CameraView",
     "DepthImage",
+    "ImageBox",
     "LevelScan",
-    "Located",
+    "LocatedBox",
     "SightRates",
     "located",
     "located_by_scan",

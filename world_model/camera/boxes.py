@@ -11,20 +11,16 @@ from estimation.errors import InputError
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 
-CORE = 0.5
-"""Share of a box's sides in which its object is looked for: at the edges is what stands behind."""
-FRONT = 0.3
-"""Quantile of the depths there that is the object's front, as some of them go past it."""
+CORE = 0.5  # Share of a box's sides in which its object is looked for: at the edges is what stands behind
+FRONT = 0.3  # Quantile of the depths there that is the object's front, as some of them go past it
 SAME = 0.15  # m and more, of its size: depths that far from the front are of the same object
 FEWEST = 4
-JITTER = 0.05
-"""Standard deviation of a box's edges, of its sides."""
-SCAN_SIGMA = 0.25
-"""m: a scanner meets the furniture at its edge, and the thing lies somewhere on it."""
+JITTER = 0.05  # Standard deviation of a box's edges, of its sides
+SCAN_SIGMA = 0.25  # m: a scanner meets the furniture at its edge, and the thing lies somewhere on it
 
 
 @dataclass(frozen=True)
-class Box:
+class ImageBox:
     """A frame around an object in an image: middle and sides, pixels."""
 
     x: float
@@ -34,7 +30,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Located:
+class LocatedBox:
     """position (3,), covariance (3, 3) in the camera's optical frame, m and m²; width, height : m, 0 where unknown."""
 
     position: FloatArray
@@ -43,12 +39,10 @@ class Located:
     height: float
 
 
-def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
+def located(box: ImageBox, camera: CameraModel, depth: DepthImage) -> LocatedBox:
     """Position and extent of the object in a box, by a depth image of the same camera.
 
-    Raises
-    ------
-    InputError : a box without size or outside of the image, or nothing in it with a known depth.
+    Raises InputError: a box without size or outside of the image, or nothing in it with a known depth.
     """
     _check(box, camera)
     half = 0.5 * CORE * np.array([box.width, box.height])
@@ -65,12 +59,10 @@ def located(box: Box, camera: CameraModel, depth: DepthImage) -> Located:
     )
 
 
-def located_by_scan(box: Box, camera: CameraModel, pose: FloatArray, scan: LevelScan) -> Located:
+def located_by_scan(box: ImageBox, camera: CameraModel, pose: FloatArray, scan: LevelScan) -> LocatedBox:
     """The same by a level scan, from the camera's pose (4, 4) in the frame of the scan.
 
-    Raises
-    ------
-    InputError : as `located`, or the scanner meets nothing in that direction.
+    Raises InputError: as `located`, or the scanner meets nothing in that direction.
     """
     _check(box, camera)
     ray = pose[:3, :3] @ camera.rays([[box.x, box.y]])[0]
@@ -81,7 +73,7 @@ def located_by_scan(box: Box, camera: CameraModel, pose: FloatArray, scan: Level
     return _placed(box, camera, away / level, SCAN_SIGMA)
 
 
-def _check(box: Box, camera: CameraModel) -> None:
+def _check(box: ImageBox, camera: CameraModel) -> None:
     if not (np.isfinite([box.x, box.y]).all() and 0.0 < box.width < np.inf and 0.0 < box.height < np.inf):
         raise InputError(
             f"bbox: a finite middle and sides above 0 expected, got {box.x:g}, {box.y:g}, "
@@ -95,7 +87,7 @@ def _check(box: Box, camera: CameraModel) -> None:
         )
 
 
-def _placed(box: Box, camera: CameraModel, front: float, sigma: float) -> Located:
+def _placed(box: ImageBox, camera: CameraModel, front: float, sigma: float) -> LocatedBox:
     ray = camera.rays([[box.x, box.y]])[0]
     width, height = box.width * front / camera.fx, box.height * front / camera.fy
     # The middle of a thing lies behind its front by about half of the smaller side.
@@ -111,4 +103,4 @@ def _placed(box: Box, camera: CameraModel, front: float, sigma: float) -> Locate
     covariance = np.diag([across[0] ** 2, across[1] ** 2, 0.0]) + along**2 * np.outer(direction, direction)
     # Nor does what is cut tell how large it is.
     width, height = (0.0, 0.0) if cut_x or cut_y else (width, height)
-    return Located(ray * ahead, covariance + 1e-6 * np.eye(3), width, height)
+    return LocatedBox(ray * ahead, covariance + 1e-6 * np.eye(3), width, height)

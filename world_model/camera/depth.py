@@ -15,8 +15,7 @@ ENCODINGS = {"16UC1": (np.uint16, 1e-3), "mono16": (np.uint16, 1e-3), "32FC1": (
 FLOOR_NOISE, NOISE = 0.005, 0.003
 """Standard deviation of a depth: m, and m per m² (stereo and structured light alike lose with the square)."""
 BINS = 720  # of bearings
-FURNITURE = 0.5
-"""m: what stands on furniture is that far behind the edge that a level scanner meets."""
+FURNITURE = 0.5  # m: what stands on furniture is that far behind the edge that a level scanner meets
 
 
 @dataclass(frozen=True)

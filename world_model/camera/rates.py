@@ -17,19 +17,14 @@ from estimation.errors import InputError
 from world_model.kept_file import read_kept, write_kept
 from world_model.state import WorldObject
 
-PIXELS = 16.0
-"""Apparent size at which half of the things are recognised, until it has been learned."""
+PIXELS = 16.0  # Apparent size at which half of the things are recognised, until it has been learned
 STEEPNESS = 4.0
-FIRST, OCTAVES = 2, 8
-"""The smallest octave is up to 2 ** (FIRST + 1) pixels."""
-PRIOR = 4.0
-"""Looks that the assumed rate counts for, an octave."""
-FEWEST = 10
-"""Looks of which a rate is told."""
+FIRST, OCTAVES = 2, 8  # The smallest octave is up to 2 ** (FIRST + 1) pixels
+PRIOR = 4.0  # Looks that the assumed rate counts for, an octave
+FEWEST = 10  # Looks of which a rate is told
 SURELY = 0.95
 FORMAT, VERSION = "whereabouts camera rates", 1
-SUFFIX = ".camera"
-"""Of the file beside the store."""
+SUFFIX = ".camera"  # Of the file beside the store
 
 
 class SightRates:

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.camera.boxes import Box
+from world_model.camera.boxes import ImageBox
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 from world_model.camera.rates import SightRates
 from world_model.state import WorldObject
 
-SIZE = 0.1
-"""m: of things whose size nobody measured. Small: less is concluded then."""
+SIZE = 0.1  # m: of things whose size nobody measured. Small: less is concluded then.
 NEAR = 0.2  # m: nearer nothing is recognised
 FARTHEST = 30.0  # m
 AROUND = 8
@@ -29,12 +28,10 @@ SHARE, SPREAD = 0.25, 1.5
 """How far beside an object's middle is looked as well: of its size, and of the deviation of its position."""
 SLACK = 0.05
 """m: what is in front by less than that, and by the object's own size and deviation, does not hide it."""
-LEAST, FULL = 0.5, 0.9
-"""Shares of an object in view that say nothing, and all, about its absence."""
+LEAST, FULL = 0.5, 0.9  # Shares of an object in view that say nothing, and all, about its absence
 RESTING, IN_VIEW = 0.9, 0.6
 """Probabilities of resting, and of having been in view, from which on a look says how good the detector is."""
-KNOWN = 5
-"""Of all samples; fewer with a depth say nothing."""
+KNOWN = 5  # Of all samples; fewer with a depth say nothing
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class CameraView:
     pose_covariance: FloatArray | None = None
     origin: FloatArray | None = None
     rates: SightRates = field(default_factory=SightRates)
-    taken: tuple[Box, ...] = ()
+    taken: tuple[ImageBox, ...] = ()
 
     @property
     def knows_hidden(self) -> bool:
@@ -139,11 +136,7 @@ class CameraView:
         off = np.abs(np.arctan2(np.sin(off), np.cos(off)))
         # Who looks over the vertical sees all around.
         half = float(off.max()) + 0.02 if not self._sees_vertical else np.pi
-        return {
-            "pose": (*self.pose[:3, 3].tolist(), yaw),
-            "range": FARTHEST,
-            "angle": 2.0 * min(half, np.pi),
-        }
+        return {"pose": (*self.pose[:3, 3].tolist(), yaw), "range": FARTHEST, "angle": 2.0 * min(half, np.pi)}
 
     @property
     def _sees_vertical(self) -> bool:

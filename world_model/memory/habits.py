@@ -15,23 +15,17 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.places import Places
 from world_model.memory.store_records import Note
-from world_model.state import Box, WorldObject
+from world_model.state import DAY, Box, WorldObject
 
-DAY = 86400.0
 BINS = 24
-NEIGHBOR = 0.5
-"""Weight of the hour before and the hour after."""
-OF_CLASS = 0.2
-"""Weight of what others of its class do, beside what it does itself."""
-DOUBT = 1800.0
-"""s: what was watched for this long at a time of day is believed by half to be a habit."""
-LEAST = 900.0
-"""s: and less than this says nothing."""
-WATCHED = 60.0
-"""s: for how long after its last measurement something counts as watched."""
+NEIGHBOR = 0.5  # Weight of the hour before and the hour after
+OF_CLASS = 0.2  # Weight of what others of its class do, beside what it does itself
+DOUBT = 1800.0  # s: what was watched for this long at a time of day is believed by half to be a habit
+LEAST = 900.0  # s: and less than this says nothing
+WATCHED = 60.0  # s: for how long after its last measurement something counts as watched
 
 
-class History(Protocol):
+class NoteSource(Protocol):
     """The part of a store that habits are learned from."""
 
     def notes(self) -> Iterable[Note]: ...
@@ -71,7 +65,7 @@ class Habits:
                 self._total[key][int(hour) % BINS] += until - begin
             begin = until
 
-    def learn(self, store: History) -> None:
+    def learn(self, store: NoteSource) -> None:
         """Everything that a store's history says: objects stay where they were noted until they are noted elsewhere."""
         if not self._names:
             return

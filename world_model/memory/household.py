@@ -18,29 +18,23 @@ from world_model.behaviors import motion_of
 from world_model.config import WorldModelConfig
 from world_model.kept_file import read_kept, set_aside, write_kept
 from world_model.memory.habits import Habits
-from world_model.memory.routines import DAY, Routines, RoutinesConfig
-from world_model.state import WorldObject
+from world_model.memory.routine_words import FEWEST_DAYS
+from world_model.memory.routines import Routines, RoutinesConfig
+from world_model.state import DAY, WorldObject
 
 FORMAT, VERSION = "whereabouts.household", 1
-PERIOD = 120.0
-"""s between two looks at the believed world, and for which a forecast holds."""
-KEEPING = 1800.0
-"""s between two writes."""
+PERIOD = 120.0  # s between two looks at the believed world, and for which a forecast holds
+KEEPING = 1800.0  # s between two writes
 SURE = 0.7
 """Probability of a place from which on a thing is said to be there: one at an edge does not move to and fro."""
-UNSEEN = 600.0
-"""s after which a thing that nobody has seen may be elsewhere by now."""
-FEWEST_DAYS = 3
-"""Days with a move after which a thing has routines."""
+UNSEEN = 600.0  # s after which a thing that nobody has seen may be elsewhere by now
 MANY = 200
 """Things that are followed from the start; of more only those that are seen to move. Memory goes by things and days."""
 OLDEST = 10.0 * PERIOD
-AT_ONCE = 5
-"""Forecasts that are made anew with one look at the world: half a millisecond each."""
+AT_ONCE = 5  # Forecasts that are made anew with one look at the world: half a millisecond each
 DAYS = 60
 SUFFIX = ".routines"
-STAYS = 0.9
-"""Probability of still being there from which on nothing else is said."""
+STAYS = 0.9  # Probability of still being there from which on nothing else is said
 
 
 class Household:

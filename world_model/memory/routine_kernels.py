@@ -6,6 +6,7 @@ A forecast is made of arrays alone: somebody who asks once does not wait until c
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,105 @@ FAINT = (
     0.1  # of a move in the middle of what nobody saw, beside one at a time of day at which it was seen before
 )
 FAR = 12.0  # largest squared deviation of the stay: a moment is never ruled out by it alone
+
+
+class Remembered:
+    """Which thing was where. history : all of it. things : column of each, by name. seen (N,) : s, when it was seen
+    last."""
+
+    def __init__(self, rows: int) -> None:
+        self.history = _empty(rows, 0)
+        self.things: dict[str, int] = {}
+        self.seen = np.full(0, -np.inf)
+        self._free: list[int] = []
+
+    def column(self, name: str) -> int:
+        """Of a thing, a new one where it has none yet."""
+        if name not in self.things:
+            if not self._free:
+                self._grow()
+            self.things[name] = self._free.pop()
+        return self.things[name]
+
+    def drop(self, name: str) -> None:
+        """Forget a thing."""
+        thing = self.things.pop(name)
+        self.history.place[:, thing] = self.history.before[:, thing] = -1
+        self.history.since[:, thing] = 0
+        self.seen[thing] = -np.inf
+        self._free.append(thing)
+
+    def _grow(self) -> None:
+        """Room for twice as many things."""
+        before = len(self.seen)
+        more = max(before, 16)
+        added = _empty(len(self.history.place), more)
+        self.history = History(*map(np.hstack, zip(self.history, added, strict=True)))
+        self.seen = np.append(self.seen, np.full(more, -np.inf))
+        self._free = list(range(before + more - 1, before - 1, -1))
+
+    def set(self, slot: int, thing: int, place: int) -> bool:
+        """The thing is at another place than it was, or nobody knows where (-1); whether it has moved."""
+        row = slot % len(self.history.place)
+        was = int(self.history.place[row, thing])
+        if was >= 0:
+            self.history.before[row, thing] = was
+        self.history.place[row, thing] = place
+        self.history.since[row, thing] = slot
+        return place >= 0 and self.history.before[row, thing] not in (-1, place)
+
+    def amend(
+        self,
+        thing: int,
+        place: int,
+        last: int,
+        seen: int,
+        absent: int,
+        choose: Callable[[int, int, int], int],
+    ) -> None:
+        """What nobody saw between slot `seen` and now, `last`: when the thing left, and came to `place`.
+
+        absent : newest slot in which it was not at `place` yet. choose : slot of a move from a place between two.
+        """
+        rows = len(self.history.place)
+        was = int(self.history.place[seen % rows, thing])
+        if seen >= last - 1 or was < 0:
+            return
+        unknown = (slot for slot in range(seen + 1, last) if self.history.place[slot % rows, thing] < 0)
+        empty = next(unknown, last)  # newest slot by which it had gone from where it was
+        if was == place:
+            # It was away in between, nobody knows where.
+            if empty == last:
+                return
+            gone, came = (seen + 1 + empty) // 2, (absent + 1 + last) // 2
+        elif absent < empty:
+            gone = came = choose(was, absent, empty)
+        else:
+            gone, came = choose(was, seen, empty), choose(was, absent, last)
+        still(self.history, thing, seen + 1, gone)
+        amend(self.history, thing, gone, came, last, was, place)
+
+    def runs(self, thing: int, slots: np.ndarray) -> list[list[int]]:
+        """Rows (first slot remembered, since, place, before) of the stays of one thing."""
+        place, before, since = (each[slots % len(each), thing] for each in self.history)
+        table = np.column_stack([slots, since, place, before]).astype(np.int64)
+        changed = np.ones(len(table), bool)
+        changed[1:] = np.any(table[1:, 1:] != table[:-1, 1:], axis=1)
+        kept: list[list[int]] = table[changed].tolist()
+        return kept
+
+    def put(self, thing: int, slots: np.ndarray, stays_known: list[list[int]]) -> None:
+        """What `runs` told."""
+        runs = np.array(stays_known, np.int64).reshape(-1, 4)
+        run = np.searchsorted(runs[:, 0], slots, side="right") - 1
+        for into, column in zip(self.history, (2, 3, 1), strict=True):
+            into[slots % len(into), thing] = runs[run, column]
+
+
+def _empty(rows: int, things: int) -> History:
+    """A history in which nothing is known."""
+    shape = rows, things
+    return History(np.full(shape, -1, np.int16), np.full(shape, -1, np.int16), np.zeros(shape, np.int32))
 
 
 def fill(history, last, now):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from world_model.state import DAY, HOUR
+
 Array = np.ndarray
-DAY = 86400.0  # s
-HOUR = 3600.0  # s
 FEWEST_DAYS = 3  # on which a thing left a place, before it usually does anything
 
 
@@ -54,7 +54,7 @@ def _when(chosen: Array, length: float) -> str:
 
 def _duration(seconds: float) -> str:
     """Minutes up to two hours, hours up to two days, then days."""
-    for unit, length, most in (("min", 60.0, 7200.0), ("h", HOUR, 2.0 * DAY)):
+    for unit, length, most in (("min", 60, 2.0 * HOUR), ("h", HOUR, 2.0 * DAY)):
         if seconds < most:
             return f"{seconds / length:.0f} {unit}"
     return f"{seconds / DAY:.0f} days"

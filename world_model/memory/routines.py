@@ -29,21 +29,20 @@ from estimation.errors import InputError
 from world_model.memory.routine_kernels import (
     History,
     Likeness,
-    amend,
+    Remembered,
     fill,
     likely_slot,
     moments,
     outcomes,
     stays,
-    still,
 )
 from world_model.memory.routine_words import usual_move
+from world_model.state import DAY, HOUR
 
 Array = np.ndarray
-DAY = 86400.0  # s
 FORMAT = "whereabouts.routines"
 VERSION = 1
-EMPTY_HALF_LIFE = 3600.0  # s, in which a look that did not find a thing says half as much
+EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
 
 
 @dataclass(frozen=True)
@@ -105,20 +104,28 @@ class Routines:
         self._like = self.config.likeness()
         self._day = round(DAY / self.config.slot)
         self._places: dict[str, int] = {}
-        self._things: dict[str, int] = {}
         self._place_names: list[str] = []
         # A day more than is remembered: a forecast fills in what is not yet known.
-        self._history = _empty((self.config.days + 2) * self._day, 0)
-        self._free: list[int] = []  # columns of the history that no thing has
-        self._moves = self._exposure = (
-            0.0  # moves of anything, and slots times things, both forgotten by half-life
-        )
+        self._known = Remembered((self.config.days + 2) * self._day)
+        # Moves of anything, and slots times things, both forgotten by half-life.
+        self._moves = self._exposure = 0.0
         self._first = self._last = -1
         self._stamp = -math.inf
         self._looked = np.full(0, -np.inf)  # (P,) s, newest look at each place
-        self._seen = np.full(0, -np.inf)  # (N,) s, when each thing was last seen
         self._version = 0
         self._alike: tuple[tuple[int, int], tuple[Array, Array]] | None = None
+
+    @property
+    def _things(self) -> dict[str, int]:
+        return self._known.things
+
+    @property
+    def _history(self) -> History:
+        return self._known.history
+
+    @property
+    def _seen(self) -> Array:
+        return self._known.seen
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -150,24 +157,22 @@ class Routines:
     def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
         """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
 
-        Raises
-        ------
-        InputError : an empty name, a stamp that is not finite or before the newest look.
+        Raises InputError: an empty name, a stamp that is not finite or before the newest look.
         """
         named = _names(objects)
         _name("place", place)
         self._advance(self._checked(stamp))
         index = self._place(place)
-        present = np.array([self._thing(name) for name in named], np.int64)
+        present = np.array([self._known.column(name) for name in named], np.int64)
         row = self._last % len(self._history.place)
         now = self._history.place[row]
         absent = now == index
         absent[present] = False
         for thing in np.flatnonzero(absent).tolist():
-            self._set(row, thing, -1)
+            self._moves += self._known.set(self._last, thing, -1)
         for thing in present[now[present] != index].tolist():
-            self._set(row, thing, index)
-            self._amend(row, thing, index)
+            self._moves += self._known.set(self._last, thing, index)
+            self._amend(thing, index)
         self._seen[present] = self._looked[index] = self._stamp
         self._version += 1
 
@@ -185,7 +190,8 @@ class Routines:
         else:
             found, weights = self._moments(slot)
             chance = self._forecast(thing, slot, place, ahead, found, weights, moving=False)
-        return dict(zip(self._place_names, self._unseen(chance, thing, stamp).tolist(), strict=True))
+        left = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
+        return dict(zip(self._place_names, left.tolist(), strict=True))
 
     def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
         """Objects expected to move within `horizon` s after `stamp`, where the first move leads to, and how probably.
@@ -231,6 +237,7 @@ class Routines:
 
     def to_dict(self) -> dict[str, Any]:
         """All that was learned, as JSON-able data: for each object its stays (since slot, place, place before)."""
+        slots = np.arange(self._oldest(self._last), self._last + 1) if self._last >= 0 else np.zeros(0, int)
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -242,7 +249,7 @@ class Routines:
             "exposure": self._exposure,
             "places": {name: _finite(self._looked[index]) for index, name in enumerate(self._place_names)},
             "objects": [
-                {"name": name, "seen": _finite(self._seen[thing]), "stays": self._runs(thing)}
+                {"name": name, "seen": _finite(self._seen[thing]), "stays": self._known.runs(thing, slots)}
                 for name, thing in self._things.items()
             ],
         }
@@ -251,9 +258,7 @@ class Routines:
     def from_dict(cls, data: Mapping[str, Any]) -> Routines:
         """What `to_dict` gave: the same answers, the same learning.
 
-        Raises
-        ------
-        InputError : the data is not of this format and version.
+        Raises InputError: the data is not of this format and version.
         """
         if data.get("format") != FORMAT or data.get("version") != VERSION:
             raise InputError(f"not {FORMAT} of version {VERSION}")
@@ -272,26 +277,11 @@ class Routines:
         self._stamp = float(data["stamp"])
         self._moves, self._exposure = float(data["moves"]), float(data["exposure"])
         slots = np.arange(self._oldest(self._last), self._last + 1)
-        rows = slots % len(self._history.place)
         for kept in data["objects"]:
-            thing = self._thing(kept["name"])
+            thing = self._known.column(kept["name"])
             self._seen[thing] = -np.inf if kept["seen"] is None else kept["seen"]
-            runs = np.array(kept["stays"], np.int64).reshape(-1, 4)
-            run = np.searchsorted(runs[:, 0], slots, side="right") - 1
-            for into, column in zip(self._history, (2, 3, 1), strict=True):
-                into[rows, thing] = runs[run, column]
+            self._known.put(thing, slots, kept["stays"])
         return self
-
-    def _runs(self, thing: int) -> list[list[int]]:
-        """Rows (first slot remembered, since, place, before) of the stays of one thing."""
-        slots = np.arange(self._oldest(self._last), self._last + 1) if self._last >= 0 else np.zeros(0, int)
-        rows = slots % len(self._history.place)
-        place, before, since = (each[rows, thing] for each in self._history)
-        table = np.column_stack([slots, since, place, before]).astype(np.int64)
-        changed = np.ones(len(table), bool)
-        changed[1:] = np.any(table[1:, 1:] != table[:-1, 1:], axis=1)
-        kept: list[list[int]] = table[changed].tolist()
-        return kept
 
     def _checked(self, stamp: float) -> float:
         if not math.isfinite(stamp):
@@ -330,16 +320,8 @@ class Routines:
     def _forget(self, slot: int) -> None:
         """Things that were not seen for as long as anything is remembered are dropped."""
         oldest = (slot - self.config.days * self._day) * self.config.slot
-        gone = [name for name, thing in self._things.items() if self._seen[thing] < oldest]
-        for name in gone:
-            thing = self._things.pop(name)
-            self._clear(thing)
-            self._free.append(thing)
-
-    def _clear(self, thing: int) -> None:
-        self._history.place[:, thing] = self._history.before[:, thing] = -1
-        self._history.since[:, thing] = 0
-        self._seen[thing] = -np.inf
+        for name in [name for name, thing in self._things.items() if self._seen[thing] < oldest]:
+            self._known.drop(name)
 
     def _place(self, name: str) -> int:
         if name not in self._places:
@@ -348,67 +330,19 @@ class Routines:
             self._looked = np.append(self._looked, -np.inf)
         return self._places[name]
 
-    def _thing(self, name: str) -> int:
-        if name not in self._things:
-            if not self._free:
-                self._grow()
-            self._things[name] = self._free.pop()
-        return self._things[name]
-
-    def _grow(self) -> None:
-        """Room for twice as many things."""
-        before = len(self._seen)
-        more = max(before, 16)
-        added = _empty(len(self._history.place), more)
-        self._history = History(
-            *(np.hstack([old, new]) for old, new in zip(self._history, added, strict=True))
-        )
-        self._seen = np.append(self._seen, np.full(more, -np.inf))
-        self._free = list(range(before + more - 1, before - 1, -1))
-
-    def _set(self, row: int, thing: int, place: int) -> None:
-        """The thing is at another place than it was, or nobody knows where (-1)."""
-        was = int(self._history.place[row, thing])
-        if was >= 0:
-            self._history.before[row, thing] = was
-        if place >= 0 and self._history.before[row, thing] not in (-1, place):
-            self._moves += 1.0
-        self._history.place[row, thing] = place
-        self._history.since[row, thing] = self._last
-
-    def _amend(self, row: int, thing: int, place: int) -> None:
+    def _amend(self, thing: int, place: int) -> None:
         """When it came, where nobody saw it: between looks, when it usually goes there, or in the middle."""
         if not math.isfinite(self._seen[thing]):
             return
         seen = max(self._slot(self._seen[thing]), self._last - self._day, self._first)
-        rows = len(self._history.place)
-        was = int(self._history.place[seen % rows, thing])
-        if seen >= self._last - 1 or was < 0:
-            return
-        empty = self._last  # newest slot by which it had gone from where it was
-        for slot in range(seen + 1, self._last):
-            if self._history.place[slot % rows, thing] < 0:
-                empty = slot
-                break
         looked = self._looked[place]
         absent = max(seen, self._slot(looked)) if math.isfinite(looked) else seen
-        spread = self.config.clock / self.config.slot
-        start = self._oldest(self._last)
+        start, spread = self._oldest(self._last), self.config.clock / self.config.slot
 
-        def choose(low: int, high: int) -> int:
+        def choose(was: int, low: int, high: int) -> int:
             return int(likely_slot(self._history, thing, was, place, low, high, start, self._day, spread))
 
-        if was == place:
-            # It was away in between, nobody knows where.
-            if empty == self._last:
-                return
-            gone, came = (seen + 1 + empty) // 2, (absent + 1 + self._last) // 2
-        elif absent < empty:
-            gone = came = choose(absent, empty)
-        else:
-            gone, came = choose(seen, empty), choose(absent, self._last)
-        still(self._history, thing, seen + 1, gone)
-        amend(self._history, thing, gone, came, self._last, was, place)
+        self._known.amend(thing, place, self._last, seen, absent, choose)
 
     def _last_seen(self, thing: int) -> tuple[int, int]:
         """Slot and place of where a forecast starts: where the thing was last known to be (-1: not remembered)."""
@@ -436,7 +370,7 @@ class Routines:
     ) -> Array:
         """Probabilities (P,) of where the thing is, or first moves to, `ahead` slots after `slot`."""
         count = len(self._place_names)
-        prior = self._prior(place, ahead)
+        prior = _prior(count, place, (self._moves + 1.0) / (self._exposure + self._day), ahead)
         if place < 0:
             return prior
         votes, days = outcomes(
@@ -457,31 +391,23 @@ class Routines:
         chance: Array = (votes / votes.sum() * days + self.config.prior * prior) / (days + self.config.prior)
         return chance
 
-    def _prior(self, place: int, ahead: int) -> Array:
-        """What is expected of anything: it stays with the rate at which things move, or goes anywhere."""
-        count = len(self._place_names)
-        if place < 0 or count == 1:
-            return np.full(count, 1.0 / count)
-        rate = (self._moves + 1.0) / (self._exposure + self._day)
-        stays_here = math.exp(-rate * ahead)
-        prior = np.full(count, (1.0 - stays_here) / (count - 1))
-        prior[place] = stays_here
-        return prior
 
-    def _unseen(self, chance: Array, thing: int, stamp: float) -> Array:
-        """Less where somebody looked since the thing was last seen, and did not find it; fades with the time since."""
-        seen = self._slot(self._seen[thing])
-        looked = np.floor(self._looked / self.config.slot)
-        left = np.where(looked > seen, 1.0 - 0.5 ** ((stamp - self._looked) / EMPTY_HALF_LIFE), 1.0)
-        rest = chance * left
-        total = rest.sum()
-        return rest / total if total > 0.0 else chance / chance.sum()
+def _prior(count: int, place: int, rate: float, ahead: int) -> Array:
+    """What is expected of anything: it stays with the rate at which things move, 1 a slot, or goes anywhere (P,)."""
+    if place < 0 or count == 1:
+        return np.full(count, 1.0 / count)
+    stays_here = math.exp(-rate * ahead)
+    prior = np.full(count, (1.0 - stays_here) / (count - 1))
+    prior[place] = stays_here
+    return prior
 
 
-def _empty(rows: int, things: int) -> History:
-    """A history in which nothing is known."""
-    shape = rows, things
-    return History(np.full(shape, -1, np.int16), np.full(shape, -1, np.int16), np.zeros(shape, np.int32))
+def _unseen(chance: Array, seen: int, looked: Array, slot: float, stamp: float) -> Array:
+    """Less where somebody looked, at `looked` (P,) s, since slot `seen`, and did not find it; fades with time."""
+    left = np.where(np.floor(looked / slot) > seen, 1.0 - 0.5 ** ((stamp - looked) / EMPTY_HALF_LIFE), 1.0)
+    rest = chance * left
+    total = rest.sum()
+    return rest / total if total > 0.0 else chance / chance.sum()
 
 
 def _name(what: str, name: str) -> str:

@@ -1,6 +1,6 @@
 """Memory of the world model: every change of the most probable world, in one SQLite file.
 
-One transaction per message in write-ahead mode: a crash loses at most the message that was being written. Table
+One transaction per message in write-ahead mode: a crash loses at most the message that was being written. StoreTable
 `current` always has the newest state of every object, for the restart; `history` has a row per event, for questions
 about the past, and is thinned out when it exceeds a limit: what is old, and no event, first.
 """
@@ -11,9 +11,10 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from estimation.checks import require_count
 from estimation.geometry.places import Places
@@ -25,8 +26,8 @@ from world_model.memory.store_format import (
     HISTORY,
     NAMES,
     OBJECTS,
-    Clock,
-    Table,
+    StoreClock,
+    StoreTable,
     summed,
 )
 from world_model.memory.store_keeper import Keeper
@@ -41,40 +42,89 @@ LIMIT = 100_000
 EVENT_LEVEL = 30
 """Rows with a higher level are kept longer; events have this one, others the ruler sequence of their number."""
 EVENTS = ("appeared", "gone", "lost", "found", "returned", "renamed")
-INSTANTS = 3
-"""Failures in a row after which a write is tried again once a second only."""
-RETRY = 1.0
-"""s of the time that passes: stamps may stand still, or be of a replay."""
+INSTANTS = 3  # Failures in a row after which a write is tried again once a second only
+RETRY = 1.0  # s of the time that passes: stamps may stand still, or be of a replay
 _Run = tuple[int, float | None, float | None]
 
-PERIOD = 600.0
-"""s between two looks for damage, each with a snapshot where something was written since."""
+PERIOD = 600.0  # s between two looks for damage, each with a snapshot where something was written since
 
 
-@dataclass
-class _Change:
-    """What a transaction does to the row of `clock`: rows more, and their marks."""
+class Transaction:
+    """What is written at once: rows, how many there are more of each kind, and the sum of their marks."""
 
-    epoch: int
-    stamp: float | None
-    runs: int = 0
-    names: int = 0
-    present: int = 0
-    past: int = 0
-    marks: int = 0
+    def __init__(
+        self, connection: sqlite3.Connection, next_row: int, epoch: int, stamp: float | None
+    ) -> None:
+        self._connection = connection
+        self.next_row, self.epoch, self.stamp = next_row, epoch, stamp
+        self.runs = self.names = self.present = self.past = self.marks = 0
 
-    def applied(self, clock: Clock) -> Clock:
-        return Clock(
-            self.epoch,
-            self.stamp,
-            clock.identity,
-            clock.sequence + 1,
-            clock.runs + self.runs,
-            clock.names + self.names,
-            clock.present + self.present,
-            clock.past + self.past,
-            summed((clock.total, self.marks)),
+    def applied(self, clock: StoreClock) -> StoreClock:
+        """The row of `clock` after it."""
+        counts = (clock.runs + self.runs, clock.names + self.names, clock.present + self.present)
+        total = summed((clock.total, self.marks))
+        return StoreClock(
+            self.epoch, self.stamp, clock.identity, clock.sequence + 1, *counts, clock.past + self.past, total
         )
+
+    def put(self, table: StoreTable, *values: object, instead: int = 0) -> int:
+        """Write a row, in place of the one with the same key, which had the mark `instead`; returns its mark."""
+        mark = table.mark(values)
+        self._connection.execute(table.insert, (*values, mark))
+        self.marks += mark - instead
+        return mark
+
+    def key(self, object_id: str, run: int) -> tuple[int, int]:
+        """Key of an object of a run, and how many rows of history it has."""
+        ask = self._connection.execute
+        found = ask("SELECT key FROM objects WHERE epoch = ? AND id = ?", (run, object_id)).fetchone()
+        if found is None:
+            key = 1 + (ask("SELECT max(key) FROM objects").fetchone()[0] or 0)
+            for table in (OBJECTS, NAMES):
+                self.put(table, key, run, object_id)
+            self.names += 1
+            return key, 0
+        rows = ask("SELECT count(*) FROM history WHERE key = ?", (found[0],)).fetchone()[0]
+        return int(found[0]), int(rows)
+
+    def happen(self, key: int, stamp: float, event: str, level: int, values: tuple[Any, ...]) -> None:
+        """A row of history."""
+        self.put(HISTORY, self.next_row, key, stamp, event, level, *values)
+        self.past += 1
+        self.next_row += 1
+
+    def note(self, key: int, stamp: float, happened: str, number: int, item: WorldObject) -> None:
+        """What happened to an object that has `number` rows. Every other row has level 0, every fourth level 1 and so
+        on: the ruler sequence."""
+        number += 1
+        level = EVENT_LEVEL if happened in EVENTS else (number & -number).bit_length() - 1
+        self.happen(key, stamp, happened, level, encode(item, attributes_text(item.attributes, 4)))
+
+    def remove(self, known: Written, stamp: float) -> None:
+        """An object is there no longer."""
+        self._connection.execute("DELETE FROM current WHERE key = ?", (known.key,))
+        self.present -= 1
+        self.marks -= known.mark
+        self.note(known.key, stamp, "gone", known.rows, known.latest)
+
+    def thin(self, count: int, limit: int) -> int:
+        """Delete up to `count` rows of history, of which `limit` are kept: the older half, those of low level first."""
+        if count <= 0:
+            return 0
+        newest = self._connection.execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        deleted = 0
+        for level in range(EVENT_LEVEL + 1):
+            marks = self._connection.execute(
+                "DELETE FROM history WHERE row IN "
+                "(SELECT row FROM history WHERE level = ? AND row <= ? ORDER BY row LIMIT ?) RETURNING mark",
+                (level, newest - limit // 2, count - deleted),
+            ).fetchall()
+            deleted += len(marks)
+            self.marks -= sum(mark for (mark,) in marks)
+            if deleted >= count:
+                break
+        self.past -= deleted
+        return deleted
 
 
 class Store(Records):
@@ -102,6 +152,7 @@ class Store(Records):
         self._places = self._kept_places = ""
         self.recalled: object = None  # what questions have read of it
         self._run: _Run
+        self._next_row: int
         self._open()
 
     @property
@@ -159,8 +210,8 @@ class Store(Records):
         try:
             with self._transaction() as change:
                 for table in (OBJECTS, NAMES):
-                    change.marks -= table.mark((known.key, self._epoch, object_id))
-                    change.marks += self._put(table, known.key, self._epoch, new_object_id)
+                    before = table.mark((known.key, self._epoch, object_id))
+                    change.put(table, known.key, self._epoch, new_object_id, instead=before)
             self._written[new_object_id] = self._written.pop(object_id)
         except (sqlite3.Error, OSError) as error:
             self._fail(error)
@@ -181,14 +232,14 @@ class Store(Records):
             for item in changed:
                 after.append((item.id, self._write(item, state.stamp, change)))
             for object_id in gone:
-                self._remove(object_id, state.stamp, change)
+                change.remove(self._written[object_id], state.stamp)
                 after.append((object_id, None))
             if self._places and self._places != self._kept_places:
-                self._write_places(state.stamp, change)
+                key, _ = change.key(NAME, RUN)
+                change.happen(key, state.stamp, EVENT, KEPT, places_row(self._places, state.stamp))
             run: _Run = (state.epoch, state.stamp if self._run[1] is None else self._run[1], state.stamp)
-            change.marks += self._put(EPOCHS, *run) - EPOCHS.mark(self._run)
-            most = min(4 * change.past + 16, self.rows + change.past - self.limit)
-            self._thin(most, change)
+            change.put(EPOCHS, *run, instead=EPOCHS.mark(self._run))
+            change.thin(min(4 * change.past + 16, self.rows + change.past - self.limit), self.limit)
         self._run = run
         self._kept_places = self._places or self._kept_places
         for object_id, written_now in after:
@@ -197,7 +248,7 @@ class Store(Records):
             else:
                 self._written[object_id] = written_now
 
-    def _write(self, item: WorldObject, stamp: float, change: _Change) -> Written:
+    def _write(self, item: WorldObject, stamp: float, change: Transaction) -> Written:
         """Rows of one object that is new or another version; what to remember of it."""
         known = self._written.get(item.id)
         if known is not None and is_drift(known.row, item):
@@ -207,66 +258,18 @@ class Store(Records):
         else:
             text = attributes_text(item.attributes)
         if known is None:
-            key, rows = self._key(item.id, change)
+            key, rows = change.key(item.id, self._epoch)
             happened = "returned" if rows else "appeared"
             change.present += 1
         else:
             key, rows = known.key, known.rows
             happened = event(known.noted, known.noted_at, item, stamp)
-            change.marks -= known.mark
-        mark = self._put(CURRENT, key, *encode(item, text))
-        change.marks += mark
+        mark = change.put(CURRENT, key, *encode(item, text), instead=0 if known is None else known.mark)
         if not happened:
             assert known is not None
             return replace(known, latest=item, row=item, text=text, mark=mark)
-        self._note(key, stamp, happened, rows, item, change)
+        change.note(key, stamp, happened, rows, item)
         return Written(key, item, item, item, stamp, rows + 1, text, mark)
-
-    def _write_places(self, stamp: float, change: _Change) -> None:
-        key, _ = self._key(NAME, change, RUN)
-        values = places_row(self._places, stamp)
-        change.marks += self._put(HISTORY, self._next_row, key, stamp, EVENT, KEPT, *values)
-        change.past += 1
-        self._next_row += 1
-
-    def _remove(self, object_id: str, stamp: float, change: _Change) -> None:
-        known = self._written[object_id]
-        self._execute("DELETE FROM current WHERE key = ?", known.key)
-        change.present -= 1
-        change.marks -= known.mark
-        self._note(known.key, stamp, "gone", known.rows, known.latest, change)
-
-    def _note(
-        self, key: int, stamp: float, happened: str, number: int, item: WorldObject, change: _Change
-    ) -> None:
-        """A row of history. Every other row has level 0, every fourth level 1 and so on: the ruler sequence."""
-        number += 1
-        level = EVENT_LEVEL if happened in EVENTS else (number & -number).bit_length() - 1
-        values = encode(item, attributes_text(item.attributes, 4))
-        change.marks += self._put(HISTORY, self._next_row, key, stamp, happened, level, *values)
-        change.past += 1
-        self._next_row += 1
-
-    def _key(self, object_id: str, change: _Change, run: int | None = None) -> tuple[int, int]:
-        """Key of an object of this run (or of `run`), and how many rows of history it has."""
-        epoch = self._epoch if run is None else run
-        found = self._execute(
-            "SELECT key FROM objects WHERE epoch = ? AND id = ?", epoch, object_id
-        ).fetchone()
-        if found is None:
-            key = 1 + (self._execute("SELECT max(key) FROM objects").fetchone()[0] or 0)
-            for table in (OBJECTS, NAMES):
-                change.marks += self._put(table, key, epoch, object_id)
-            change.names += 1
-            return key, 0
-        rows = self._execute("SELECT count(*) FROM history WHERE key = ?", found[0]).fetchone()[0]
-        return int(found[0]), int(rows)
-
-    def _put(self, table: Table, *values: object) -> int:
-        """Write a row, in place of the one with the same key; returns its mark."""
-        mark = table.mark(values)
-        self._file.connection.execute(table.insert, (*values, mark))
-        return mark
 
     def _begin(self, epoch: int) -> None:
         known = self._execute(
@@ -278,30 +281,9 @@ class Store(Records):
             change.present -= len(self._written)
             change.marks -= sum(written.mark for written in self._written.values())
             if known is None:
-                change.marks += self._put(EPOCHS, *run)
+                change.put(EPOCHS, *run)
                 change.runs += 1
         self._run, self._written = run, {}
-
-    def _thin(self, count: int, change: _Change) -> int:
-        """Delete up to `count` rows of the older half of history, those of low level first."""
-        if count <= 0:
-            return 0
-        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
-        deleted = 0
-        for level in range(EVENT_LEVEL + 1):
-            marks = self._execute(
-                "DELETE FROM history WHERE row IN "
-                "(SELECT row FROM history WHERE level = ? AND row <= ? ORDER BY row LIMIT ?) RETURNING mark",
-                level,
-                newest - self.limit // 2,
-                count - deleted,
-            ).fetchall()
-            deleted += len(marks)
-            change.marks -= sum(mark for (mark,) in marks)
-            if deleted >= count:
-                break
-        change.past -= deleted
-        return deleted
 
     # The file.
 
@@ -327,7 +309,7 @@ class Store(Records):
         try:
             while self.rows > self.limit:
                 with self._transaction(stamp=self._clock.stamp) as change:
-                    done = self._thin(min(self.rows - self.limit, 10_000), change)
+                    done = change.thin(min(self.rows - self.limit, 10_000), self.limit)
                 if done == 0:
                     break
             self._execute("VACUUM")
@@ -351,10 +333,10 @@ class Store(Records):
         self.close()
 
     @contextmanager
-    def _transaction(self, epoch: int | None = None, stamp: float | None = None) -> Iterator[_Change]:
+    def _transaction(self, epoch: int | None = None, stamp: float | None = None) -> Iterator[Transaction]:
         """All or nothing, with the row of `clock`. stamp : None where a run begins."""
         connection = self._file.connection
-        change = _Change(self._epoch if epoch is None else epoch, stamp)
+        change = Transaction(connection, self._next_row, self._epoch if epoch is None else epoch, stamp)
         connection.execute("BEGIN IMMEDIATE")
         try:
             yield change
@@ -365,6 +347,8 @@ class Store(Records):
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
             raise
+        finally:
+            self._next_row = change.next_row
         self._clock = clock
         self._file.note(clock)
 
@@ -381,10 +365,10 @@ class Store(Records):
             raise StoreError(f"{self.path}: cannot be read: {error}") from error
 
     def _resume(self) -> None:
-        self._clock = Clock.of(self._execute("SELECT * FROM clock").fetchone())
+        self._clock = StoreClock.of(self._execute("SELECT * FROM clock").fetchone())
         epoch, run = self._epoch, "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?"
         self._run = self._execute(run, epoch).fetchone()
-        self._next_row = 1 + (self._execute("SELECT max(row) FROM history").fetchone()[0] or 0)
+        self._next_row = 1 + self._newest_row()
         self._kept_places = self._places_row()
         self._written = {}
         if self.read_only:

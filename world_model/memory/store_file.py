@@ -14,7 +14,14 @@ from contextlib import closing
 from pathlib import Path
 
 from estimation.errors import WhereaboutsError
-from world_model.memory.store_format import APPLICATION, FIRST_VERSION, MAGIC, VERSION, Clock, header_problem
+from world_model.memory.store_format import (
+    APPLICATION,
+    FIRST_VERSION,
+    MAGIC,
+    VERSION,
+    StoreClock,
+    header_problem,
+)
 from world_model.memory.store_pages import Pages
 from world_model.memory.store_repair import (
     READING_ERRORS,
@@ -31,13 +38,10 @@ from world_model.memory.store_repair import (
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 COMPANIONS = ("", "-wal", "-shm")
 SNAPSHOTS = 2
-SPACE = 3.0
-"""Times the size of a file that has to be free for a new one beside it."""
-CLOSING = 1.0
-"""s for which a writer that ends looks at what it leaves."""
+SPACE = 3.0  # Times the size of a file that has to be free for a new one beside it
+CLOSING = 1.0  # s for which a writer that ends looks at what it leaves
 _TIP = struct.Struct("<QII")
-_WHOLE = 32
-"""Where in the file beside the store the digest of what was found whole lies, after the tip."""
+_WHOLE = 32  # Where in the file beside the store the digest of what was found whole lies, after the tip
 
 
 class StoreError(WhereaboutsError):
@@ -52,9 +56,8 @@ class StoreFile:
     """One open file. `connection` is in autocommit mode; transactions are explicit.
 
     `found` : what was damaged or missing when it was opened, a sentence each; `aside` : where the damaged file is now.
-    A read-only store is not put right: what is whole is answered from memory.
-
-    Raises StoreVersionError or StoreError, naming the file.
+    A read-only store is not put right: what is whole is answered from memory. Raises StoreVersionError or StoreError,
+    naming the file.
     """
 
     def __init__(self, path: Path, read_only: bool = False) -> None:
@@ -85,7 +88,7 @@ class StoreFile:
         """Where snapshots are kept, the newest first."""
         return [Path(f"{self.path}.snapshot-{number + 1}") for number in range(SNAPSHOTS)]
 
-    def note(self, clock: Clock) -> None:
+    def note(self, clock: StoreClock) -> None:
         """Remember beside the file how far it has been written: what a log lost is then known."""
         if self._lock is not None:
             name = zlib.crc32(clock.identity.encode())
@@ -163,7 +166,7 @@ class StoreFile:
             for pragma in ("journal_mode = WAL", "synchronous = NORMAL", "secure_delete = ON"):
                 connection.execute(f"PRAGMA {pragma}").fetchall()
             connection.execute("PRAGMA wal_autocheckpoint = 1000").fetchall()
-            clock = Clock.of(connection.execute("SELECT * FROM clock").fetchone())
+            clock = StoreClock.of(connection.execute("SELECT * FROM clock").fetchone())
             self._compare_tip(clock)
             return connection
         except (sqlite3.Error, OSError) as error:
@@ -263,7 +266,7 @@ class StoreFile:
             self.aside = set_aside(self.path, "damaged")
             self.found.append(f"{self.path}: only its log was there; it was set aside as {self.aside.name}")
 
-    def _compare_tip(self, clock: Clock) -> None:
+    def _compare_tip(self, clock: StoreClock) -> None:
         assert self._lock is not None
         sequence, name, check = _TIP.unpack(os.pread(self._lock, _TIP.size, 0).ljust(_TIP.size, b"\0"))
         mine = name == zlib.crc32(clock.identity.encode()) and _tip(sequence, name)[-4:] == struct.pack(

@@ -18,12 +18,10 @@ from typing import Any
 
 from world_model.memory.store_rows import COLUMNS
 
-FIRST_VERSION = 1
-"""Without marks; taken over when it is opened."""
+FIRST_VERSION = 1  # Without marks; taken over when it is opened
 VERSION = 202611
 """Year and month of the format. A next one differs in two bits or more: one bit is a damage, not a version."""
-APPLICATION = 0x77686272
-"""Marks the file as a world model's among all that SQLite may have written."""
+APPLICATION = 0x77686272  # Marks the file as a world model's among all that SQLite may have written
 PAGE = 4096
 MAGIC = b"SQLite format 3\0"
 
@@ -52,7 +50,7 @@ CREATE INDEX history_by_level ON history (level, row);
 
 
 @dataclass(frozen=True)
-class Table:
+class StoreTable:
     """One table. columns : without the mark, the integer key first. kinds : a letter for each column, i integer,
     r real, t text, b bytes."""
 
@@ -118,20 +116,20 @@ def _picked(places: list[int]) -> Picked:
     return lambda values: tuple(values[place] for place in places)
 
 
-CLOCK = Table(
+CLOCK = StoreTable(
     "clock", "one, epoch, stamp, identity, sequence, runs, names, present, past, total", "iirtiiiiii"
 )
-EPOCHS = Table("epochs", "epoch, first_stamp, last_stamp", "irr")
-OBJECTS = Table("objects", "key, epoch, id", "iit")
-NAMES = Table("names", "key, epoch, id", "iit")
+EPOCHS = StoreTable("epochs", "epoch, first_stamp, last_stamp", "irr")
+OBJECTS = StoreTable("objects", "key, epoch, id", "iit")
+NAMES = StoreTable("names", "key, epoch, id", "iit")
 """The same as `objects`, on other pages: without its name the whole history of an object is worth nothing."""
-CURRENT = Table("current", f"key, {COLUMNS}", "ibrirrttt")
-HISTORY = Table("history", f"row, key, stamp, event, level, {COLUMNS}", "iirtibrirrttt")
+CURRENT = StoreTable("current", f"key, {COLUMNS}", "ibrirrttt")
+HISTORY = StoreTable("history", f"row, key, stamp, event, level, {COLUMNS}", "iirtibrirrttt")
 COUNTED = (EPOCHS, OBJECTS, NAMES, CURRENT, HISTORY)
 
 
 @dataclass(frozen=True)
-class Clock:
+class StoreClock:
     """The row of `clock`: the newest run and stamp, whose file it is, its transactions, and the tally.
 
     runs, names, present, past : rows of epochs, objects (and names), current, history; total : sum of all their marks.
@@ -148,7 +146,7 @@ class Clock:
     total: int = 0
 
     @classmethod
-    def of(cls, row: Sequence[Any]) -> Clock:
+    def of(cls, row: Sequence[Any]) -> StoreClock:
         """From a row as it is stored, with or without its mark."""
         _, epoch, stamp, identity, *numbers = row[:10]
         name = identity.decode() if isinstance(identity, bytes) else identity

@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 from world_model.memory.store_file import StoreFile, has_space
-from world_model.memory.store_format import Clock
+from world_model.memory.store_format import StoreClock
 from world_model.memory.store_repair import connect, examine
 
 
@@ -59,7 +59,7 @@ class Keeper:
         return not self._ended.wait(0.002)
 
     def _keep(self, connection: sqlite3.Connection) -> None:
-        clock = Clock.of(connection.execute("SELECT * FROM clock").fetchone())
+        clock = StoreClock.of(connection.execute("SELECT * FROM clock").fetchone())
         if clock.sequence == self._kept:
             return
         if not has_space(self._path):

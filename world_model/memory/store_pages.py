@@ -20,19 +20,17 @@ from numpy.typing import NDArray
 
 from world_model.memory.store_format import PAGE
 
-LEAF, INTERIOR = 13, 5
+LEAF = 13
 INDEX = (2, 10)
 LOG_HEAD, FRAME_HEAD = 32, 24
 FRAME = FRAME_HEAD + PAGE
 LOG_MAGIC = 0x377F0682.to_bytes(4, "big")
 """Of logs with checksums over words of small-endian machines, the only ones there are."""
 LARGEST_ROW = 1 << 20
-PIECE = 1 << 18
-"""Bytes that are read at once, where all are looked at once."""
+PIECE = 1 << 18  # Bytes that are read at once, where all are looked at once
 LOCAL = PAGE - 35
 LEAST_LOCAL = (PAGE - 12) * 32 // 255 - 23
-SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)
-"""Bytes of the values of serial types 0 to 9."""
+SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)  # Bytes of the values of serial types 0 to 9
 _CODES = {1: "b", 2: "h", 4: "i", 6: "q", 7: "d"}
 _MASK = 0xFFFFFFFF
 # How a record begins: the size of its head, and the type of the key, which is not in it.

@@ -17,12 +17,10 @@ from estimation.geometry.places import Place, Places
 from world_model.memory.store_rows import encode
 from world_model.state import WorldObject
 
-RUN = -1
-"""The run of what belongs to the home and not to a recording."""
+RUN = -1  # The run of what belongs to the home and not to a recording
 NAME = ""
 EVENT = "places"
-KEPT = 31
-"""Level of rows that are never thinned out."""
+KEPT = 31  # Level of rows that are never thinned out
 
 
 def places_text(places: Places) -> str:

@@ -14,16 +14,14 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.memory.store_file import StoreFile
-from world_model.memory.store_format import Clock
+from world_model.memory.store_format import StoreClock
 from world_model.memory.store_places import EVENT, NAME, RUN, places_of
 from world_model.memory.store_rows import COLUMNS, Written, decode
 from world_model.state import WorldObject, most_probable
 from world_model.symbols import parse_symbol
 
-REACH = 1.0
-"""m around a place from which nothing is there more probably than not."""
-AT_ONCE = 5000
-"""Rows of history that are sooner looked through than objects one by one."""
+REACH = 1.0  # m around a place from which nothing is there more probably than not
+AT_ONCE = 5000  # Rows of history that are sooner looked through than objects one by one
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class Records:
     """The reading part of `Store`."""
 
     _file: StoreFile
-    _clock: Clock
+    _clock: StoreClock
     _written: dict[str, Written]
 
     @property
@@ -198,7 +196,7 @@ class Records:
 
     def newest(self) -> tuple[int, float | None, int]:
         """Run, stamp and number of the last message that the file has."""
-        clock = Clock.of(self._execute("SELECT * FROM clock").fetchone())
+        clock = StoreClock.of(self._execute("SELECT * FROM clock").fetchone())
         return clock.epoch, clock.stamp, clock.sequence
 
     def present(self) -> list[WorldObject]:
@@ -256,7 +254,7 @@ class Records:
             prefix,
         )
         ids: dict[int, str] = dict(names.fetchall())
-        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        newest = self._newest_row()
         # Rows lie in the order in which they were written: this is read from one end, without an index.
         first = self._row_at(start, newest) - 1
         if first < newest - most:
@@ -327,35 +325,27 @@ class Records:
 
     def active(self, start: float, end: float) -> list[str]:
         """Objects of the newest run with history between two stamps."""
-        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        newest = self._newest_row()
         first = self._row_at(start, newest)
+        few = "o.key IN (SELECT key FROM history WHERE row >= ? AND stamp BETWEEN ? AND ?)"
+        many = "EXISTS (SELECT 1 FROM history h WHERE h.key = o.key AND h.stamp BETWEEN ? AND ?)"
         if newest - first < AT_ONCE:
-            rows = self._execute(
-                "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND o.key IN "
-                "(SELECT key FROM history WHERE row >= ? AND stamp BETWEEN ? AND ?) ORDER BY o.key",
-                first,
-                start,
-                end,
-            )
-        else:
-            rows = self._execute(
-                "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND EXISTS "
-                "(SELECT 1 FROM history h WHERE h.key = o.key AND h.stamp BETWEEN ? AND ?) ORDER BY o.key",
-                start,
-                end,
-            )
-        return [name for (name,) in rows]
+            return self._these(few, first, start, end)
+        return self._these(many, start, end)
 
     def departed(self, start: float) -> list[str]:
         """Objects of the newest run that went, or were lost, since a stamp."""
-        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
-        rows = self._execute(
-            "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock) AND o.key IN "
-            "(SELECT key FROM history WHERE row >= ? AND stamp >= ? AND event IN ('gone', 'lost')) ORDER BY o.key",
-            self._row_at(start, newest),
-            start,
-        )
-        return [name for (name,) in rows]
+        first = self._row_at(start, self._newest_row())
+        went = "SELECT key FROM history WHERE row >= ? AND stamp >= ? AND event IN ('gone', 'lost')"
+        return self._these(f"o.key IN ({went})", first, start)
+
+    def _these(self, which: str, *values: Any) -> list[str]:
+        """Objects of the newest run, in the order in which they were met."""
+        of_run = "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock)"
+        return [name for (name,) in self._execute(f"{of_run} AND {which} ORDER BY o.key", *values)]
+
+    def _newest_row(self) -> int:
+        return self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
 
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
         return self._file.connection.execute(statement, values)

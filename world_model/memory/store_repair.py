@@ -31,8 +31,8 @@ from world_model.memory.store_format import (
     PAGE,
     SCHEMA,
     VERSION,
-    Clock,
-    Table,
+    StoreClock,
+    StoreTable,
     summed,
 )
 from world_model.memory.store_pages import Pages
@@ -42,8 +42,7 @@ Row = tuple[Any, ...]
 TABLES = (*COUNTED, CLOCK)
 # What reading a damaged file may raise: SQLite's messages may hold bytes of the file that are no text.
 READING_ERRORS = (sqlite3.Error, ValueError, OverflowError, SystemError, MemoryError)
-MOST = 5
-"""Damages that are named one by one."""
+MOST = 5  # Damages that are named one by one
 SLICE = 500
 
 
@@ -81,7 +80,7 @@ class Examined:
     """
 
     problems: list[str] = field(default_factory=list)
-    rows: list[tuple[Table, int]] = field(default_factory=list)
+    rows: list[tuple[StoreTable, int]] = field(default_factory=list)
     readable: bool = False
 
 
@@ -116,9 +115,9 @@ def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> Exam
     rows = connection.execute("SELECT * FROM clock").fetchall()
     if len(rows) != 1 or not CLOCK.is_whole(rows[0]) or connection.execute(CLOCK.mistyped).fetchall():
         return Examined(["the row of clock is damaged"])
-    clock, counts, sums = Clock.of(rows[0]), [], []
-    damaged: list[tuple[Table, int]] = []
-    mistyped: list[tuple[Table, int]] = []
+    clock, counts, sums = StoreClock.of(rows[0]), [], []
+    damaged: list[tuple[StoreTable, int]] = []
+    mistyped: list[tuple[StoreTable, int]] = []
     for table in COUNTED:
         count = 0
         for row in connection.execute(f"SELECT * FROM {table.name}"):
@@ -145,7 +144,7 @@ def _unmarked(connection: sqlite3.Connection, go_on: Callable[[], bool]) -> Exam
     return Examined(problems, damaged, readable=not mistyped and not missing)
 
 
-def _named(rows: list[tuple[Table, int]]) -> list[str]:
+def _named(rows: list[tuple[StoreTable, int]]) -> list[str]:
     return [f"row {key} of {table.name} is damaged" for table, key in rows]
 
 
@@ -243,7 +242,7 @@ class _Rebuilt:
                 self._put(past)
         self._put(past)
 
-    def take_all_but(self, path: Path, damaged: list[tuple[Table, int]]) -> None:
+    def take_all_but(self, path: Path, damaged: list[tuple[StoreTable, int]]) -> None:
         """All rows of a file that SQLite reads, which were found whole, but for these."""
         without = {table: [key for other, key in damaged if other is table] for table in COUNTED}
         with closing(connect(path, "ro")) as old:
@@ -261,7 +260,7 @@ class _Rebuilt:
         self._target.executemany(HISTORY.insert, past)
         past.clear()
 
-    def _keep(self, table: Table, row: Row) -> None:
+    def _keep(self, table: StoreTable, row: Row) -> None:
         """Of two rows with one key the one that was written later."""
         rows = self._small[table.name]
         known = rows.get(row[0])
@@ -274,12 +273,12 @@ class _Rebuilt:
         with closing(connect(path, "ro")) as old:
             old.text_factory = bytes
             for _, epoch, stamp in _readable(old, "clock", "one, epoch, stamp"):
-                self._keep(CLOCK, Clock(int(epoch), stamp, uuid.uuid4().hex).row)
+                self._keep(CLOCK, StoreClock(int(epoch), stamp, uuid.uuid4().hex).row)
             for table in (EPOCHS, OBJECTS, CURRENT, HISTORY):
                 for values in _readable(old, table.name, table.columns):
                     self._adopt(table, values)
 
-    def _adopt(self, table: Table, values: Row) -> None:
+    def _adopt(self, table: StoreTable, values: Row) -> None:
         try:
             text = _texts(values, table)
             if table in (CURRENT, HISTORY):
@@ -296,33 +295,27 @@ class _Rebuilt:
     def finish(self, snapshots: Iterable[Path]) -> None:
         """Work out what follows, write tally and indices."""
         small, old = self._small, self._small["clock"].get(1)
-        before = None if old is None or not old[5] else Clock.of(old)
+        before = None if old is None or not old[5] else StoreClock.of(old)
         for name in ("objects", "names"):
             other = small["names" if name == "objects" else "objects"]
             for key in other.keys() - small[name].keys():
                 self._again(OBJECTS if name == "objects" else NAMES, other[key])
-        if before is not None:
-            counts = [len(small[table.name]) for table in COUNTED[:4]]
-            counts.append(self._target.execute("SELECT count(*) FROM history").fetchone()[0])
-            lacks = [max(due - count, 0) for due, count in zip(before.counts, counts, strict=True)]
-        else:
-            lacks = [1] * len(COUNTED) if old is None else [0] * len(COUNTED)
-        identity = Clock.of(old).identity if old is not None else ""
+        lacks = [int(old is None)] * len(COUNTED) if before is None else self._lacks(before)
+        identity = StoreClock.of(old).identity if old is not None else ""
         if any(lacks):
             self._fill(snapshots, identity)
         self._run(INDICES)
         self._work_out(old, lacks[3] > 0)
         self._write()
-        self.missing = self._missing(before)
+        self.missing = None if before is None else sum(self._lacks(before))
 
-    def _missing(self, before: Clock | None) -> int | None:
-        if before is None:
-            return None
+    def _lacks(self, before: StoreClock) -> list[int]:
+        """How many rows of each table are missing."""
         past = self._target.execute("SELECT count(*) FROM history").fetchone()[0]
         now = (*(len(self._small[table.name]) for table in COUNTED[:4]), past)
-        return sum(max(due - count, 0) for due, count in zip(before.counts, now, strict=True))
+        return [max(due - count, 0) for due, count in zip(before.counts, now, strict=True)]
 
-    def _again(self, table: Table, row: Row) -> None:
+    def _again(self, table: StoreTable, row: Row) -> None:
         values = row[:-1]
         self._small[table.name][values[0]] = (*values, table.mark(values))
 
@@ -371,11 +364,15 @@ class _Rebuilt:
             last = max((span[1] for span in spans if span[1] is not None), default=None)
             self._keep(EPOCHS, (epoch, first, last, EPOCHS.mark((epoch, first, last))))
         if old is None:
-            known = Clock.of(small["clock"].pop(1)) if small["clock"] else Clock(identity=uuid.uuid4().hex)
+            known = (
+                StoreClock.of(small["clock"].pop(1))
+                if small["clock"]
+                else StoreClock(identity=uuid.uuid4().hex)
+            )
             newest = max(small["epochs"])
             self._keep(CLOCK, replace(known, epoch=newest, stamp=small["epochs"][newest][2]).row)
         if present or old is None:
-            self._work_out_present(Clock.of(small["clock"][1]).epoch)
+            self._work_out_present(StoreClock.of(small["clock"][1]).epoch)
 
     def _span(self, key: int) -> Row:
         return tuple(
@@ -416,7 +413,7 @@ class _Rebuilt:
             marks.append(mark)
         self.kept = sum(counts.values())
         runs, names, _, present, past = (counts[table.name] for table in COUNTED)
-        clock = replace(Clock.of(small["clock"][1]), runs=runs, names=names, present=present, past=past)
+        clock = replace(StoreClock.of(small["clock"][1]), runs=runs, names=names, present=present, past=past)
         clock = replace(clock, total=summed(marks), sequence=clock.sequence + 1)
         target.execute(CLOCK.insert, clock.row)
         target.execute("COMMIT")
@@ -428,14 +425,14 @@ def _statements(script: str) -> list[str]:
     return [statement.strip() for statement in script.split(";") if statement.strip()]
 
 
-def _table_of(row: Row) -> Table | None:
+def _table_of(row: Row) -> StoreTable | None:
     for table in TABLES:
         if len(row) == len(table.kinds) + 1 and table.is_whole(row):
             return table
     return None
 
 
-def _texts(row: Row, table: Table) -> Row:
+def _texts(row: Row, table: StoreTable) -> Row:
     """Text as text. Raises UnicodeDecodeError."""
     made = list(row)
     for index in table.texts:

@@ -13,24 +13,16 @@ from world_model.state import WorldObject
 
 COLUMNS = "numbers, existence, lost, last_seen, first_seen, attributes, behaviors, region"
 """In the order of `encode` and `decode`."""
-NUMBERS = 24
-"""Position (3), velocity (3), covariance (9), process noise (9)."""
+NUMBERS = 24  # Position (3), velocity (3), covariance (9), process noise (9)
 
-MOVED = 0.05
-"""m: a smaller step is no event, unless it exceeds the standard deviation."""
-CHANGED = 0.1
-"""Of a probability."""
-SPREAD = 4.0
-"""Ratio of variances."""
-SEEN_AGAIN = 60.0
-"""s: as often, at most, history notes that nothing has changed."""
-OFTENEST = 0.5
-"""s: history of something that moves has a row at most as often."""
-DRIFT = 0.01
-"""Existence that wanes by less, with nothing else new, is not written again."""
+MOVED = 0.05  # m: a smaller step is no event, unless it exceeds the standard deviation
+CHANGED = 0.1  # Of a probability
+SPREAD = 4.0  # Ratio of variances
+SEEN_AGAIN = 60.0  # s: as often, at most, history notes that nothing has changed
+OFTENEST = 0.5  # s: history of something that moves has a row at most as often
+DRIFT = 0.01  # Existence that wanes by less, with nothing else new, is not written again
 CERTAIN = 1e-6
-QUANTITIES = "quantities"
-"""Beside the behaviours, which it is none of: stores of before have none."""
+QUANTITIES = "quantities"  # Beside the behaviours, which it is none of: stores of before have none
 
 
 @dataclass

@@ -21,16 +21,13 @@ from world_model.questions.naming import (
     spoken,
 )
 from world_model.questions.past import Change, changes_of, since_when, told_change
-from world_model.questions.recall import DAY, PERSON, Recall
+from world_model.questions.recall import PERSON, Recall, Trust
+from world_model.state import DAY
 
-BESIDE = 1.0
-"""m: who is that close to a piece of furniture is at it."""
-NOW = 300.0
-"""s: who was seen within it is taken to be there."""
-AROUND_MOVE = 30.0
-"""s before and after a move in which somebody who was there may have moved it."""
-PAUSE = 900.0
-"""s: who is back within it has not been away."""
+BESIDE = 1.0  # m: who is that close to a piece of furniture is at it
+NOW = 300.0  # s: who was seen within it is taken to be there
+AROUND_MOVE = 30.0  # s before and after a move in which somebody who was there may have moved it
+PAUSE = 900.0  # s: who is back within it has not been away
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ def who_was_here(
     Raises NothingKnownError, AmbiguousError, InputError.
     """
     only = _ids(world, person)
-    span = since_when(world, since if since is not None else Span(world.now - 86400.0, world.now))
+    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
     where = place_named(world, place, beside=True) if place and place != "here" else ""
     visits = [visit for visit in visits_of(world, where, span) if not person or visit.person in only]
     changes = _changes(world, where, span) if visits else []
@@ -71,7 +68,7 @@ def who_was_here(
         if span.end >= world.now - 1.0
         else f"between {clock(span.start)} and {clock(span.end)}"
     )
-    probability = 0.97 if visits else 0.95
+    probability = Trust.SEEN if visits else Trust.STORY
     if visits:
         sentence = f"{_people(world, visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
     else:
@@ -89,7 +86,7 @@ def who_is_here(world: Recall, place: str = "") -> Answer:
     visits = visits_of(world, where, Span(world.now - NOW, world.now))
     at = spoken(world, where) if where else "here"
     names = [described(world, name) for name in dict.fromkeys(visit.person for visit in visits)]
-    probability = 0.9
+    probability = Trust.NOT_SEEN
     if names:
         sentence = f"{listed(names)} {'is' if len(names) == 1 else 'are'} {at}, {told(probability)}."
     else:
@@ -110,7 +107,7 @@ def who_moved(world: Recall, what: str, since: str | float | Span | None = None,
     moves = [each for each in changes_of(line, span.start, span.end) if each.before not in (None, each.after)]
     if not moves:
         sentence = f"{described(world, name)} was not moved in that time, as far as I know."
-        return Answer(sentence, "who_moved", 0.9, iso(world.now), [])
+        return Answer(sentence, "who_moved", Trust.NOT_SEEN, iso(world.now), [])
     parts, value = [], []
     for move in moves if since is not None else moves[-1:]:
         there = [each for each in present_at(world, move) if not person or each in only]
@@ -118,7 +115,7 @@ def who_moved(world: Recall, what: str, since: str | float | Span | None = None,
         nobody = f"I did not see {_called(world, person)} there" if person else "I saw nobody there"
         said = f"{listed(described(world, each) for each in there)} was there" if there else nobody
         parts.append(f"{said} when {told_change(world, move)}")
-    probability = 0.7 if value else 0.6
+    probability = Trust.NEAR_BY if value else Trust.NOBODY
     sentence = f"{'; '.join(parts[-8:])}, {told(probability)}."
     return Answer(sentence, "who_moved", probability, iso(moves[-1].end), value)
 
@@ -132,7 +129,7 @@ def what_was_carried(world: Recall, person: str, since: str | float | Span | Non
     span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
     moves = [move for move in _changes(world, "", span) if set(only) & set(present_at(world, move))]
     period, called = f"between {clock(span.start)} and {clock(span.end)}", _called(world, person)
-    probability = 0.7 if moves else 0.6
+    probability = Trust.NEAR_BY if moves else Trust.NOBODY
     if moves:
         told_of = "; ".join(told_change(world, move) for move in moves[-8:])
         sentence = f"Where {called} was {period}: {told_of}, {told(probability)}."

@@ -8,13 +8,13 @@ from world_model.questions.answers import Answer, clean, clock, duration, iso, l
 from world_model.questions.moments import Span
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.past import Change, changes_of, since_when, told_change
-from world_model.questions.recall import DAY, Recall, Timeline
+from world_model.questions.recall import Recall, Timeline, Trust
 from world_model.questions.where import evidence_of, within
+from world_model.state import DAY
 
-FOUND, NOT_FOUND = 0.96, 0.9
+FOUND, NOT_FOUND = 0.96, Trust.NOT_SEEN
 """That something was where it was seen at some time; that it was nowhere else between the looks."""
-AT_FIRST = 4.0 * DAY
-"""s: of the end of a span, in which it is looked for first when something left a place."""
+AT_FIRST = 4.0 * DAY  # s: of the end of a span, in which it is looked for first when something left a place
 
 
 def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None = None) -> dict[str, float]:
@@ -22,22 +22,11 @@ def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None =
     names = world.things() if ids is None else ids
     found = {}
     for name in names:
-        seconds = _spent(world, world.window(name, span.start, span.end), place, span)
+        by_place = world.window(name, span.start, span.end).spent(span.start, span.end)
+        seconds = sum(long for each, long in by_place.items() if world.contains(place, each))
         if seconds > 0.0:
             found[name] = seconds / max(span.end - span.start, 1.0)
     return found
-
-
-def _spent(world: Recall, line: Timeline, place: str, span: Span) -> float:
-    """s of a span at a place; between two looks half of the time."""
-    spent = 0.0
-    for stay, after in zip(line.stays, [*line.stays[1:], None], strict=True):
-        until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
-        if after is None and stay.left_by is None:
-            until = span.end
-        if world.contains(place, stay.place):
-            spent += max(min(until, span.end) - max(stay.since, span.start), 0.0)
-    return spent
 
 
 def what_was_at(world: Recall, place: str, when: Span) -> Answer:
@@ -51,7 +40,7 @@ def what_was_at(world: Recall, place: str, when: Span) -> Answer:
     named = [described(world, name) + _part(shares[name]) for name in there]
     then = f"between {clock(span.start)} and {clock(span.end)}"
     verb = "was" if len(there) == 1 else "were"
-    probability = 0.97 * 0.99 ** len(there) if there else NOT_FOUND
+    probability = Trust.SEEN * Trust.EACH ** len(there) if there else NOT_FOUND
     told_of = f"{listed(named, 20)} {verb}" if there else "Nothing that I know of was"
     sentence = f"{told_of} {spoken(world, where)} {then}, {told(probability)}."
     options = tuple({"object": name, "place": where, "share": shares[name]} for name in there)
@@ -95,19 +84,24 @@ def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
     name, span = one_named(world, what), within(world, when)
     where = place_named(world, place) if place else ""
     line = world.window(name, span.start, span.end)
+    by_place = line.spent(span.start, span.end)
     if where:
-        long = _spent(world, line, where, span)
+        long = sum(seconds for each, seconds in by_place.items() if world.contains(where, each)) + 0.0
         said = f"{described(world, name)} was {spoken(world, where)} for {duration(long)}"
     else:
-        places = dict.fromkeys(stay.place for stay in line.stays)
-        by_place = {each: _spent(world, line, each, span) for each in places}
-        by_place = {each: seconds for each, seconds in by_place.items() if seconds > 0.0}
         long = sum(by_place.values())
         parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
         said = f"{described(world, name)} was {listed(parts) or 'not seen'}"
     then = f"between {clock(span.start)} and {clock(span.end)}"
     evidence = evidence_of(world, line, span.start, span.end)
-    return Answer(f"{said} {then}, {told(0.9)}.", "how_long_there", 0.9, iso(span.start), long, evidence)
+    return Answer(
+        f"{said} {then}, {told(Trust.NOT_SEEN)}.",
+        "how_long_there",
+        Trust.NOT_SEEN,
+        iso(span.start),
+        long,
+        evidence,
+    )
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
@@ -151,7 +145,7 @@ def what_moved(world: Recall, since: str | float | Span | None = None, place: st
     moves.sort(key=lambda change: change.end)
     at = f" {spoken(world, where)}" if where else ""
     period = f"between {clock(span.start)} and {clock(span.end)}"
-    probability = 0.97 * 0.99 ** len(moves)
+    probability = Trust.SEEN * Trust.EACH ** len(moves)
     before = f"{len(moves) - 12} moves before; " if len(moves) > 12 else ""
     parts = "; ".join(told_change(world, move) for move in moves[-12:])
     told_of = (
@@ -177,7 +171,7 @@ def what_left(world: Recall, place: str, since: str | float | Span | None = None
             value[name] = None if line.lost or stay is None else stay.place
             parts.append(told_change(world, last))
     period = f"since {clock(span.start)}"
-    probability = 0.97 * 0.99 ** len(parts)
+    probability = Trust.SEEN * Trust.EACH ** len(parts)
     sentence = (
         f"No longer {spoken(world, where)}, {period}: {listed(parts)}"
         if parts

@@ -10,25 +10,18 @@ import math
 from dataclasses import dataclass
 from datetime import datetime
 
-from world_model.questions.presence import Course, course_of
-from world_model.questions.recall import BELIEVED, DAY, FOUND_AFTER, PERSON, Recall, Timeline
+from world_model.questions.presence import PlaceCourse, course_of
+from world_model.questions.recall import BELIEVED, FOUND_AFTER, PERSON, Recall, Timeline
+from world_model.state import DAY
 
-WEEKS = 28 * DAY
-"""s: of the history that says where things go."""
-OUT = 2.0 * FOUND_AFTER
-"""s: what was found no sooner was out of the house, as far as anybody could tell."""
-HOURS = 1.0
-"""Deviation of the time of day at which something does the same again."""
-ANY_HOUR, ANY_PLACE = 0.05, 0.3
-"""What counts a move at another time of day, and one from another place."""
-PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15
-"""What is taken to be known of where anything goes, in moves."""
-OVERLOOKED = 0.02
-"""That a look at a place does not find what is there."""
-GUESS = 0.4
-"""Probability below which a place is no answer."""
-SHORTEST, LONGEST = 120.0, 6 * 3600.0
-"""s: of a round of looks."""
+WEEKS = 28 * DAY  # s: of the history that says where things go
+OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell
+HOURS = 1.0  # Deviation of the time of day at which something does the same again
+ANY_HOUR, ANY_PLACE = 0.05, 0.3  # What counts a move at another time of day, and one from another place
+PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15  # What is taken to be known of where anything goes, in moves
+OVERLOOKED = 0.02  # That a look at a place does not find what is there
+GUESS = 0.4  # Probability below which a place is no answer
+SHORTEST, LONGEST = 120.0, 6 * 3600.0  # s: of a round of looks
 
 
 @dataclass(frozen=True)
@@ -47,12 +40,7 @@ class Elsewhere:
 
 def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
     """Where an object is that was not found where it was; `line` has at least its last stay."""
-    key = f"elsewhere {line.id}"
-    known = world.kept.get(key)
-    if not isinstance(known, Elsewhere):
-        known = _weighed(world, line)
-        world.kept[key] = known
-    return known
+    return world.once(f"elsewhere {line.id}", lambda: _weighed(world, line))
 
 
 def _weighed(world: Recall, line: Timeline) -> Elsewhere:
@@ -82,7 +70,7 @@ def _weighed(world: Recall, line: Timeline) -> Elsewhere:
     return Elsewhere({place: p / total for place, p in chances.items() if p > 1e-3 * total}, out / total)
 
 
-def _votes(course: Course | None, place: str, stamp: float) -> tuple[dict[str, float], float]:
+def _votes(course: PlaceCourse | None, place: str, stamp: float) -> tuple[dict[str, float], float]:
     """How often it went to each place, and out of the house, when it left a place: what was alike counts more."""
     votes: dict[str, float] = {}
     out = 0.0

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.memory.store import Store
+from world_model.questions import company, during, past, usual, where
 from world_model.questions.answers import (
     AmbiguousError,
     Answer,
@@ -23,47 +24,14 @@ from world_model.questions.answers import (
     iso,
     listed,
 )
-from world_model.questions.company import (
-    what_was_carried,
-    where_was_person,
-    who_is_here,
-    who_moved,
-    who_was_here,
-)
-from world_model.questions.during import how_long_at, was_at, what_left, what_moved, what_was_at, when_last_at
 from world_model.questions.moments import Span, ahead, extract
 from world_model.questions.naming import PREPOSITIONS, is_person, phrases
-from world_model.questions.past import (
-    history,
-    how_long_there,
-    how_often,
-    what_changed,
-    what_is_missing,
-    when_moved,
-)
-from world_model.questions.recall import Recall, recall
+from world_model.questions.recall import Recall, Trust, recall
 from world_model.questions.spelling import respelled
-from world_model.questions.usual import (
-    is_at_usual_place,
-    what_is_needed_next,
-    what_is_usually_here,
-    where_will_be,
-)
-from world_model.questions.where import (
-    how_many,
-    is_at,
-    what_is_at,
-    when_last_seen,
-    where_is,
-    where_usually,
-    where_was,
-    which_room,
-)
 from world_model.questions.wording import plainly
 from world_model.symbols import Symbols
 
-LONGEST = 500
-"""Characters of a question."""
+LONGEST = 500  # Characters of a question
 CAN_BE_ASKED = (
     "where is the red cup", "where was cup-3 yesterday at nine", "where are the cups", "where is the cup usually",
     "when was the cup last seen", "when was the cup moved", "how often was the cup moved since monday",
@@ -84,326 +52,266 @@ _WHAT = r"(?:what|which) (?:has |have |is |was |were |been |things? |objects |el
 _ANYTHING = r"(?:has|have|did|was|were) (?:anything|something|any things?) (?:been |else )?"
 _HANDLED = r"(?:moved?|took|taken?|carr(?:y|ied)|had|held|used?|touch(?:ed)?|brought|bring|removed?)"
 _USUALLY = r"(?:usually|normally|mostly|often|generally|most of the time)"
-Call = Callable[[Recall, dict[str, str], "Span | None", str], Answer]
 
 
-def _what(said: dict[str, str]) -> str:
-    return said.get("what") or ""
+@dataclass(frozen=True)
+class ParsedQuestion:
+    """What a pattern found in a question. said : words by group. span, word : the time in it, and how it was put."""
 
+    world: Recall
+    said: dict[str, str]
+    span: Span | None
+    word: str
 
-def _is_past(world: Recall, span: Span | None) -> bool:
-    return span is not None and span.start < world.now - 1.0
+    @property
+    def what(self) -> str:
+        return self.said.get("what", "")
 
+    @property
+    def place(self) -> str:
+        return self.said.get("place", "")
 
-def _is_long(span: Span | None) -> bool:
-    return span is not None and span.end - span.start >= 1.0
+    @property
+    def who(self) -> str:
+        return self.said.get("who", "")
 
+    @property
+    def past(self) -> bool:
+        return self.span is not None and self.span.start < self.world.now - 1.0
 
-def _where(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    past = said.get("verb", "is") in ("was", "were", "had been", "did", "has been", "have been")
-    if _is_past(world, span):
-        then = _when(span, word)
-        if then is not None and is_person(world, _what(said)):
-            return where_was_person(world, _what(said), then)
-        return where_was(world, _what(said), then)
-    return where_was(world, _what(said)) if past and span is None else where_is(world, _what(said))
+    @property
+    def during(self) -> Span | None:
+        """A time in the past that lasts, and is not the end of one."""
+        long = self.span is not None and self.span.end - self.span.start >= 1.0
+        return self.span if self.past and long and self.word != "until" else None
 
+    @property
+    def when(self) -> Span | None:
+        """Until a moment is that moment."""
+        span = self.span
+        return Span(span.start, span.start, span.words) if span is not None and self.word == "until" else span
 
-def _room(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return which_room(world, _what(said), _when(span, word) if _is_past(world, span) else None)
+    @property
+    def then(self) -> Span | None:
+        """The time of a question about the past."""
+        return self.when if self.past else None
 
+    @property
+    def since(self) -> Span | None:
+        """ "yesterday" is the whole day; a moment is since then."""
+        span = self.span
+        if span is None:
+            return None
+        if self.word == "until":
+            return Span(-float("inf"), span.start, span.words)
+        return Span(span.start, self.world.now, span.words) if span.end - span.start < 1.0 else span
 
-def _when(span: Span | None, word: str) -> Span | None:
-    """Until a moment is that moment."""
-    if span is None:
-        return None
-    return Span(span.start, span.start, span.words) if word == "until" else span
-
-
-def _since(world: Recall, span: Span | None, word: str) -> Span | None:
-    """ "yesterday" is the whole day; a moment is since then."""
-    if span is None:
-        return None
-    if word == "until":
-        return Span(-float("inf"), span.start, span.words)
-    if span.end - span.start < 1.0:
-        return Span(span.start, world.now, span.words)
-    return span
-
-
-def _without_time(span: Span | None) -> None:
-    """Raises NotUnderstoodError where a time is said that would not be looked at."""
-    if span is not None:
-        raise NotUnderstoodError(
-            f'I can only tell what is usual at all hours, not "{clean(span.words)}"; ask without it, or what was so '
-            "at a time that is past."
-        )
-
-
-def _usually(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    _without_time(span)
-    return where_usually(world, _what(said))
-
-
-def _at_home(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    _without_time(span)
-    return is_at_usual_place(world, _what(said))
-
-
-def _seen(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return when_last_seen(world, _what(said), _since(world, span, word))
-
-
-def _last_at(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    if span is not None:
-        return was_at(world, _what(said), said["place"], _since(world, span, word) or span)
-    return when_last_at(world, _what(said), said["place"])
-
-
-def _moved(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return when_moved(world, _what(said), _since(world, span, word))
-
-
-def _often(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return how_often(world, _what(said), said.get("place") or "", _since(world, span, word))
-
-
-def _long(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    if span is not None and _is_past(world, span):
-        return how_long_at(world, _what(said), said.get("place") or "", _since(world, span, word) or span)
-    return how_long_there(world, _what(said), said.get("place") or "")
-
-
-def _changed(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return what_changed(world, _since(world, span, word), said.get("place") or "")
-
-
-def _all_moved(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return what_moved(world, _since(world, span, word), said.get("place") or "")
-
-
-def _missing(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return what_is_missing(world, _since(world, span, word))
-
-
-def _left(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return what_left(world, said["place"], _since(world, span, word))
-
-
-def _usually_here(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    _without_time(span)
-    return what_is_usually_here(world, said["place"])
-
-
-def _who(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    if said.get("verb") in ("is", "are") and not _is_past(world, span):
-        return who_is_here(world, said.get("place") or "")
-    return who_was_here(world, said.get("place") or "", _since(world, span, word), said.get("who") or "")
-
-
-def _who_moved(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return who_moved(world, _what(said), _since(world, span, word), said.get("who") or "")
-
-
-def _carried(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return what_was_carried(world, said["who"], _since(world, span, word))
-
-
-def _next(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    _without_time(span)
-    return what_is_needed_next(world, _ahead(said.get("ahead") or ""))
-
-
-def _ahead(words: str) -> Span | None:
-    if not words:
-        return None
-    _, span, _ = extract(f"in the last {words}", 0.0)
-    return span
-
-
-def _what_at(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    if span is not None and _is_past(world, span) and _is_long(span) and word != "until":
-        return what_was_at(world, said["place"], span)
-    past = said.get("verb") in ("was", "were", "lay", "stood") or _is_past(world, span)
-    return what_is_at(world, said["place"], _when(span, word) if past else None)
-
-
-def _many(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return how_many(world, _what(said), said.get("place") or "", _when(span, word))
-
-
-def _is_at(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    if span is not None and _is_past(world, span) and _is_long(span) and word != "until":
-        return was_at(world, _what(said), said["place"], span)
-    return is_at(world, _what(said), said["place"], _when(span, word) if _is_past(world, span) else None)
-
-
-def _listed(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    """ "cups are on the desk", "red things in the kitchen"."""
-    what = re.sub(rf" (?:is|are|was|were)(?: there)? (?=(?:{PREPOSITIONS}) )", " ", _what(said))
-    if _is_past(world, span):
-        if said.get("place"):
-            return _is_at(
-                world, {"what": what.removesuffix(said["place"]).strip(), "place": said["place"]}, span, word
+    @property
+    def always(self) -> Recall:
+        """The world. Raises NotUnderstoodError where a time is said that would not be looked at."""
+        if self.span is not None:
+            raise NotUnderstoodError(
+                f'I can only tell what is usual at all hours, not "{clean(self.span.words)}"; ask without it, or what '
+                "was so at a time that is past."
             )
-        return where_was(world, what, _when(span, word))
-    return where_is(world, what)
+        return self.world
 
 
-def _will_be(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    if span is None:
+Call = Callable[[ParsedQuestion], Answer]
+
+
+def _where(q: ParsedQuestion) -> Answer:
+    if q.past:
+        assert q.when is not None
+        if is_person(q.world, q.what):
+            return company.where_was_person(q.world, q.what, q.when)
+        return where.where_was(q.world, q.what, q.when)
+    was = q.said.get("verb", "is") in ("was", "were", "had been", "did", "has been", "have been")
+    return (where.where_was if was and q.span is None else where.where_is)(q.world, q.what)
+
+
+def _last_at(q: ParsedQuestion) -> Answer:
+    if q.since is not None:
+        return during.was_at(q.world, q.what, q.place, q.since)
+    return during.when_last_at(q.world, q.what, q.place)
+
+
+def _long(q: ParsedQuestion) -> Answer:
+    if q.past and q.since is not None:
+        return during.how_long_at(q.world, q.what, q.place, q.since)
+    return past.how_long_there(q.world, q.what, q.place)
+
+
+def _who(q: ParsedQuestion) -> Answer:
+    if q.said.get("verb") in ("is", "are") and not q.past:
+        return company.who_is_here(q.world, q.place)
+    return company.who_was_here(q.world, q.place, q.since, q.who)
+
+
+def _next(q: ParsedQuestion) -> Answer:
+    ahead_of = q.said.get("ahead")
+    return usual.what_is_needed_next(
+        q.always, extract(f"in the last {ahead_of}", 0.0)[1] if ahead_of else None
+    )
+
+
+def _what_at(q: ParsedQuestion) -> Answer:
+    if q.during is not None:
+        return during.what_was_at(q.world, q.place, q.during)
+    was = q.said.get("verb") in ("was", "were", "lay", "stood") or q.past
+    return where.what_is_at(q.world, q.place, q.when if was else None)
+
+
+def _is_at(q: ParsedQuestion) -> Answer:
+    if q.during is not None:
+        return during.was_at(q.world, q.what, q.place, q.during)
+    return where.is_at(q.world, q.what, q.place, q.then)
+
+
+def _listed(q: ParsedQuestion) -> Answer:
+    """ "cups are on the desk", "red things in the kitchen"."""
+    what = re.sub(rf" (?:is|are|was|were)(?: there)? (?=(?:{PREPOSITIONS}) )", " ", q.what)
+    if not q.past:
+        return where.where_is(q.world, what)
+    if q.place:
+        return _is_at(replace(q, said={"what": what.removesuffix(q.place).strip(), "place": q.place}))
+    return where.where_was(q.world, what, q.when)
+
+
+def _will_be(q: ParsedQuestion) -> Answer:
+    if q.span is None:
         raise NotUnderstoodError('When? Say "tomorrow at eight", "in two hours" or "this evening".')
-    return where_will_be(world, _what(said), span)
+    return usual.where_will_be(q.world, q.what, q.span)
 
 
-def _history(world: Recall, said: dict[str, str], span: Span | None, word: str) -> Answer:
-    return history(world, _what(said), _since(world, span, word))
+_CALLS: dict[str, Call] = {
+    "where": _where,
+    "last_at": _last_at,
+    "long": _long,
+    "who": _who,
+    "next": _next,
+    "what_at": _what_at,
+    "is_at": _is_at,
+    "listed": _listed,
+    "will_be": _will_be,
+    "room": lambda q: where.which_room(q.world, q.what, q.then),
+    "usually": lambda q: where.where_usually(q.always, q.what),
+    "at_home": lambda q: usual.is_at_usual_place(q.always, q.what),
+    "seen": lambda q: where.when_last_seen(q.world, q.what, q.since),
+    "moved": lambda q: past.when_moved(q.world, q.what, q.since),
+    "often": lambda q: past.how_often(q.world, q.what, q.place, q.since),
+    "changed": lambda q: past.what_changed(q.world, q.since, q.place),
+    "all_moved": lambda q: during.what_moved(q.world, q.since, q.place),
+    "missing": lambda q: past.what_is_missing(q.world, q.since),
+    "left": lambda q: during.what_left(q.world, q.place, q.since),
+    "usually_here": lambda q: usual.what_is_usually_here(q.always, q.place),
+    "who_moved": lambda q: company.who_moved(q.world, q.what, q.since, q.who),
+    "carried": lambda q: company.what_was_carried(q.world, q.who, q.since),
+    "many": lambda q: where.how_many(q.world, q.what, q.place, q.when),
+    "history": lambda q: past.history(q.world, q.what, q.since),
+}
 
 
 _W = r"(?P<what>.+?)"
-_PATTERNS: tuple[tuple[str, Call], ...] = tuple(
-    (rf"(?:{pattern})", call)
-    for pattern, call in (
-        (rf"where (?:is|are|was|were|does|do) {_W} {_USUALLY}(?: (?:be|belong|kept|go|lie|stand))?", _usually),
-        (rf"where (?:is|are|do you|do i|does one|can i|would i) {_USUALLY} (?:find |keep |see |put )?{_W}", _usually),
-        (rf"where (?:does|do) {_W} (?:{_USUALLY} )?(?:belong|go|live|lie|stand)", _usually),
-        (rf"where (?:should|ought|is supposed to|are supposed to) {_W} (?:to )?(?:be|go|stand|lie)", _usually),
-        (rf"where (?:is|are) {_W} supposed to be", _usually),
-        (
-            rf"(?:is|are) {_W} (?:in|at|on) (?:its|their|the) (?:usual|normal|right|proper) (?:place|spot)",
-            _at_home,
-        ),
-        (rf"(?:is|are) {_W} where (?:it|they) (?:belongs?|should be|{_USUALLY} (?:is|are))", _at_home),
-        (
-            rf"(?:in |on |at )?(?:which|what) (?:room|place|spot|part of here) (?P<verb>is|are|was|were) {_W}"
-            r"(?: (?:in|on|at))?",
-            _room,
-        ),
-        (rf"when (?:was|were|did|is) (?:(?:you|i|anyone|somebody) )?(?:last )?(?:see|seen) {_W}(?: last)?", _seen),
-        (rf"when (?:was|were|is) {_W} (?:last )?(?:seen|there|{_HERE})(?: last)?", _seen),
-        (rf"when (?:was|were|is) {_W} (?:last )?{_AT}?(?: last)", _last_at),
-        (rf"when (?:was|were|is) {_W} last {_AT}", _last_at),
-        (
-            rf"when (?:did|was|were) {_W} (?:come|get|arrive|put|placed|moved) (?:to|onto|into|on|in|at) {_PLACE}",
-            _last_at,
-        ),
-        (rf"how long ago (?:was|were|did) (?:{_ANY} (?:last )?see )?{_W}(?: (?:last )?seen)?(?: last)?", _seen),
-        (rf"how long (?:has it been|is it) since {_ANY} (?:last )?saw {_W}", _seen),
-        (rf"how long (?:has it been|is it) since {_W} (?:was|were) (?:last )?seen", _seen),
-        (rf"when (?:was|were) the last time (?:you|i|anyone|somebody) (?:saw|had seen) {_W}", _seen),
-        (rf"(?:last seen|last sight of) {_W}", _seen),
-        (rf"when (?:was|were) the last time {_ANY} (?:moved|took|used) {_W}", _moved),
-        (rf"when (?:did|has) {_ANY} (?:last )?(?:moved?|take|taken|used?|touch|touched) {_W}(?: last)?", _moved),
-        (
-            rf"when (?:was|were|did|has|have) {_W} (?:been )?(?:last )?(?:moved?|taken|carried|go|leave|left|"
-            rf"disappear(?:ed)?|vanish(?:ed)?)(?: away| last| missing)*",
-            _moved,
-        ),
-        (
-            rf"(?:how often|how many times) (?:was|were|has|have|did|is) {_W} (?:been )?"
-            rf"(?:moved?|carried|used|taken)(?: around)?",
-            _often,
-        ),
-        (rf"(?:how often|how many times) (?:was|were|has|have|is) {_W} (?:been )?{_AT}", _often),
-        (
-            rf"(?:how long|since when) (?:has|have|is|are|was|were) {_W} (?:been )?(?:{_HERE}|where "
-            rf"(?:it is|they are)|missing|gone|lost|away)",
-            _long,
-        ),
-        (rf"(?:how long|since when) (?:has|have|is|are|was|were) {_W} (?:been )?{_AT}", _long),
-        (rf"(?:how long|since when) (?:has|have) {_W} been", _long),
-        (rf"{_WHAT}(?:changed|different|new)(?: {_HERE})?(?: {_AT})?", _changed),
-        (rf"{_ANYTHING}(?:changed?|different|new)(?: {_HERE})?(?: {_AT})?", _changed),
-        (rf"{_WHAT}(?:moved|happened)(?: around| about)?(?: {_HERE})?(?: {_AT})?", _all_moved),
-        (rf"{_ANYTHING}(?:moved?|happen(?:ed)?)(?: around| about)?(?: {_HERE})?(?: {_AT})?", _all_moved),
-        (
-            rf"(?:what|which things) (?:is|are|was|has|have) (?:no longer|not .+ any ?more|missing|gone|disappeared|"
-            rf"vanished|been taken|been removed|taken|removed) {_AT}",
-            _left,
-        ),
-        (rf"(?:what|which things) (?:has|have) left {_PLACE}", _left),
-        (rf"(?:is|was|has) (?:anything|something) (?:missing|gone|been taken|been removed|taken|removed) {_AT}", _left),
-        (
-            r"(?:what|which) (?:is|are|was|has|have|things are|objects are|things have|things|objects) (?:gone |been )?"
-            r"(?:missing|gone|lost|not where it was|disappeared|vanished)(?: now)?",
-            _missing,
-        ),
-        (r"(?:is|are) (?:anything|something|any things?|there anything) (?:missing|gone|lost)", _missing),
-        (rf"what (?:is|are|lies|stands|do you|can i)(?: there)? {_USUALLY} (?:find |see |kept )?{_AT}", _usually_here),
-        (rf"what (?:is|are) {_AT} {_USUALLY}", _usually_here),
-        (rf"what (?:belongs|usually is|usually lies|is usually kept) {_AT}", _usually_here),
-        (rf"(?:who|which people|what people|who all) {_BE} {_HERE}(?:,? and with what)?", _who),
-        (rf"(?:who|which people|what people) {_BE} (?:seen )?{_AT}?(?:,? and with what)?", _who),
-        (rf"(?:was|were|has|have) {_WHO} (?:been )?(?:{_HERE}|seen)", _who),
-        (
-            rf"who (?:has |have |had )?(?:last )?{_HANDLED} {_W}(?: last)?(?: {_AT})?",
-            _who_moved,
-        ),
-        (rf"(?:has|have|did|was|were) (?!{_ANY} ){_W} (?:been )?(?:moved?|carried|used)(?: around| away)?", _often),
-        (rf"(?:did|has|have) (?:{_ANY}|{_WHO}) {_HANDLED} {_W}", _who_moved),
-        (rf"when (?:was|were|did) {_WHO} (?:come|arrive|visit)(?: {_HERE})?", _who),
-        (
-            rf"what (?:did|has|have) {_WHO} (?:{_HANDLED}|done?|put|pick(?:ed)? up|put down)(?: with| around| away)?",
-            _carried,
-        ),
-        (rf"what was {_WHO} (?:carrying|holding|moving|doing)", _carried),
-        (rf"(?:who|which people) (?:came|visited|used|went to|entered) ?(?:{_AT})?", _who),
-        (
-            rf"(?P<verb>was|were|has|have|is|are) (?:there )?(?:anybody|anyone|somebody|someone|people|any people) "
-            rf"(?:been )?(?:{_HERE}|{_AT})",
-            _who,
-        ),
-        (
-            r"what (?:will be|will i|will we|is|do i|might be|will) (?:be )?"
-            r"(?:needed|need|moved?|used|move|happen)(?: next| soon)*(?: "
-            r"(?:in|within|during|over) the next (?P<ahead>.+))?",
-            _next,
-        ),
-        (
-            r"what (?:is|comes|happens|moves) (?:next|going to (?:be needed|be moved|move|happen))(?: next)?"
-            r"(?: (?:in|within) the next (?P<ahead>.+))?",
-            _next,
-        ),
-        (rf"how many (?:people|persons) {_BE} (?:seen )?(?:{_HERE}|{_AT})", _who),
-        (rf"how many (?!times\b){_W} (?:are|is|were|was|lie|stand)(?: there)?(?: {_HERE})?(?: {_AT})?", _many),
-        (
-            rf"how many (?!times\b){_W} (?:do|can|did|have) (?:you|i|we) (?:know|see|seen|have|got|own)"
-            rf"(?: {_HERE})?(?: {_AT})?",
-            _many,
-        ),
-        (rf"how many (?!times\b){_W}(?: {_AT})?", _many),
-        (rf"(?:is|are|was|were) there {_W}(?: left)? {_HERE}", _many),
-        (rf"(?:do|have) (?:you|i|we) (?:have|got) {_W}(?: {_HERE})?", _many),
-        (
-            rf"what(?: all| else)? (?P<verb>is|are|was|were|lies|lay|stands|stood|"
-            rf"(?:do|can) (?:you|we|i) (?:see|have))"
-            rf"(?: there| lying| standing| kept)? {_AT}",
-            _what_at,
-        ),
-        (rf"(?:what|which) (?:things|objects|items) (?P<verb>are|were|lie|lay)(?: there)? {_AT}", _what_at),
-        (rf"(?:is there|are there|is|are) (?:anything|something|any things|things) {_AT}", _what_at),
-        (rf"(?:what|which) (?P<what>.+ (?P<verb>are|were) {_AT})", _listed),
-        (rf"(?:list|show|show me|give me|name)(?: me)? (?:all |all of )?{_W}", _listed),
-        (rf"what (?:happened|was done|is the history|do you know) (?:to|with|of|about) {_W}", _history),
-        (rf"(?:tell me |show me |give me )?(?:about|the history of|history of|history) {_W}", _history),
-        (rf"tell me (?:about|of) {_W}", _history),
-        (rf"(?:is|are|was|were) (?:there )?{_W} (?:still )?{_AT}", _is_at),
-        (rf"(?:is|are) {_W} (?:still )?{_HERE}", _where),
-        (rf"(?:is|are|was|were) there {_W}(?: left)?", _many),
-        (rf"where (?:could|might|may|can) {_W} be", _where),
-        (rf"(?:what|which) {_W} (?:are|is) {_HERE}", _where),
-        (rf"(?:has|have) {_W} been {_AT}", _is_at),
-        (rf"where will {_W} be", _will_be),
-        (rf"where (?:has|have|did) {_W} (?:gone|go|ended up|end up|got to|get to|disappeared to)", _where),
-        (rf"where (?:is|are) {_W} (?:now|at the moment|kept|lying)", _where),
-        (rf"where (?:can|could|do|would|might|should) (?:i|we|you|one) (?:find|look for|see|get) {_W}", _where),
-        (rf"where did (?:i|we|you|one) (?:last |usually )?(?:put|leave|see|find|lose) {_W}(?: last)?", _where),
-        (rf"(?:where|whereabouts) (?P<verb>is|are|was|were|has|have) {_W}(?: been| seen| be| now)?", _where),
-        (rf"(?:find|locate|look for|search for|show me) {_W}", _where),
-        (rf"(?:do you know |can you tell me |tell me )where {_W} (?P<verb>is|are|was|were)", _where),
+_PATTERNS = rf"""
+usually      where (?:is|are|was|were|does|do) {_W} {_USUALLY}(?: (?:be|belong|kept|go|lie|stand))?
+usually      where (?:is|are|do you|do i|does one|can i|would i) {_USUALLY} (?:find |keep |see |put )?{_W}
+usually      where (?:does|do) {_W} (?:{_USUALLY} )?(?:belong|go|live|lie|stand)
+usually      where (?:should|ought|is supposed to|are supposed to) {_W} (?:to )?(?:be|go|stand|lie)
+usually      where (?:is|are) {_W} supposed to be
+at_home      (?:is|are) {_W} (?:in|at|on) (?:its|their|the) (?:usual|normal|right|proper) (?:place|spot)
+at_home      (?:is|are) {_W} where (?:it|they) (?:belongs?|should be|{_USUALLY} (?:is|are))
+room         (?:in |on |at )?(?:which|what) (?:room|place|spot|part of here) (?P<verb>is|are|was|were) {_W}(?: (?:in|
+>on|at))?
+seen         when (?:was|were|did|is) (?:(?:you|i|anyone|somebody) )?(?:last )?(?:see|seen) {_W}(?: last)?
+seen         when (?:was|were|is) {_W} (?:last )?(?:seen|there|{_HERE})(?: last)?
+last_at      when (?:was|were|is) {_W} (?:last )?{_AT}?(?: last)
+last_at      when (?:was|were|is) {_W} last {_AT}
+last_at      when (?:did|was|were) {_W} (?:come|get|arrive|put|placed|moved) (?:to|onto|into|on|in|at) {_PLACE}
+seen         how long ago (?:was|were|did) (?:{_ANY} (?:last )?see )?{_W}(?: (?:last )?seen)?(?: last)?
+seen         how long (?:has it been|is it) since {_ANY} (?:last )?saw {_W}
+seen         how long (?:has it been|is it) since {_W} (?:was|were) (?:last )?seen
+seen         when (?:was|were) the last time (?:you|i|anyone|somebody) (?:saw|had seen) {_W}
+seen         (?:last seen|last sight of) {_W}
+moved        when (?:was|were) the last time {_ANY} (?:moved|took|used) {_W}
+moved        when (?:did|has) {_ANY} (?:last )?(?:moved?|take|taken|used?|touch|touched) {_W}(?: last)?
+moved        when (?:was|were|did|has|have) {_W} (?:been )?(?:last )?(?:moved?|taken|carried|go|leave|left|disappear
+>(?:ed)?|vanish(?:ed)?)(?: away| last| missing)*
+often        (?:how often|how many times) (?:was|were|has|have|did|is) {_W} (?:been )?(?:moved?|carried|used|taken)
+>(?: around)?
+often        (?:how often|how many times) (?:was|were|has|have|is) {_W} (?:been )?{_AT}
+long         (?:how long|since when) (?:has|have|is|are|was|were) {_W} (?:been )?(?:{_HERE}|where (?:it is|they are)|
+>missing|gone|lost|away)
+long         (?:how long|since when) (?:has|have|is|are|was|were) {_W} (?:been )?{_AT}
+long         (?:how long|since when) (?:has|have) {_W} been
+changed      {_WHAT}(?:changed|different|new)(?: {_HERE})?(?: {_AT})?
+changed      {_ANYTHING}(?:changed?|different|new)(?: {_HERE})?(?: {_AT})?
+all_moved    {_WHAT}(?:moved|happened)(?: around| about)?(?: {_HERE})?(?: {_AT})?
+all_moved    {_ANYTHING}(?:moved?|happen(?:ed)?)(?: around| about)?(?: {_HERE})?(?: {_AT})?
+left         (?:what|which things) (?:is|are|was|has|have) (?:no longer|not .+ any ?more|missing|gone|disappeared|
+>vanished|been taken|been removed|taken|removed) {_AT}
+left         (?:what|which things) (?:has|have) left {_PLACE}
+left         (?:is|was|has) (?:anything|something) (?:missing|gone|been taken|been removed|taken|removed) {_AT}
+missing      (?:what|which) (?:is|are|was|has|have|things are|objects are|things have|things|objects) (?:gone |
+>been )?(?:missing|gone|lost|not where it was|disappeared|vanished)(?: now)?
+missing      (?:is|are) (?:anything|something|any things?|there anything) (?:missing|gone|lost)
+usually_here what (?:is|are|lies|stands|do you|can i)(?: there)? {_USUALLY} (?:find |see |kept )?{_AT}
+usually_here what (?:is|are) {_AT} {_USUALLY}
+usually_here what (?:belongs|usually is|usually lies|is usually kept) {_AT}
+who          (?:who|which people|what people|who all) {_BE} {_HERE}(?:,? and with what)?
+who          (?:who|which people|what people) {_BE} (?:seen )?{_AT}?(?:,? and with what)?
+who          (?:was|were|has|have) {_WHO} (?:been )?(?:{_HERE}|seen)
+who_moved    who (?:has |have |had )?(?:last )?{_HANDLED} {_W}(?: last)?(?: {_AT})?
+often        (?:has|have|did|was|were) (?!{_ANY} ){_W} (?:been )?(?:moved?|carried|used)(?: around| away)?
+who_moved    (?:did|has|have) (?:{_ANY}|{_WHO}) {_HANDLED} {_W}
+who          when (?:was|were|did) {_WHO} (?:come|arrive|visit)(?: {_HERE})?
+carried      what (?:did|has|have) {_WHO} (?:{_HANDLED}|done?|put|pick(?:ed)? up|put down)(?: with| around| away)?
+carried      what was {_WHO} (?:carrying|holding|moving|doing)
+who          (?:who|which people) (?:came|visited|used|went to|entered) ?(?:{_AT})?
+who          (?P<verb>was|were|has|have|is|are) (?:there )?(?:anybody|anyone|somebody|someone|people|any people)
+> (?:been )?(?:{_HERE}|{_AT})
+next         what (?:will be|will i|will we|is|do i|might be|will) (?:be )?(?:needed|need|moved?|used|move|happen)
+>(?: next| soon)*(?: (?:in|within|during|over) the next (?P<ahead>.+))?
+next         what (?:is|comes|happens|moves) (?:next|going to (?:be needed|be moved|move|happen))(?: next)?(?: (?:in|
+>within) the next (?P<ahead>.+))?
+who          how many (?:people|persons) {_BE} (?:seen )?(?:{_HERE}|{_AT})
+many         how many (?!times\b){_W} (?:are|is|were|was|lie|stand)(?: there)?(?: {_HERE})?(?: {_AT})?
+many         how many (?!times\b){_W} (?:do|can|did|have) (?:you|i|we) (?:know|see|seen|have|got|own)(?: {_HERE})?
+>(?: {_AT})?
+many         how many (?!times\b){_W}(?: {_AT})?
+many         (?:is|are|was|were) there {_W}(?: left)? {_HERE}
+many         (?:do|have) (?:you|i|we) (?:have|got) {_W}(?: {_HERE})?
+what_at      what(?: all| else)? (?P<verb>is|are|was|were|lies|lay|stands|stood|(?:do|can) (?:you|we|i) (?:see|
+>have))(?: there| lying| standing| kept)? {_AT}
+what_at      (?:what|which) (?:things|objects|items) (?P<verb>are|were|lie|lay)(?: there)? {_AT}
+what_at      (?:is there|are there|is|are) (?:anything|something|any things|things) {_AT}
+listed       (?:what|which) (?P<what>.+ (?P<verb>are|were) {_AT})
+listed       (?:list|show|show me|give me|name)(?: me)? (?:all |all of )?{_W}
+history      what (?:happened|was done|is the history|do you know) (?:to|with|of|about) {_W}
+history      (?:tell me |show me |give me )?(?:about|the history of|history of|history) {_W}
+history      tell me (?:about|of) {_W}
+is_at        (?:is|are|was|were) (?:there )?{_W} (?:still )?{_AT}
+where        (?:is|are) {_W} (?:still )?{_HERE}
+many         (?:is|are|was|were) there {_W}(?: left)?
+where        where (?:could|might|may|can) {_W} be
+where        (?:what|which) {_W} (?:are|is) {_HERE}
+is_at        (?:has|have) {_W} been {_AT}
+will_be      where will {_W} be
+where        where (?:has|have|did) {_W} (?:gone|go|ended up|end up|got to|get to|disappeared to)
+where        where (?:is|are) {_W} (?:now|at the moment|kept|lying)
+where        where (?:can|could|do|would|might|should) (?:i|we|you|one) (?:find|look for|see|get) {_W}
+where        where did (?:i|we|you|one) (?:last |usually )?(?:put|leave|see|find|lose) {_W}(?: last)?
+where        (?:where|whereabouts) (?P<verb>is|are|was|were|has|have) {_W}(?: been| seen| be| now)?
+where        (?:find|locate|look for|search for|show me) {_W}
+where        (?:do you know |can you tell me |tell me )where {_W} (?P<verb>is|are|was|were)
+"""
+"""A word of `_CALLS` and what its question looks like; behind ">" it goes on. The first that fits is taken."""
+_COMPILED = tuple(
+    (re.compile(f"(?:{pattern.lstrip()})"), _CALLS[word])
+    for word, _, pattern in (
+        line.partition(" ") for line in _PATTERNS.strip().replace("\n>", "").splitlines()
     )
-)  # fmt: skip
-_COMPILED = tuple((re.compile(pattern), call) for pattern, call in _PATTERNS)
+)
 
 
 def ask(
@@ -428,7 +336,7 @@ def answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
     except AmbiguousError as error:
         return Answer(str(error), "choices", 1.0, iso(world.now), None, (), (), error.choices)
     except NothingKnownError as error:
-        return Answer(str(error), "unknown", 0.9, iso(world.now))
+        return Answer(str(error), "unknown", Trust.NOT_SEEN, iso(world.now))
     except NotUnderstoodError as error:
         return Answer(str(error), "not_understood", choices=CAN_BE_ASKED)
     except InputError as error:
@@ -471,7 +379,7 @@ def _matched(world: Recall, text: str, question: str) -> Answer:
                     continue
                 said = {name: value for name, value in found.groupdict().items() if value is not None}
                 try:
-                    return call(world, said, then, word if then is not None else "")
+                    return call(ParsedQuestion(world, said, then, word if then is not None else ""))
                 except (NothingKnownError, NotUnderstoodError) as error:
                     tried.append(error)
         if span is None:

@@ -29,8 +29,7 @@ MONTHS = (  # noqa: SIM905
     "january february march april may june july august september october november december"
 ).split()
 UNITS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0, "week": 604800.0, "month": 2592000.0}
-JUST_NOW, HALF_DAY = 300.0, 43200.0
-"""s."""
+JUST_NOW, HALF_DAY = 300.0, 43200.0  # s
 
 _SPELLED = rf"(?:(?:{'|'.join(TENS)})(?:[- ](?:{'|'.join(NUMBERS[1:10])}))?|{'|'.join(reversed(NUMBERS))})"
 _HALVES = {

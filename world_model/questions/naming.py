@@ -11,14 +11,10 @@ from world_model.questions.spelling import is_called, respelled
 from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
-LEAST = 0.3
-"""Probability of class and colours from which on an object is meant."""
-MOST_PAST = 60
-"""Objects of a class that are no longer there, among which one is looked for."""
-NAMES = ("name", "identity")
-"""Attributes that say what a person is called."""
-MOST_PEOPLE = 200
-"""Ids of people among whom one with a name is looked for."""
+LEAST = 0.3  # Probability of class and colours from which on an object is meant
+MOST_PAST = 60  # Objects of a class that are no longer there, among which one is looked for
+NAMES = ("name", "identity")  # Attributes that say what a person is called
+MOST_PEOPLE = 200  # Ids of people among whom one with a name is looked for
 AT, NOT_AT = (
     "on top of|on|in|at|inside|within|from",
     "next to|close to|in front of|under|near|by|beside|around|behind",
@@ -89,9 +85,10 @@ def name_of_person(item: WorldObject) -> str:
 
 def people(world: Recall) -> dict[str, list[str]]:
     """Ids by the names of people, the newest first; of those with names whom the newest `MOST_PEOPLE` ids are."""
-    known = world.kept.get("people")
-    if isinstance(known, dict):
-        return known
+    return world.once("people", lambda: _people(world))
+
+
+def _people(world: Recall) -> dict[str, list[str]]:
     ids = [name for name in world.epochs if world.kind(name) == PERSON]
     numbered = sorted(ids, key=lambda name: -(parse_symbol(name) or ("", 0))[1])
     found: dict[str, list[str]] = {}
@@ -100,7 +97,6 @@ def people(world: Recall) -> dict[str, list[str]]:
         called = "" if item is None else name_of_person(item)
         if called:
             found.setdefault(called, []).append(name)
-    world.kept["people"] = found
     return found
 
 
@@ -236,10 +232,7 @@ def _exact(world: Recall, words: str) -> str:
     if len(bare) > 1 and bare[0] == bare[-1] and bare[0] in "'\"`":
         bare = bare[1:-1]
     joined = re.sub(r"\s+", "-", re.sub(r"^(?:the|my) ", "", bare.strip().lower()))
-    by_lower = world.kept.get("lower")
-    if not isinstance(by_lower, dict):
-        by_lower = {name.lower(): name for name in world.epochs}
-        world.kept["lower"] = by_lower
+    by_lower = world.once("lower", lambda: {name.lower(): name for name in world.epochs})
     plainly = re.sub(r"\s+", " ", bare.lower())
     return next((by_lower[key] for key in (bare.lower(), plainly, joined) if key in by_lower), "")
 
@@ -282,15 +275,14 @@ def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
 
 def classes(world: Recall) -> dict[str, str]:
     """Every class that was ever seen, by its plain words."""
-    found = world.kept.get("classes")
-    if isinstance(found, dict):
-        return found
+    return world.once("classes", lambda: _classes(world))
+
+
+def _classes(world: Recall) -> dict[str, str]:
     names = {parsed[0] for name in world.epochs if (parsed := parse_symbol(name)) is not None}
     for item in world.present.values():
         names |= {kind for kind, p in item.attributes.get("class", {}).items() if p > 0.05}
-    made = {plain(name): name for name in names}
-    world.kept["classes"] = made
-    return made
+    return {plain(name): name for name in names}
 
 
 def _is_predicate(world: Recall, word: str) -> bool:

@@ -9,16 +9,15 @@ from world_model.questions.answers import Answer, NothingKnownError, clean, cloc
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, name_of, one_named, place_named, spoken
-from world_model.questions.recall import PERSON, Recall, Stay, Timeline
+from world_model.questions.recall import PERSON, ObjectStay, Recall, Timeline, Trust
 from world_model.questions.where import evidence_of
+from world_model.state import DAY
 
-WEEK = 7 * 86400.0
-DAYS, ENDS = 3 * 86400.0, 80
+WEEK = 7 * DAY
+DAYS, ENDS = 3 * DAY, 80
 """Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
-LONG = 1500
-"""Rows of an object's history that are read where no time is given."""
-CONFIRMED = 60.0
-"""s: what was seen for less may have been a false detection, and is not missed."""
+LONG = 1500  # Rows of an object's history that are read where no time is given
+CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, and is not missed
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def how_often(world: Recall, what: str, place: str = "", since: str | float | Sp
     begin = max(span.start, first)
     until = "" if span.end >= world.now - 1.0 else f" until {clock(span.end)}"
     there = max(line.at(world.now)[0].values(), default=1.0) if span.end >= world.now - 1.0 else 1.0
-    probability = max(0.97 * 0.995**count * there * certain, 0.3)
+    probability = max(Trust.SEEN * 0.995**count * there * certain, 0.3)
     gone = line.stays[-1].left_by if line.lost and line.stays else None
     missing = f"; it is missing since {clock(gone)}" if gone and begin < gone <= span.end else ""
     sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}{missing}."
@@ -92,9 +91,9 @@ def _line(world: Recall, name: str, span: Span) -> Timeline:
     return world.since(name, span.start) if math.isfinite(span.start) else world.latest(name, LONG)
 
 
-def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[Stay]:
+def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[ObjectStay]:
     """Stays at a place, those that follow each other in one room being one."""
-    found: list[Stay] = []
+    found: list[ObjectStay] = []
     inside = False
     for stay in line.stays:
         here = world.contains(where, stay.place)
@@ -133,7 +132,7 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
         return Answer(
             sentence,
             "how_long_there",
-            0.9,
+            Trust.NOT_SEEN,
             iso(gone),
             world.now - gone,
             evidence_of(world, line, last.since, gone),
@@ -151,7 +150,7 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
         return Answer(
             sentence,
             "how_long_there",
-            0.95,
+            Trust.STORY,
             iso(world.now),
             None,
             evidence_of(world, line, last.since, world.now),
@@ -160,13 +159,13 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     earliest = stays[-1].came_after
     long = world.now - came
     chances, _ = line.at(world.now)
-    probability = 0.97 * chances.get(last.place, 0.5)
+    probability = Trust.SEEN * chances.get(last.place, 0.5)
     unsure = (
         f" (at most {duration(came - earliest)} longer)"
         if math.isfinite(earliest) and came - earliest > 60.0
         else ""
     )
-    has = "has been" if probability >= 0.9 else "has probably been"
+    has = "has been" if probability >= Trust.NOT_SEEN else "has probably been"
     sentence = (
         f"{described(world, name)} {has} {spoken(world, where)} for "
         f"{duration(long)}{unsure}, since {clock(came)}, {told(probability)}."
@@ -199,14 +198,16 @@ def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
     if not moves:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
         return Answer(
-            f"{described(world, name)} was not moved since it was first seen at {first}.", "when_moved", 0.9
+            f"{described(world, name)} was not moved since it was first seen at {first}.",
+            "when_moved",
+            Trust.NOT_SEEN,
         )
     last = moves[-1]
-    sentence = f"{told_change(world, last)}, {told(0.95)}."
+    sentence = f"{told_change(world, last)}, {told(Trust.STORY)}."
     return Answer(
         sentence,
         "when_moved",
-        0.95,
+        Trust.STORY,
         iso(last.end),
         iso(last.end),
         evidence_of(world, line, last.start, last.end),
@@ -218,11 +219,17 @@ def _moved_during(world: Recall, name: str, span: Span) -> Answer:
     moves = [each for each in changes_of(line, span.start, span.end) if each.before is not None]
     then = f"between {clock(span.start)} and {clock(span.end)}"
     if not moves:
-        return Answer(f"{described(world, name)} was not moved {then}, {told(0.9)}.", "when_moved", 0.9)
+        return Answer(
+            f"{described(world, name)} was not moved {then}, {told(Trust.NOT_SEEN)}.",
+            "when_moved",
+            Trust.NOT_SEEN,
+        )
     parts = "; ".join(told_change(world, each) for each in moves[-8:])
     last = moves[-1]
     evidence = evidence_of(world, line, last.start, last.end)
-    return Answer(f"{parts}, {told(0.95)}.", "when_moved", 0.95, iso(last.end), iso(last.end), evidence)
+    return Answer(
+        f"{parts}, {told(Trust.STORY)}.", "when_moved", Trust.STORY, iso(last.end), iso(last.end), evidence
+    )
 
 
 def told_change(world: Recall, change: Change) -> str:
@@ -244,7 +251,7 @@ def _end(world: Recall, place: str) -> str:
 
 def what_changed(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
     """What is elsewhere, new or gone since a moment. value : {id: [place before, place after]}. Raises InputError."""
-    span = since_when(world, since if since is not None else Span(world.now - 86400.0, world.now))
+    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
     where = place_named(world, place) if place else ""
     found, certain = _net_changes(world, span)
     if where:
@@ -256,7 +263,7 @@ def what_changed(world: Recall, since: str | float | Span | None = None, place: 
     until = "" if span.end >= world.now - 1.0 else f" and {clock(span.end)}"
     period = f"between {begin}{until}" if until else f"since {begin}"
     at = f" {spoken(world, where)}" if where else ""
-    probability = 0.98 * 0.99 ** len(found) * certain
+    probability = Trust.CHANGED * Trust.EACH ** len(found) * certain
     if not found:
         sentence = f"Nothing that I know of has changed{at} {period}, {told(probability)}."
     else:
@@ -319,7 +326,7 @@ def _is_false(world: Recall, line: Timeline) -> bool:
 def what_is_missing(world: Recall, since: str | float | Span | None = None) -> Answer:
     """What was there and is no longer, in the last week or since a moment. value : ids."""
     span = since_when(world, since if since is not None else Span(world.now - WEEK, world.now))
-    missing: list[tuple[float, str, Stay]] = []
+    missing: list[tuple[float, str, ObjectStay]] = []
     certain = 1.0
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
     candidates += world.active(span.start, span.end)
@@ -337,7 +344,7 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
         f"{described(world, name)}, seen last {spoken(world, stay.place)} at {clock(stay.until)}"
         for _, name, stay in missing
     ]
-    probability = 0.97 * certain
+    probability = Trust.SEEN * certain
     verb = "is" if len(missing) == 1 else "are"
     sentence = f"Missing {verb} {listed(parts)}" if missing else "Nothing that I know of is missing"
     evidence = tuple(
@@ -347,12 +354,7 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
     )
     value = [name for _, name, _ in missing]
     return Answer(
-        f"{sentence}, {told(probability)}.",
-        "what_is_missing",
-        probability,
-        iso(world.now),
-        value,
-        evidence,
+        f"{sentence}, {told(probability)}.", "what_is_missing", probability, iso(world.now), value, evidence
     )
 
 
@@ -374,4 +376,6 @@ def history(world: Recall, what: str, since: str | float | Span | None = None) -
     sentence = f"{described(world, name)} was {before}{', then '.join(parts)}{end}."
     value = [[stay.place, iso(stay.since), iso(stay.until)] for stay in stays]
     first = iso(stays[0].since)
-    return Answer(sentence, "history", 0.95, first, value, evidence_of(world, line, span.start, span.end))
+    return Answer(
+        sentence, "history", Trust.STORY, first, value, evidence_of(world, line, span.start, span.end)
+    )

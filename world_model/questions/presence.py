@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.questions.recall import BELIEVED, PERSON, Recall, Timeline
+from world_model.questions.recall import BELIEVED, PERSON, Recall, Timeline, of_all
 
-MOST = 25_000
-"""Rows of history that are looked through: some weeks of a busy home."""
+MOST = 25_000  # Rows of history that are looked through: some weeks of a busy home
 
 
 Sight = tuple[float, str, bytes, float, int, float, float]
 
 
 @dataclass(frozen=True)
-class Course:
+class PlaceCourse:
     """One object: from each of `stamps` (N,), s, on it was at `places` (N,), None where it was nowhere."""
 
     stamps: FloatArray
@@ -33,10 +32,7 @@ class Course:
         for place, seconds in zip(self.places, np.diff(edges).tolist(), strict=True):
             if place is not None and seconds > 0.0:
                 spent[place] = spent.get(place, 0.0) + seconds
-        total = sum(spent.values())
-        if absent and len(self.stamps):
-            total = max(total, end - max(start, float(self.stamps[0])))
-        return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
+        return of_all(spent, end - max(start, float(self.stamps[0])) if absent and len(self.stamps) else 0.0)
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,7 @@ class Presence:
 
     start: float
     end: float
-    courses: dict[str, Course]
+    courses: dict[str, PlaceCourse]
 
     def shares(self, name: str, absent: bool = False) -> dict[str, float]:
         """Share of the time by place of one object, {} where it was not seen."""
@@ -55,27 +51,18 @@ class Presence:
 
 def presence_of(world: Recall, start: float) -> Presence:
     """Where all that is no person was since a moment, or since what `MOST` rows tell; read once."""
-    key = f"presence {start}"
-    known = world.kept.get(key)
-    if not isinstance(known, Presence):
-        known = _read(world, start)
-        world.kept[key] = known
-    return known
+    return world.once(f"presence {start}", lambda: _read(world, start))
 
 
-def course_of(world: Recall, name: str, start: float) -> Course | None:
+def course_of(world: Recall, name: str, start: float) -> PlaceCourse | None:
     """Where one object was since a moment, None where it was not seen: of few objects cheaper than `presence_of`."""
     whole = world.kept.get(f"presence {start}")
     if isinstance(whole, Presence):
         return whole.courses.get(name)
-    key = f"course {name} {start}"
-    if key not in world.kept:
-        world.kept[key] = _of_one(world, name, start)
-    known = world.kept[key]
-    return known if isinstance(known, Course) else None
+    return world.once(f"course {name} {start}", lambda: _of_one(world, name, start))
 
 
-def _of_one(world: Recall, name: str, start: float) -> Course | None:
+def _of_one(world: Recall, name: str, start: float) -> PlaceCourse | None:
     if world.store is None:
         line = world.timeline(name)
         return _of_line(line) if line.stays else None
@@ -116,7 +103,7 @@ def _read(world: Recall, start: float) -> Presence:
     positions = b"".join([*(row[3] for row in rows), *(row[2] for row in before.values())])
     words = world.words(np.frombuffer(positions, "<f8").reshape(-1, 3))
     first = dict(zip(before, words[len(rows) :], strict=True))
-    courses: dict[str, Course] = {}
+    courses: dict[str, PlaceCourse] = {}
     for name, found in by_name.items():
         stamps = [rows[index][1] for index in found]
         places = [words[index] if _is_there(rows[index][1:]) else None for index in found]
@@ -139,13 +126,15 @@ def _is_there(row: tuple[Any, ...]) -> bool:
     return row[1] != "gone" and not row[4] and row[3] >= BELIEVED
 
 
-def _course(stamps: list[float], places: list[str | None], seen: float) -> Course:
+def _course(stamps: list[float], places: list[str | None], seen: float) -> PlaceCourse:
     """Only where the place is another than before."""
     kept = [index for index in range(len(places)) if index == 0 or places[index] != places[index - 1]]
-    return Course(np.array([stamps[index] for index in kept]), tuple(places[index] for index in kept), seen)
+    return PlaceCourse(
+        np.array([stamps[index] for index in kept]), tuple(places[index] for index in kept), seen
+    )
 
 
-def _of_line(line: Timeline) -> Course:
+def _of_line(line: Timeline) -> PlaceCourse:
     stamps: list[float] = []
     places: list[str | None] = []
     for stay in line.stays:

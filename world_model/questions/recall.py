@@ -7,10 +7,10 @@ import json
 import math
 import re
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,45 +19,44 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.geometry.places import Place, Places
 from world_model.memory.store import Store
-from world_model.state import WorldObject
+from world_model.state import DAY, WorldObject
 from world_model.symbols import Symbols, default_symbols, parse_symbol
 
 if TYPE_CHECKING:
     from world_model.world import WorldModel
 
+T = TypeVar("T")
 PERSON = "person"
-APART = 0.5
-"""m: so far from where it was something has been moved, where no other place says so."""
-STEP = 0.005
-"""m: what moves less from row to row rests."""
-AWAY = 900.0
-"""s: what was missing for longer and is back began another stay."""
-BELIEVED = 0.5
-"""Existence below which something is not told of as being there."""
+APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
+STEP = 0.005  # m: what moves less from row to row rests
+AWAY = 900.0  # s: what was missing for longer and is back began another stay
+BELIEVED = 0.5  # Existence below which something is not told of as being there
 LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
-DAY = 86400.0
-PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY
-"""What is taken to be known of the rate of moves of anything."""
-BACK_AGAIN = 0.25
-"""Share of moves between two looks that lead back before the second."""
+PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
+BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
 KEPT = 256
-NEWEST = 400
-"""Rows of an object's history that a question about the present reads."""
-RECENT = 60
-"""Objects of a class that ended last, among which doubles are looked for."""
-AROUND = 1.5 * DAY
-"""s: of the history that says where something was at a moment."""
-FOUND_AFTER = 1200.0
-"""s: what was missing is found about so long after it came back."""
-SAME = 0.93
-"""That what looks like something that went, and came since, is the same."""
-RETURNS = 7.0 * DAY
-"""s: what was away for longer is another one."""
+NEWEST = 400  # Rows of an object's history that a question about the present reads
+RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
+AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
+FOUND_AFTER = 1200.0  # s: what was missing is found about so long after it came back
+SAME = 0.93  # That what looks like something that went, and came since, is the same
+RETURNS = 7.0 * DAY  # s: what was away for longer is another one
+
+
+class Trust:
+    """Probabilities that an answer is right, rounded from the first households of `experiment questions`."""
+
+    SEEN = 0.97  # it says what was seen
+    CHANGED = 0.98  # it says all that changed
+    STORY = 0.95  # it says when something was moved, or all that was done with it
+    NOT_SEEN = 0.9  # it says that something was not, as nobody saw it
+    EACH = 0.99  # factor for each thing that it lists
+    NEAR_BY, NOBODY = 0.7, 0.6  # who was where something was moved had to do with it; that nobody had
 
 
 @dataclass(frozen=True)
-class Stay:
+class ObjectStay:
     """An object at one place. place : name, "" where no place is named. came_after, since : between these it came.
     until, left_by : between these it went, None while it is there. position : (3,) m. p : of the place, where it was.
     gone : it was then out of the world, or lost, before it was seen anywhere else."""
@@ -88,7 +87,7 @@ class Timeline:
     cut : whether there is more of it, before these stays, that was not read."""
 
     id: str
-    stays: tuple[Stay, ...]
+    stays: tuple[ObjectStay, ...]
     lost: bool
     since: float = math.inf
     cut: bool = False
@@ -101,7 +100,7 @@ class Timeline:
         known = self.stays[-1].until - self.stays[0].since
         return (len(self.stays) - 1 + PRIOR_MOVES) / (known + PRIOR_TIME)
 
-    def at(self, stamp: float) -> tuple[dict[str, float], Stay | None]:
+    def at(self, stamp: float) -> tuple[dict[str, float], ObjectStay | None]:
         """Probability by place at a moment, and the stay that is most probable; {} before it was first seen.
 
         Between two looks that found it at different places it may have gone at any moment; what is not told for is
@@ -125,12 +124,12 @@ class Timeline:
         chances[after.place] = chances.get(after.place, 0.0) + there
         return chances, stay if stays_yet >= there else after
 
-    def _doubt(self, stay: Stay) -> float:
+    def _doubt(self, stay: ObjectStay) -> float:
         """That it was elsewhere for a while during a stay, and nobody saw."""
         gap = (stay.until - stay.since) / max(stay.seen - 1, 1)
         return min(BACK_AGAIN * (1.0 - math.exp(-self.rate * gap)), 0.3)
 
-    def _later(self, stay: Stay, stamp: float) -> tuple[dict[str, float], Stay]:
+    def _later(self, stay: ObjectStay, stamp: float) -> tuple[dict[str, float], ObjectStay]:
         if stay.left_by is not None and stamp >= stay.left_by:
             return {}, stay
         if stay.left_by is not None:
@@ -146,6 +145,12 @@ class Timeline:
 
         absent : of all the time since it was first seen, else of that in which it was anywhere.
         """
+        return of_all(
+            self.spent(start, end), end - max(start, self.stays[0].since) if absent and self.stays else 0.0
+        )
+
+    def spent(self, start: float, end: float) -> dict[str, float]:
+        """s between two moments by place; of what passed between two stays half each."""
         spent: dict[str, float] = {}
         for stay, after in zip(self.stays, [*self.stays[1:], None], strict=True):
             until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
@@ -154,10 +159,13 @@ class Timeline:
             long = min(until, end) - max(stay.since, start)
             if long > 0.0:
                 spent[stay.place] = spent.get(stay.place, 0.0) + long
-        total = sum(spent.values())
-        if absent and self.stays:
-            total = max(total, end - max(start, self.stays[0].since))
-        return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
+        return spent
+
+
+def of_all(spent: dict[str, float], least: float) -> dict[str, float]:
+    """Shares of their sum, or of `least` s where that is more."""
+    total = max(sum(spent.values()), least)
+    return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
 
 
 class Links:
@@ -170,12 +178,13 @@ class Links:
         """For ids of a class that ended the id that goes on, with its probability."""
         if kind == PERSON or not kind or self._recall.store is None:
             return {}
-        found = self._recall.kept.get(f"links {kind}")
-        if not isinstance(found, dict):
-            lives = self._lives(kind)
-            found = self._recall.kept[f"links {kind}"] = _linked(lives)
-            self._doubles(lives, found)
-        return found
+        return self._recall.once(f"links {kind}", lambda: self._made(kind))
+
+    def _made(self, kind: str) -> dict[str, tuple[str, float]]:
+        lives = self._lives(kind)
+        links = _linked(lives)
+        self._doubles(lives, links)
+        return links
 
     def _doubles(self, lives: list[Life], links: dict[str, tuple[str, float]]) -> None:
         """What ended where another one like it is from then on was that one, with an id of its own for a while."""
@@ -198,11 +207,7 @@ class Links:
                     links[life.id] = (other.id, SAME)
                     doubles.add(life.id)
                     break
-        self._recall.kept["doubles"] = self._known_doubles() | doubles
-
-    def _known_doubles(self) -> set[str]:
-        found = self._recall.kept.get("doubles")
-        return found if isinstance(found, set) else set()
+        self._recall.doubles |= doubles
 
     def _lives(self, kind: str) -> list[Life]:
         assert self._recall.store is not None
@@ -217,8 +222,7 @@ class Links:
     def before(self, object_id: str) -> list[str]:
         """Earlier ids of an object, the newest first."""
         links = self.of(self._recall.kind(object_id))
-        doubles = self._known_doubles()
-        previous = {after: name for name, (after, _) in links.items() if name not in doubles}
+        previous = {after: name for name, (after, _) in links.items() if name not in self._recall.doubles}
         found = []
         while object_id in previous:
             object_id = previous[object_id]
@@ -241,7 +245,15 @@ class Recall:
     store: Store | None = None
     sequence: int = -1
     _timelines: OrderedDict[tuple[str, int], Timeline] = field(default_factory=OrderedDict, repr=False)
-    kept: dict[str, object] = field(default_factory=dict, repr=False)
+    kept: dict[str, Any] = field(default_factory=dict, repr=False)
+    doubles: set[str] = field(default_factory=set, repr=False)
+
+    def once(self, key: str, make: Callable[[], T]) -> T:
+        """What `make` says, which is asked once."""
+        if key not in self.kept:
+            self.kept[key] = make()
+        found: T = self.kept[key]
+        return found
 
     @classmethod
     def of_store(cls, store: Store, places: Places | None = None, symbols: Symbols | None = None) -> Recall:
@@ -340,19 +352,18 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
             return self.timeline(name)
-        key = f"since {name} {start}"
-        known = self.kept.get(key)
-        if not isinstance(known, Timeline):
-            known = self.read(name, self.epoch, start - AROUND)
-            if known.stays and known.stays[0].since > start and self.store is not None:
-                # It was not looked at for long before: from when it was seen last.
-                earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
-                known = self.read(name, self.epoch, earlier[0][0]) if earlier else known
-            for before in self._links.before(name):
-                if known.stays and known.stays[0].since <= start:
-                    break
-                known = _joined(self.read(before, self.epoch, start - AROUND), known)
-            self.kept[key] = known
+        return self.once(f"since {name} {start}", lambda: self._from(name, start))
+
+    def _from(self, name: str, start: float) -> Timeline:
+        known = self.read(name, self.epoch, start - AROUND)
+        if known.stays and known.stays[0].since > start and self.store is not None:
+            # It was not looked at for long before: from when it was seen last.
+            earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
+            known = self.read(name, self.epoch, earlier[0][0]) if earlier else known
+        for before in self._links.before(name):
+            if known.stays and known.stays[0].since <= start:
+                break
+            known = _joined(self.read(before, self.epoch, start - AROUND), known)
         return known
 
     def has_changed(self, object_id: str) -> bool:
@@ -380,12 +391,7 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines:
             return self._timelines[name, self.epoch]
-        key = f"latest {name} {most}"
-        known = self.kept.get(key)
-        if not isinstance(known, Timeline):
-            known = self._until(name, math.inf, most)
-            self.kept[key] = known
-        return known
+        return self.once(f"latest {name} {most}", lambda: self._until(name, math.inf, most))
 
     def _until(self, name: str, end: float, most: int = NEWEST) -> Timeline:
         """The newest stays that began before a moment, s."""
@@ -403,14 +409,11 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines:
             return self._timelines[name, self.epoch]
-        key = f"glimpse {name} {stamp}"
-        known = self.kept.get(key)
-        if not isinstance(known, Timeline):
-            known = self.read(name, self.epoch, stamp - AROUND, stamp + AROUND)
-            if not known.stays or known.stays[0].since > stamp:
-                known = self._until(name, stamp + AROUND)
-            self.kept[key] = known
-        return known
+        return self.once(f"glimpse {name} {stamp}", lambda: self._around(name, stamp))
+
+    def _around(self, name: str, stamp: float) -> Timeline:
+        known = self.read(name, self.epoch, stamp - AROUND, stamp + AROUND)
+        return known if known.stays and known.stays[0].since <= stamp else self._until(name, stamp + AROUND)
 
     def window(self, object_id: str, start: float, end: float) -> Timeline:
         """The part of an object's timeline around a span of time."""
@@ -424,12 +427,12 @@ class Recall:
 
     def active(self, start: float, end: float) -> list[str]:
         """Objects of this run of which anything is known between two moments."""
-        if self.store is None:
-            return list(self.present)
-        key = f"active {start} {end}"
-        if key not in self.kept:
-            self.kept[key] = self.store.active(start, end)
-        return list(self.kept[key])  # type: ignore[call-overload]
+        store = self.store
+        return list(
+            self.present
+            if store is None
+            else self.once(f"active {start} {end}", lambda: store.active(start, end))
+        )
 
     def departed(self, ago: float) -> list[str]:
         """Objects that went from where they were no longer than `ago` s before now."""
@@ -441,12 +444,7 @@ class Recall:
         return [name, *self._links.before(name)]
 
     def read(
-        self,
-        object_id: str,
-        run: int,
-        start: float = -math.inf,
-        end: float = math.inf,
-        most: int = -1,
+        self, object_id: str, run: int, start: float = -math.inf, end: float = math.inf, most: int = -1
     ) -> Timeline:
         """The stays of one id in a run, between two moments, s, or the newest rows."""
         item = self.present.get(object_id) if run == self.epoch and end >= self.now else None
@@ -473,12 +471,9 @@ class Recall:
 
     def words(self, positions: FloatArray) -> list[str]:
         """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
-        ordered = self.kept.get("places")
-        if not isinstance(ordered, _Ordered):
-            # What is said last is said: the smallest furniture.
-            places = sorted(self.places, key=lambda place: (place.kind != "room", -place.area))
-            ordered = self.kept["places"] = _Ordered(places)
-        return _words(ordered, positions)
+        # What is said last is said: the smallest furniture.
+        order = lambda: sorted(self.places, key=lambda place: (place.kind != "room", -place.area))  # noqa: E731
+        return _words(self.once("places", lambda: _Ordered(order())), positions)
 
     def place_probability(self, item: WorldObject, place: str) -> float:
         """That an object which exists, and is where it was measured, is at a place."""
@@ -600,9 +595,9 @@ def _words(ordered: _Ordered, positions: FloatArray) -> list[str]:
 
 def _stays(
     stamps: list[float], here: list[bool], seen: list[float], positions: FloatArray, words: list[str]
-) -> tuple[Stay, ...]:
+) -> tuple[ObjectStay, ...]:
     """Rows of history joined where an object is still at the same place."""
-    stays: list[Stay] = []
+    stays: list[ObjectStay] = []
     for begin, end in _runs(here, positions, words):
         stamp, position, word = stamps[begin], positions[begin], words[begin]
         current = stays[-1] if stays else None
@@ -624,7 +619,7 @@ def _stays(
             continue
         after = current.until if current is not None else -math.inf
         since = min(seen[begin], stamp) if seen[begin] > after else stamp
-        stays.append(Stay(word, after, since, max(since, until), None, position, seen=end - begin))
+        stays.append(ObjectStay(word, after, since, max(since, until), None, position, seen=end - begin))
     return tuple(stays)
 
 
@@ -641,7 +636,7 @@ def _runs(here: list[bool], positions: FloatArray, words: list[str]) -> list[tup
     return list(itertools.pairwise(edges))
 
 
-def _goes_on(current: Stay, word: str, position: FloatArray, stamp: float) -> bool:
+def _goes_on(current: ObjectStay, word: str, position: FloatArray, stamp: float) -> bool:
     """Whether what is seen still belongs to a stay."""
     if current.place != word:
         return False

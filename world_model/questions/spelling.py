@@ -19,8 +19,7 @@ SAME = (
 )  # fmt: skip
 """Words for the same; looked at only where nothing is called what was said."""
 _GERMAN = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ø": "oe", "å": "aa", "æ": "ae"})
-LONG_ENOUGH = 5
-"""Letters from which on a letter too many or too few is a slip."""
+LONG_ENOUGH = 5  # Letters from which on a letter too many or too few is a slip
 
 
 def folded(text: str) -> set[str]:

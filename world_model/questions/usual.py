@@ -5,27 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from world_model.describing import LIKELY, SURE
 from world_model.memory.routines import FORMAT, VERSION, Routines, RoutinesConfig
-from world_model.questions.answers import (
-    LIKELY,
-    SURE,
-    Answer,
-    NothingKnownError,
-    clean,
-    clock,
-    duration,
-    iso,
-    listed,
-    told,
-)
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
 from world_model.questions.presence import presence_of
-from world_model.questions.recall import DAY, Recall
+from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import is_at, where_usually
+from world_model.state import DAY
 
-WEEKS = 28 * DAY
-"""s: of the history that habits and routines are read from."""
+WEEKS = 28 * DAY  # s: of the history that habits and routines are read from
 LEAST_DAYS = 2.0
 USUAL = 0.5
 AHEAD = 2 * 3600.0
@@ -55,7 +45,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     )
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
-    probability = 0.98 * math.prod(_certain(share) for share in shares.values())
+    probability = Trust.CHANGED * math.prod(_certain(share) for share in shares.values())
     options = tuple({"object": name, "place": where, "probability": share} for name, share in shares.items())
     return Answer(
         f"{sentence}, {told(probability)}.",
@@ -138,9 +128,10 @@ def is_at_usual_place(world: Recall, what: str) -> Answer:
 
 def learned(world: Recall) -> Routines:
     """Routines of the last weeks of history. Raises NothingKnownError where there are less than two days."""
-    kept = world.kept.get("routines")
-    if isinstance(kept, Routines):
-        return kept
+    return world.once("routines", lambda: _learned(world))
+
+
+def _learned(world: Recall) -> Routines:
     config = RoutinesConfig(days=round(WEEKS / DAY) + 1)
     start = world.now - WEEKS
     courses = presence_of(world, start).courses
@@ -174,6 +165,4 @@ def learned(world: Recall) -> Routines:
         "last": last, "moves": float(moves), "exposure": float(len(courses) * (last - first)),
         "places": dict.fromkeys(names), "objects": things,
     }  # fmt: skip
-    made = Routines.from_dict(data)
-    world.kept["routines"] = made
-    return made
+    return Routines.from_dict(data)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from world_model.describing import SURE
 from world_model.questions.answers import (
     Answer,
     NothingKnownError,
@@ -23,16 +24,15 @@ from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.presence import course_of
-from world_model.questions.recall import BELIEVED, PERSON, Recall, Stay, Timeline
+from world_model.questions.recall import BELIEVED, PERSON, ObjectStay, Recall, Timeline, Trust
+from world_model.state import DAY
 
-MONTH = 28 * 86400.0
+MONTH = 28 * DAY
 TWIN, SWAPPED = 0.85, 0.5
 """That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
 both moved, and where they were."""
-UNSEEN = 0.89
-"""The most that is told of a place where something was not seen: it is never told as sure."""
-LATELY = 6 * 3600.0
-"""s: what went from where it was no longer ago may be where it usually goes then."""
+HIDDEN = 0.89  # The most that is told of a place where something was not seen: it is never told as sure
+LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where it usually goes then
 
 
 def where_is(world: Recall, what: str) -> Answer:
@@ -112,7 +112,7 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
         return _where(world, name, span.middle, "where_was", True)
     order = sorted(shares, key=lambda place: -shares[place])
     best = order[0]
-    probability = min(0.98, 0.5 + shares[best] * 0.48) if len(order) > 1 else 0.97
+    probability = min(Trust.CHANGED, 0.5 + shares[best] * 0.48) if len(order) > 1 else Trust.SEEN
     others = [f"{spoken(world, place)} ({100 * shares[place]:.0f} % of the time)" for place in order[1:]]
     then = f"between {clock(span.start)} and {clock(span.end)}"
     sentence = f"{described(world, name)} was {spoken(world, best)} {then}" + (
@@ -132,7 +132,9 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
     chances, stay = line.at(stamp)
     if stay is None:
         first = f"; it was first seen at {clock(line.stays[0].since)}" if line.stays else ""
-        return Answer(f"Nothing is known of {clean(name)} at {clock(stamp)}{first}.", kind, 0.9, iso(stamp))
+        return Answer(
+            f"Nothing is known of {clean(name)} at {clock(stamp)}{first}.", kind, Trust.NOT_SEEN, iso(stamp)
+        )
     if kind == "where_is" and (line.lost or not chances):
         return _missing(world, name, line, stay, stamp)
     place = max(chances, key=lambda each: chances[each], default="")
@@ -181,7 +183,7 @@ def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
     return replace(there, sentence=sentence, probability=0.8 * there.probability, alternatives=options)
 
 
-def _position(stay: Stay) -> str:
+def _position(stay: ObjectStay) -> str:
     x, y, z = stay.position
     return f"at ({x:.2f}, {y:.2f}, {z:.2f}) m"
 
@@ -213,7 +215,7 @@ def _gaps(line: Timeline) -> list[tuple[float, float]]:
     return [(stay.until, after.since) for stay, after in zip(line.stays, line.stays[1:], strict=False)]
 
 
-def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+def _unknown(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
     before = [each for each in line.stays if each.until <= stamp]
     known = before[-1] if before else stay
     sentence = (
@@ -225,13 +227,13 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
     )
 
 
-def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float) -> Answer:
+def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
     """It is not where it was: where it probably went, or what looks like it and came since."""
     if world.kind(name) == PERSON:
         seen = f"was seen last {spoken(world, stay.place)} at {clock(stay.until)}"
         sentence = f"{described(world, name)} {seen}, {duration(stamp - stay.until)} ago."
         evidence = evidence_of(world, line, stay.since, stamp)
-        return Answer(sentence, "where_is", 0.9, iso(stay.until), None, evidence)
+        return Answer(sentence, "where_is", Trust.NOT_SEEN, iso(stay.until), None, evidence)
     back = [other for other in world.alike(name) if _began(world, other) >= stay.until]
     may = elsewhere(world, line)
     last = f"it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, and is no longer there"
@@ -242,7 +244,7 @@ def _missing(world: Recall, name: str, line: Timeline, stay: Stay, stamp: float)
     ]
     evidence = evidence_of(world, line, stay.since, stamp)
     if may.best and not back:
-        probability = min(may.places[may.best], UNSEEN)
+        probability = min(may.places[may.best], HIDDEN)
         sentence = _probably_at(world, name, may.best, probability, last)
         return Answer(sentence, "where_is", probability, iso(stamp), may.best, evidence, tuple(options[1:]))
     sentence = f"{described(world, name)} is missing: {last}"
@@ -292,7 +294,7 @@ def where_usually(world: Recall, what: str) -> Answer:
     ]
     rest = f"; else {listed(others)}" if others else ""
     second = shares[order[1]] if len(order) > 1 else 0.0
-    probability = min(0.98, 0.5 + 2.0 * (shares[order[0]] - second))
+    probability = min(Trust.CHANGED, 0.5 + 2.0 * (shares[order[0]] - second))
     options = tuple({"object": name, "place": place, "probability": shares[place]} for place in order[1:])
     return Answer(
         f"{described(world, name)} is usually {first}{rest}.", "where_usually", probability, iso(world.now), order[0],
@@ -330,7 +332,9 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
     lines = [line for line in lines if line.stays]
     if not lines and during is not None:
         then = f"between {clock(during.start)} and {clock(during.end)}"
-        return Answer(f"{clean(what)} was not seen {then}.", "when_last_seen", 0.9, iso(during.start))
+        return Answer(
+            f"{clean(what)} was not seen {then}.", "when_last_seen", Trust.NOT_SEEN, iso(during.start)
+        )
     if not lines:
         raise NothingKnownError(f'"{clean(what)}" was never seen for certain.')
     line = max(lines, key=lambda each: each.stays[-1].until)
@@ -352,7 +356,7 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
         for other in lines
         if other.id != line.id
     )
-    probability = 0.97 if not (meant.by_name and world.alike(line.id)) else 0.85
+    probability = Trust.SEEN if not (meant.by_name and world.alike(line.id)) else 0.85
     return Answer(
         sentence, "when_last_seen", probability, iso(stay.until), iso(stay.until),
         evidence_of(world, line, stay.since, stay.until), options,
@@ -413,10 +417,7 @@ def _chances(world: Recall, line: Timeline, stamp: float) -> dict[str, float]:
 
 
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
-    """What is, or was, at a place at a moment. value : ids.
-
-    Raises NothingKnownError, AmbiguousError.
-    """
+    """What is, or was, at a place at a moment. value : ids. Raises NothingKnownError, AmbiguousError."""
     where = place_named(world, place)
     stamp = world.now if when is None else within(world, when).middle
     chances = at_place(world, where, stamp)
@@ -428,7 +429,9 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
         sentence = f"{listed(named, 20)} {verb[len(there) > 1]} {spoken(world, where)}{then}"
     else:
         sentence = f"Nothing that I know of {verb[0]} {spoken(world, where)}{then}"
-    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * (0.97 if chances else 0.9)
+    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * (
+        Trust.SEEN if chances else Trust.NOT_SEEN
+    )
     options = tuple({"object": name, "place": where, "probability": p} for name, p in chances.items())
     evidence = tuple(
         entry for name in there[:4] for entry in evidence_of(world, world.glimpse(name, stamp), stamp, stamp)
@@ -439,7 +442,7 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
 
 
 def _doubtful(p: float) -> str:
-    return "" if p >= 0.9 else f" (probably, {told(p)})"
+    return "" if p >= SURE else f" (probably, {told(p)})"
 
 
 def is_at(world: Recall, what: str, place: str, when: str | float | Span | None = None) -> Answer:
@@ -455,7 +458,7 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
     if meant.by_name:
         chances = {name: p * (TWIN if world.alike(name) else 1.0) for name, p in chances.items()}
     p = 1.0 - math.prod(1.0 - each for each in chances.values())
-    p = min(p, 0.99)
+    p = min(p, Trust.EACH)
     there = [
         described(world, name)
         for name in sorted(chances, key=lambda name: -chances[name])
@@ -512,7 +515,7 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
             known = _chances(world, _line_at(world, name, stamp), stamp)
             chances[name] = min(sum(known.values()), 1.0)
     there = [name for name, p in chances.items() if p >= BELIEVED]
-    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * 0.97
+    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * Trust.SEEN
     at = f" {spoken(world, where)}" if where else ""
     then = f" at {clock(stamp)}" if when is not None else ""
     verb = "There was" if when is not None else "There is"
@@ -532,7 +535,7 @@ def where_to_look(world: Recall, what: str) -> Answer:
     name = one_named(world, what)
     line = world.latest(name)
     now = _chances(world, line, world.now)
-    chances = {place: min(p, 0.99) for place, p in now.items() if place}
+    chances = {place: min(p, Trust.EACH) for place, p in now.items() if place}
     left = 1.0 - min(sum(chances.values()), 1.0)
     for place, share in usual_places(world, name).items():
         if place:

@@ -16,18 +16,13 @@ from estimation.checks import FloatArray
 from world_model.symbols import Symbols, default_symbols
 
 IntArray = npt.NDArray[np.int64]
-GAP = 0.08
-"""m between returns of one thing at the most."""
-FEWEST = 3
-"""Returns that make a thing."""
-MOST = 500
-"""Returns that are looked at; of more, evenly some."""
-BLUR = 0.04
-"""m: standard deviation of an extent, of noise and of what lies close by."""
+GAP = 0.08  # m between returns of one thing at the most
+FEWEST = 3  # Returns that make a thing
+MOST = 500  # Returns that are looked at; of more, evenly some
+BLUR = 0.04  # m: standard deviation of an extent, of noise and of what lies close by
 TINTS = {"hue": math.radians(15.0), "saturation": 0.1, "value": 0.15}
 """Standard deviations of a colour by light and camera; hue in radians."""
-MISNAMED = 0.05
-"""Probability that a colour was called otherwise."""
+MISNAMED = 0.05  # Probability that a colour was called otherwise
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ import numpy as np
 
 from world_model.state import MOVED_ON, WorldState
 
-ELSEWHERE = 1.0
-"""m: standard deviation of what has probably gone somewhere else; one look tells."""
+ELSEWHERE = 1.0  # m: standard deviation of what has probably gone somewhere else; one look tells
 
 
 @dataclass

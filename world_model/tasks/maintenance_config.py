@@ -42,11 +42,7 @@ class MaintenanceConfig:
         1.0,
     )
     anticipation: float = setting(
-        0.75,
-        "",
-        "share of the entropy's growth until the observation that counts as gain",
-        0.0,
-        1.0,
+        0.75, "", "share of the entropy's growth until the observation that counts as gain", 0.0, 1.0
     )
     standoff: float = setting(
         0.82, "", "distance at which to observe an object, as share of the sensor's range", 0.05, 1.0

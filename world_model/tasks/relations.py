@@ -69,9 +69,7 @@ class Relations:
     def load(cls, path: Path | str) -> Relations:
         """Relations from YAML: `frames` (lists of names, or {names, room, count}), `smoothing`, `minimum`, `synonyms`.
 
-        Raises
-        ------
-        InputError : the file is missing or malformed; names where.
+        Raises InputError: the file is missing or malformed; names where.
         """
         import yaml
 
@@ -105,11 +103,8 @@ class Relations:
         """Relations from annotated images in the LabelMe format (XML or JSON), one image a frame.
 
         paths : files, or folders that are searched for them. minimum : pairs seen less often are dropped, as in the
-        text. Annotations that were deleted do not count.
-
-        Raises
-        ------
-        InputError : no file at all, or one that is no annotation; names it.
+        text. Annotations that were deleted do not count. Raises InputError: no file at all, or one that is no
+        annotation; names it.
         """
         relations = cls(minimum=minimum, synonyms=synonyms)
         files: list[Path] = []
@@ -146,9 +141,7 @@ class Relations:
     def observe(self, names: Iterable[str], room: str | None = None, count: float = 1.0) -> None:
         """Count a frame: every name once, every pair of names once.
 
-        Raises
-        ------
-        InputError : a count that is negative or not finite.
+        Raises InputError: a count that is negative or not finite.
         """
         if not (math.isfinite(count) and count >= 0.0):
             raise InputError(f"count: a number of at least 0 expected, got {count!r}")
@@ -242,10 +235,6 @@ class Relations:
         base = max(self._room_frames[room] + weight, 1e-300)
         return np.asarray((self._pairs_in(room).diagonal() + weight * share) / base)
 
-    def column(self, names: Sequence[str]) -> FloatArray:
-        """(M,) indices into `names` of the relations; -1 where one is unknown."""
-        return np.array([self._index.get(self.unified(name), -1) for name in names], dtype=np.int64)
-
     def posterior(self, target: str, observed: Sequence[str]) -> dict[str, float]:
         """(5.2): p(o_j | o_T) over the observed names; sums to one."""
         total = sum(self.count(name) for name in observed) or 1.0
@@ -253,11 +242,6 @@ class Relations:
         joint = {name: self.probability(target, name) * prior[name] for name in observed}
         norm = sum(joint.values())
         return {name: value / norm for name, value in joint.items()} if norm > 0.0 else {}
-
-    @property
-    def room_types(self) -> list[str]:
-        """Room types frames were counted for."""
-        return list(self._rooms)
 
     def room_probability(self, name: str, room: str) -> float:
         """p(name | room): the share of the room's frames that show it, smoothed as (5.1)."""

@@ -28,12 +28,10 @@ OCCLUDED, FOUND, NOT_FOUND = "occluded", "found", "not_found"
 
 
 @dataclass(frozen=True)
-class Box:
+class RegionBox:
     """A region: centre (3,) and size (3,) m, along the axes of the map.
 
-    Raises
-    ------
-    InputError : a size that is not positive.
+    Raises InputError: a size that is not positive.
     """
 
     centre: FloatArray
@@ -68,7 +66,7 @@ class Frame:
 
 
 def look_with_scan(
-    box: Box,
+    box: RegionBox,
     ranges: npt.ArrayLike,
     angle_min: float,
     angle_increment: float,
@@ -101,7 +99,7 @@ def look_with_scan(
 
 
 def look_with_cloud(
-    box: Box,
+    box: RegionBox,
     points: npt.ArrayLike,
     sensor: npt.ArrayLike,
     range_max: float,
@@ -141,7 +139,7 @@ class Verification:
     nothing. appearance : what the object looks like; where something else is seen in its place, it is not found.
     """
 
-    box: Box
+    box: RegionBox
     needed: int = 3
     points: int = 3
     clear: float = 0.8

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import first_hits
 from whereabouts.simulation.shapes import Array
-from world_model.camera import Box, CameraModel
+from world_model.camera import CameraModel, ImageBox
 
 Mask = npt.NDArray[np.bool_]
 SEEN = 0.4
@@ -22,7 +22,7 @@ SEEN = 0.4
 class Framed:
     """One detection: a box in the image, and probabilities of classes."""
 
-    box: Box
+    box: ImageBox
     scores: dict[str, float]
 
 
@@ -74,13 +74,13 @@ class DepthCamera:
     def _image(self, values: Array) -> Array:
         return values.reshape(self.camera.height, self.camera.width)
 
-    def _outline(self, pixels: Mask, clear: Mask) -> tuple[Box | None, float]:
+    def _outline(self, pixels: Mask, clear: Mask) -> tuple[ImageBox | None, float]:
         """The box of a thing's unhidden pixels, and their share of all it has in the image."""
         if not clear.any():
             return None, 0.0
         rows, columns = np.nonzero(clear.reshape(self.camera.height, self.camera.width))
         x0, x1, y0, y1 = columns.min(), columns.max(), rows.min(), rows.max()
-        box = Box(0.5 * (x0 + x1), 0.5 * (y0 + y1), x1 - x0 + 1.0, y1 - y0 + 1.0)
+        box = ImageBox(0.5 * (x0 + x1), 0.5 * (y0 + y1), x1 - x0 + 1.0, y1 - y0 + 1.0)
         return box, float(clear.sum() / pixels.sum())
 
 
@@ -92,7 +92,7 @@ class CameraScene:
     camera: DepthCamera
     exact: Array
     kinds: Mapping[str, str]
-    outlines: Mapping[str, tuple[Box | None, float]]
+    outlines: Mapping[str, tuple[ImageBox | None, float]]
 
     def depth(self, rng: np.random.Generator) -> Array:
         """A depth image (height, width) float32 m with errors; 0 where there is none."""
@@ -116,7 +116,7 @@ class CameraScene:
             x, y, width, height = np.array([box.x, box.y, box.width, box.height]) + 0.03 * sides * (
                 rng.standard_normal(4)
             )
-            found.append(Framed(Box(x, y, width, height), {kind: camera.accuracy}))
+            found.append(Framed(ImageBox(x, y, width, height), {kind: camera.accuracy}))
         return found
 
 

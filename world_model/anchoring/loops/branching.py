@@ -6,8 +6,14 @@ import numba
 import numpy as np
 
 from world_model.anchoring.loops.contacts import correct_shared
-from world_model.anchoring.loops.kernels import MOVING, REST, copy_leaf, correct, create, miss
+from world_model.anchoring.loops.kernels import copy_leaf, correct, create, miss
+from world_model.anchoring.loops.leaves import MOVING, REST
 
+SAME = 0.1  # difference of two distributions that no later detection would tell; of attributes twice that
+SPREAD, APART = (
+    1.5,
+    0.15,
+)  # the same of two Gaussians: ratio of variances, squared distance in standard deviations
 GONE = 0.05  # an anchor less probably there than this makes no difference between two worlds
 
 
@@ -120,32 +126,28 @@ def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def
     if (leaves.together[a] > 0) != (leaves.together[b] > 0):
         return False
     runs = persistence[int(leaves.behavior[a, REST] <= 0.0)]
-    if abs(leaves.visible[a] - leaves.visible[b]) * runs > 0.1:
+    if abs(leaves.visible[a] - leaves.visible[b]) * runs > SAME:
         return False
     apart = 0.0
     for m in range(4):
         apart += abs(leaves.behavior[a, m] - leaves.behavior[b, m])
-    if apart > 0.1:
+    if apart > SAME:
         return False
     apart = 0.0
     for c in range(attributes):
         apart += abs(leaves.attributes[a, c] - leaves.attributes[b, c])
-    if apart > 0.2:
+    if apart > 2.0 * SAME:
         return False
+    x, P = leaves.rest, leaves.rest_cov
+    if leaves.behavior[a, REST] < leaves.behavior[a, MOVING]:
+        x, P = leaves.moving, leaves.moving_cov
     away = 0.0
-    if leaves.behavior[a, REST] >= leaves.behavior[a, MOVING]:
-        for k in range(3):
-            p, q = leaves.rest_cov[a, k, k], leaves.rest_cov[b, k, k]
-            if p > 1.5 * q or q > 1.5 * p:
-                return False
-            away += (leaves.rest[a, k] - leaves.rest[b, k]) ** 2 / max(min(p, q), 1e-12)
-        return away < 0.15
-    for k in range(6):
-        p, q = leaves.moving_cov[a, k, k], leaves.moving_cov[b, k, k]
-        if p > 1.5 * q or q > 1.5 * p:
+    for k in range(x.shape[1]):
+        p, q = P[a, k, k], P[b, k, k]
+        if max(p, q) > SPREAD * min(p, q):
             return False
-        away += (leaves.moving[a, k] - leaves.moving[b, k]) ** 2 / max(min(p, q), 1e-12)
-    return away < 0.15
+        away += (x[a, k] - x[b, k]) ** 2 / max(min(p, q), 1e-12)
+    return away < APART
 
 
 @numba.njit(cache=True)

@@ -12,8 +12,8 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.loops.kernels import AWAY, MOVING, NONE, REST, inverse_3x3, log_gauss, symmetric
-from world_model.anchoring.loops.leaves import IntArray
+from world_model.anchoring.loops.kernels import inverse_3x3, log_gauss, symmetric
+from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
 
 MERGED = 0.3  # that two movers at the same place, told apart at the last look, are detected as one
 STILL = 0.95  # that they are, if they were at the last look

@@ -6,8 +6,6 @@ import numba
 import numpy as np
 
 from world_model.anchoring.loops.kernels import (
-    MOVING,
-    REST,
     SETTLED_HITS,
     attribute_factor,
     class_of,
@@ -16,6 +14,7 @@ from world_model.anchoring.loops.kernels import (
     predict,
     visible_probability,
 )
+from world_model.anchoring.loops.leaves import MOVING, REST
 
 RECENT = 0.5  # s: a sensor does not move far in this time
 OUT_OF_GATE = -60.0  # log density below which a detection is of something else
@@ -120,9 +119,8 @@ def _near(leaves, i, positions, sharpest, spread, near):  # type: ignore[no-unty
 def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # type: ignore[no-untyped-def]
     """Predict the touched leaves and weigh being missed and being each detection: (2.7), (2.8), (2.10).
 
-    detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix
-    (n, M), -inf where a detection is out of the gate, and missing (n, 2): log weight and probability of
-    a detection that did not come. Predicts in place.
+    detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix (n, M), -inf where a detection is out
+    of the gate, and missing (n, 2): log weight and probability of a detection that did not come. Predicts in place.
     """
     positions, covariances, motion = seen.positions, seen.covariances, classes.motion
     stamp, lag = seen.stamp, seen.lag

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST
 from world_model.anchoring.loops.walking import flow, walk
 
-REST, MOVING, AWAY, NONE = 0, 1, 2, 3
 CARRY_SECONDS = 2.0  # an object in somebody's hand is put down after this long, on average
 VANISH_SECONDS = 5.0  # and is taken out of sight after this long
 UNMODELLED = (

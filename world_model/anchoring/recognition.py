@@ -25,8 +25,7 @@ from world_model.anchoring.single import SingleObjects
 from world_model.behaviors import motion_of
 from world_model.state import WorldObject
 
-RETURN_SECONDS = 10.0
-"""Mean time for which a carried object is out of sight."""
+RETURN_SECONDS = 10.0  # Mean time for which a carried object is out of sight
 LEAST_ODDS = 1e-3
 MOST_CANDIDATES = 3
 
@@ -39,7 +38,7 @@ class Usual(Protocol):
     ) -> float: ...
 
 
-class Recall:
+class Recognition:
     """usual : where things usually are, if that is learned."""
 
     def __init__(self, anchors: Anchors, objects: SingleObjects, bodies: Bodies) -> None:
