@@ -28,7 +28,7 @@ if "bdist_wheel" in sys.argv:
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="ROS 2 perception suite for a mobile service robot",
     long_description=Path(__file__).with_name("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
@@ -60,7 +60,6 @@ setup(
         "rosbags>=0.11",
         "mcap>=1.2",
         "pydantic>=2.4",
-        "pytransform3d>=3.5",
         "typer>=0.9",
         "rich>=13",
         "matplotlib>=3.6",

@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
-from estimation.errors import InputError
+from estimation.settings import check_settings, setting
 
 Proposals = Literal["both", "path", "places"]
 """What says where a loop may close; see `loop_closure.slam.trajectory.Slam`."""
-
-
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
 
 
 @dataclass(frozen=True)
 class SlamConfig:
     """Settings of `Slam`; each field's metadata has its unit, meaning and allowed range."""
 
-    key_distance: float = _setting(0.5, "m", "travel after which a scan becomes a keyframe", 0.05, 20.0)
-    key_turn: float = _setting(0.5, "rad", "turn after which a scan becomes a keyframe", 0.05, 3.2)
-    max_range: float = _setting(25.0, "m", "points farther away are not used", 1.0, 500.0)
-    loop_path: float = _setting(10.0, "m", "shortest path between a place and its revisit", 5.0, 1000.0)
-    odometry_drift: float = _setting(
+    key_distance: float = setting(0.5, "m", "travel after which a scan becomes a keyframe", 0.05, 20.0)
+    key_turn: float = setting(0.5, "rad", "turn after which a scan becomes a keyframe", 0.05, 3.2)
+    max_range: float = setting(25.0, "m", "points farther away are not used", 1.0, 500.0)
+    loop_path: float = setting(10.0, "m", "shortest path between a place and its revisit", 5.0, 1000.0)
+    odometry_drift: float = setting(
         0.02, "m/m", "standard deviation of odometry per metre of travel", 0.0001, 1.0
     )
-    odometry_turn_drift: float = _setting(
+    odometry_turn_drift: float = setting(
         0.003, "rad", "standard deviation of the heading per keyframe", 0.0001, 1.0
     )
-    certain: float = _setting(
+    certain: float = setting(
         0.4,
         "m",
         "a single closure is enough while the standard deviation of the position is below this",
         0.05,
         5.0,
     )
-    farthest: float = _setting(
+    farthest: float = setting(
         25.0,
         "m",
         "no closures are searched while the standard deviation of the position is above this",
@@ -47,8 +41,4 @@ class SlamConfig:
     )
 
     def __post_init__(self) -> None:
-        for name, described in self.__dataclass_fields__.items():
-            value = getattr(self, name)
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            if low is not None and not low <= value <= high:
-                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+        check_settings(self)

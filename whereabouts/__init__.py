@@ -1,3 +1,3 @@
 """The application over the five libraries: nodes, command line, logs, simulation and experiments."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -11,6 +11,7 @@ from pathlib import Path
 from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of, markdown_table
 from whereabouts.node_names import NODES
 from whereabouts.parameters.description import markdown_table as parameter_table
+from whereabouts.parameters.parameter_base import SharedParameters
 from whereabouts.parameters.registry import expert_names, model_of
 from whereabouts.parameters.yaml_text import shipped_file
 
@@ -44,6 +45,10 @@ def node_page(node: str) -> str:
         if item.type.startswith("whereabouts_msgs/")
     }
     fields = ", ".join(f"[{name}](../interfaces.md#{name.lower()})" for name in sorted(own))
+    names = model_of(node).model_fields
+    shared = ", ".join(f"`{name}`" for name in SharedParameters.model_fields if name in names)
+    experts = expert_names(node)
+    expert = f"\nFor experts:\n\n{parameter_table(model_of(node), experts)}\n" if experts else ""
     reading = ", ".join(f"[{title}](../{page})" for title, page in READING[node])
     return f"""<!-- Written by `make docs`. -->
 
@@ -67,10 +72,31 @@ Fields, units and frames: {fields}. Every input takes ROS's QoS overrides, such 
 ## Parameters
 
 `config/{node}.yaml` states the defaults; † can only be set while the node is unconfigured. A value that is not allowed is refused with the
-parameter's name and its range. {len(expert_names(node))} more are for experts: `whereabouts parameters {node} --expert` prints them with
-meaning, unit and range, and so does `ros2 param describe`.
+parameter's name and its range. Besides there are [those that several nodes share](shared.md): {shared}.
 
 {parameter_table(model_of(node))}
+{expert}"""
+
+
+def shared_page() -> str:
+    """The page of what several nodes have with one meaning."""
+    rest = [name for name in SharedParameters.model_fields if name not in SharedParameters.public]
+    return f"""<!-- Written by `make docs`. -->
+
+# Parameters that nodes share
+
+Which of them a node has, its page says. A section `/**` of a parameter file sets them for all:
+
+```yaml
+/**:
+  ros__parameters: {{base_frame: base_footprint}}
+```
+
+{parameter_table(SharedParameters)}
+
+For experts:
+
+{parameter_table(SharedParameters, rest)}
 """
 
 
@@ -99,4 +125,5 @@ def pages(root: Path) -> dict[Path, str]:
     """Written files of a checkout and what they should hold."""
     written = {root / "docs/nodes" / f"{node}.md": node_page(node) for node in NODES}
     written |= {root / "config" / f"{node}.yaml": shipped_file(node) for node in NODES}
+    written[root / "docs/nodes/shared.md"] = shared_page()
     return {**written, root / "docs/interfaces.md": interfaces_page(root / "whereabouts_msgs")}

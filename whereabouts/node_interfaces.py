@@ -91,7 +91,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("out", "loop_closures", "whereabouts_msgs/LoopClosure", "each accepted closure with relative pose and covariance"),
         _I("out, latched", "trajectory", "nav_msgs/Path", "corrected poses of the kept scans"),
         _I("out", "tf", _TF, "`map` → `odom`, with each scan and every `tf_period`"),
-        _I("out, latched", "map", _GRID, "for nav2, of at most `map_cells` cells; of parts far apart only the one around the robot"),
+        _I("out, latched", "map", _GRID, "for nav2, of at most 25 million cells; of parts far apart only the one around the robot"),
         _I("out", "map_updates", "map_msgs/OccupancyGridUpdate", "the box of `map` that has changed, while there is a subscriber"),
         _I("out, latched", "map_points", "sensor_msgs/PointCloud2", "the map as points"),
         _I("out, latched", "~/markers", _MARKERS, "path and closures"),
@@ -154,7 +154,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
     ),
     "verifier": (
         _I("in", "scan", "sensor_msgs/LaserScan", "where objects are searched", "scan_topic"),
-        _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "use_clouds"),
+        _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "cloud_topic"),
         _I("in", "tf", _TF, "where the sensor is"),
         _I("in, latched", "tf_static", _TF, "the same"),
         _I("in, latched", "map", _GRID, "optional: what belongs to the building"),

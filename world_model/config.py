@@ -10,28 +10,11 @@ import numpy as np
 
 from estimation.checks import as_finite
 from estimation.errors import InputError
+from estimation.settings import check_settings, setting
 from world_model.calibration.sensor_bias import CONSTANT, NAMES
 from world_model.state import Box
 
 MODELS = ("static", "constant_velocity")
-
-
-def setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    """A field of a dataclass of settings, with its unit, meaning and allowed range."""
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
-def check_ranges(settings: Any) -> None:
-    """Raises InputError naming the first setting that is out of its range."""
-    for name, described in settings.__dataclass_fields__.items():
-        value, about = getattr(settings, name), described.metadata
-        if "low" not in about:
-            continue
-        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-        if not number or not about["low"] <= value <= about["high"]:
-            raise InputError(f"{name}: {about['low']:g} to {about['high']:g} expected, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -123,9 +106,7 @@ class WorldModelConfig:
     motion: Mapping[str, Mapping[str, Any]] | None = field(
         default=None, metadata={"description": "motion by class; * for all others"}
     )
-    hypotheses: int = field(
-        default=100, metadata={"description": "number of hypotheses that are kept", "low": 1, "high": 10000}
-    )
+    hypotheses: int = setting(100, "", "number of hypotheses that are kept", 1, 10000)
     late_window: float = setting(
         1.0,
         "s",
@@ -141,9 +122,7 @@ class WorldModelConfig:
         default_factory=lambda: {"size": (0.3, 0.3), "ratio": (1.0, 0.7)}
     )
     """Continuous attributes: {name: (mean, standard deviation) over all objects}, SI units."""
-    merged_detections: bool = field(
-        default=True, metadata={"description": "one detection may come from two moving objects that touch"}
-    )
+    merged_detections: bool = setting(True, "", "one detection may come from two moving objects that touch")
     sensor_bias: Sequence[float] = field(
         default=(0.0,) * CONSTANT,
         metadata={
@@ -153,16 +132,15 @@ class WorldModelConfig:
             "where learning starts from"
         },
     )
-    learn_sensor_bias: bool = field(
-        default=True,
-        metadata={
-            "description": "whether to watch a moving sensor for systematic errors in what it says about resting "
-            "objects, and to correct them once several objects show them clearly; for one sensor"
-        },
+    learn_sensor_bias: bool = setting(
+        True,
+        "",
+        "whether to watch a moving sensor for systematic errors in what it says about resting "
+        "objects, and to correct them once several objects show them clearly; for one sensor",
     )
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        check_settings(self)
         if int(self.hypotheses) != self.hypotheses:
             raise InputError(f"hypotheses: a whole number expected, got {self.hypotheses!r}")
         for name in ("classes", "colors", "attributes"):

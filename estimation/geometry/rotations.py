@@ -7,7 +7,7 @@ At pitch = ±90° only a combination of roll and yaw is determined; roll is then
 from __future__ import annotations
 
 import math
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -128,13 +128,17 @@ def rotation_from_quaternion(quaternion: npt.ArrayLike) -> FloatArray:
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     if (norm < SHORTEST).any():
         raise InputError("quaternion must have a norm above 1e-6")
-    x, y, z, w = np.moveaxis(q / norm, -1, 0)
-    rows = [
+    rows = rotation_rows(*np.moveaxis(q / norm, -1, 0))
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def rotation_rows(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
+    """Rows of the rotation matrix of a unit quaternion, of numbers or of arrays of one shape."""
+    return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def quaternion_from_rotation(rotation: npt.ArrayLike) -> FloatArray:

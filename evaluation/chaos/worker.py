@@ -52,7 +52,7 @@ PARAMETERS: dict[str, list[dict[str, Any]]] = {
     "scan_registration": [{}, {"cloud_topics": ["points"]}],
     "loop_closure": [{}, {"cloud_topic": "points"}],
     "world_model": [{"store_path": "world.sqlite"}, {"region": [-1e6, 1e6, -1e6, 1e6, -10.0, 10.0]}],
-    "verifier": [{}, {"use_clouds": True}],
+    "verifier": [{}, {"cloud_topic": "points"}],
 }
 
 

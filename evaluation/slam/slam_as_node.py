@@ -20,7 +20,7 @@ from evaluation.slam.slam_judging import (
 )
 from loop_closure.slam.trajectory import Slam
 from whereabouts.logs.formats.g2o import G2oGraph
-from whereabouts.recorded.replay_report import Replayed, revisit_recall
+from whereabouts.recorded.replayed import Replayed, revisit_recall
 
 Array = NDArray[np.float64]
 
@@ -92,13 +92,11 @@ def false_closures(run: Driven, log: Followed, tolerance: float) -> list[int]:
 
 
 def known_revisits(run: Driven, log: Followed, graph: G2oGraph) -> dict[str, float]:
-    """How many of the graph's own revisits were closed, by the same rule as in the demo's report."""
+    """How many of the graph's own revisits were closed."""
     stamps = np.array([record.stamp for record in log.records])
     replayed = Replayed(
         stamps,
         log.poses,
-        np.zeros((0, 3)),
-        np.zeros((0, 2)),
         keyframes={float(stamps[n]): run.estimate[n] for n in run.kept},
         closures=[(float(stamps[a]), float(stamps[b]), relative) for a, b, relative in run.closures],
     )

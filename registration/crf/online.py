@@ -10,15 +10,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from estimation.errors import InputError
 from estimation.geometry.poses import between, compound, inverse, inverse_covariance
+from estimation.settings import check_settings, setting
 from registration.crf.estimate import JointEstimate
 from registration.crf.joint_model import JointModel
 from registration.crf.window import FARTHEST, decide, mean_probability
@@ -33,32 +32,27 @@ LEAST_BEAMS = 30  # of them, likewise
 SPACING = 0.04  # seconds between scans that are remembered
 
 
-def _setting(default: Any, text: str, **about: Any) -> Any:
-    return field(default=default, metadata={"description": text, **about})
-
-
 @dataclass(frozen=True)
 class SegmenterConfig:
     """Settings of `ScanSegmenter`; each field's metadata has its unit, meaning and allowed range."""
 
-    segment_scans: bool = _setting(True, "label moving objects in each scan and leave them out of odometry")
-    segment_interval: float = _setting(
-        0.5, "age of the earlier scan that each scan is compared with", unit="s", low=0.1, high=5.0
+    segment_scans: bool = setting(
+        True, "", "label moving objects in each scan and leave them out of odometry"
     )
-    segment_references: int = _setting(
-        2, "number of earlier scans that each scan is compared with", low=1, high=8
+    segment_interval: float = setting(
+        0.5, "s", "age of the earlier scan that each scan is compared with", 0.1, 5.0
     )
-    segment_deadline: float = _setting(
-        0.05, "time limit for the labels of a scan, less at high scan rates; none in lock-step replay",
-        unit="s", low=0.0, high=10.0,
-    )  # fmt: skip
+    segment_references: int = setting(2, "", "number of earlier scans that each scan is compared with", 1, 8)
+    segment_deadline: float = setting(
+        0.05,
+        "s",
+        "time limit for the labels of a scan, less at high scan rates; none in lock-step replay",
+        0.0,
+        10.0,
+    )
 
     def __post_init__(self) -> None:
-        for name, described in self.__dataclass_fields__.items():
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            value = getattr(self, name)
-            if low is not None and not low <= value <= high:
-                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+        check_settings(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,14 @@ of the sensor relative to where it stood at the first call.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from estimation.settings import check_settings, setting
 from registration.laser.scan import Scan
 from registration.odometry.kiss import KissTracker
 from registration.odometry.odometry_step import Step, accumulate, matrix_to_planar, planar_to_matrix
@@ -23,57 +24,35 @@ SCAN_METHODS = ("local_map", "kiss_icp")
 SCAN_SETTINGS = [item.name for item in fields(Tuning) if item.name != "drift"]  # fields both share
 
 
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
 @dataclass(frozen=True)
 class OdometryConfig:
     """Settings of `Odometry`; each field's metadata has its unit, meaning and allowed range."""
 
-    scan_method: str = field(
-        default="local_map",
-        metadata={"description": "how planar scans are registered", "choices": SCAN_METHODS},
-    )
-    max_range: float = _setting(80.0, "m", "points farther away are not used", 0.5, 1000.0)
-    map_radius: float = _setting(30.0, "m", "radius of the local map around the sensor", 1.0, 500.0)
-    map_memory: float = _setting(
+    scan_method: str = setting("local_map", "", "how planar scans are registered", choices=SCAN_METHODS)
+    max_range: float = setting(80.0, "m", "points farther away are not used", 0.5, 1000.0)
+    map_radius: float = setting(30.0, "m", "radius of the local map around the sensor", 1.0, 500.0)
+    map_memory: float = setting(
         100.0, "m", "the local map forgets what was not seen again during this travel", 1.0, 1e6
     )
-    key_distance: float = _setting(0.15, "m", "travel after which a scan is added to the map", 0.0, 10.0)
-    key_turn: float = _setting(0.1, "rad", "turn after which a scan is added to the map", 0.0, 3.2)
-    doubt: float = _setting(0.3, "m", "how far a predicted scan may be off the map", 0.02, 2.0)
-    tolerance: float = _setting(
+    key_distance: float = setting(0.15, "m", "travel after which a scan is added to the map", 0.0, 10.0)
+    key_turn: float = setting(0.1, "rad", "turn after which a scan is added to the map", 0.0, 3.2)
+    doubt: float = setting(0.3, "m", "how far a predicted scan may be off the map", 0.02, 2.0)
+    tolerance: float = setting(
         0.08, "m", "largest deviation of a point from a line it belongs to", 0.005, 0.5
     )
-    patience: int = field(
-        default=8,
-        metadata={
-            "description": "a new local map begins after this many scans in a row that match nothing",
-            "low": 1,
-            "high": 10000,
-        },
+    patience: int = setting(
+        8, "", "a new local map begins after this many scans in a row that match nothing", 1, 10000
     )
-    learn_offset: bool = field(
-        default=True, metadata={"description": "learn and correct the scanner's constant range offset"}
-    )
-    scan_voxel_size: float = _setting(0.2, "m", "KISS-ICP's voxel edge for planar scans", 0.01, 10.0)
-    cloud_voxel_size: float = _setting(0.8, "m", "KISS-ICP's voxel edge for clouds", 0.01, 10.0)
-    cloud_noise: float = _setting(0.05, "m", "standard deviation of a cloud point", 0.001, 1.0)
-    static_distance: float = _setting(
+    learn_offset: bool = setting(True, "", "learn and correct the scanner's constant range offset")
+    scan_voxel_size: float = setting(0.2, "m", "KISS-ICP's voxel edge for planar scans", 0.01, 10.0)
+    cloud_voxel_size: float = setting(0.8, "m", "KISS-ICP's voxel edge for clouds", 0.01, 10.0)
+    cloud_noise: float = setting(0.05, "m", "standard deviation of a cloud point", 0.001, 1.0)
+    static_distance: float = setting(
         0.2, "m", "a cloud point this close to the last cloud is static", 0.01, 5.0
     )
 
     def __post_init__(self) -> None:
-        if self.scan_method not in SCAN_METHODS:
-            raise InputError(f"scan_method: one of {', '.join(SCAN_METHODS)}, got {self.scan_method!r}")
-        for name, described in self.__dataclass_fields__.items():
-            value = getattr(self, name)
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            if low is not None and not low <= value <= high:
-                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+        check_settings(self)
 
 
 class Odometry:

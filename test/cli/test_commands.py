@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from whereabouts.cli.demo import _figures
 from whereabouts.cli.main import app
+from whereabouts.demo.recorded import dropped
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, read_tum
-from whereabouts.recorded.replay_report import Replayed
 from whereabouts.simulation import Drive, Lidar, box, joined
 
 runner = CliRunner()
@@ -104,11 +103,8 @@ def test_experiments_are_listed_with_what_they_show() -> None:
 
 
 def test_the_demo_counts_what_any_node_dropped() -> None:
-    from whereabouts.nodes.runtime.replayer import ReplayAccount
-
     said = {
         "scan_registration": {"/scan dropped": "1", "/scan dropped, refused": "1"},
         "loop_closure": {"/scan dropped": "2", "/scan dropped, no transform": "2", "/odometry dropped": "0"},
     }
-    replayed = Replayed(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)), said)
-    assert _figures(ReplayAccount(), replayed)["dropped"] == 3
+    assert dropped(said) == 3

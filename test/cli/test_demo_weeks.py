@@ -29,7 +29,7 @@ def test_a_day_at_home_becomes_a_report(tmp_path: Path) -> None:
     assert 'href="world.sqlite"' in text
 
 
-@pytest.mark.parametrize("given", [["--live", "--weeks", "1"], ["--recording", "outdoor", "--bag", "x.mcap"]])
+@pytest.mark.parametrize("given", [["--live", "--weeks", "1"], ["--weeks", "1", "--bag", "x.mcap"]])
 def test_two_demos_at_once_are_refused(given: list[str], tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out"), *given])
     assert result.exit_code != 0

@@ -216,7 +216,7 @@ def test_a_scanner_or_a_cloud_alone(tmp_path: Path) -> None:
     _, given = set_up(bag, tmp_path)
     assert given["scan_registration"]["cloud_topics"] == ["/velodyne"]
     assert given["loop_closure"]["cloud_topic"] == "/velodyne"
-    assert given["verifier"] == {"use_clouds": True, "cloud_topic": "/velodyne"}
+    assert given["verifier"] == {"cloud_topic": "/velodyne"}
 
 
 def test_a_log_that_is_no_bag(tmp_path: Path) -> None:

@@ -153,12 +153,12 @@ def test_colcon_finds_and_builds_the_packages_in_a_folder_of_any_name(
         f"{sourced} && (cd / && python3 -c '{code}') && install/whereabouts/lib/whereabouts/scan_registration"
     )
     answer = subprocess.run(
-        ["bash", "-c", f"{script} --ros-args -p max_wheel_age:=77.0"],
+        ["bash", "-c", f"{script} --ros-args -p transform_timeout:=77.0"],
         capture_output=True,
         text=True,
         cwd=source,
         env=env,
     )
     assert answer.returncode == 2, answer.stderr
-    assert "max_wheel_age" in answer.stderr
+    assert "transform_timeout" in answer.stderr
     assert Path(answer.stdout.strip()).is_relative_to(prefix), "the workspace's own package is used"

@@ -17,9 +17,9 @@ ROOT = Path(__file__).resolve().parents[2]
 BUILDER = ast.parse((ROOT / "whereabouts/nodes/runtime/launching.py").read_text(encoding="utf-8"))
 
 
-def constant(name: str) -> Any:
-    """A literal of the module that makes the launch descriptions."""
-    for item in BUILDER.body:
+def constant(name: str, tree: ast.Module = BUILDER) -> Any:
+    """A literal of a module: the one that makes the launch descriptions, or a node."""
+    for item in tree.body:
         if isinstance(item, ast.Assign) and ast.unparse(item.targets[0]) == name:
             return ast.literal_eval(item.value)
     raise AssertionError(f"no {name}")
@@ -113,6 +113,7 @@ def test_nav2_hears_what_the_suite_says_and_drives_nearer_than_arrival() -> None
     }
     assert published[servers["bt_navigator"]["odom_topic"]] == "nav_msgs/Odometry"
     kinds = {"LaserScan": "sensor_msgs/LaserScan", "PointCloud2": "sensor_msgs/PointCloud2"}
+    predictor = ast.parse((ROOT / "whereabouts/nodes/motion_predictor_node.py").read_text(encoding="utf-8"))
     for name in ("local_costmap", "global_costmap"):
         costmap = content[name][name]["ros__parameters"]
         layer = costmap["obstacle_layer"]
@@ -120,8 +121,11 @@ def test_nav2_hears_what_the_suite_says_and_drives_nearer_than_arrival() -> None
         assert all(source in layer for source in sources)
         people = layer["people"]
         assert published[people["topic"]] == kinds[people["data_type"]]
-        height = model_of("motion_predictor")().occupancy_height
-        assert people["min_obstacle_height"] <= height <= people["max_obstacle_height"]
+        assert (
+            people["min_obstacle_height"]
+            <= constant("OCCUPANCY_HEIGHT", predictor)
+            <= people["max_obstacle_height"]
+        )
         # What is marked has to be cleared by somebody.
         assert any(layer[source]["clearing"] for source in sources)
         assert {*costmap["plugins"], *costmap.get("filters", ())} <= set(costmap)

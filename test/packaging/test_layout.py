@@ -194,12 +194,12 @@ def test_what_pip_would_install_rosdep_or_the_recipe_for_ros_machines_does() -> 
 
 @pytest.mark.parametrize("folder", [".", "whereabouts_msgs"])
 def test_both_packages_are_ready_for_a_release(folder: str) -> None:
-    """As bloom's tools read them: a changelog whose `Forthcoming` becomes the version of package.xml."""
+    """As bloom's tools read them: what is `Forthcoming` becomes the next version, before that of package.xml."""
     package = parse_package(ROOT / folder)
     text = (ROOT / folder / "CHANGELOG.rst").read_text(encoding="utf-8")
-    released = rename_section(text, get_forthcoming_label(text), f"{package.version} (2026-11-24)")
+    released = rename_section(text, get_forthcoming_label(text), "99.0.0 (2026-11-26)")
     changelog = Changelog(package.name)
     populate_changelog_from_rst(changelog, released)
-    assert [str(version) for version, _, _ in changelog.foreach_version()] == [package.version]
+    assert {str(version) for version, _, _ in changelog.foreach_version()} == {"99.0.0", package.version}
     assert changelog.get_content_of_version(package.version)
     assert package.version == parse_package(ROOT).version

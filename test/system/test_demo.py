@@ -62,7 +62,7 @@ def test_a_bag_of_somebody_else_becomes_a_report_with_map_and_people(tmp_path: P
     record(bag, SECONDS)
     folder = tmp_path / "out"
     said, account = recorded.run_recorded(
-        recorded.bag_of(str(bag), folder), folder, node_parameters(bag), print, lambda share: None
+        recorded.bag_of(str(bag), folder), folder, node_parameters(bag), None, print, lambda share: None
     )
     text = recorded.write(folder, bag, said, account).read_text(encoding="utf-8")
 

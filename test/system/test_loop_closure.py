@@ -192,7 +192,7 @@ def test_a_killed_node_goes_on_in_its_saved_map(graph: Graph, tmp_path: Path) ->
 def test_changes_of_a_map_are_sent_to_who_listens(graph: Graph) -> None:
     robot = Mapper(graph)
     graph.start("scan_registration")
-    graph.start("loop_closure", map_period=4.0, map_update_period=0.05)
+    graph.start("loop_closure", map_period=4.0)
     maps = graph.collect(GridMessage, "map", LATCHED)
     updates = graph.collect(OccupancyGridUpdate, "map_updates")
     graph.mount()

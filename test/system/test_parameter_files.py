@@ -17,15 +17,18 @@ def test_a_node_takes_what_was_changed_in_both_files(graph: Graph, tmp_path: Pat
     usual, expert = tmp_path / "usual.yaml", tmp_path / "expert.yaml"
     parameters(None, expert=False, out=usual)
     parameters(["verifier", "loop_closure"], expert=True, out=expert)
-    for path, old, new in ((usual, "points: 3", "points: 7"), (expert, "sigma: 0.05", "sigma: 0.08")):
+    for path, old, new in (
+        (usual, "points: 3", "points: 7"),
+        (expert, "diagnostics_period: 1.0", "diagnostics_period: 2.0"),
+    ):
         text = path.read_text(encoding="utf-8")
         assert text.count(f"    {old}\n") == 1
         path.write_text(text.replace(old, new), encoding="utf-8")
     given = ["--ros-args", "--params-file", str(usual), "--params-file", str(expert)]
     node = node_class("verifier")(context=graph.context, namespace=namespace, cli_args=given)
     try:
-        assert (node.settings.points, node.settings.sigma) == (7, 0.08)
-        changed = {"points", "sigma"}
+        assert (node.settings.points, node.settings.diagnostics_period) == (7, 2.0)
+        changed = {"points", "diagnostics_period"}
         defaults = type(node.settings)().model_dump(exclude=changed)
         assert node.settings.model_dump(exclude=changed) == defaults
     finally:

@@ -312,20 +312,20 @@ def test_lifecycle_manager_may_drive_it(graph: Graph) -> None:
 
 
 def test_wrong_parameter_ends_the_node_with_a_sentence(graph: Graph) -> None:
-    spec = graph.start(NODE, wait=False, max_wheel_age=-3.0)
+    spec = graph.start(NODE, wait=False, transform_timeout=-3.0)
     process = graph.supervisor.nodes[spec.full_name].process
     assert process.wait(60) == 2
     log = graph.log(spec)
-    assert "max_wheel_age" in log
+    assert "transform_timeout" in log
     assert "from 0 to 10 s" in log
     assert "-3.0" in log
-    with pytest.raises(SuiteError, match="max_wheel_age"):
+    with pytest.raises(SuiteError, match="transform_timeout"):
         graph.supervisor.check()
 
 
 def test_parameters_are_described_and_checked_at_run_time(graph: Graph) -> None:
     graph.start(NODE)
-    request = DescribeParameters.Request(names=["max_wheel_age", "scan_topics", "autostart"])
+    request = DescribeParameters.Request(names=["transform_timeout", "scan_topics", "autostart"])
     described = graph.call(DescribeParameters, f"{NODE}/describe_parameters", request).descriptors
     assert described[0].floating_point_range[0].to_value == 10.0
     assert described[0].description.endswith("[s]")
@@ -340,10 +340,10 @@ def test_parameters_are_described_and_checked_at_run_time(graph: Graph) -> None:
         )
         return answer.results[0]
 
-    assert set_to("max_wheel_age", 2.0).successful
-    refused = set_to("max_wheel_age", 50.0)
+    assert set_to("transform_timeout", 2.0).successful
+    refused = set_to("transform_timeout", 50.0)
     assert not refused.successful
-    assert "max_wheel_age" in refused.reason
+    assert "transform_timeout" in refused.reason
 
 
 def test_bad_transforms_are_refused_and_good_ones_of_the_same_message_kept(graph: Graph) -> None:

@@ -74,7 +74,7 @@ def test_segments_and_odometry_of_a_bag_with_movers(
 def test_motion_of_a_segment_is_that_of_the_body(graph: Graph) -> None:
     robot = Robot(graph)
     messages: list[ScanSegments] = graph.collect(ScanSegments, "segments")
-    graph.start("scan_registration", segment_references=1)
+    graph.start("scan_registration", segment_scans=True)
     graph.mount()
     mover = Mover("box", np.array([0.8, -0.6, 0.3]), np.array([0.5, 0.3]), size=0.8)
     pose, rng = np.array([-3.0, -1.5, 0.0]), np.random.default_rng(2)

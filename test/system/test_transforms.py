@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from estimation.errors import InputError
+from estimation.geometry.frames import TransformError
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.messages.transforms import TransformBuffer, TransformError, transform_message
+from whereabouts.nodes.messages.transforms import TransformBuffer, transform_message
 
 SECOND = NANOSECONDS
 
@@ -90,7 +91,7 @@ def test_history_is_bounded_and_a_jump_back_clears_it() -> None:
     buffer = TransformBuffer()
     for k in range(1000):
         insert(buffer, "odom", "base_link", k * SECOND // 10, np.eye(4))
-    assert len(buffer._moving["base_link"].history) <= 101
+    assert len(buffer._tree.moving["base_link"].history) <= 101
     with pytest.raises(TransformError, match="older"):
         buffer.lookup("odom", "base_link", 50 * SECOND)
     insert(buffer, "odom", "base_link", 1 * SECOND, np.eye(4))

@@ -12,8 +12,9 @@ from harness import Graph, room, scan_message
 from rclpy.action.client import ActionClient
 from tf2_msgs.msg import TFMessage
 
+from estimation.geometry.frames import TransformError
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
-from whereabouts.nodes.messages.transforms import TransformError, transform_message
+from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.verifier_node import VerifierNode
 from whereabouts.simulation import Lidar, box, joined
 from whereabouts_msgs.action import VerifyObject

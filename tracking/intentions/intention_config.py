@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from estimation.errors import InputError
+from estimation.settings import check_settings, setting
 
 METHODS = ("routes", "ghmm", "printed")
-
-
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
-def _count(default: int, text: str, low: int, high: int) -> int:
-    value: int = field(default=default, metadata={"description": text, "low": low, "high": high})
-    return value
 
 
 @dataclass(frozen=True)
@@ -27,66 +16,57 @@ class IntentionConfig:
     The first block is Table 4.2 of the anchoring text at 24.7 mm per pixel. Raises InputError naming the field.
     """
 
-    method: str = field(
-        default="routes",
-        metadata={
-            "description": "how goals are found: routes weighs all learned walks, ghmm is the plain model, printed "
-            "also has the reference's own paths, one for each person",
-            "choices": METHODS,
-        },
+    method: str = setting(
+        "routes",
+        "",
+        "how goals are found: routes weighs all learned walks, ghmm is the plain model, printed "
+        "also has the reference's own paths, one for each person",
+        choices=METHODS,
     )
-    resolution: float = _setting(0.741, "m", "e_max, resolution of the topological map", 0.05, 20.0)
-    window: int = _count(100, "N_p,max, points kept per node", 2, 10000)
-    initial_transition: float = _setting(0.1, "", "a_0, probability of a new transition", 1e-6, 1.0)
-    initial_prior: float = _setting(
+    resolution: float = setting(0.741, "m", "e_max, resolution of the topological map", 0.05, 20.0)
+    window: int = setting(100, "", "N_p,max, points kept per node", 2, 10000)
+    initial_transition: float = setting(0.1, "", "a_0, probability of a new transition", 1e-6, 1.0)
+    initial_prior: float = setting(
         0.1, "", "pi_0, prior of a new state, as a share of one trajectory", 1e-6, 1.0
     )
-    spread: float = _setting(1.0, "", "factor on the covariance of a node's points", 0.1, 100.0)
-    noise: float = _setting(0.6, "m", "least standard deviation of an observation probability", 0.01, 5.0)
-    memory: int = _count(
-        500, "parameters are averaged over this many trajectories; older ones fade", 2, 1000000
+    spread: float = setting(1.0, "", "factor on the covariance of a node's points", 0.1, 100.0)
+    noise: float = setting(0.6, "m", "least standard deviation of an observation probability", 0.01, 5.0)
+    memory: int = setting(
+        500, "", "parameters are averaged over this many trajectories; older ones fade", 2, 1000000
     )
 
-    routes: int = _count(1000, "number of learned walks that are kept, the latest ones", 1, 100000)
-    goal_radius: float = _setting(0.716, "m", "goals closer than this are merged", 0.05, 20.0)
-    max_goals: int = _count(10, "largest number of goals that are reported", 1, 100)
-    alternatives: int = _count(3, "number of goals for which a path is predicted", 1, 20)
-    velocity_memory: float = _setting(
+    routes: int = setting(1000, "", "number of learned walks that are kept, the latest ones", 1, 100000)
+    goal_radius: float = setting(0.716, "m", "goals closer than this are merged", 0.05, 20.0)
+    max_goals: int = setting(10, "", "largest number of goals that are reported", 1, 100)
+    alternatives: int = setting(3, "", "number of goals for which a path is predicted", 1, 20)
+    velocity_memory: float = setting(
         1.5, "s", "time constant of the velocity estimate, at 2 cm of noise", 0.05, 60.0
     )
-    manoeuvre: float = _setting(
+    manoeuvre: float = setting(
         0.06, "m", "standard deviation of a walking person from a straight line", 0.001, 1.0
     )
-    pace_weight: float = _setting(
-        0.0, "", "desired speed: 0 is the present speed, 1 the mean speed", 0.0, 1.0
-    )
-    time_step: float = _setting(0.1, "s", "time step of the predicted paths", 0.01, 1.0)
-    relaxation: float = _setting(4.0, "s", "tau, time to reach the desired velocity", 0.1, 60.0)
-    people_strength: float = _setting(
+    pace_weight: float = setting(0.0, "", "desired speed: 0 is the present speed, 1 the mean speed", 0.0, 1.0)
+    time_step: float = setting(0.1, "s", "time step of the predicted paths", 0.01, 1.0)
+    relaxation: float = setting(4.0, "s", "tau, time to reach the desired velocity", 0.1, 60.0)
+    people_strength: float = setting(
         0.3, "m/s^2", "acceleration away from other people at contact", 0.0, 100.0
     )
-    people_range: float = _setting(0.2, "m", "range of the push away from other people", 0.01, 10.0)
-    radius: float = _setting(0.2, "m", "radius of a person", 0.01, 2.0)
-    wall_strength: float = _setting(
+    people_range: float = setting(0.2, "m", "range of the push away from other people", 0.01, 10.0)
+    radius: float = setting(0.2, "m", "radius of a person", 0.01, 2.0)
+    wall_strength: float = setting(
         3.0, "m/s^2", "acceleration away from the nearest obstacle at contact", 0.0, 100.0
     )
-    wall_range: float = _setting(0.3, "m", "range of the push away from obstacles", 0.01, 10.0)
-    hardness: float = _setting(2.0, "1/s^2", "extra push per metre of overlap with people", 0.0, 1000.0)
-    wall_hardness: float = _setting(
+    wall_range: float = setting(0.3, "m", "range of the push away from obstacles", 0.01, 10.0)
+    hardness: float = setting(2.0, "1/s^2", "extra push per metre of overlap with people", 0.0, 1000.0)
+    wall_hardness: float = setting(
         20.0, "1/s^2", "extra push per metre of overlap with obstacles", 0.0, 1000.0
     )
-    position_sigma: float = _setting(
+    position_sigma: float = setting(
         0.05, "m", "standard deviation of a predicted path at its start", 0.001, 5.0
     )
-    speed_sigma: float = _setting(0.12, "m/s", "growth of the standard deviation along the path", 0.0, 5.0)
-    course_sigma: float = _setting(0.10, "m/s", "growth of the standard deviation across the path", 0.0, 5.0)
-    min_length: float = _setting(0.5, "m", "trajectories shorter than this are not learned", 0.0, 100.0)
+    speed_sigma: float = setting(0.12, "m/s", "growth of the standard deviation along the path", 0.0, 5.0)
+    course_sigma: float = setting(0.10, "m/s", "growth of the standard deviation across the path", 0.0, 5.0)
+    min_length: float = setting(0.5, "m", "trajectories shorter than this are not learned", 0.0, 100.0)
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"method: one of {', '.join(METHODS)}, got {self.method!r}")
-        for name, described in self.__dataclass_fields__.items():
-            value = getattr(self, name)
-            low, high = described.metadata.get("low"), described.metadata.get("high")
-            if low is not None and not low <= value <= high:
-                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+        check_settings(self)

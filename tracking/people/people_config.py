@@ -2,53 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from estimation.errors import InputError
-
-
-def _setting(default: float, unit: str, text: str, low: float, high: float) -> float:
-    metadata = {"unit": unit, "description": text, "low": low, "high": high}
-    value: float = field(default=default, metadata=metadata)
-    return value
+from estimation.settings import check_settings, setting
 
 
 @dataclass(frozen=True)
 class PeopleConfig:
     """Settings of `PeopleTracker`; each field's metadata has its unit, meaning and allowed range."""
 
-    max_range: float = _setting(10.0, "m", "people farther away are not tracked", 1.0, 100.0)
-    join_distance: float = _setting(
+    max_range: float = setting(10.0, "m", "people farther away are not tracked", 1.0, 100.0)
+    join_distance: float = setting(
         0.1, "m", "neighbouring returns closer than this form one cluster", 0.02, 0.5
     )
-    acceleration: float = _setting(
+    acceleration: float = setting(
         2.5,
         "m/s²",
         "standard deviation of the acceleration of somebody who walks, constant over 0.1 s",
         0.1,
         10.0,
     )
-    leg_noise: float = _setting(
+    leg_noise: float = setting(
         0.14, "m", "standard deviation from one leg to the middle of the person", 0.03, 0.5
     )
-    detection_probability: float = _setting(
+    detection_probability: float = setting(
         0.98, "", "probability that what is in plain view gives a cluster of returns", 0.1, 0.999
     )
-    memory: float = _setting(30.0, "s", "mean time after which somebody out of sight has gone", 0.5, 600.0)
-    clutter: float = _setting(
+    memory: float = setting(30.0, "s", "mean time after which somebody out of sight has gone", 0.5, 600.0)
+    clutter: float = setting(
         0.003, "1/m²", "density of clusters of returns in passing that are nothing", 1e-5, 10.0
     )
-    report: float = _setting(0.5, "", "a person is reported from this probability on", 0.05, 0.99)
-    located: float = _setting(
+    report: float = setting(0.5, "", "a person is reported from this probability on", 0.05, 0.99)
+    located: float = setting(
         1.0, "m", "somebody hidden is reported while the deviation of the place is smaller", 0.1, 20.0
     )
-    late_window: float = _setting(
+    late_window: float = setting(
         1.0, "s", "a stamp this far behind the last is skipped, but for a second one in a row", 0.0, 60.0
     )
-    max_gap: float = _setting(5.0, "s", "a longer time between scans is a new run", 0.2, 600.0)
+    max_gap: float = setting(5.0, "s", "a longer time between scans is a new run", 0.2, 600.0)
 
     def __post_init__(self) -> None:
-        for name, described in self.__dataclass_fields__.items():
-            value, low, high = getattr(self, name), described.metadata["low"], described.metadata["high"]
-            if not low <= value <= high:
-                raise InputError(f"{name}: {low} to {high} expected, got {value}")
+        check_settings(self)

@@ -177,7 +177,7 @@ def _mapped(given: _Input, proposals: Proposals) -> Mapped:
         from whereabouts.robot.robot_log import RobotLog, map_robot
 
         settings = settings_for(given.params, "loop_closure")
-        chosen: Any = settings.proposals if proposals is Proposals.both else proposals.value
+        chosen: Any = proposals.value
         robot = RobotLog(log, given.params, given.topic)
         mapped = map_robot(robot, settings.slam, given.wheels, advance, chosen)
         _say(robot)

@@ -125,7 +125,7 @@ def _model(settings: WorldModelParameters, remembering: bool) -> Iterator[WorldM
 
     with tempfile.TemporaryDirectory() as folder:
         path = settings.store_path or (f"{folder}/world.sqlite" if remembering else "")
-        store = Store(path, settings.history_limit) if path else None
+        store = Store(path) if path else None
         model = WorldModel(settings.world, settings.places, store)
         model.words = Words(settings.places, settings.symbols)
         try:
@@ -165,10 +165,7 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]
     camera = CameraSettings(
         settings.map_frame,
         settings.base_frame,
-        settings.depth_tolerance,
         settings.camera_rectified,
-        settings.recognised_pixels,
-        settings.absence_period,
         np.diag(np.square([settings.position_sigma, settings.position_sigma, settings.heading_sigma])),
     )
     with EvidenceLog(source, reader, frame, camera) as log, progress_bar() as bar:

@@ -43,10 +43,10 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
     items = [item for item, _ in THINGS.values()]
     places = str(places_file())
     return {
-        "scan_registration": {"publish_static_points": False},
+        "scan_registration": {},
         "loop_closure": {"map_period": 5.0, "tf_period": 1.0, "transform_tolerance": 0.5},
         "target_tracker": {},
-        "motion_predictor": {"rate": 2.0, "publish_markers": False, "publish_occupancy": False},
+        "motion_predictor": {"rate": 2.0},
         "world_model": {
             "rate_hz": float(LOOK_RATE),
             "detection_probability": camera.detected,
@@ -60,7 +60,6 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
             "region": [-2.0, 9.0, -5.5, 6.2, -0.2, 2.0],
             "places_file": places,
             "store_path": str(folder / "world.sqlite"),
-            "hypotheses_period": 1.0,
         },
         # People come and go, and are not looked after.
         "world_maintenance": {
@@ -69,7 +68,6 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
             "verify_timeout": 8.0,
             "class_names": ["person", "other"],
             "class_values": [1e6, 1e6],
-            "class_weights": [1.0, 1.0],
         },
         "verifier": {},
         "object_search": {"places_file": places, "together_distance": 1.5},

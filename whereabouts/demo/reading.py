@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimation.geometry.poses import compound, transform_points
 from whereabouts.logs import MessageRecord, OdometryRecord, TransformRecord, open_log
-from whereabouts.recorded.replay_report import Replayed, read_replay
+from whereabouts.recorded.replayed import Replayed, read_replay
 
 Array = NDArray[np.float64]
 BELIEVED = 0.5
@@ -148,7 +148,7 @@ def read_truth(bag: Path) -> Truth:
 
 def read_said(recording: Path, bag: Path) -> Said:
     """A recording of the topics of `demo.suite.RECORDED`, made while `bag` was replayed."""
-    said = Said(read_replay(recording, bag))
+    said = Said(read_replay(recording))
     with open_log(recording, topics=["tf"]) as log:
         for record in log:
             if isinstance(record, TransformRecord) and (record.frame_id, record.child_frame_id) == (

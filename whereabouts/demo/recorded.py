@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
@@ -17,6 +18,7 @@ from whereabouts.demo.files import files_of
 from whereabouts.demo.page import Page
 from whereabouts.demo.reading import Said, Truth, read_said
 from whereabouts.demo.report_screen import screen_of
+from whereabouts.killian import recorded_bag
 from whereabouts.logs import convert_log
 from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
 from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
@@ -25,14 +27,14 @@ SHARED = {
     "outdoor": "people/person_following_outdoor_1.bag.zip",
     "indoor": "people/demo_stationary_simple_environment.bag",
 }
-"""Recordings with people by name, below the data directory."""
-NODES = ("scan_registration", "loop_closure", "target_tracker", "motion_predictor")
+"""Recordings with people by name, below the data directory; `killian` is fetched from PyPI."""
 TOPICS = ("odometry", "loop_closures", "trajectory", "map", "tf", "targets", "predicted_paths", "diagnostics")
 PARAMETERS: dict[str, dict[str, Any]] = {
-    "scan_registration": {"publish_static_points": False},
-    "loop_closure": {"map_period": 5.0, "tf_period": 1.0, "transform_tolerance": 0.5},
-    "motion_predictor": {"rate": 2.0, "publish_markers": False, "publish_occupancy": False},
+    "loop_closure": {"resolution": 0.1, "tf_period": 1.0, "transform_tolerance": 0.5},
+    "motion_predictor": {"rate": 2.0},
 }
+MAPS = 60
+"""Maps that are drawn of a recording, about."""
 ROUGH = 0.1
 """Share of unsure scans from which on the way is not told as a fact."""
 LASTING = 2.0
@@ -45,24 +47,26 @@ def bag_of(name: str, folder: Path) -> Path:
     Raises InputError where there is none.
     """
     path = Path(name)
-    if name in SHARED:
+    if name == "killian":
+        path = recorded_bag(print)
+    elif name in SHARED:
         known = recording(SHARED[name])
         if known is None:
             raise InputError(
-                f"--recording {name}: the recording {SHARED[name]} is not on this machine (data directory: "
+                f"--bag {name}: the recording {SHARED[name]} is not on this machine (data directory: "
                 f"{data_directory() or 'none; set WHEREABOUTS_DATA'}); give a bag of your own"
             )
         path = known
     if not path.exists():
         raise InputError(
-            f"--recording: there is no file {path}, and no recording of that name: {', '.join(SHARED)}"
+            f"--bag: there is no file {path}, and no recording of that name: killian, {', '.join(SHARED)}"
         )
     folder.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".zip":
         with zipfile.ZipFile(path) as archive:
             inside = [each for each in archive.namelist() if each.endswith((".bag", ".mcap", ".db3"))]
             if len(inside) != 1:
-                raise InputError(f"--recording: {path} must hold one bag, not {len(inside)}")
+                raise InputError(f"--bag: {path} must hold one bag, not {len(inside)}")
             unpacked = folder / Path(inside[0]).name
             unpacked.write_bytes(archive.read(inside[0]))
             path = unpacked
@@ -77,14 +81,21 @@ def run_recorded(
     bag: Path,
     folder: Path,
     given: Mapping[str, Mapping[str, Any]],
+    rate: float | None,
     on_event: Callable[[str], None],
     on_progress: Callable[[float], None],
 ) -> tuple[Said, Any]:
-    """The bag through four nodes in lock-step; what they said, and an account. given : parameters of the robot."""
+    """The bag through nodes in lock-step, or at a rate; what they said, and an account.
+
+    given : parameters by node of those that take part.
+    """
     output = folder / "recording.mcap"
+    period = {"loop_closure": {"map_period": max(5.0, _length(bag) / MAPS)}}
     specs = [
-        NodeSpec(name, parameters={**REPLAY_PARAMETERS, **PARAMETERS.get(name, {}), **given.get(name, {})})
-        for name in NODES
+        NodeSpec(
+            name, parameters={**REPLAY_PARAMETERS, **PARAMETERS.get(name, {}), **period.get(name, {}), **own}
+        )
+        for name, own in given.items()
     ]
     account = run_suite(
         SuiteRun(
@@ -93,6 +104,7 @@ def run_recorded(
             folder / "logs",
             record=[each for each in RECORDED if each[0] in TOPICS],
             output=output,
+            rate=rate,
             on_event=on_event,
             on_progress=on_progress,
         )
@@ -103,13 +115,25 @@ def run_recorded(
     return said, account
 
 
+def _length(bag: Path) -> float:
+    """Seconds of an MCAP file; 0 where its end does not tell, or for another."""
+    if bag.suffix != ".mcap":
+        return 0.0
+    with bag.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    told = None if summary is None else summary.statistics
+    return 0.0 if told is None else 1e-9 * (told.message_end_time - told.message_start_time)
+
+
 def figures(said: Said, account: Any) -> dict[str, Any]:
     """All figures by name, for --json."""
     lasting = _followed(said)
     return {
         "bag_s": account.bag_seconds,
         "wall_s": account.wall_seconds,
+        "messages": account.published.total(),
         "scans": len(said.replayed.poses),
+        "scans_per_s": len(said.replayed.poses) / max(account.wall_seconds, 1e-9),
         "path_m": said.replayed.path_length,
         "closures": len(said.replayed.closures),
         "labels": len(lasting),
@@ -118,8 +142,17 @@ def figures(said: Said, account: Any) -> dict[str, Any]:
         if said.people
         else 0.0,
         "lost": account.total_lost,
+        "unanswered": account.unanswered.total(),
+        "dropped": dropped(said.replayed.figures),
         "unsure": _unsure(said.replayed.figures.get("scan_registration", {})),
     }
+
+
+def dropped(figures: Mapping[str, Mapping[str, str]]) -> int:
+    """Messages that nodes dropped, by their last diagnostics."""
+    return sum(
+        int(value) for own in figures.values() for key, value in own.items() if key.endswith(" dropped")
+    )
 
 
 def _unsure(figures: Mapping[str, str]) -> float:
@@ -138,7 +171,7 @@ def lead_of(found: Mapping[str, Any]) -> str:
         "its way, the map and the people in it are rough."
     )
     return (
-        f"{found['bag_s'] / 60.0:.1f} minutes, replayed over DDS through {len(NODES)} nodes in "
+        f"{found['bag_s'] / 60.0:.1f} minutes, replayed over DDS in "
         f"{found['wall_s']:.0f} s. The robot {'is believed to have driven ' + metres if rough else drove}; "
         f"{found['labels']} people were followed for {LASTING:.0f} s and longer.{doubt if rough else ''}"
     )

@@ -14,12 +14,18 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
 from estimation.errors import InputError
+from estimation.geometry.frames import TransformError
 from whereabouts.nodes.messages.conversions import scan_from_message
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.messages.transforms import TransformError, frame_name
-from whereabouts.nodes.ros.inputs import Input
-from whereabouts.recorded.camera_messages import Cameras, check_depth, depth_from_message
+from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.recorded.camera_messages import (
+    ABSENCE_PERIOD,
+    TOLERANCE,
+    Cameras,
+    check_depth,
+    depth_from_message,
+)
 from whereabouts.recorded.evidence_messages import SeenFrame
 from world_model.camera import (
     CameraModel,
@@ -59,36 +65,29 @@ class CameraDoor:
         self._node = node
         settings = node.settings
         self.from_scan = settings.depth_from_scan
-        self.cameras = Cameras(0)
-        self.rates = SightRates(settings.recognised_pixels)
+        self.cameras = Cameras()
+        self.rates = SightRates()
         store = node.model.store
         self._kept_in = None if store is None else store.path.with_name(store.path.name + SUFFIX)
         self._kept_at: int | None = None
         self.problem = ""
         self._restore()
         self.reset()
-        info = Input(node, CameraInfo, "camera_info", self._take_info, sensor=False)
-        if self.from_scan:
-            depth = Input(node, LaserScan, "scan", self._take_depth, sensor=False, awaited=True)
-        else:
-            depth = Input(node, Image, "depth", self._take_depth, sensor=False, packed=True, awaited=True)
-        self._depth = depth
+        node.add_input(CameraInfo, "camera_info", self._take_info, sensor=False)
+        kind, topic = (LaserScan, "scan") if self.from_scan else (Image, "depth")
+        self._depth = node.add_input(
+            kind, topic, self._take_depth, sensor=False, packed=not self.from_scan, awaited=True
+        )
         # Detections come after the image they are of, but a depth image may take longer to be registered to it.
+        given: dict[str, Any] = {"frames": self._frames, "companions": [self._depth], "in_turn": True}
         self._detections = [
-            Input(node, kind, topic, handler, frames=self._frames, companions=[depth], in_turn=True)
-            for kind, topic, handler in (
-                (Detection3DArray, "detections", take_detections),
-                (Detection2DArray, "detections_2d", take_boxes),
-            )
-        ]  # fmt: skip
-        for item in (info, depth, *self._detections):
-            node.take_on(item)
+            node.add_input(Detection3DArray, "detections", take_detections, **given),
+            node.add_input(Detection2DArray, "detections_2d", take_boxes, **given),
+        ]
 
     def reset(self) -> None:
         """A new run: lenses stay, images go."""
-        settings = self._node.settings
-        tolerance = round(settings.depth_tolerance * NANOSECONDS)
-        self.cameras = Cameras(tolerance, settings.camera_rectified, self.cameras.lenses)
+        self.cameras = Cameras(rectified=self._node.settings.camera_rectified, lenses=self.cameras.lenses)
         self.without_depth = self.unplaced = 0
         self._counted: int | None = None
 
@@ -165,8 +164,7 @@ class CameraDoor:
         if view.depth is None and view.scan is None and self.cameras.has_depth:
             self.without_depth += 1
             return True
-        period = self._node.settings.absence_period * NANOSECONDS
-        if self._counted is not None and 0 <= stamp - self._counted < period:
+        if self._counted is not None and 0 <= stamp - self._counted < ABSENCE_PERIOD:
             return True
         self._counted = stamp
         return False
@@ -179,9 +177,8 @@ class CameraDoor:
         if view.scan is not None:
             scan = view.scan
             return lambda box: placed_by_scan(box, view.camera, view.pose, scan)
-        tolerance = self._node.settings.depth_tolerance
         raise InputError(
-            f"no usable message on {self._depth.topic} within {tolerance:g} s (depth_tolerance) of these detections: "
+            f"no usable message on {self._depth.topic} within {1e-9 * TOLERANCE:g} s of these detections: "
             "how far away things are is not known"
         )
 

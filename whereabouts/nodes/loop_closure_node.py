@@ -49,7 +49,6 @@ from whereabouts.nodes.messages.transforms import frame_name, transform_message
 from whereabouts.nodes.navigation.nav2_maps import Nav2Maps
 from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import Input
 from whereabouts.nodes.ros.odometry_source import OdometrySource
 from whereabouts.parameters.loop_closure import LoopClosureParameters
 from whereabouts.recorded.mapping import MapGrid, map_points
@@ -88,9 +87,7 @@ class LoopClosureNode(SuiteNode):
             )
         ]
         # A person, not a sensor: its stamp says nothing about the run.
-        said = Input(self, PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
-        self.inputs.append(said)
-        self._created.append((self.destroy_subscription, said.subscription))
+        self.add_input(PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         warm_up()
         kind, topic, take = (
             (PointCloud2, settings.cloud_topic, self._take_cloud)
@@ -100,7 +97,7 @@ class LoopClosureNode(SuiteNode):
         self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=sure)
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         self._path_output = self.add_output(PathMessage, "trajectory", LATCHED)
-        self._maps = MapOutput(self, settings.map_cells)
+        self._maps = MapOutput(self)
         self._points_output = self.add_output(PointCloud2, "map_points", LATCHED)
         self._marker_output = self.add_output(MarkerArray, "~/markers", LATCHED)
         self._tf_output = self.broadcaster()
@@ -113,7 +110,7 @@ class LoopClosureNode(SuiteNode):
         self.add_timer(settings.tf_period, self._catch_up)
         self.add_timer(settings.map_period, self._publish_map)
         self.add_timer(settings.map_period, self._publish_markers)
-        self.add_timer(settings.map_update_period, self._publish_changes)
+        self.add_timer(settings.map_period / 4.0, self._publish_changes)
         if settings.save_period > 0.0 and settings.map_file:
             self.add_timer(settings.save_period, self._save_regularly)
 
@@ -140,7 +137,7 @@ class LoopClosureNode(SuiteNode):
 
     def _begin_map(self) -> None:
         settings = self.settings
-        self._slam = Slam(settings.slam, proposals=settings.proposals, thin=settings.thin, pace=PACE)
+        self._slam = Slam(settings.slam, thin=True, pace=PACE)
         self._localizer: Localizer | None = None
         self._extend = True
         self._grid = MapGrid(self.settings.resolution)
@@ -503,7 +500,7 @@ class LoopClosureNode(SuiteNode):
         self._finish()
         if self._slam.keyframes[0].scan is not None:
             self._grid.update(self._slam)
-            self._grid.bounded(self.settings.map_cells, self.complain).save(stem, _replace)
+            self._grid.bounded(warn=self.complain).save(stem, _replace)
         with atomic_path(target) as temporary, temporary.open("wb") as file:
             write_map(self._slam, file)
         return target
@@ -529,7 +526,7 @@ class LoopClosureNode(SuiteNode):
 
     def _begin_with(self, path: Path, localization_only: bool, initial: Array | None) -> int:
         """Take a saved map; the robot is looked for in it, around `initial` (3,) of the robot where given."""
-        slam = read_map(path, self.settings.slam, self.settings.thin)
+        slam = read_map(path, self.settings.slam, thin=True)
         slam.pace = PACE
         kind, other = ("clouds", "scans") if self.settings.cloud_topic else ("scans", "clouds")
         if not len(slam.keyframes) or (slam.keyframes[0].scan is None) != (kind == "clouds"):

@@ -22,7 +22,6 @@ from loop_closure.slam.editing import nearest_closure
 from loop_closure.slam.trajectory import Slam
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.ros.base import SuiteNode
-from whereabouts.nodes.ros.inputs import Input
 
 REACH = 3.0  # metres from a clicked point within which a closure is meant
 
@@ -56,7 +55,7 @@ class MapEditing:
         self.paused = False
         self._clicked: NDArray[np.float64] | None = None
         # A person, not a sensor: its stamp says nothing about the run.
-        node.take_on(Input(node, PointStamped, "clicked_point", self._take_point, sensor=False))
+        node.add_input(PointStamped, "clicked_point", self._take_point, sensor=False)
         node.add_service(SetBool, "~/pause", self._pause)
         node.add_service(Trigger, "~/remove_closure", self._remove)
         node.add_service(GetMap, "~/dynamic_map", self._get)

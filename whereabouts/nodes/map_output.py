@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from estimation.geometry.grid_kernels import TILE
-from estimation.geometry.tiles import TileView
+from estimation.geometry.tiles import VIEW_CELLS, TileView
 from whereabouts.nodes.messages.map_messages import grid_message, update_message
 from whereabouts.nodes.ros.base import LATCHED
 from whereabouts.recorded.mapping import MapGrid
@@ -23,14 +23,9 @@ Array = NDArray[np.float64]
 
 
 class MapOutput:
-    """Bounded views of a map's grid; what has to be left out of one is said.
+    """Bounded views of a map's grid, of `most` cells; what has to be left out of one is said."""
 
-    Parameters
-    ----------
-    most : cells of a view.
-    """
-
-    def __init__(self, node: SuiteNode, most: int) -> None:
+    def __init__(self, node: SuiteNode, most: int = VIEW_CELLS) -> None:
         self._node = node
         self._most = most
         self._whole = node.add_output(GridMessage, "map", LATCHED)

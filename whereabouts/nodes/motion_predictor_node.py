@@ -20,6 +20,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
+from estimation.geometry.frames import TransformError
 from tracking.intentions import IntentionModel, Prediction
 from tracking.intentions.intention_storage import is_saved_model
 from tracking.intentions.tracks import TrackKeeper
@@ -34,17 +35,23 @@ from whereabouts.nodes.messages.intention_messages import (
     people_from_message,
 )
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.messages.transforms import TransformError, frame_name
+from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.navigation.keepout_mask import PeopleMask, Reach
 from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import EVENTS, Input
+from whereabouts.nodes.ros.inputs import EVENTS
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
 from whereabouts.system.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
 Array = NDArray[np.float64]
+TRACK_TIMEOUT = 2.0  # seconds without an observation after which a track has ended, and is learned
+PERSON_PROBABILITY = 0.3  # what is less probably a person is left out
+OCCUPIED_FROM = 65  # cells of the map at or above this are obstacles
+POINT_INTERVAL = 0.5  # seconds between published points of a path
+OCCUPANCY_HEIGHT = 0.5  # metres, of the occupied points
+MASK_PERIOD = 1.0  # seconds between masks at least; nav2 warns of each in its log
 
 
 class MotionPredictorNode(SuiteNode):
@@ -61,22 +68,20 @@ class MotionPredictorNode(SuiteNode):
         self.add_input(
             TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True, qos=EVENTS
         )
-        walls = Input(self, OccupancyGrid, "map", self._take_map, qos=LATCHED, sensor=False)
-        self.inputs.append(walls)
-        self._created.append((self.destroy_subscription, walls.subscription))
+        self.add_input(OccupancyGrid, "map", self._take_map, qos=LATCHED, sensor=False)
         self._obstacles = Obstacles()
         self._paths_output = self.add_output(PredictedPathArray, "predicted_paths")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
         self._occupancy_output = self.add_output(PointCloud2, "predicted_occupancy")
-        self._mask = PeopleMask(self, settings.mask_period) if settings.publish_mask else None
+        self._mask = PeopleMask(self, MASK_PERIOD) if settings.publish_mask else None
         if self._mask is not None:
-            self.add_timer(settings.mask_period, self._send_mask)
+            self.add_timer(MASK_PERIOD, self._send_mask)
         self.add_service(SaveState, "~/save", self._save)
         self.add_service(LoadState, "~/load", self._load)
 
     def start_run(self) -> None:
         """Who was there is forgotten; what was learned stays."""
-        self._tracks = TrackKeeper(self.settings.track_timeout)
+        self._tracks = TrackKeeper(TRACK_TIMEOUT)
         self._predicted_at: int | None = None
         self._milliseconds = 0.0
         self._predictions: dict[int, Prediction] = {}
@@ -124,14 +129,14 @@ class MotionPredictorNode(SuiteNode):
             raise InputError(
                 f"map in frame {message.header.frame_id!r}: {self.settings.map_frame!r} (map_frame) expected"
             )
-        self._obstacles = Obstacles(occupied_points(message, self.settings.occupied_from))
+        self._obstacles = Obstacles(occupied_points(message, OCCUPIED_FROM))
         if self._mask is not None:
             self._mask.take_map(message.info)
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         settings = self.settings
         transform = self.transforms.lookup(settings.map_frame, message.header.frame_id, stamp)
-        people, hidden = people_from_message(message, settings.person_probability, transform)
+        people, hidden = people_from_message(message, PERSON_PROBABILITY, transform)
         for track in self._tracks.observe(stamp / NANOSECONDS, people, hidden):
             if settings.learn:
                 outcome = self._model.learn(track)
@@ -155,14 +160,12 @@ class MotionPredictorNode(SuiteNode):
         self._predictions = dict(zip(tracks, told, strict=True))
         self._milliseconds = 1e3 * (time.perf_counter() - begun)
         header = Header(stamp=time_message(stamp), frame_id=frame_name(settings.map_frame))
-        self._paths_output.publish(
-            paths_message(header, self._predictions, settings.horizon, settings.point_interval)
-        )
-        if settings.publish_markers:
+        self._paths_output.publish(paths_message(header, self._predictions, settings.horizon, POINT_INTERVAL))
+        if self._markers_output.wanted:
             self._markers_output.publish(markers_message(header, self._predictions))
-        if settings.publish_occupancy:
+        if self._occupancy_output.wanted:
             points = occupancy_points(
-                self._predictions, now, self._ways, settings.radius, settings.occupancy_height
+                self._predictions, now, self._ways, self._model.config.radius, OCCUPANCY_HEIGHT
             )
             self._occupancy_output.publish(self._from_robot(points, stamp))
         if self._mask is not None:
@@ -172,15 +175,13 @@ class MotionPredictorNode(SuiteNode):
     def _ways(self) -> PathMarkers:
         """What of the predictions costmaps are told."""
         settings = self.settings
-        return PathMarkers(
-            settings.occupancy_horizon, settings.point_interval / 2.0, settings.occupancy_probability
-        )
+        return PathMarkers(settings.occupancy_horizon, POINT_INTERVAL / 2.0, settings.occupancy_probability)
 
     def _send_mask(self) -> None:
         settings = self.settings
         assert self._mask is not None
         header = Header(stamp=time_message(self.now), frame_id=frame_name(settings.map_frame))
-        self._mask.send(header, Reach(self._ways, settings.mask_radius, settings.track_timeout))
+        self._mask.send(header, Reach(self._ways, settings.mask_radius, TRACK_TIMEOUT))
 
     def _from_robot(self, points: Array, stamp: int) -> PointCloud2:
         """Points (M, 3) of the map as a cloud that is centred on the robot, where tf knows it.

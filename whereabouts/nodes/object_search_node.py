@@ -30,7 +30,7 @@ from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
 from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.inputs import HEARD_LATCHED
-from whereabouts.parameters.object_search import ObjectSearchParameters
+from whereabouts.parameters.object_search import BELIEVED, ObjectSearchParameters
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
@@ -277,7 +277,7 @@ class ObjectSearchNode(SuiteNode):
         for item in self._state.objects:
             name = item.most_probable("class")
             known = not item.lost and MOVED_ON not in item.predicates
-            if name and known and item.existence >= self.settings.belief:
+            if name and known and item.existence >= BELIEVED:
                 away = float(np.hypot(*(item.position[:2] - pose[:2])))
                 rank = (self._search.tried(name, item.position), away)
                 if name not in ranks or rank < ranks[name]:
@@ -292,7 +292,7 @@ class ObjectSearchNode(SuiteNode):
         """The object that was asked for, if the world model believes in it and knows where it is."""
         assert self._state is not None
         for item in self._state.objects:
-            if item.lost or MOVED_ON in item.predicates or item.existence < self.settings.belief:
+            if item.lost or MOVED_ON in item.predicates or item.existence < BELIEVED:
                 continue
             if self._is_asked(item, request, wanted):
                 return item

@@ -53,8 +53,9 @@ from whereabouts.parameters.scan_registration import ScanRegistrationParameters
 from whereabouts_msgs.msg import ScanSegments
 
 Array = NDArray[np.float64]
-# A scan of a further sensor that is older than this says too little about now.
+# A scan of a further sensor that is older than this says too little about now, ns, and wheel odometry, s.
 OTHERS_AGE = NANOSECONDS // 2
+WHEEL_AGE = 0.5
 
 
 class ScanRegistrationNode(SuiteNode):
@@ -79,7 +80,8 @@ class ScanRegistrationNode(SuiteNode):
         self._wheels = WheelHistory()
         self._owner = FrameOwner(settings.odom_frame, settings.base_frame)
         self.listen_to_transforms()
-        self.add_input(OdometryMessage, settings.wheel_topic, self._take_wheels)
+        if settings.wheel_topic:
+            self.add_input(OdometryMessage, settings.wheel_topic, self._take_wheels)
         self._cloud_inputs: dict[str, Input] = {}
         for topic in settings.clouds:
             taken = self.add_input(PointCloud2, topic, partial(self._take_cloud, topic), frames=self._frames)
@@ -203,7 +205,7 @@ class ScanRegistrationNode(SuiteNode):
         for then, scan, mounting in self._others.values():
             if abs(stamp - then) > OTHERS_AGE:
                 continue
-            motion = self._wheels.motion(then, stamp, self.settings.max_wheel_age) if then <= stamp else None
+            motion = self._wheels.motion(then, stamp, WHEEL_AGE) if then <= stamp else None
             if motion is None:
                 motion = self._velocity * ((stamp - then) / NANOSECONDS)
             recent.append((scan, pose_to_matrix(spatial(inverse(motion))) @ mounting))
@@ -230,9 +232,9 @@ class ScanRegistrationNode(SuiteNode):
 
     def _guess(self, stamp: int, level: Array) -> Array | None:
         """Motion of the sensor since the last scan by the wheels, in its frame then."""
-        if not self.settings.use_wheel_odometry or self._last_stamp is None:
+        if self._last_stamp is None:
             return None
-        motion = self._wheels.motion(self._last_stamp, stamp, self.settings.max_wheel_age)
+        motion = self._wheels.motion(self._last_stamp, stamp, WHEEL_AGE)
         return None if motion is None else compound(compound(inverse(level), motion), level)
 
     def _finish(self, stamp: int) -> None:
@@ -278,7 +280,7 @@ class ScanRegistrationNode(SuiteNode):
         super()._take_transforms(message, static)
 
     def _publish_static(self, stamp: int, points: Array) -> None:
-        if not self.settings.publish_static_points:
+        if not self._static_output.wanted:
             return
         header = Header(stamp=time_message(stamp), frame_id=frame_name(self.settings.base_frame))
         self._static_output.publish(cloud_message(header, points))

@@ -31,11 +31,12 @@ from whereabouts.nodes.messages.target_messages import labels_from_segments, peo
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import Input
 from whereabouts.parameters.target_tracker import TargetTrackerParameters
 from whereabouts_msgs.msg import ScanSegments, TargetArray
 
 Array = NDArray[np.float64]
+DRIFT_WINDOW = 30.0  # seconds over which the drift of odometry counts
+TRAIL = 10 * NANOSECONDS  # of the markers
 
 
 class TargetTrackerNode(SuiteNode):
@@ -49,17 +50,13 @@ class TargetTrackerNode(SuiteNode):
         warm_up(self.settings.people, self.settings.filter)
         # All that is known of a scan is taken in when the transform comes that it waits for, and just before it.
         # Labels may come late, after the scan was thought about; that is no new run.
-        segments = Input(self, ScanSegments, "segments", self._take_segments, sensor=False, on_demand=True)
-        self.inputs.append(segments)
-        self._created.append((self.destroy_subscription, segments.subscription))
+        segments = self.add_input(ScanSegments, "segments", self._take_segments, sensor=False, on_demand=True)
         # How uncertain the pose is, odometry or localisation says, whichever is in the frame of the tracks.
-        companions = [segments] if self.settings.use_segments else []
+        companions = [segments]
         for kind, topic in ((Odometry, "odometry"), (PoseWithCovarianceStamped, "robot_pose")):
-            uncertain = Input(
-                self, kind, topic, self._take_uncertainty, sensor=False, on_demand=kind is Odometry
+            uncertain = self.add_input(
+                kind, topic, self._take_uncertainty, sensor=False, on_demand=kind is Odometry
             )
-            self.inputs.append(uncertain)
-            self._created.append((self.destroy_subscription, uncertain.subscription))
             if kind is Odometry:
                 companions.append(uncertain)
         self.listen_to_transforms()
@@ -73,8 +70,10 @@ class TargetTrackerNode(SuiteNode):
         self._tracker = tracker_of(self.settings.filter, self.settings.people)
         self._segments: dict[int, ScanSegments] = {}
         self._trails: dict[int, deque[tuple[int, Array]]] = {}
-        window = self.settings.drift_window or np.inf
-        self._uncertainty = {Odometry: PoseUncertainty(window), PoseWithCovarianceStamped: PoseUncertainty()}
+        self._uncertainty = {
+            Odometry: PoseUncertainty(DRIFT_WINDOW),
+            PoseWithCovarianceStamped: PoseUncertainty(),
+        }
         self._certain = True
         self._count = self._scans = 0
         self._expected = self._milliseconds = 0.0
@@ -125,7 +124,7 @@ class TargetTrackerNode(SuiteNode):
             raise InputError(
                 f"scanner {message.header.frame_id!r} is tilted, but people are only found in a level plane"
             )
-        segments = self._segments.get(stamp) if settings.use_segments else None
+        segments = self._segments.get(stamp)
         labels = None if segments is None else labels_from_segments(segments, len(scan))
         seconds = stamp / NANOSECONDS
         uncertain = self._pose_covariance(seconds, pose)
@@ -143,7 +142,7 @@ class TargetTrackerNode(SuiteNode):
         self._targets_output.publish(targets_message(header, people, self._expected))
         present = {person.label for person in people}
         self._trails = {label: trail for label, trail in self._trails.items() if label in present}
-        oldest = stamp - self.settings.trail * NANOSECONDS
+        oldest = stamp - TRAIL
         for person in people:
             trail = self._trails.setdefault(person.label, deque())
             trail.append((stamp, person.mean[:2]))

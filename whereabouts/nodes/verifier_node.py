@@ -13,12 +13,13 @@ from nav_msgs.msg import OccupancyGrid as GridMessage
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from estimation.errors import InputError
+from estimation.geometry.frames import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import transform_points
 from whereabouts.messages.decode import cloud_colors
 from whereabouts.nodes.messages.conversions import points_from_message, pose_from_message, spatial_covariance
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
-from whereabouts.nodes.messages.transforms import Matrix, TransformError, frame_name
+from whereabouts.nodes.messages.transforms import Matrix, frame_name
 from whereabouts.nodes.messages.world_reading import grid_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
@@ -35,6 +36,10 @@ from world_model.tasks.verification import (
     look_with_scan,
 )
 
+CLEAR = 0.8  # share of a region that has to be seen before it counts as empty
+WIDEST = 1.5  # metres: in a wider region not any return counts as the object
+SIGMA = 0.05  # metres, of a verified position per axis
+
 
 class VerifierNode(SuiteNode):
     """Several frames, one answer."""
@@ -48,7 +53,7 @@ class VerifierNode(SuiteNode):
         self._grid: OccupancyGrid | None = None
         # Nobody looks most of the time.
         self.listen_to_transforms(on_demand=True)
-        if self.settings.use_clouds:
+        if self.settings.cloud_topic:
             self.add_input(
                 PointCloud2, self.settings.cloud_topic, self._take, frames=self._frames, on_demand=True
             )
@@ -89,9 +94,8 @@ class VerifierNode(SuiteNode):
             result.code, result.message = result.REFUSED, str(error)
             return result
         settings = self.settings
-        grid = self._grid if settings.use_map else None
         verification = Verification(
-            box, settings.frames, settings.points, settings.clear, grid, settings.widest, _appearance(request)
+            box, settings.frames, settings.points, CLEAR, self._grid, WIDEST, _appearance(request)
         )
         limit = nanoseconds(request.timeout) / NANOSECONDS or settings.timeout
         begun, taken = self.now, self._latest
@@ -130,7 +134,7 @@ class VerifierNode(SuiteNode):
         share = f"{verification.visible:.0%} of the region seen in {verification.frames} frames"
         result.message = f"{request.object_id or request.class_name}: {said.replace('_', ' ')}, {share}"
         if said == FOUND:
-            position, covariance = verification.measurement(self.settings.sigma)
+            position, covariance = verification.measurement(SIGMA)
             result.evidence.header.frame_id = self._map_frame
             result.evidence.sensor = request.sensor
             # What it was told of its size is no measurement of it.

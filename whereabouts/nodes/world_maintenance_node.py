@@ -52,6 +52,7 @@ from world_model.tasks.maintenance_warm_up import warm_up
 Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.
 BODY = np.array([0.3, 0.3, 0.3])
+LOOKS_BEFORE_LOST = 2  # observations in vain, each from nearer, after which an object is lost
 ANSWER_MARGIN = 5.0  # s that the verifier's answer may take beyond the time it has to decide
 
 
@@ -88,7 +89,7 @@ class WorldMaintenanceNode(SuiteNode):
     def start_run(self) -> None:
         self._maintenance = Maintenance(self.settings.maintenance)
         self._latest.forget()
-        self._growth = Growth(self.settings.process_noise)
+        self._growth = Growth(self._maintenance.config.process_noise)
         self._task: VerificationTask | None = None
         self._since = 0.0
         self._verifying, self._asked = False, (0.0, 0.0)
@@ -280,7 +281,7 @@ class WorldMaintenanceNode(SuiteNode):
     def _missed(self, task: VerificationTask) -> None:
         """A look in vain: once more from nearer, then the object is lost."""
         self._vain[task.object_id] = self._vain.get(task.object_id, 0) + 1
-        if self._vain[task.object_id] < self.settings.looks_before_lost:
+        if self._vain[task.object_id] < LOOKS_BEFORE_LOST:
             self._finish(task, "occluded")
             self._maintenance.trigger(task.object_id, task.trigger or "a failed observation")
             return

@@ -23,10 +23,11 @@ from vision_msgs.msg import Detection2DArray, Detection3DArray
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
+from estimation.geometry.frames import TransformError
 from whereabouts.nodes.camera_door import CameraDoor
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.messages.transforms import TransformError, frame_name
+from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.messages.world_messages import (
     ObjectMessages,
     by_id,
@@ -40,7 +41,7 @@ from whereabouts.nodes.messages.world_messages import (
 from whereabouts.nodes.messages.world_reading import paths_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import EVENTS, Input
+from whereabouts.nodes.ros.inputs import EVENTS
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts.recorded.camera_messages import box_from_message
 from whereabouts.recorded.evidence_messages import PERSON, Reader, SeenFrame, most_probably
@@ -61,6 +62,10 @@ Array = NDArray[np.float64]
 POSE_AGE = 5 * NANOSECONDS
 # A target this far from where its object was is somebody else: m, and m/s since.
 HINT_DISTANCE, WALKING_SPEED = 1.0, 2.0
+# Targets are filtered: those in between, s, are not independent.
+TARGET_PERIOD = 0.5
+# Of the messages with hypotheses: s between two, and how many are in one.
+HYPOTHESES_PERIOD, PUBLISHED = 0.2, 20
 # A subscriber that joins late is told how the world is.
 STATE_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -83,7 +88,7 @@ class WorldModelNode(SuiteNode):
             raise InputError(
                 f"places_file is in frame '{places.frame}', '{self.map_frame}' (map_frame) expected"
             )
-        store = Store(settings.store_path, settings.history_limit) if settings.store_path else None
+        store = Store(settings.store_path) if settings.store_path else None
         # Nobody asks the node to look back.
         self._model = WorldModel(config, places, store, looks_back=False)
         if store is not None:
@@ -99,10 +104,7 @@ class WorldModelNode(SuiteNode):
         self._messages = ObjectMessages(self._model.words)
         self.listen_to_transforms(on_demand=True)
         # An old pose is no jump of time: localisation says it again when somebody asks.
-        pose = Input(
-            self, PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False, in_turn=True
-        )
-        self.take_on(pose)
+        self.add_input(PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False, in_turn=True)
         self.add_input(
             EvidenceMessage, "evidence", self._take_evidence, frames=self._frames, in_turn=True, qos=EVENTS
         )
@@ -111,11 +113,10 @@ class WorldModelNode(SuiteNode):
             TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True, qos=EVENTS
         )
         # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
-        paths = Input(
-            self, PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False,
+        self.add_input(
+            PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False,
             in_turn=True,
         )  # fmt: skip
-        self.take_on(paths)
         self._state_output = self.add_output(StateMessage, "world_state", STATE_QOS)
         self._hypotheses_output = self.add_output(WorldHypotheses, "world_hypotheses")
         self._objects_output = self.add_output(Detection3DArray, "objects")
@@ -297,7 +298,7 @@ class WorldModelNode(SuiteNode):
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         since = None if self._targets_at is None else (stamp - self._targets_at) / NANOSECONDS
-        if since is not None and 0.0 <= since < self.settings.target_period:
+        if since is not None and 0.0 <= since < TARGET_PERIOD:
             return
         evidence, labels = self._reader.targets(message, self._frame(message, stamp), self._target_ids)
         evidence, refused = self._usable(evidence)
@@ -334,7 +335,7 @@ class WorldModelNode(SuiteNode):
 
     def _without_people(self, evidence: WorldEvidence) -> list[Any]:
         """The objects that are not people, where these come by another topic."""
-        if not self.settings.people_from_targets or self._targets_at is None:
+        if self._targets_at is None:
             return list(evidence.objects)
         kept = [item for item in evidence.objects if not most_probably(item, PERSON)]
         self._left_out += len(evidence.objects) - len(kept)
@@ -390,14 +391,14 @@ class WorldModelNode(SuiteNode):
             self._markers_output.publish(marker_messages(header, self._shown, self.model.words))
         kept = list(state.objects)
         if self._hypotheses_output.wanted and self._is_time_for_hypotheses():
-            hypotheses = self.model.hypotheses()[: self.settings.published_hypotheses]
+            hypotheses = self.model.hypotheses()[:PUBLISHED]
             self._hypotheses_output.publish(hypotheses_message(hypotheses, header, self._messages))
         self._messages.keep(kept)
         self.model.words.keep(kept)
 
     def _is_time_for_hypotheses(self) -> bool:
         since = None if self._hypotheses_at is None else (self._stamp - self._hypotheses_at) / NANOSECONDS
-        if since is not None and 0.0 <= since < self.settings.hypotheses_period:
+        if since is not None and 0.0 <= since < HYPOTHESES_PERIOD:
             return False
         self._hypotheses_at = self._stamp
         return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
@@ -46,10 +47,10 @@ def explain(model: type[NodeParameters], problem: Any) -> str:
     return f"parameter {name}: {expected}, got {problem['input']!r}"
 
 
-def markdown_table(model: type[NodeParameters]) -> str:
-    """The public parameters of a node as a Markdown table; those fixed at the start are marked."""
+def markdown_table(model: type[NodeParameters], names: Sequence[str] = ()) -> str:
+    """Parameters of a node, else the public ones, as a Markdown table; those fixed at the start are marked."""
     lines = ["| parameter | default | allowed | meaning |", "| --- | --- | --- | --- |"]
-    for name in model.public:
+    for name in names or model.public:
         field = model.model_fields[name]
         mark = " †" if extra(field, "fixed") else ""
         lines.append(f"| `{name}`{mark} | `{field.default}` | {allowed(field)} | {field.description} |")

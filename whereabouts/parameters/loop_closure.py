@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Literal
 
-from pydantic import create_model
-
-from estimation.geometry.tiles import VIEW_CELLS
 from loop_closure.slam_config import SlamConfig
-from whereabouts.parameters.from_config import settings_of
-from whereabouts.parameters.parameter_base import FileParameters, FrameParameters, setting
+from whereabouts.parameters.parameter_base import (
+    BaseFrame,
+    FileParameters,
+    MapFrame,
+    OdomFrame,
+    setting,
+    setting_of,
+)
 
-_WithSlam = create_model("_WithSlam", __base__=(FrameParameters, FileParameters), **settings_of(SlamConfig))  # type: ignore[call-overload]
 
-
-class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
-    """Parameters of `loop_closure`: its own, and all settings of `SlamConfig`."""
+class LoopClosureParameters(MapFrame, OdomFrame, BaseFrame, FileParameters):
+    """Parameters of `loop_closure`."""
 
     public = (
-        "scan_topic", "cloud_topic", "odometry_source", "map_frame", "odom_frame", "base_frame",
-        "publish_tf", "map_file", "localization_only", "save_period", "resolution", "max_range",
+        "scan_topic", "cloud_topic", "odometry_source", "publish_tf", "map_file", "localization_only",
+        "save_period", "resolution", "max_range",
     )  # fmt: skip
 
-    map_frame: str = setting("map", "map frame: does not drift, but may jump", fixed=True)
     scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)
     cloud_topic: str = setting("", "topic of a 3D scanner; used instead of scans if given", fixed=True)
     odometry_source: Literal["auto", "tf", "messages"] = setting(
@@ -33,6 +32,7 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
         "published for tf's odom_frame in any case",
         fixed=True,
     )
+    publish_tf: bool = setting(True, "publish the transform from map_frame to odom_frame")
     map_file: str = setting(
         "",
         "path of the map's files without their endings (.npz, .pgm, .yaml); read at the start if they exist",
@@ -49,6 +49,10 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
         le=3600.0,
         fixed=True,
     )
+    resolution: float = setting(0.05, "edge of a map cell", unit="m", ge=0.01, le=1.0, fixed=True)
+    max_range: float = setting_of(SlamConfig, "max_range")
+    key_distance: float = setting_of(SlamConfig, "key_distance")
+    loop_path: float = setting_of(SlamConfig, "loop_path")
     tf_period: float = setting(
         0.05, "time between transforms from map to odom", unit="s", ge=0.005, le=5.0, fixed=True
     )
@@ -56,21 +60,11 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
         0.1, "the transform from map to odom is stamped this far ahead", unit="s", ge=0.0, le=10.0
     )
     map_period: float = setting(
-        2.0, "shortest time between published maps and trajectories", unit="s", ge=0.05, le=600.0, fixed=True
-    )
-    map_update_period: float = setting(
-        0.5,
-        "shortest time between messages on map_updates; they are published only while there is a subscriber",
+        2.0,
+        "shortest time between published maps and trajectories; changes of the map go out four times as often",
         unit="s",
         ge=0.05,
         le=600.0,
-        fixed=True,
-    )
-    map_cells: int = setting(
-        VIEW_CELLS,
-        "largest number of cells of a published or saved map; the rest is left out, with a warning",
-        ge=10_000,
-        le=400_000_000,
         fixed=True,
     )
     nav2_services: bool = setting(
@@ -79,21 +73,8 @@ class LoopClosureParameters(_WithSlam):  # type: ignore[valid-type, misc]
         "nodes do; false where these run",
         fixed=True,
     )
-    resolution: float = setting(0.05, "edge of a map cell", unit="m", ge=0.01, le=1.0, fixed=True)
-
-    proposals: Literal["both", "path", "places"] = setting(
-        "both",
-        "what says where a loop may close. path: the estimate, within its uncertainty; places: the place classifier "
-        "alone, scans only; both: the estimate, and the classifier where that is too uncertain",
-        fixed=True,
-    )
-    thin: bool = setting(
-        True,
-        "remove keyframes of places that others cover: memory then grows with the area, not with time",
-        fixed=True,
-    )
 
     @property
     def slam(self) -> SlamConfig:
         """The library's settings."""
-        return SlamConfig(**{item.name: getattr(self, item.name) for item in fields(SlamConfig)})
+        return self.config_of(SlamConfig)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from dataclasses import fields
+from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
+
+Config = TypeVar("Config")
 
 
 def setting(
@@ -24,10 +27,21 @@ def setting(
     return Field(default, description=description, ge=ge, le=le, json_schema_extra=extra)
 
 
+def setting_of(config: type, name: str) -> Any:
+    """One setting of a library (`estimation.settings`) as a parameter; it is read at the start only."""
+    item = next(item for item in fields(config) if item.name == name)
+    about = item.metadata
+    return setting(
+        item.default, about["description"], unit=about["unit"], ge=about.get("low"), le=about.get("high"),
+        fixed=True,
+    )  # fmt: skip
+
+
 class NodeParameters(BaseModel):
     """Parameters every node has.
 
     public : names of those that users set, at most twelve, in the order of files and pages; the rest is for experts.
+    What several nodes have with one meaning (`SharedParameters`) is described once and not among them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -55,9 +69,34 @@ class NodeParameters(BaseModel):
         1.0, "time between diagnostics", unit="s", ge=0.1, le=60.0, fixed=True
     )
 
+    def config_of(self, kind: type[Config], **given: Any) -> Config:
+        """A library's settings: those that are parameters, and what is given, on its defaults."""
+        names = {item.name for item in fields(kind)} & type(self).model_fields.keys()  # type: ignore[arg-type]
+        return kind(**{name: getattr(self, name) for name in names} | given)
+
+
+class MapFrame(NodeParameters):
+    """Of nodes that work in the map."""
+
+    map_frame: str = setting(
+        "map", "map frame of REP-105: does not drift, but may jump; of all that is stored", fixed=True
+    )
+
+
+class OdomFrame(NodeParameters):
+    """Of nodes that follow something in the frame of odometry."""
+
+    odom_frame: str = setting("odom", "odometry frame of REP-105: continuous, but drifts", fixed=True)
+
+
+class BaseFrame(NodeParameters):
+    """Of nodes that ask tf for the robot."""
+
+    base_frame: str = setting("base_link", "frame of the robot", fixed=True)
+
 
 class FileParameters(NodeParameters):
-    """Parameters of nodes that write files."""
+    """Of nodes that write files."""
 
     state_dir: str = setting(
         "",
@@ -69,9 +108,7 @@ class FileParameters(NodeParameters):
     )
 
 
-class FrameParameters(NodeParameters):
-    """Parameters of nodes that work in the frames of REP-105."""
+class SharedParameters(FileParameters, BaseFrame, OdomFrame, MapFrame):
+    """What several nodes have, with one meaning; a section `/**` of a parameter file sets it for all of them."""
 
-    base_frame: str = setting("base_link", "frame of the robot", fixed=True)
-    odom_frame: str = setting("odom", "odometry frame: continuous, but drifts", fixed=True)
-    publish_tf: bool = setting(True, "publish the node's transform on tf")
+    public = ("map_frame", "odom_frame", "base_frame")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 
 from whereabouts.node_names import NODES
-from whereabouts.parameters.parameter_base import NodeParameters
+from whereabouts.parameters.parameter_base import NodeParameters, SharedParameters
 
 
 def is_parameter_of_any(name: str) -> bool:
@@ -14,9 +14,10 @@ def is_parameter_of_any(name: str) -> bool:
 
 
 def expert_names(node: str) -> tuple[str, ...]:
-    """Parameters of a node that are not public."""
+    """Parameters that a node alone has and that are not public."""
     model = model_of(node)
-    return tuple(name for name in model.model_fields if name not in model.public)
+    known = {*model.public, *SharedParameters.model_fields}
+    return tuple(name for name in model.model_fields if name not in known)
 
 
 def model_of(node: str) -> type[NodeParameters]:

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
-from pydantic import create_model, field_validator
+from pydantic import field_validator
 
 from registration.crf.online import SegmenterConfig
 from registration.odometry.follower import OdometryConfig
-from whereabouts.parameters.from_config import settings_of
-from whereabouts.parameters.parameter_base import FrameParameters, setting
-
-_WithOdometry = create_model(  # type: ignore[call-overload]
-    "_WithOdometry",
-    __base__=FrameParameters,
-    **settings_of(OdometryConfig),
-    **settings_of(SegmenterConfig),
-)
+from whereabouts.parameters.parameter_base import BaseFrame, OdomFrame, setting, setting_of
 
 
-class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, misc]
-    """Parameters of `scan_registration`: its own, and all of `OdometryConfig` and `SegmenterConfig`."""
+class ScanRegistrationParameters(BaseFrame, OdomFrame):
+    """Parameters of `scan_registration`."""
 
     public = (
-        "scan_topics", "cloud_topics", "wheel_topic", "use_wheel_odometry", "odom_frame", "base_frame",
-        "publish_tf", "max_range", "map_radius", "key_distance", "segment_scans", "publish_static_points",
+        "scan_topics", "cloud_topics", "wheel_topic", "publish_tf", "max_range", "map_radius", "key_distance",
+        "doubt", "cloud_voxel_size", "segment_scans",
     )  # fmt: skip
 
     scan_topics: list[str] = setting(
@@ -35,12 +25,17 @@ class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, mis
     cloud_topics: list[str] = setting(
         [""], "topics of 3D scanners; used instead of scans if given", fixed=True
     )
-    wheel_topic: str = setting("wheel_odom", "topic of wheel odometry", fixed=True)
-    use_wheel_odometry: bool = setting(True, "use wheel_odom, if it arrives, as initial guess")
-    max_wheel_age: float = setting(
-        0.5, "wheel odometry older than this is not used for a scan", unit="s", ge=0.0, le=10.0
+    wheel_topic: str = setting(
+        "wheel_odom", "topic of wheel odometry, the initial guess where it arrives; empty: none", fixed=True
     )
-    publish_static_points: bool = setting(True, "publish static_points, the scan without what moves")
+    publish_tf: bool = setting(True, "publish the transform from odom_frame to base_frame")
+    max_range: float = setting_of(OdometryConfig, "max_range")
+    map_radius: float = setting_of(OdometryConfig, "map_radius")
+    key_distance: float = setting_of(OdometryConfig, "key_distance")
+    doubt: float = setting_of(OdometryConfig, "doubt")
+    cloud_voxel_size: float = setting_of(OdometryConfig, "cloud_voxel_size")
+    segment_scans: bool = setting_of(SegmenterConfig, "segment_scans")
+    segment_deadline: float = setting_of(SegmenterConfig, "segment_deadline")
 
     @field_validator("scan_topics", "cloud_topics")
     @classmethod
@@ -52,12 +47,12 @@ class ScanRegistrationParameters(_WithOdometry):  # type: ignore[valid-type, mis
     @property
     def odometry(self) -> OdometryConfig:
         """The library's settings."""
-        return OdometryConfig(**{item.name: getattr(self, item.name) for item in fields(OdometryConfig)})
+        return self.config_of(OdometryConfig)
 
     @property
     def segmenter(self) -> SegmenterConfig:
         """The library's settings of what labels movers."""
-        return SegmenterConfig(**{item.name: getattr(self, item.name) for item in fields(SegmenterConfig)})
+        return self.config_of(SegmenterConfig)
 
     @property
     def scans(self) -> list[str]:

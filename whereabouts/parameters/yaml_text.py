@@ -9,13 +9,13 @@ import yaml
 
 from whereabouts.node_names import NODES
 from whereabouts.parameters.description import allowed, extra
-from whereabouts.parameters.parameter_base import NodeParameters
+from whereabouts.parameters.parameter_base import NodeParameters, SharedParameters
 from whereabouts.parameters.registry import expert_names, model_of
 
 WIDTH = 112  # characters of a line
 TOP = """\
 # Parameters of the node {node} that a user sets, with their defaults.
-# The rest: `whereabouts parameters {node} --expert`.
+# Frames, and the rest: `whereabouts parameters {node}`, with --expert.
 """
 PUBLIC = "# Parameters that a user sets, with their defaults; the rest: `whereabouts parameters --expert`.\n"
 EXPERT = """\
@@ -30,11 +30,17 @@ def shipped_file(node: str) -> str:
 
 
 def parameter_file(nodes: Sequence[str] = NODES, expert: bool = False) -> str:
-    """A file with the parameters of some nodes, in any namespace; the public ones, or all others."""
-    parts = []
+    """A file with the parameters of some nodes, in any namespace; the public ones, or all others.
+
+    What several nodes have is in it once, for all of them.
+    """
+    public = SharedParameters.public
+    others = tuple(name for name in SharedParameters.model_fields if name not in public)
+    parts = [section("/**", SharedParameters, others if expert else public)]
     for node in nodes:
         names = expert_names(node) if expert else model_of(node).public
-        parts.append(section(f"/**/{node}", model_of(node), names))
+        if names:
+            parts.append(section(f"/**/{node}", model_of(node), names))
     return (EXPERT if expert else PUBLIC) + "\n".join(parts)
 
 

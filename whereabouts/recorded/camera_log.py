@@ -9,14 +9,20 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from pytransform3d.rotations import quaternion_slerp
-from pytransform3d.transformations import pq_from_transform, transform_from_pq
 
 from estimation.errors import InputError
-from estimation.geometry.history import StampedHistory
+from estimation.geometry.frames import FrameTree, TransformError
+from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.messages.decode import transforms
 from whereabouts.messages.records import strip_slash
-from whereabouts.recorded.camera_messages import Cameras, box_from_message, check_depth, depth_from_message
+from whereabouts.recorded.camera_messages import (
+    ABSENCE_PERIOD,
+    TOLERANCE,
+    Cameras,
+    box_from_message,
+    check_depth,
+    depth_from_message,
+)
 from whereabouts.recorded.evidence_messages import Array, Reader, SeenFrame
 from world_model import WorldEvidence
 from world_model.camera import CameraModel, CameraView, DepthImage, SightRates, located
@@ -28,64 +34,16 @@ TYPES = (TF, INFO, IMAGE, BOXES)
 NANOSECONDS = 1_000_000_000
 PATIENCE = NANOSECONDS
 """Detections wait no longer for a depth image or a transform."""
-REMEMBERED = 10 * NANOSECONDS
-DEPTH = 32
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Parameters of the node by these names; pose_covariance (3, 3) is of the robot's x, y, yaw. Times in s."""
+    """Parameters of the node by these names; pose_covariance (3, 3) is of the robot's x, y, yaw."""
 
     map_frame: str = "map"
     base_frame: str = "base_link"
-    depth_tolerance: float = 0.05
     camera_rectified: bool = False
-    recognised_pixels: float = 16.0
-    absence_period: float = 0.2
     pose_covariance: Array | None = None
-
-
-class Transforms:
-    """Where frames are, by stamp, from tf and tf_static."""
-
-    def __init__(self) -> None:
-        self._parents: dict[str, str] = {}
-        self._fixed: dict[str, Array] = {}
-        self._moving: dict[str, StampedHistory[Array]] = {}
-
-    def take(self, message: Any, topic: str) -> None:
-        """A tf2_msgs/TFMessage."""
-        for record in transforms(message, topic):
-            child = strip_slash(record.child_frame_id)
-            self._parents[child] = strip_slash(record.frame_id)
-            if record.static:
-                self._fixed[child] = record.transform
-                continue
-            history = self._moving.setdefault(child, StampedHistory(REMEMBERED))
-            history.insert(round(record.stamp * NANOSECONDS), pq_from_transform(record.transform))
-
-    def lookup(self, target: str, frame: str, stamp: int) -> Array:
-        """Transform (4, 4) from a frame to another at a stamp, ns. Raises InputError where it is not known."""
-        matrix, name = np.eye(4), frame
-        for _ in range(DEPTH):
-            if name == target:
-                return matrix
-            if name not in self._parents:
-                break
-            matrix = self._one(name, stamp) @ matrix
-            name = self._parents[name]
-        raise InputError(f"no transform from '{frame}' to '{target}' is in the bag")
-
-    def _one(self, child: str, stamp: int) -> Array:
-        if child in self._fixed:
-            return self._fixed[child]
-        found = self._moving[child].around(stamp)
-        if found is None:
-            raise InputError(f"no transform of '{child}' at {stamp / NANOSECONDS:.3f} is in the bag")
-        before, after, share = found
-        position = (1.0 - share) * before[:3] + share * after[:3]
-        turn = quaternion_slerp(before[3:], after[3:], share, shortest_path=True) if share else before[3:]
-        return np.asarray(transform_from_pq(np.concatenate((position, turn))))
 
 
 class CameraLog:
@@ -95,11 +53,10 @@ class CameraLog:
     """
 
     def __init__(self, reader: Reader, settings: CameraSettings) -> None:
-        self.transforms = Transforms()
-        self.rates = SightRates(settings.recognised_pixels)
+        self.transforms = FrameTree()
+        self.rates = SightRates()
         self._reader, self._settings = reader, settings
-        tolerance = round(settings.depth_tolerance * NANOSECONDS)
-        self._lenses = Cameras(tolerance, settings.camera_rectified)
+        self._lenses = Cameras(rectified=settings.camera_rectified)
         self._depths: dict[str, Cameras] = {}
         self._waiting: deque[Any] = deque()
         self._newest = 0
@@ -108,7 +65,14 @@ class CameraLog:
     def take(self, kind: str, message: Any, topic: str) -> None:
         """One message of `TYPES`. Raises InputError."""
         if kind == TF:
-            self.transforms.take(message, topic)
+            for record in transforms(message, topic):
+                child, parent = strip_slash(record.child_frame_id), strip_slash(record.frame_id)
+                if record.static:
+                    self.transforms.fix(child, parent, record.transform)
+                else:
+                    stamp = round(record.stamp * NANOSECONDS)
+                    turn = quaternion_from_rotation(record.transform[:3, :3])
+                    self.transforms.move(child, parent, stamp, np.append(record.transform[:3, 3], turn))
             return
         frame, stamp = strip_slash(str(message.header.frame_id)), _stamp(message)
         self._newest = max(self._newest, stamp)
@@ -117,7 +81,7 @@ class CameraLog:
         elif kind == BOXES:
             self._waiting.append(message)
         elif str(message.encoding) in ENCODINGS:
-            kept = self._depths.setdefault(frame, Cameras(self._lenses.tolerance))
+            kept = self._depths.setdefault(frame, Cameras())
             kept.keep(stamp, message)
 
     def ready(self, ended: bool = False) -> Iterator[tuple[int, WorldEvidence | InputError]]:
@@ -127,10 +91,10 @@ class CameraLog:
             stamp = _stamp(message)
             try:
                 found: WorldEvidence | InputError = self._evidence(message, stamp)
-            except InputError as error:
+            except (InputError, TransformError) as error:
                 if not ended and self._newest - stamp < PATIENCE:
                     return
-                found = error
+                found = InputError(str(error))
             self._waiting.popleft()
             yield stamp, found
 
@@ -141,15 +105,14 @@ class CameraLog:
         camera, pose = found[1], self.transforms.lookup(settings.map_frame, frame, stamp)
         depth = self._depth(frame, camera, stamp)
         origin = pose[:2, 3]
-        with suppress(InputError):  # a camera may stand by itself
+        with suppress(TransformError):  # a camera may stand by itself
             origin = self.transforms.lookup(settings.map_frame, settings.base_frame, stamp)[:2, 3]
         view = CameraView(camera, pose, depth, None, settings.pose_covariance, origin, self.rates)
         robot = SeenFrame(pose, origin, settings.pose_covariance)
         evidence, refused = self._reader.boxes(message, robot, lambda box: located(box, camera, depth))
         taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
         evidence.view = replace(view, taken=taken)
-        period = settings.absence_period * NANOSECONDS
-        evidence.blocked = self._counted is not None and 0 <= stamp - self._counted < period
+        evidence.blocked = self._counted is not None and 0 <= stamp - self._counted < ABSENCE_PERIOD
         if not evidence.blocked:
             self._counted = stamp
         return evidence
@@ -158,10 +121,7 @@ class CameraLog:
         kept = self._depths.get(frame)
         found = None if kept is None else kept.nearest(stamp)
         if found is None:
-            tolerance = self._settings.depth_tolerance
-            raise InputError(
-                f"no depth image of '{frame}' within {tolerance:g} s (depth_tolerance) of these detections"
-            )
+            raise InputError(f"no depth image of '{frame}' within {1e-9 * TOLERANCE:g} s of these detections")
         depth = depth_from_message(found[1])
         check_depth(depth, frame, camera, frame)
         return depth

@@ -10,6 +10,10 @@ from world_model.camera import CameraModel, DepthImage, ImageBox
 
 KEPT = 30
 """Depth images that wait for detections: a second of a fast camera."""
+TOLERANCE = 50_000_000
+"""ns between detections and the depth image or scan of them, at most."""
+ABSENCE_PERIOD = 200_000_000
+"""ns between images whose missing detections count: pictures of the same view miss the same things."""
 
 
 def camera_from_message(message: Any, rectified: bool) -> CameraModel:
@@ -50,7 +54,7 @@ class Cameras:
     tolerance : ns, between detections and what belongs to them. rectified : whether images are straightened.
     """
 
-    tolerance: int
+    tolerance: int = TOLERANCE
     rectified: bool = False
     lenses: dict[str, CameraModel] = field(default_factory=dict)
     _kept: dict[int, Any] = field(default_factory=dict)

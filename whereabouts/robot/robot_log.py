@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.geometry.frames import FrameTree, TransformError
 from estimation.geometry.poses import transform_points
-from loop_closure.motions import invert
 from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import Proposals, SlamConfig
 from registration.laser.mounting import level_pose, seen_from_robot, upright
@@ -49,14 +49,14 @@ class RobotLog:
         self.topic = strip_slash(topic or (named[0] if named else ""))
         self._wheels = strip_slash(self.settings.wheel_topic)
         self._base = strip_slash(self.settings.base_frame)
-        self._edges: dict[str, tuple[str, Matrix]] = {}
+        self._frames = FrameTree()
         self.unmounted = self.tilted = self.empty = self.count = 0
         self._frame = ""
 
     def __iter__(self) -> Iterator[Record]:
         for record in self._log:
             if isinstance(record, TransformRecord):
-                self._edges[record.child_frame_id] = record.frame_id, record.transform
+                self._frames.fix(record.child_frame_id, record.frame_id, record.transform)
             elif isinstance(record, OdometryRecord):
                 if record.topic == self._wheels:
                     yield record
@@ -92,18 +92,12 @@ class RobotLog:
 
     def _place(self, frame: str) -> Matrix | None:
         """Pose (4, 4) of a frame on the robot, as transforms up to now say; None where they do not."""
-        of_sensor, of_base = self._above(frame), self._above(self._base)
-        common = next((name for name in of_sensor if name in of_base), None)
-        return None if common is None else np.asarray(invert(of_base[common]) @ of_sensor[common])
-
-    def _above(self, frame: str) -> dict[str, Matrix]:
-        """Pose of a frame in each of the frames above it, itself first."""
-        found = {frame: np.eye(4)}
-        while frame in self._edges and self._edges[frame][0] not in found:
-            parent, transform = self._edges[frame]
-            found[parent] = transform @ found[frame]
-            frame = parent
-        return found
+        if frame == self._base:
+            return np.eye(4)
+        try:
+            return self._frames.lookup(self._base, frame)
+        except TransformError:
+            return None
 
 
 def map_robot(

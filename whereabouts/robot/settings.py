@@ -35,7 +35,7 @@ def parameters(choice: Choice) -> dict[str, dict[str, Any]]:
     if scan and not cloud:
         by_node |= {"target_tracker": {"scan_topic": scan}, "verifier": {"scan_topic": scan}}
     elif cloud:
-        by_node["verifier"] = {"use_clouds": True, "cloud_topic": cloud}
+        by_node["verifier"] = {"cloud_topic": cloud}
     for node, given in choice.preset.items():
         by_node.setdefault(node, {}).update(given)
     return {"/**": shared, **by_node}

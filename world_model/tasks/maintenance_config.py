@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from estimation.errors import InputError
-from world_model.config import check_ranges, setting
+from estimation.settings import check_settings, setting
 
 # Table 3.1: before grabbing or going to an object its position is refined; going to a place or letting go needs none.
 VERIFIED_ACTIONS = ("grab", "navigate_to_object")
@@ -56,7 +56,7 @@ class MaintenanceConfig:
     class_weights: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        check_settings(self)
         for name in ("class_thresholds", "class_weights"):
             for label, value in getattr(self, name).items():
                 if not (math.isfinite(value) and value >= 0.0):

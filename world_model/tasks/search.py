@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,7 @@ from estimation.checks import FloatArray, as_vectors
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.places import Place, Places
-from world_model.config import check_ranges, setting
+from estimation.settings import check_settings, setting
 from world_model.tasks.coverage import Coverage, bounds_of, length_between, middle_of, where_more_is_seen
 from world_model.tasks.relations import IntArray, Relations
 
@@ -40,9 +40,7 @@ MARGIN = 2.0  # metres around everything seen that a floor nobody knows may exte
 class SearchConfig:
     """Settings of `ObjectSearch`; each field's metadata has its unit, meaning and allowed range."""
 
-    method: str = field(
-        default="belief", metadata={"description": "how the next goal is chosen", "choices": METHODS}
-    )
+    method: str = setting("belief", "", "how the next goal is chosen", choices=METHODS)
     weight: float = setting(0.1, "", "weight of the travel cost in the chain rule (ω)", 0.0, 100.0)
     threshold: float = setting(
         0.25, "", "the chain rule drives to an object with at least this utility", 0.0, 100.0
@@ -58,9 +56,7 @@ class SearchConfig:
     view: float = setting(2.0, "m", "distance from which the target can be recognised", 0.1, 50.0)
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"method: one of {', '.join(METHODS)} expected, got {self.method!r}")
-        check_ranges(self)
+        check_settings(self)
 
 
 @dataclass(frozen=True)

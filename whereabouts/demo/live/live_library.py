@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from estimation.geometry.poses import pose_to_matrix
 from whereabouts.demo.belief_judging import JudgedBeliefs, judged
 from whereabouts.demo.live.live_suite import library_settings
+from whereabouts.parameters.object_search import BELIEVED
 from whereabouts.recorded.evidence_messages import SeenFrame
 from whereabouts.simulation.home.apartment_day import ROUND, THINGS, TICKS
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
@@ -73,7 +74,7 @@ class LibraryRobot:
         sigmas = (world.position_sigma, world.position_sigma, world.heading_sigma)
         self._pose_covariance = np.diag(np.square(sigmas))
         self.state: WorldState | None = None
-        self._growth = Growth(self._upkeep.process_noise)
+        self._growth = Growth(self._upkeep.maintenance.process_noise)
         self._keeping = False
         # The map that the planners have is the floor plan.
         self.grid = day.grid
@@ -221,7 +222,7 @@ class LibraryRobot:
         search = ObjectSearch(settings.relations, settings.search, settings.places, self.grid)
         while True:
             search.expect(self._expected(kind, color))
-            step = search.next_goal(self._landmarks(kind, settings.belief), kind, self.day.robot.pose)
+            step = search.next_goal(self._landmarks(kind), kind, self.day.robot.pose)
             if step.goal is None:
                 return
             self._follow(search, step, kind, color)
@@ -247,7 +248,7 @@ class LibraryRobot:
                 search.reached(goal)
                 break
             search.expect(self._expected(kind, color))
-            now = search.next_goal(self._landmarks(kind, settings.belief), kind, day.robot.pose)
+            now = search.next_goal(self._landmarks(kind), kind, day.robot.pose)
             if now.goal is None or math.hypot(*(now.goal - goal)) > 0.5:
                 break
         day.robot.stop()
@@ -265,13 +266,13 @@ class LibraryRobot:
             self.until(lambda: self._believed(kind, color) is not None, STARE)
             yield True
 
-    def _landmarks(self, kind: str, belief: float) -> dict[str, Array]:
+    def _landmarks(self, kind: str) -> dict[str, Array]:
         """Where to find what is believed in, by name, the nearest of each; the asked kind is none."""
         here, found = self.day.robot.pose[:2], {}
         assert self.state is not None
         for item in sorted(self.state.objects, key=lambda item: -math.hypot(*(item.position[:2] - here))):
             name = item.most_probable("class")
-            if name and name != kind and not item.lost and item.existence >= belief:
+            if name and name != kind and not item.lost and item.existence >= BELIEVED:
                 found[name] = item.position
         return found
 
@@ -296,7 +297,7 @@ class LibraryRobot:
         if item is None or item.lost or MOVED_ON in item.predicates:
             return False
         near = place is None or float(np.linalg.norm(item.position - place)) < ARM
-        return near and item.existence >= self._search.belief
+        return near and item.existence >= BELIEVED
 
     def _towards(self, spot: Array) -> float:
         offset = spot[:2] - self.day.robot.pose[:2]

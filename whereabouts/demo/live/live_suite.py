@@ -14,7 +14,7 @@ DESCRIBED = ("rate_hz", "classes", "colors", "region", "places_file", "store_pat
 """What the world model is told: how often the camera looks, what there is, where, and the file of its memory."""
 REACH = 4.0
 """m up to which the camera finds things; it sees a metre farther."""
-NOBODY = {"class_names": ["person", "other"], "class_values": [1e6, 1e6], "class_weights": [1.0, 1.0]}
+NOBODY = {"class_names": ["person", "other"], "class_values": [1e6, 1e6]}
 """People come and go, and are not looked after."""
 
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from estimation.errors import InputError
+from estimation.geometry.frames import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import pose_from_matrix
 from whereabouts.nodes.messages.conversions import fill_pose, pose_from_message, spatial
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
-from whereabouts.nodes.messages.transforms import TransformBuffer, TransformError
+from whereabouts.nodes.messages.transforms import TransformBuffer
 from whereabouts_msgs.msg import DiscreteDistribution, PredictedPathArray, Region
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage

@@ -14,7 +14,7 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -39,7 +39,7 @@ from whereabouts.nodes.ros.diagnostics import DiagnosticsPublisher, Health
 from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.nodes.ros.footprint import keep_packed, release, settle
 from whereabouts.nodes.ros.host import SUPERVISOR_VARIABLE
-from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Frames, Handler, Input
+from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Handler, Input
 from whereabouts.nodes.ros.outputs import QUIET, Output
 from whereabouts.nodes.ros.timekeeping import Timekeeper
 from whereabouts.nodes.ros.turns import Caller, Turns, turn_topic
@@ -134,33 +134,12 @@ class SuiteNode(LifecycleNode):
 
     # What a node uses.
 
-    def add_input(
-        self,
-        message_type: type,
-        topic: str,
-        handler: Handler,
-        frames: Frames | None = None,
-        on_demand: bool = False,
-        packed: bool = False,
-        companions: Sequence[Input] = (),
-        in_turn: bool = False,
-        awaited: bool = False,
-        qos: QoSProfile | None = None,
-    ) -> Input:
-        """Subscribe a sensor topic; see `Input`."""
-        item = Input(
-            self, message_type, topic, handler,
-            frames=frames, on_demand=on_demand, packed=packed, companions=companions, in_turn=in_turn,
-            awaited=awaited, qos=qos,
-        )  # fmt: skip
+    def add_input(self, message_type: type, topic: str, handler: Handler, **options: Any) -> Input:
+        """Subscribe a topic; options as of `Input`."""
+        item = Input(self, message_type, topic, handler, **options)
         self.inputs.append(item)
         self._created.append((self.destroy_subscription, item.subscription))
         return item
-
-    def take_on(self, item: Input) -> None:
-        """An input that was made elsewhere goes with the others."""
-        self.inputs.append(item)
-        self._created.append((self.destroy_subscription, item.subscription))
 
     def goes_with(self, end: Callable[[], None]) -> None:
         """Call `end` when what the node has set up is taken down."""
@@ -170,10 +149,7 @@ class SuiteNode(LifecycleNode):
         self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
     ) -> Input:
         """Subscribe a state that is kept for those who come late, such as a map."""
-        item = Input(self, message_type, topic, handler, qos=HEARD_LATCHED, sensor=False, in_turn=in_turn)
-        self.inputs.append(item)
-        self._created.append((self.destroy_subscription, item.subscription))
-        return item
+        return self.add_input(message_type, topic, handler, qos=HEARD_LATCHED, sensor=False, in_turn=in_turn)
 
     def add_action(
         self, action_type: type, name: str, execute: Callable[[Any], Coroutine[Any, Any, Any]]
@@ -285,9 +261,7 @@ class SuiteNode(LifecycleNode):
                 self._take_transforms(message, static)
 
             rests = on_demand and not static
-            item = Input(self, TFMessage, topic, handle, qos=qos, sensor=False, on_demand=rests)
-            self.inputs.append(item)
-            self._created.append((self.destroy_subscription, item.subscription))
+            self.add_input(TFMessage, topic, handle, qos=qos, sensor=False, on_demand=rests)
 
     @property
     def now(self) -> int:
@@ -358,9 +332,7 @@ class SuiteNode(LifecycleNode):
             self.add_service(Reset, "~/reset", self._reset)
             if self.replayed:
                 topic = turn_topic(self.get_fully_qualified_name())
-                turn = Input(self, Empty, topic, self.turns.take, sensor=False, qos=QoSProfile(depth=10))
-                self.inputs.append(turn)
-                self._created.append((self.destroy_subscription, turn.subscription))
+                self.add_input(Empty, topic, self.turns.take, sensor=False, qos=QoSProfile(depth=10))
             self.start_run()
         except WhereaboutsError as error:
             self.get_logger().error(f"cannot configure: {error}")

@@ -17,10 +17,10 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
+from estimation.geometry.frames import TransformError
 from whereabouts.nodes.messages.envelopes import envelope, type_name
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.messages.transforms import TransformError
 from whereabouts.nodes.ros.budget import BUDGETS, DEFAULT, Purse
 from whereabouts.system.clocks import SourceClock
 from whereabouts_msgs.msg import Processed

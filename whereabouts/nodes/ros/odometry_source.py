@@ -13,14 +13,9 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
+from estimation.geometry.frames import MovingFrame, TransformError
 from loop_closure.motions import invert
-from whereabouts.nodes.messages.transforms import (
-    MovingTransform,
-    TransformBuffer,
-    TransformError,
-    frame_name,
-    pose_of,
-)
+from whereabouts.nodes.messages.transforms import TransformBuffer, frame_name, pose_of
 
 Matrix = NDArray[np.float64]
 Source = Literal["auto", "tf", "messages"]
@@ -43,7 +38,7 @@ class OdometrySource:
 
     def clear(self) -> None:
         """Forget everything."""
-        self._heard = MovingTransform("odometry")
+        self._heard = MovingFrame("odometry")
         self._child = self._base
         self._offset: Matrix | None = None
         self._last: tuple[Matrix, Matrix] | None = None
@@ -82,7 +77,7 @@ class OdometrySource:
         if not len(self._heard.history):
             return None
         try:
-            found = self._heard.as_matrix(stamp)
+            found = self._heard.at(stamp)
             if self._child == self._base:
                 return found
             return np.asarray(found @ transforms.lookup(self._child, self._base, stamp))
