@@ -21,6 +21,7 @@ from evaluation.report import Part, Printed, Report, RunOptions, Table
 from evaluation.slam import (
     slam_as_node,
     slam_in_map,
+    slam_lost,
     slam_places,
     slam_proposals,
     slam_proximity,
@@ -308,6 +309,7 @@ PARTS = {
     "killian": Part(_killian, random=False),
     "outdoor": Part(_outdoor),
     "in a map": Part(slam_in_map.table),
+    "lost": Part(slam_lost.table, random=False, needs=tuple(f"carmen/{name}" for name in slam_lost.LOGS)),
     "proposals": Part(
         slam_proposals.table, random=False, needs=tuple(f"carmen/{name}" for name in slam_proposals.LOGS)
     ),

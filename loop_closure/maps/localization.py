@@ -15,12 +15,15 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.keyframes import Keyframes
-from loop_closure.maps.map_search import PlanarMap, SpatialMap
+from loop_closure.maps.map_search import BACK, PlanarMap, SpatialMap
 from loop_closure.motions import as_pose, compose, invert, length, motion, planar, turn
 from registration.laser.scan import Scan
 
 AGREE = (0.4, 0.1)  # metres and radians between placements that say the same
 VOTES = 3  # keyframes that have to agree before a lost robot believes it
+# Metres of path over which they have to: local maps of neighbouring keyframes are nearly the same, and one place that
+# looks like another does so again 0.3 m on. Half of what they show is new then.
+SPAN = 0.5 * BACK
 MEMORY = 60  # keyframes for which a vote counts
 LOST_AFTER = 8.0  # metres of standard deviation beyond which the place is given up
 UNPROVEN = (
@@ -40,6 +43,16 @@ class Located:
     sure: bool
 
 
+@dataclass(frozen=True, eq=False)
+class _Vote:
+    """One placement of a lost robot's keyframe: the odometry frame in the map, metres of outline, keyframe, path."""
+
+    correction: FloatArray
+    merit: float
+    serial: int
+    path: float
+
+
 class Localizer:
     """Follows a range sensor in a map of keyframes that is not changed.
 
@@ -55,8 +68,8 @@ class Localizer:
         self._sigma, self._turn = 1.0, 0.35
         self._unproven = 0.0  # metres travelled since the place was last seen to be right
         self._proven = False
-        self._votes: list[tuple[FloatArray, float, int]] = []
-        self._serial = 0
+        self._votes: list[_Vote] = []
+        self._serial, self._path = 0, 0.0
         self._pending: FloatArray | None = None
         if initial is not None:
             self.place(initial)
@@ -97,7 +110,7 @@ class Localizer:
             return self._said(here, False)
         travelled = length(motion(self._recent[-1].odometry, here)) if len(self._recent) else 0.0
         self._map.remember(self._recent, scan, here)
-        self._serial += 1
+        self._serial, self._path = self._serial + 1, self._path + travelled
         self._sigma, self._turn = self._sigma + DRIFT[0] * travelled, self._turn + DRIFT[1] * travelled
         self._unproven += travelled
         if self.correction is not None and not self._given_up:
@@ -129,30 +142,31 @@ class Localizer:
     def _search(self, here: FloatArray) -> None:
         """Try parts of the map, in turn, and let them vote."""
         for pose, merit in self._map.search(self._recent):
-            self._votes.append((compose(pose, invert(here)), merit, self._serial))
-        self._votes = [vote for vote in self._votes if self._serial - vote[2] < MEMORY]
+            self._votes.append(_Vote(compose(pose, invert(here)), merit, self._serial, self._path))
+        self._votes = [vote for vote in self._votes if self._serial - vote.serial < MEMORY]
         if not self._votes:
             return
         # Compared where the robot is now: odometry may have begun far away, where the least turn moves everything.
-        placed = [compose(correction, here) for correction, _, _ in self._votes]
+        placed = [compose(vote.correction, here) for vote in self._votes]
         groups = [self._group(pose, placed) for pose in placed]
         best = max(range(len(groups)), key=lambda n: groups[n][0])
-        merit, count = groups[best]
+        merit, count, span = groups[best]
         rivals = [
             group[0] for group, pose in zip(groups, placed, strict=True) if not same(pose, placed[best])
         ]
-        if count >= VOTES and max(rivals, default=0.0) < 0.7 * merit:
-            self.correction = self._votes[best][0]
+        if count >= VOTES and span >= SPAN and max(rivals, default=0.0) < 0.7 * merit:
+            self.correction = self._votes[best].correction
             self._believe(0.2, 0.05)
             self._votes.clear()
 
-    def _group(self, pose: FloatArray, placed: list[FloatArray]) -> tuple[float, int]:
-        """What speaks for `pose`: merit of votes that say the same, the best of each keyframe; and of how many."""
+    def _group(self, pose: FloatArray, placed: list[FloatArray]) -> tuple[float, int, float]:
+        """What speaks for `pose`: merit of votes that say the same, the best of each keyframe; of how many; over what
+        path, m."""
+        alike = [vote for other, vote in zip(placed, self._votes, strict=True) if same(pose, other)]
         best: dict[int, float] = {}
-        for other, (_, merit, serial) in zip(placed, self._votes, strict=True):
-            if same(pose, other):
-                best[serial] = max(best.get(serial, 0.0), merit)
-        return sum(best.values()), len(best)
+        for vote in alike:
+            best[vote.serial] = max(best.get(vote.serial, 0.0), vote.merit)
+        return sum(best.values()), len(best), alike[-1].path - alike[0].path
 
 
 def same(a: FloatArray, b: FloatArray) -> bool:

@@ -210,6 +210,27 @@ def test_scans_are_found_however_far_away_odometry_began() -> None:
     assert np.nanmax(misses) < 0.2
 
 
+def test_turning_on_the_spot_proves_no_place() -> None:
+    """The same look again and again is one look; two metres on it is another."""
+    rng, lidar = np.random.default_rng(9), Lidar(361, 2.0 * np.pi)
+    furniture = [
+        box(rng.uniform(0.4, 1.2), rng.uniform(0.3, 0.6), (x, 2.0, 0.3 * x)) for x in (-4.0, -1.0, 3.5)
+    ]
+    world = joined([box(12.0, 6.0), *furniture])
+    places, poses = Keyframes(), np.array([[x, -1.0, 0.0] for x in np.arange(-4.0, 4.1, 0.5)])
+    for pose in poses:
+        places.add_scan(lidar.scan(world, pose, rng, 0.0).scan, pose, 25.0)
+    localizer = Localizer(places, poses)
+    turning = [np.array([-2.0, -0.8, yaw]) for yaw in np.arange(0.0, 6.3, 0.35)]
+    driving = [np.array([x, -0.8, 6.3]) for x in np.arange(-2.0, 2.1, 0.4)]
+    said = [localizer.process(lidar.scan(world, pose, rng, 0.0).scan, pose) for pose in (*turning, *driving)]
+    first = next(k for k, item in enumerate(said) if item.pose is not None)
+    assert len(turning) + 3 <= first <= len(turning) + 8
+    pose = said[-1].pose
+    assert pose is not None
+    assert np.hypot(*(pose[:2] - driving[-1][:2])) < 0.1
+
+
 def test_flat_ground_alone_closes_nothing() -> None:
     """Two places on a plain with different poles: all points agree well, what stands does not."""
     rng, frames = np.random.default_rng(8), Keyframes()
