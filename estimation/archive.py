@@ -22,17 +22,7 @@ UNPACKED_LIMIT = 2 << 30  # Bytes of all arrays of an archive
 MEMBERS = 100
 KINDS = "biufU"
 _ERRORS = (
-    *(
-        OSError,
-        EOFError,
-        KeyError,
-        ValueError,
-        TypeError,
-        IndexError,
-        OverflowError,
-        MemoryError,
-        RuntimeError,
-    ),
+    *(OSError, EOFError, LookupError, ValueError, TypeError, OverflowError, MemoryError, RuntimeError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, SyntaxError, tokenize.TokenError),
 )
 

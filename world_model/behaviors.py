@@ -40,14 +40,6 @@ def motion_table(classes: Sequence[str], motion: Mapping[str, Mapping[str, Any]]
         given = motion_of(name, motion)
         moves = given.model == "constant_velocity"
         speed = given.accel_sigma * np.sqrt(FREE_RUN) if moves else CARRY_SPEED
-        rows.append(
-            [
-                float(moves),
-                given.accel_sigma,
-                given.moved_per_second,
-                speed,
-                given.follows_prediction,
-                given.turn_sigma,
-            ]
-        )
+        own = [float(moves), given.accel_sigma, given.moved_per_second, speed]
+        rows.append([*own, given.follows_prediction, given.turn_sigma])
     return np.array(rows)

@@ -131,14 +131,9 @@ class Measurements:
 
     def only(self, which: list[int]) -> Measurements:
         """Some of the detections."""
-        return replace(
-            self,
-            positions=self.positions[which],
-            covariances=self.covariances[which],
-            attributes=tuple(self.attributes[i] for i in which),
-            object_ids=tuple(self.object_ids[i] for i in which),
-            quantities=tuple(self.quantities[i] for i in which),
-        )
+        told = {name: getattr(self, name) for name in ("attributes", "object_ids", "quantities")}
+        some: dict[str, Any] = {name: tuple(each[i] for i in which) for name, each in told.items()}
+        return replace(self, positions=self.positions[which], covariances=self.covariances[which], **some)
 
 
 def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
@@ -162,16 +157,13 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
     if not np.isfinite(positions).all():
         bad = int(np.flatnonzero(~np.isfinite(positions).all(1))[0])
         raise InputError(f"objects[{bad}].position must be finite; it holds NaN or infinity")
-    return Measurements(
-        positions,
-        _definite(covariances),
-        tuple(item.attributes for item in objects),
-        tuple(item.object_id for item in objects),
-        sensor,
+    attributes, ids = tuple(item.attributes for item in objects), tuple(item.object_id for item in objects)
+    silent, quantities = (
         evidence.blocked or (sensor is None and not objects),
-        tuple(item.quantities for item in objects),
-        evidence.view,
+        tuple(i.quantities for i in objects),
     )
+    told = attributes, ids, sensor, silent, quantities, evidence.view
+    return Measurements(positions, _definite(covariances), *told)
 
 
 def _shaped(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -176,15 +176,10 @@ def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -
                 meets[id(item)] = _probability(item, request, region, words)
             totals[item.id] = totals.get(item.id, 0.0) + share * meets[id(item)]
     order = sorted((-p, name) for name, p in totals.items() if p >= max(request.min_probability, 1e-6))
+    found = [(-p, first[name]) for p, name in order[: request.limit]]
     return [
-        QueryAnswer(
-            words.described(first[name]),
-            -p,
-            stamp,
-            words.where(first[name]),
-            words.sentence(first[name], stamp),
-        )
-        for p, name in order[: request.limit]
+        QueryAnswer(words.described(item), p, stamp, words.where(item), words.sentence(item, stamp))
+        for p, item in found
     ]
 
 

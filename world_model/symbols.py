@@ -251,4 +251,4 @@ def _moments(intervals: Iterable[Interval]) -> Gaussian:
     share = lengths / lengths.sum()
     centres = np.array([0.5 * (low + high) for low, high in bounds])
     mean = float(share @ centres)
-    return mean, float(share @ (lengths**2 / 12.0 + (centres - mean) ** 2))
+    return mean, float(share @ (lengths**2 / 12 + (centres - mean) ** 2))

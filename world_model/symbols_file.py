@@ -73,7 +73,7 @@ def _quantity(name: str, given: Any) -> Quantity:
     where = f"quantity {name!r}"
     about = _mapping(where, given)
     _only(where, about, "unit", "period", "range")
-    factor = math.pi / 180.0 if about.get("unit") == "degree" else 1.0
+    factor = math.pi / 180 if about.get("unit") == "degree" else 1.0
     period = _number(f"{where}, period", about["period"]) * factor if "period" in about else None
     bounds = EVERYTHING
     if "range" in about:
@@ -96,14 +96,11 @@ def _predicate(name: str, given: Any, quantities: Mapping[str, Quantity]) -> Pre
     if not isinstance(attribute, str) or not attribute:
         raise InputError(f"{where}: an attribute expected, got {attribute!r}")
     ranges = _mapping(f"{where}, where", about.get("where", {}))
-    return Predicate(
-        name,
-        attribute,
-        tuple(
-            (key, _intervals(f"{where}, {key}", value, _known(where, key, quantities)))
-            for key, value in ranges.items()
-        ),
-    )
+    intervals = {
+        key: _intervals(f"{where}, {key}", value, _known(where, key, quantities))
+        for key, value in ranges.items()
+    }
+    return Predicate(name, attribute, tuple(intervals.items()))
 
 
 def _intervals(where: str, given: Any, quantity: Quantity) -> tuple[Interval, ...]:

@@ -38,15 +38,8 @@ def warm_up() -> None:
             spots = TWINS if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
             seen = [np.array(p) + rng.normal(0.0, NOISE, 3) for p in spots if rng.random() < 0.5]
             seen += list(rng.uniform([-2, -2, 0], [2, 2, 2], (rng.poisson(2.0), 3)))
-            given = [
-                ObjectEvidence(
-                    p,
-                    NOISE**2 * np.eye(3),
-                    {"class": {"a": 0.5, "b": 0.5}},
-                    quantities={"size": (NOISE, NOISE**2)},
-                )
-                for p in seen
-            ]
+            kinds, size = {"class": {"a": 0.5, "b": 0.5}}, {"size": (NOISE, NOISE**2)}
+            given = [ObjectEvidence(p, NOISE**2 * np.eye(3), kinds, quantities=size) for p in seen]
             measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), NOISE)
             anchors.look(measured, NOISE * step, 0.0)
             anchors.beliefs.probabilities()

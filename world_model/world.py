@@ -196,25 +196,17 @@ class WorldModel:
             self.store.close()
 
     def _state(self, associations: tuple[str | None, ...] = ()) -> WorldState:
-        beliefs = self.anchoring.beliefs
-        return WorldState(
-            self._by_now.told(self._anchors.shown.values(), self.stamp),
-            float(beliefs.probabilities()[0]),
-            beliefs.expected_count,
-            self.stamp,
-            self.epoch,
-            0,
-            associations,
-        )
+        objects = self._by_now.told(self._anchors.shown.values(), self.stamp)
+        share, count = float(self.anchoring.beliefs.probabilities()[0]), self.anchoring.beliefs.expected_count
+        return WorldState(objects, share, count, self.stamp, self.epoch, 0, associations)
 
     def hypotheses(self) -> list[WorldState]:
         """All hypotheses that are kept, the most probable first; their probabilities sum to one."""
         count = self.anchoring.beliefs.expected_count
+        worlds, now = self.anchoring.beliefs.worlds(), self.stamp
         return [
-            WorldState(
-                self._by_now.told(objects, self.stamp), probability, count, self.stamp, self.epoch, index
-            )
-            for index, (objects, probability) in enumerate(self.anchoring.beliefs.worlds())
+            WorldState(self._by_now.told(objects, now), probability, count, now, self.epoch, index)
+            for index, (objects, probability) in enumerate(worlds)
         ]
 
     def propagate(self, stamp: float) -> WorldState:

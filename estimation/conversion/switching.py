@@ -180,20 +180,8 @@ class SwitchingBank:
         elif problem:
             raise InputError(kernels.PROBLEMS[problem])
         K = np.empty(len(chosen))
-        kernels.update_kalman(
-            self._means,
-            self._covariances,
-            self._kalman,
-            chosen,
-            pose,
-            P,
-            z,
-            R,
-            self._limit,
-            self._position_in_ratio,
-            self._decorrelated,
-            K,
-        )
+        state, how = (self._means, self._covariances, self._kalman), (self._limit, self._position_in_ratio)
+        kernels.update_kalman(*state, chosen, pose, P, z, R, *how, self._decorrelated, K)
         self.ratio[chosen] = K
         self._updates += 1
         if not self._targets and (self._limit >= np.inf or not (self._limit <= K).any()):
@@ -308,20 +296,8 @@ class SwitchingBank:
         self._covariances[index] = repair_covariance(particles.covariance)
         self._kalman[index] = True
         one, K = np.array([index]), np.empty(1)
-        kernels.update_kalman(
-            self._means,
-            self._covariances,
-            self._kalman,
-            one,
-            pose,
-            P,
-            z[None],
-            R[None],
-            np.inf,
-            True,
-            self._decorrelated,
-            K,
-        )
+        state, seen = (self._means, self._covariances, self._kalman), (pose, P, z[None], R[None])
+        kernels.update_kalman(*state, one, *seen, np.inf, True, self._decorrelated, K)
         self._to_particles(index)
         self.switches -= 1
 

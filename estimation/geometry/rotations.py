@@ -171,15 +171,9 @@ def quaternion_from_euler(euler: npt.ArrayLike) -> FloatArray:
     """Quaternion (x, y, z, w) (..., 4), w ≥ 0, of [roll, pitch, yaw] (..., 3), rad."""
     half = 0.5 * as_vectors("euler", euler, 3)
     (sr, sp, sy), (cr, cp, cy) = (np.moveaxis(f(half), -1, 0) for f in (np.sin, np.cos))
-    q = np.stack(
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ],
-        -1,
-    )
+    x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    z, w = cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy
+    q = np.stack([x, y, z, w], -1)
     return np.where(q[..., 3:] < 0, -q, q)
 
 

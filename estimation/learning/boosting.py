@@ -126,15 +126,8 @@ class AdaBoost:
         Raises InputError: not fitted, wrong number of columns, or features that are not finite.
         """
         self._require_fitted()
-        return np.asarray(
-            vote(
-                as_points("F", F, self.feature_count),
-                self._features,
-                self._thresholds,
-                self._polarities,
-                self._weights,
-            )
-        )
+        values, stumps = as_points("F", F, self.feature_count), (self._features, self._thresholds)
+        return np.asarray(vote(values, *stumps, self._polarities, self._weights))
 
     def save(self, path: str | Path) -> None:
         """Write the model as readable JSON, numbers in full precision. InputError before `fit`."""

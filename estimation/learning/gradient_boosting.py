@@ -101,16 +101,8 @@ class GradientBoosting:
             gradient = np.where(drawn, weight * (probability - labels), 0.0)
             curvature = np.where(drawn, weight * probability * (1.0 - probability), 0.0)
             total = max(float(curvature.sum()), 1e-12)
-            split, cuts, leaves = grow(
-                bins,
-                chosen,
-                gradient,
-                curvature,
-                self.depth,
-                BINS,
-                self.least_weight * total,
-                self.l2 * total,
-            )
+            least, l2 = self.least_weight * total, self.l2 * total
+            split, cuts, leaves = grow(bins, chosen, gradient, curvature, self.depth, BINS, least, l2)
             thresholds = np.array(
                 [edges[f][c] if c >= 0 else _NO_SPLIT for f, c in zip(split, cuts, strict=True)]
             )

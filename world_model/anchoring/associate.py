@@ -63,16 +63,9 @@ class Association:
         born, gap, clutter = anchors.unseen.look(
             measured.positions, heights, sensor, known, measured.silent, stamp, measured.view
         )
-        seen = Detections(
-            stamp,
-            lag,
-            np.arange(M),
-            measured.positions,
-            measured.covariances,
-            anchors.vocabulary.likelihoods(measured.attributes),
-            np.zeros(M),
-            np.zeros(M),
-        )
+        likelihood, where = anchors.vocabulary.likelihoods(measured.attributes), measured.positions
+        spreads, none = measured.covariances, np.zeros(M)
+        seen = Detections(stamp, lag, np.arange(M), where, spreads, likelihood, none, none.copy())
         active = np.flatnonzero(leaves.track >= 0)
         if verified:
             active = active[~np.isin(leaves.track[active], sorted(verified))]
@@ -167,16 +160,9 @@ class Association:
     def _settle(self, look: Look, plain: list[int], detection: list[int]) -> None:
         if not plain:
             return
-        k = np.array(plain)
-        settle(
-            self.anchors.leaves,
-            look.chosen[k],
-            np.array(detection),
-            look.seen,
-            self.anchors.vocabulary.blocks,
-            look.missing[k, 1],
-            look.clear[k],
-        )
+        k, blocks = np.array(plain), self.anchors.vocabulary.blocks
+        missing, clear = look.missing[k, 1], look.clear[k]
+        settle(self.anchors.leaves, look.chosen[k], np.array(detection), look.seen, blocks, missing, clear)
 
     def _begin(self, look: Look, which: IntArray, of: list[int]) -> list[int]:
         """New lonely clusters for detections that no leaf explains; returns their numbers."""

@@ -40,25 +40,28 @@ class Presentation:
         if lost:
             region = (track.region if track.lost else None) or anchors.config.region
             low, high = np.array(region).T
-            position, covariance = 0.5 * (low + high), np.diag((high - low) ** 2 / 12.0)
+            position, covariance = 0.5 * (low + high), np.diag((high - low) ** 2 / 12)
+        attributes = anchors.vocabulary.distributions(leaves.attributes[slot])
+        stays = "predicted" if anchors.moves(slot) else "constant_position"
+        behaviors = {stays: rest, "constant_velocity": moving, "uniform": away}
+        existence = rest + moving if sought and not lost else 1.0 - none
+        seen = float(leaves.last[slot]), float(leaves.first[slot])
+        noise, quantities = self.guidance.growth(track, slot), anchors.quantities.described(leaves, slot)
         return WorldObject(
-            track.id or "",
-            position,
-            velocity,
-            covariance,
-            anchors.vocabulary.distributions(leaves.attributes[slot]),
-            rest + moving if sought and not lost else 1.0 - none,
-            lost,
-            float(leaves.last[slot]),
-            float(leaves.first[slot]),
-            {
-                "predicted" if anchors.moves(slot) else "constant_position": rest,
-                "constant_velocity": moving,
-                "uniform": away,
-            },
-            region,
-            process_noise=self.guidance.growth(track, slot),
-            quantities=anchors.quantities.described(leaves, slot),
+            *(
+                track.id or "",
+                position,
+                velocity,
+                covariance,
+                attributes,
+                existence,
+                lost,
+                *seen,
+                behaviors,
+                region,
+            ),
+            process_noise=noise,
+            quantities=quantities,
         )
 
     def predicted(self, stamp: float) -> list[WorldObject]:

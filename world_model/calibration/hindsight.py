@@ -85,15 +85,16 @@ class Hindsight:
                 factor = likelihood[:, begin:end] @ leaves.attributes[slots, begin:end].T
                 unlike -= 2.0 * np.log(factor + 1e-9)
         views = [polar(look.measured) for look in self.looks]
-        data = Sightings(
+        stamps, rates = (
             np.array([look.stamp for look in self.looks]),
-            np.array([look.measured.sensor.pose for look in self.looks if look.measured.sensor is not None]),
-            index,
-            np.concatenate([seen[which] for (seen, _), which in zip(views, mine, strict=True)]),
-            np.concatenate([sigma[which] for (_, sigma), which in zip(views, mine, strict=True)]),
-            np.maximum(unlike, 0.0),
             np.array([look.rate for look in self.looks]),
         )
+        poses = np.array([sensor.pose for look in self.looks if (sensor := look.measured.sensor) is not None])
+        told = zip(views, mine, strict=True)
+        seen, sigma = (
+            np.concatenate(each) for each in zip(*((r[w], s[w]) for (r, s), w in told), strict=True)
+        )
+        data = Sightings(stamps, poses, index, seen, sigma, np.maximum(unlike, 0.0), rates)
         owner = np.array([column.get(look.owners[j], -1) for look, which in parts for j in which])
         begun = Explanation(leaves.rest[slots, :2].copy(), known.copy(), np.zeros((len(mine), 2)), owner)
         found = explain(data, begun, known)

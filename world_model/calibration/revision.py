@@ -230,15 +230,9 @@ def _settled(data: Sightings, found: Explanation, known: FloatArray) -> Explanat
 def part(data: Sightings, begin: int, end: int) -> Sightings:
     """The looks from `begin` to `end`."""
     mine = (data.look >= begin) & (data.look < end)
-    return Sightings(
-        data.stamps[begin:end],
-        data.poses[begin:end],
-        data.look[mine] - begin,
-        data.seen[mine],
-        data.sigma[mine],
-        data.unlike[mine],
-        data.rates[begin:end],
-    )
+    stamps, poses, rates = (each[begin:end] for each in (data.stamps, data.poses, data.rates))
+    seen, sigma, unlike = (each[mine] for each in (data.seen, data.sigma, data.unlike))
+    return Sightings(stamps, poses, data.look[mine] - begin, seen, sigma, unlike, rates)
 
 
 def _fresh(data: Sightings, found: Explanation) -> Explanation:

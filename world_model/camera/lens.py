@@ -89,16 +89,9 @@ class CameraModel:
                 f"roi: {width} x {height} at {x}, {y} is not inside of {self.width} x {self.height}"
             )
         bx, by = (max(int(b), 1) for b in binning)
-        return CameraModel(
-            max(width // bx, 1),
-            max(height // by, 1),
-            self.fx / bx,
-            self.fy / by,
-            (self.cx - x + 0.5) / bx - 0.5,
-            (self.cy - y + 0.5) / by - 0.5,
-            self.distortion,
-            self.turn,
-        )
+        size, focal = (max(width // bx, 1), max(height // by, 1)), (self.fx / bx, self.fy / by)
+        centre = (self.cx - x + 0.5) / bx - 0.5, (self.cy - y + 0.5) / by - 0.5
+        return CameraModel(*size, *focal, *centre, self.distortion, self.turn)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Directions (N, 3) of pixels (N, 2) in the frame that tf knows; not of unit length: as far ahead as 1 m."""

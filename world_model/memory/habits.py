@@ -78,14 +78,8 @@ class Habits:
                 if after is not None:
                     stayed = math.dist(after.position, note.position) < 0.5
                     end = after.stamp if stayed else min(end, after.stamp)
-                self._count(
-                    note.object_id,
-                    note.kind,
-                    note.position,
-                    note.covariance,
-                    note.stamp,
-                    max(end, note.stamp),
-                )
+                where = note.position, note.covariance
+                self._count(note.object_id, note.kind, *where, note.stamp, max(end, note.stamp))
 
     def watch(self, objects: Iterable[WorldObject], stamp: float) -> None:
         """Take in where things are now; call it with every world, once a minute something is done."""
@@ -139,7 +133,7 @@ class Habits:
     def _spread(self, position: FloatArray, covariance: FloatArray) -> FloatArray:
         """Probabilities (P,) of the places; positions to the decimetre share theirs."""
         variance = max(*covariance.diagonal().tolist(), 1e-6)
-        key = (*(round(10.0 * x) for x in position.tolist()), round(0.5 * math.log2(variance)))
+        key = (*(round(10 * x) for x in position.tolist()), round(0.5 * math.log2(variance)))
         if key not in self._spreads:
             found = self.places.probabilities(position, covariance)
             self._spreads[key] = np.array([found[name] for name in self._names])

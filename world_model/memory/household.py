@@ -205,15 +205,8 @@ class Household:
 
     def write(self, path: Path) -> None:
         """Write what was learned to a file. Raises OSError."""
-        data = {
-            "format": FORMAT,
-            "version": VERSION,
-            "aliases": self.aliases,
-            "at": self._at,
-            "moved": self._moved,
-            "routines": self.routines.to_dict(),
-        }
-        write_kept(path, data)
+        data = {"format": FORMAT, "version": VERSION, "aliases": self.aliases, "at": self._at}
+        write_kept(path, {**data, "moved": self._moved, "routines": self.routines.to_dict()})
 
     def _read(self, path: Path) -> None:
         """What the file has; one that is damaged or of another version is set aside, and learning begins anew."""

@@ -46,16 +46,9 @@ def encode(item: WorldObject, text: str) -> tuple[Any, ...]:
         np.asarray(array, "<f8").tobytes()
         for array in (item.position, item.velocity, item.covariance, item.process_noise)
     )
-    return (
-        numbers,
-        float(item.existence),
-        bool(item.lost),
-        float(item.last_seen),
-        float(item.first_seen),
-        text,
-        behaviors_text(item),
-        None if item.region is None else json.dumps(item.region),
-    )
+    state = float(item.existence), bool(item.lost), float(item.last_seen), float(item.first_seen)
+    region = None if item.region is None else json.dumps(item.region)
+    return numbers, *state, text, behaviors_text(item), region
 
 
 def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
@@ -86,13 +79,11 @@ def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
 
 def attributes_text(attributes: Mapping[str, Mapping[str, float]], digits: int = 7) -> str:
     """JSON of attribute distributions; values that are practically excluded are left out."""
-    return json.dumps(
-        {
-            name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}
-            for name, values in attributes.items()
-        },
-        separators=(",", ":"),
-    )
+    told = {
+        name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}
+        for name, values in attributes.items()
+    }
+    return json.dumps(told, separators=(",", ":"))
 
 
 def behaviors_text(item: WorldObject) -> str:

@@ -63,11 +63,8 @@ def who_was_here(
         )
         evidence.append({"object": visit.person, "event": "seen", "place": where, "stamp": iso(visit.start)})
     at = spoken(world, where) if where else "here"
-    period = (
-        f"since {clock(span.start)}"
-        if span.end >= world.now - 1.0
-        else f"between {clock(span.start)} and {clock(span.end)}"
-    )
+    until = "" if span.end >= world.now - 1.0 else f" and {clock(span.end)}"
+    period = f"{'between' if until else 'since'} {clock(span.start)}{until}"
     probability = Trust.SEEN if visits else Trust.STORY
     if visits:
         sentence = f"{_people(world, visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."

@@ -48,7 +48,7 @@ def what_was_at(world: Recall, place: str, when: Span) -> Answer:
 
 
 def _part(share: float) -> str:
-    return "" if share >= 0.95 else f" ({max(100.0 * share, 1.0):.0f} % of the time)"
+    return "" if share >= 0.95 else f" ({max(100 * share, 1):.0f} % of the time)"
 
 
 def was_at(world: Recall, what: str, place: str, when: Span) -> Answer:
@@ -94,14 +94,8 @@ def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
         said = f"{described(world, name)} was {listed(parts) or 'not seen'}"
     then = f"between {clock(span.start)} and {clock(span.end)}"
     evidence = evidence_of(world, line, span.start, span.end)
-    return Answer(
-        f"{said} {then}, {told(Trust.NOT_SEEN)}.",
-        "how_long_there",
-        Trust.NOT_SEEN,
-        iso(span.start),
-        long,
-        evidence,
-    )
+    sentence, p = f"{said} {then}, {told(Trust.NOT_SEEN)}.", Trust.NOT_SEEN
+    return Answer(sentence, "how_long_there", p, iso(span.start), long, evidence)
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:

@@ -99,13 +99,13 @@ def _same_hour(then: float, stamp: float) -> float:
     """Weight of a moment by its time of day, local time."""
     first, second = (_hour(each) for each in (then, stamp))
     apart = abs(first - second)
-    apart = min(apart, 24.0 - apart)
+    apart = min(apart, 24 - apart)
     return ANY_HOUR + math.exp(-0.5 * (apart / HOURS) ** 2)
 
 
 def _hour(stamp: float) -> float:
     at = datetime.fromtimestamp(stamp)
-    return at.hour + at.minute / 60.0
+    return at.hour + at.minute / 60
 
 
 def _looks(world: Recall) -> tuple[float, dict[str, float]]:

@@ -352,7 +352,7 @@ def _shift(words: str | None, way: str | None) -> float:
     """Minutes after the hour of "half past", "ten minutes to"."""
     if not words:
         return 0.0
-    named = {"half": 30.0, "quarter": 15.0, "a quarter": 15.0}
+    named = {"half": 30, "quarter": 15, "a quarter": 15}
     minutes = named[words] if words in named else _number(words.removesuffix(" minutes"))
     return -minutes if way == "to" else minutes
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
@@ -122,21 +122,19 @@ def how_long_there(world: Recall, what: str, place: str = "") -> Answer:
 def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     if not line.stays:
         raise NothingKnownError(f"{clean(name)} was never seen for certain.")
-    last = line.stays[-1]
+    last, now = line.stays[-1], world.now
+
+    def long(said: str, p: float, stamp: float, seconds: float | None, start: float, end: float) -> Answer:
+        evidence = evidence_of(world, line, start, end)
+        return Answer(f"{described(world, name)} {said}.", "how_long_there", p, iso(stamp), seconds, evidence)
+
     if line.lost:
-        gone = last.left_by or world.now
-        sentence = (
-            f"{described(world, name)} has been missing for {duration(world.now - gone)}, since {clock(gone)} at the "
-            f"latest; before that it was {spoken(world, last.place)} for {duration(last.until - last.since)}."
+        gone = last.left_by or now
+        said = (
+            f"has been missing for {duration(now - gone)}, since {clock(gone)} at the latest; before that it was "
+            f"{spoken(world, last.place)} for {duration(last.until - last.since)}"
         )
-        return Answer(
-            sentence,
-            "how_long_there",
-            Trust.NOT_SEEN,
-            iso(gone),
-            world.now - gone,
-            evidence_of(world, line, last.since, gone),
-        )
+        return long(said, Trust.NOT_SEEN, gone, now - gone, last.since, gone)
     where = place_named(world, place) if place else last.place
     stays = [last]
     for stay in line.stays[-2::-1]:
@@ -146,40 +144,16 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     if line.cut and len(stays) == len(line.stays):
         return _how_long(world, name, world.timeline(name), place)
     if not world.contains(where, last.place):
-        sentence = f"{described(world, name)} is not {spoken(world, where)}, but {spoken(world, last.place)}."
-        return Answer(
-            sentence,
-            "how_long_there",
-            Trust.STORY,
-            iso(world.now),
-            None,
-            evidence_of(world, line, last.since, world.now),
-        )
-    came = stays[-1].since
-    earliest = stays[-1].came_after
-    long = world.now - came
-    chances, _ = line.at(world.now)
-    probability = Trust.SEEN * chances.get(last.place, 0.5)
-    unsure = (
-        f" (at most {duration(came - earliest)} longer)"
-        if math.isfinite(earliest) and came - earliest > 60.0
-        else ""
-    )
+        said = f"is not {spoken(world, where)}, but {spoken(world, last.place)}"
+        return long(said, Trust.STORY, now, None, last.since, now)
+    came, earliest = stays[-1].since, stays[-1].came_after
+    probability = Trust.SEEN * line.at(now)[0].get(last.place, 0.5)
+    unsure = math.isfinite(earliest) and came - earliest > 60.0
+    more = f" (at most {duration(came - earliest)} longer)" if unsure else ""
     has = "has been" if probability >= Trust.NOT_SEEN else "has probably been"
-    sentence = (
-        f"{described(world, name)} {has} {spoken(world, where)} for "
-        f"{duration(long)}{unsure}, since {clock(came)}, {told(probability)}."
-    )
-    options = ({"stamp": iso(earliest), "probability": 0.0},) if unsure else ()
-    return Answer(
-        sentence,
-        "how_long_there",
-        probability,
-        iso(came),
-        long,
-        evidence_of(world, line, came, world.now),
-        options,
-    )
+    since = f"{duration(now - came)}{more}, since {clock(came)}, {told(probability)}"
+    found = long(f"{has} {spoken(world, where)} for {since}", probability, came, now - came, came, now)
+    return replace(found, alternatives=({"stamp": iso(earliest), "probability": 0.0},)) if unsure else found
 
 
 def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
@@ -197,21 +171,17 @@ def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
         moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
     if not moves:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
-        return Answer(
-            f"{described(world, name)} was not moved since it was first seen at {first}.",
-            "when_moved",
-            Trust.NOT_SEEN,
-        )
+        sentence = f"{described(world, name)} was not moved since it was first seen at {first}."
+        return Answer(sentence, "when_moved", Trust.NOT_SEEN)
+    return _moved(world, line, moves[-1:])
+
+
+def _moved(world: Recall, line: Timeline, moves: list[Change]) -> Answer:
     last = moves[-1]
-    sentence = f"{told_change(world, last)}, {told(Trust.STORY)}."
-    return Answer(
-        sentence,
-        "when_moved",
-        Trust.STORY,
-        iso(last.end),
-        iso(last.end),
-        evidence_of(world, line, last.start, last.end),
-    )
+    parts = "; ".join(told_change(world, each) for each in moves[-8:])
+    evidence = evidence_of(world, line, last.start, last.end)
+    at = iso(last.end)
+    return Answer(f"{parts}, {told(Trust.STORY)}.", "when_moved", Trust.STORY, at, at, evidence)
 
 
 def _moved_during(world: Recall, name: str, span: Span) -> Answer:
@@ -219,17 +189,9 @@ def _moved_during(world: Recall, name: str, span: Span) -> Answer:
     moves = [each for each in changes_of(line, span.start, span.end) if each.before is not None]
     then = f"between {clock(span.start)} and {clock(span.end)}"
     if not moves:
-        return Answer(
-            f"{described(world, name)} was not moved {then}, {told(Trust.NOT_SEEN)}.",
-            "when_moved",
-            Trust.NOT_SEEN,
-        )
-    parts = "; ".join(told_change(world, each) for each in moves[-8:])
-    last = moves[-1]
-    evidence = evidence_of(world, line, last.start, last.end)
-    return Answer(
-        f"{parts}, {told(Trust.STORY)}.", "when_moved", Trust.STORY, iso(last.end), iso(last.end), evidence
-    )
+        sentence = f"{described(world, name)} was not moved {then}, {told(Trust.NOT_SEEN)}."
+        return Answer(sentence, "when_moved", Trust.NOT_SEEN)
+    return _moved(world, line, moves)
 
 
 def told_change(world: Recall, change: Change) -> str:

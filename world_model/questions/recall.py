@@ -428,11 +428,9 @@ class Recall:
     def active(self, start: float, end: float) -> list[str]:
         """Objects of this run of which anything is known between two moments."""
         store = self.store
-        return list(
-            self.present
-            if store is None
-            else self.once(f"active {start} {end}", lambda: store.active(start, end))
-        )
+        if store is None:
+            return list(self.present)
+        return list(self.once(f"active {start} {end}", lambda: store.active(start, end)))
 
     def departed(self, ago: float) -> list[str]:
         """Objects that went from where they were no longer than `ago` s before now."""
@@ -609,13 +607,8 @@ def _stays(
             continue
         until = min(seen[end - 1], stamps[end - 1])
         if current is not None and _goes_on(current, word, position, stamp):
-            stays[-1] = replace(
-                current,
-                until=max(current.until, until),
-                left_by=None,
-                gone=False,
-                seen=current.seen + end - begin,
-            )
+            until, seen_now = max(current.until, until), current.seen + end - begin
+            stays[-1] = replace(current, until=until, left_by=None, gone=False, seen=seen_now)
             continue
         after = current.until if current is not None else -math.inf
         since = min(seen[begin], stamp) if seen[begin] > after else stamp

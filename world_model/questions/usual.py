@@ -38,24 +38,14 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     others = sorted((name for name in shares if name not in usual), key=lambda name: -shares[name])
     named = [f"{described(world, name)} ({100 * shares[name]:.0f} % of the time)" for name in usual]
     now_and_then = [f"{described(world, name)} ({100 * shares[name]:.0f} %)" for name in others[:4]]
-    sentence = (
-        f"Usually {spoken(world, where)}: {listed(named)}"
-        if named
-        else f"Nothing is usually {spoken(world, where)}"
-    )
+    at = spoken(world, where)
+    sentence = f"Usually {at}: {listed(named)}" if named else f"Nothing is usually {at}"
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
     probability = Trust.CHANGED * math.prod(_certain(share) for share in shares.values())
     options = tuple({"object": name, "place": where, "probability": share} for name, share in shares.items())
-    return Answer(
-        f"{sentence}, {told(probability)}.",
-        "what_is_usually_here",
-        probability,
-        iso(world.now),
-        usual,
-        (),
-        options,
-    )
+    sentence, kind = f"{sentence}, {told(probability)}.", "what_is_usually_here"
+    return Answer(sentence, kind, probability, iso(world.now), usual, (), options)
 
 
 def _certain(share: float) -> float:

@@ -346,15 +346,13 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
         f"{described(world, line.id)} was seen last at {clock(stay.until)}, {duration(world.now - stay.until)} ago, "
         f"{spoken(world, stay.place)}{missing}{also}."
     )
+    seen = [
+        (each.id, each.stays[-1].place, iso(each.stays[-1].until), 0.0)
+        for each in lines
+        if each.id != line.id
+    ]
     options = tuple(
-        {
-            "object": other.id,
-            "place": other.stays[-1].place,
-            "stamp": iso(other.stays[-1].until),
-            "probability": 0.0,
-        }
-        for other in lines
-        if other.id != line.id
+        dict(zip(("object", "place", "stamp", "probability"), each, strict=True)) for each in seen
     )
     probability = Trust.SEEN if not (meant.by_name and world.alike(line.id)) else 0.85
     return Answer(

@@ -62,18 +62,8 @@ class PrintedRule:
 
     def numbers(self) -> FloatArray:
         """What the compiled functions take."""
-        return np.array(
-            [
-                self.threshold,
-                self.weight,
-                self.norm,
-                self.scale,
-                self.range_min,
-                self.range_max,
-                self.variance,
-                self.stride,
-            ]
-        )
+        worth = self.threshold, self.weight, self.norm, self.scale
+        return np.array([*worth, self.range_min, self.range_max, self.variance, self.stride])
 
 
 @dataclass(frozen=True)

@@ -58,28 +58,14 @@ class Leaves(NamedTuple):
 
 def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
     """Storage for `size` leaves."""
-    return Leaves(
-        np.zeros((size, 3)),
-        np.zeros((size, 3, 3)),
-        np.zeros((size, 3)),
-        np.zeros((size, 6)),
-        np.zeros((size, 6, 6)),
-        np.zeros((size, 4)),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros((size, attributes)),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size, np.int64),
-        np.zeros(size),
-        np.full(size, -1),
-        np.zeros((size, quantities)),
-        np.full((size, quantities), -1.0),
-        np.full(size, -1),
-        np.zeros((size, 6, 6)),
-        np.zeros(size, np.int64),
-        np.zeros(size),
-    )
+    filters = ((3,), (3, 3), (3,), (6,), (6, 6), (4,))
+    values = (attributes,), (), (), (), (), (), (quantities,), (quantities,), (), (6, 6), (), ()
+    made = Leaves(*(np.zeros((size, *shape)) for shape in (*filters, (), (), *values)))
+    whole = {
+        name: np.full(size, start)
+        for name, start in (("hits", 0), ("track", -1), ("said", -1), ("together", 0))
+    }
+    return made._replace(variances=np.full((size, quantities), -1.0), **whole)
 
 
 class Rows(NamedTuple):
