@@ -1,17 +1,13 @@
-"""Kalman, particle and multiple-model filters against joint Gaussians, enumeration and closed forms."""
-
-import itertools
+"""Kalman and particle filters against joint Gaussians and closed forms."""
 
 import numpy as np
 import pytest
-from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from estimation.conversion.particles import Particles, effective_size, particle_entropy, systematic_resample
 from estimation.errors import InputError
 from estimation.filters import kalman
 from estimation.filters.gaussians import gaussian_entropy
-from estimation.filters.multiple_model import MultipleModelFilter
 
 F = np.array([[1.0, 0.5], [0.0, 0.9]])
 Q = np.array([[0.1, 0.02], [0.02, 0.2]])
@@ -118,62 +114,6 @@ def test_particle_entropy_reaches_the_kalman_filters():
     assert ours == pytest.approx(gaussian_entropy(P), abs=0.1)
 
 
-def models():
-    return np.stack([np.eye(2), F]), np.stack([0.01 * np.eye(2), Q])
-
-
-def test_multiple_models_first_step_is_exact():
-    """Before any mixing approximation: enumerate both model pairs of the first step."""
-    transition = np.array([[0.9, 0.1], [0.3, 0.7]])
-    start = np.array([0.6, 0.4])
-    Fs, Qs = models()
-    imm = MultipleModelFilter(transition, start, MEAN, COV)
-    imm.predict(Fs, Qs)
-    evidence = imm.update([0.4], H, R)
-    joint, means = {}, {}
-    for i, j in itertools.product(range(2), range(2)):
-        mean, cov = kalman.predict(MEAN, COV, Fs[j], Qs[j])
-        mean, _, log_likelihood = kalman.update(mean, cov, [0.4], H, R)
-        joint[i, j] = np.log(start[i] * transition[i, j]) + log_likelihood
-        means[i, j] = mean
-    total = logsumexp(list(joint.values()))
-    assert evidence == pytest.approx(total)
-    expected = [sum(np.exp(joint[i, j] - total) for i in range(2)) for j in range(2)]
-    np.testing.assert_allclose(imm.probabilities, expected)
-    np.testing.assert_allclose(imm.mean, sum(np.exp(joint[p] - total) * means[p] for p in joint))
-    offsets = imm.means - imm.mean
-    spread = np.einsum("k,ki,kj->ij", imm.probabilities, offsets, offsets)
-    np.testing.assert_allclose(
-        imm.covariance, np.einsum("k,kij->ij", imm.probabilities, imm.covariances) + spread
-    )
-
-
-def test_multiple_models_find_the_model_that_moves_the_target():
-    rng = np.random.default_rng(6)
-    dt = 0.5
-    still = np.diag([1.0, 0.0])
-    moving = np.array([[1.0, dt], [0.0, 1.0]])
-    Fs, Qs = np.stack([still, moving]), np.stack([1e-4 * np.eye(2), 1e-2 * np.eye(2)])
-    imm = MultipleModelFilter([[0.95, 0.05], [0.05, 0.95]], [0.5, 0.5], [0.0, 0.0], np.eye(2))
-    x, favoured = 0.0, []
-    for step in range(60):
-        x += dt * (1.0 if step >= 30 else 0.0)
-        imm.predict(Fs, Qs)
-        imm.update([x + rng.normal(0, 0.05)], [[1.0, 0.0]], [[0.05**2]])
-        favoured.append(imm.probabilities.argmax())
-    assert np.mean(favoured[10:30]) < 0.2
-    assert np.mean(favoured[35:]) > 0.9
-    assert imm.mean[1] == pytest.approx(1.0, abs=0.15)
-
-
-def test_a_model_nobody_enters_stays_valid():
-    imm = MultipleModelFilter(np.eye(2), [1.0, 0.0], MEAN, COV)
-    imm.predict(*models())
-    imm.update([0.4], H, R)
-    assert imm.probabilities.tolist() == [1.0, 0.0]
-    assert np.isfinite(imm.covariance).all()
-
-
 @pytest.mark.parametrize(
     ("call", "name"),
     [
@@ -184,9 +124,6 @@ def test_a_model_nobody_enters_stays_valid():
         (lambda: effective_size([-np.inf, -np.inf]), "log_weights"),
         (lambda: effective_size([np.nan, 0.0]), "log_weights"),
         (lambda: particle_entropy([0.0], [[0.0, 0.0]], [0.0]), "log_likelihood and"),
-        (lambda: MultipleModelFilter([[1.0, 0.1], [0, 1]], [0.5, 0.5], MEAN, COV), "transition"),
-        (lambda: MultipleModelFilter(np.eye(2), [0.5, 0.6], MEAN, COV), "probabilities"),
-        (lambda: MultipleModelFilter(np.eye(2), [1.5, -0.5], MEAN, COV), "probabilities"),
     ],
 )
 def test_bad_input_is_named(call, name):
