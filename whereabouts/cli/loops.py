@@ -190,7 +190,7 @@ def evaluate(
     from dataclasses import replace
 
     from evaluation.loops.loops_data import Reading, read_recording
-    from evaluation.loops.loops_judging import draw_curves, judge
+    from evaluation.loops.loops_judging import JudgingPlan, draw_curves, judge
     from loop_closure.places.pairs import PairRule
     from whereabouts.system.parallel import cluster
     from whereabouts.system.progress import track
@@ -201,21 +201,10 @@ def evaluate(
     rules = [replace(rule, distance=value) for value in _numbers(distances)]
     chosen = _model(model, recordings) if protocol == "model" else None
     with cluster(dask):
-        found = judge(
-            recordings,
-            rules,
-            protocol,
-            chosen,
-            _method(method),
-            rounds,
-            positives,
-            negatives,
-            folds,
-            repetitions,
-            seed,
-            jobs,
-            "judging",
+        plan = JudgingPlan(
+            protocol, chosen, _method(method), rounds, positives, negatives, folds, repetitions, seed
         )
+        found = judge(recordings, rules, plan, jobs, "judging")
     typer.echo(
         f"{'log':28}{'within':>8}{'pairs +':>9}{'pairs -':>9}{'D@0%':>8}{'D@0.1%':>8}{'D@1%':>8}{'AP':>7}"
     )
