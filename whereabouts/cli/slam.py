@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -134,10 +134,12 @@ def _map(
 
     source = given.source
     started = time.perf_counter()
-    config = None if given.params is None else settings_for(given.params, "loop_closure").slam
+    settings = settings_for(given.params, "loop_closure")
+    config = None if given.params is None else settings.slam
+    chosen: Any = settings.proposals if proposals is Proposals.both else proposals.value
     with given.reading("mapping") as log:
         odometry = None if log.robot is None else log.robot.settings.odometry
-        mapped = map_log(log.records, config, given.wheels, log.topic, log.advance, proposals.value, odometry)
+        mapped = map_log(log.records, config, given.wheels, log.topic, log.advance, chosen, odometry)
         log.require(len(mapped.stamps))
     elapsed = time.perf_counter() - started
     poses = np.array(mapped.poses)

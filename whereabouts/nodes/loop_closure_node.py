@@ -137,7 +137,7 @@ class LoopClosureNode(SuiteNode):
 
     def _begin_map(self) -> None:
         settings = self.settings
-        self._slam = Slam(settings.slam, thin=True, pace=PACE)
+        self._slam = Slam(settings.slam, proposals=settings.proposals, thin=True, pace=PACE)
         self._localizer: Localizer | None = None
         self._extend = True
         self._grid = MapGrid(self.settings.resolution)
