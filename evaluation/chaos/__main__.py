@@ -41,7 +41,7 @@ DEATHS = re.compile(r"^\d+ inputs, (\d+) process deaths, ", re.MULTILINE)
 
 
 @dataclass
-class Result:
+class ChaosResult:
     """What one process has said."""
 
     name: str
@@ -51,7 +51,7 @@ class Result:
     said: dict[str, Any] = field(default_factory=dict)
 
 
-def feed(name: str, seed: int, seconds: float, folder: Path) -> Result:
+def feed(name: str, seed: int, seconds: float, folder: Path) -> ChaosResult:
     """One process of one node, or of the readers, to its end."""
     home = folder / f"{name}-{seed}"
     home.mkdir(parents=True)
@@ -74,21 +74,21 @@ def feed(name: str, seed: int, seconds: float, folder: Path) -> Result:
     count = int.from_bytes(progress.read_bytes()[:8], "little") if progress.exists() else 0
     if code == 0 and result.exists():
         said = json.loads(result.read_text())
-        return Result(name, seed, said["inputs"], "", said)
+        return ChaosResult(name, seed, said["inputs"], "", said)
     lines = log.read_text(errors="replace").splitlines()
     first = next(
         (k for k, line in enumerate(lines) if line.startswith("Fatal")), max(len(lines) - SIGNAL_TAIL, 0)
     )
     how = "hung" if code is None else f"exit status {code}"
-    return Result(
+    return ChaosResult(
         name, seed, count, "\n".join([f"{how} at input {count}", *lines[first : first + SIGNAL_TAIL]])
     )
 
 
-def feed_all(minutes: float, seed: int, jobs: int, folder: Path, names: list[str]) -> list[Result]:
+def feed_all(minutes: float, seed: int, jobs: int, folder: Path, names: list[str]) -> list[ChaosResult]:
     """All nodes and the readers in turn, again and again with other seeds, until the time is over."""
     end = time.monotonic() + 60.0 * minutes
-    found: list[Result] = []
+    found: list[ChaosResult] = []
     turn = min(max(60.0 * minutes * jobs / len(names) - 5.0, 2.0), TURN)
     with ThreadPoolExecutor(jobs) as pool:
         while time.monotonic() < end:
@@ -97,7 +97,7 @@ def feed_all(minutes: float, seed: int, jobs: int, folder: Path, names: list[str
     return found
 
 
-def report(results: list[Result], shaken: Faults | None) -> bool:
+def report(results: list[ChaosResult], shaken: Faults | None) -> bool:
     """Print what came of it; whether all is well."""
     print(f"{'':20}{'inputs':>10}{'deaths':>8}{'errors':>8}{'MiB/h':>8}{'slowest':>10}")
     for name in sorted({result.name for result in results}):
@@ -131,7 +131,7 @@ def report(results: list[Result], shaken: Faults | None) -> bool:
     return not deaths and not defects and (shaken is None or shaken.well)
 
 
-def report_runs(results: list[Result]) -> None:
+def report_runs(results: list[ChaosResult]) -> None:
     """Print how many new runs nodes began where clocks were wrong and messages got lost."""
     plays = [(name, told) for result in results for name, told in result.said.get("plays", {}).items()]
     if plays:

@@ -57,7 +57,7 @@ def costs(options: RunOptions, report: Report) -> None:
     _pictures_of_the_text(options, report, polar, runs[3, "switching"])
 
 
-def _steps(runs: dict[int, tracking.Tracked]) -> dict[str, float]:
+def _steps(runs: dict[int, tracking.TrackedWalk]) -> dict[str, float]:
     """Counts and times of a filter's steps in the three scenarios, by the names of Tables 6.1 to 6.3."""
     ms = tracking.mean_ms
     kf, pf = ("KF",), ("PF, Gaussian", "PF, tested")
@@ -99,9 +99,9 @@ PRINTED = dict(
 
 def _tables_of_the_text(
     report: Report,
-    polar: dict[int, tracking.Tracked],
-    printed: dict[int, tracking.Tracked],
-    chosen: tracking.Tracked,
+    polar: dict[int, tracking.TrackedWalk],
+    printed: dict[int, tracking.TrackedWalk],
+    chosen: tracking.TrackedWalk,
 ) -> None:
     """Text, Algorithm 1 as printed, and ours, row by row."""
     theirs, ours = _steps(printed), _steps(polar)
@@ -132,7 +132,7 @@ def _tables_of_the_text(
     )
 
 
-def _tested(run: tracking.Tracked) -> float:
+def _tested(run: tracking.TrackedWalk) -> float:
     return tracking.mean_ms(run, "PF, tested", "PF to KF")
 
 
@@ -150,7 +150,7 @@ def _ratio_time() -> float:
 
 
 def _pictures_of_the_text(
-    options: RunOptions, report: Report, polar: dict[int, tracking.Tracked], chosen: tracking.Tracked
+    options: RunOptions, report: Report, polar: dict[int, tracking.TrackedWalk], chosen: tracking.TrackedWalk
 ) -> None:
     for number, scenario in ((12, 1), (13, 2)):
         r = polar[scenario]

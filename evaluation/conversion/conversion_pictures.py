@@ -15,7 +15,7 @@ from estimation.checks import FloatArray
 from estimation.conversion.polar import convert
 from evaluation.conversion import conversion_analysis as analysis
 from evaluation.conversion.conversion_drive import RecordedDrive
-from evaluation.conversion.conversion_tracking import Tracked
+from evaluation.conversion.conversion_tracking import TrackedWalk
 
 COLOURS: dict[str, str] = dict(zip(analysis.METHODS, ("C3", "C1", "C0", "C2", "C4"), strict=True))
 
@@ -81,7 +81,7 @@ def drive_ranges(out: Path, drive: RecordedDrive, ranges: dict[str, FloatArray])
     return _save(figure, out, "figure-6-11-drive")
 
 
-def modes(out: Path, runs: dict[str, Tracked], rate: float) -> Path:
+def modes(out: Path, runs: dict[str, TrackedWalk], rate: float) -> Path:
     """Figures 6.14 and 6.16: K, the mode and the time of every update in the third scenario."""
     figure, panels = plt.subplots(3, 1, figsize=(7, 7), sharex=True)
     for k, (label, run) in enumerate(runs.items()):

@@ -57,7 +57,7 @@ class Walk:
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackedWalk:
     """What a filter did: per step, position error (T, 2), its NEES, K, mode, kind of update, seconds."""
 
     error: FloatArray
@@ -98,7 +98,7 @@ def walk(scenario: int, seed: int, seconds: float) -> Walk:
     return Walk(np.hstack([position, velocity]), robots, polar)
 
 
-def track(scene: Walk, seed: int, acceleration: float = ACCELERATION, **options: Any) -> Tracked:
+def track(scene: Walk, seed: int, acceleration: float = ACCELERATION, **options: Any) -> TrackedWalk:
     """Run a filter over a walk, timing every predict and update in seconds of processor time.
 
     Processor time leaves out what other programs on the machine take.
@@ -124,7 +124,7 @@ def track(scene: Walk, seed: int, acceleration: float = ACCELERATION, **options:
         squares[k] = nees(error[k], filter_.covariance[:2, :2])
         ratio[k], particles[k] = filter_.ratio, filter_.mode == "pf"
         kinds.append(_kind(before[0], filter_, before[1], k_crit))
-    return Tracked(error, squares, ratio, particles, kinds, times[:, 0], times[:, 1])
+    return TrackedWalk(error, squares, ratio, particles, kinds, times[:, 0], times[:, 1])
 
 
 def _kind(
@@ -172,7 +172,7 @@ def _one_seed(
     return found
 
 
-def mean_ms(run: Tracked, *kinds: str) -> float:
+def mean_ms(run: TrackedWalk, *kinds: str) -> float:
     """Mean update time, ms, of updates of the given kinds; NaN where there is none. The first step is left out."""
     chosen = [t for t, kind in zip(run.update_time[1:], run.kinds[1:], strict=True) if kind in kinds]
     return 1e3 * float(np.mean(chosen)) if chosen else float("nan")

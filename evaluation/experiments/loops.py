@@ -24,7 +24,6 @@ from evaluation.loops.loops_changes import dynamic_objects, likelihood_matrix, t
 from evaluation.loops.loops_data import Reading, read_recording
 from evaluation.loops.loops_features import informative_features, repetitive_structure, training_rounds
 from evaluation.loops.loops_judging import Judgement, draw_curves
-from evaluation.loops.loops_readings import chosen_logs, readings
 from evaluation.loops.loops_retrieval import retrieval
 from evaluation.report import Figure, Part, Report, RunOptions, Table
 from loop_closure import (
@@ -297,11 +296,6 @@ PARTS = {
         needs=NEEDS,
     ),
     "across": Part(_part(lambda o, r, d: across_places(o, r, d, rule_of)), quick_seeds=3, needs=NEEDS),
-    "readings": Part(
-        _part(lambda o, r, d: readings(o, r, d, rule_of), lambda o, r, d: chosen_logs(o, r, d, rule_of)),
-        random=False,
-        needs=NEEDS,
-    ),
     "likelihoods": Part(_part(translation, likelihood_matrix, retrieval), random=False, needs=NEEDS),
     "shipped": Part(_shipped, random=False),
     "unseen": Part(_unseen, needs=(LOGS["csail"],)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,22 +67,33 @@ class Judgement:
         }
 
 
+@dataclass(frozen=True)
+class JudgingPlan:
+    """How recordings are judged.
+
+    protocol : of PROTOCOLS. model : judged by protocol "model". method, rounds : what else is trained.
+    positives, negatives : pairs at most, from each log. folds, repetitions : of k-fold.
+    """
+
+    protocol: str
+    model: PlaceModel | None = None
+    method: str = "plain"
+    rounds: int = 50
+    positives: int = 3000
+    negatives: int = 20_000
+    folds: int = 10
+    repetitions: int = 5
+    seed: int = 0
+
+
 def judge(
     recordings: Sequence[Recording],
     rules: Sequence[PairRule],
-    protocol: str,
-    model: PlaceModel | None,
-    method: str = "plain",
-    rounds: int = 50,
-    positives: int = 3000,
-    negatives: int = 20_000,
-    folds: int = 10,
-    repetitions: int = 5,
-    seed: int = 0,
+    plan: JudgingPlan,
     jobs: int = 1,
     what: str = "",
 ) -> list[Judgement]:
-    """D of every recording at every distance, by one of PROTOCOLS.
+    """D of every recording at every distance.
 
     jobs, what : as of `parallel.each`; the places at each distance are judged independently.
 
@@ -89,13 +101,13 @@ def judge(
     ------
     InputError : an unknown protocol, or nothing to train on.
     """
+    protocol = plan.protocol
     if protocol not in PROTOCOLS:
         raise InputError(f"protocol: one of {', '.join(PROTOCOLS)} expected, got {protocol!r}")
     if protocol == "cross" and len({recording.environment for recording in recordings}) < 2:
         raise InputError("protocol cross: logs of at least two places are needed (LOG@PLACE names the place)")
-    how = (protocol, model, method, rounds, positives, negatives, folds, repetitions, seed)
     environments = list(dict.fromkeys(recording.environment for recording in recordings))
-    calls = [(rule, environment, recordings, how) for rule in rules for environment in environments]
+    calls = [(rule, environment, recordings, plan) for rule in rules for environment in environments]
     judged = [row for rows in each(_judged_place, calls, jobs, what) for row in rows]
     # As the recordings were given, also where those of one place were not given together.
     rank = {(rule, k): i for i, (rule, k) in enumerate(itertools.product(rules, range(len(recordings))))}
@@ -103,36 +115,37 @@ def judge(
 
 
 def _judged_place(
-    rule: PairRule, environment: str, recordings: Sequence[Recording], how: tuple[Any, ...]
+    rule: PairRule, environment: str, recordings: Sequence[Recording], plan: JudgingPlan
 ) -> list[tuple[int, Judgement]]:
     """Number and judgement of the recordings of one place, at one distance."""
-    protocol, model, method, rounds, positives, negatives, folds, repetitions, seed = how
+    model, protocol = plan.model, plan.protocol
     if protocol == "cross" or (protocol != "k-fold" and model is None):
         others = [other for other in recordings if other.environment != environment]
-        model = _trained(others, rule, method, rounds, seed)
+        model = _trained(others, rule, plan)
     found = []
     for number, recording in enumerate(recordings):
         if recording.environment != environment:
             continue
-        pairs = recording.pairs(rule, negatives, positives, seed)
+        pairs = recording.pairs(rule, plan.negatives, plan.positives, plan.seed)
         if not 0 < pairs.positives < len(pairs):
             raise InputError(f"recording {recording.name}: no pairs of both classes within {rule.distance} m")
         if protocol == "k-fold":
-            F, y = balanced([(compare_pairs(recording.places, pairs), pairs.same)], pairs.positives, seed)
-            validation = k_fold(lambda: AdaBoost(rounds), F, y, folds, repetitions, seed)
+            features = compare_pairs(recording.places, pairs)
+            F, y = balanced([(features, pairs.same)], pairs.positives, plan.seed)
+            boosted = partial(AdaBoost, plan.rounds)
+            validation = k_fold(boosted, F, y, plan.folds, plan.repetitions, plan.seed)
             found.append((number, Judgement(recording.name, rule, validation.curves[0], validation)))
         else:
+            assert model is not None
             curve = roc(model.score_pairs(recording.places, pairs), pairs.same)
             found.append((number, Judgement(recording.name, rule, curve)))
     return found
 
 
-def _trained(
-    recordings: Sequence[Recording], rule: PairRule, method: str, rounds: int, seed: int
-) -> PlaceModel:
-    if method == "plain":
-        return train_plain(recordings, rule, rounds, seed=seed)
-    return train_cascade(recordings, CascadeConfig(rule=rule, seed=seed))
+def _trained(recordings: Sequence[Recording], rule: PairRule, plan: JudgingPlan) -> PlaceModel:
+    if plan.method == "plain":
+        return train_plain(recordings, rule, plan.rounds, seed=plan.seed)
+    return train_cascade(recordings, CascadeConfig(rule=rule, seed=plan.seed))
 
 
 def draw_curves(found: Sequence[Judgement], path: Path) -> None:

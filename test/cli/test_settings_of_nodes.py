@@ -40,7 +40,8 @@ def given(path: Path, node: str, parameters: dict[str, Any]) -> Any:
             {"class_accuracy": 0.7, "missed_run_frames": 5.0, "new_objects_per_second": 0.001,
              "removed_per_second": 0.002, "attributes": ["brand"]},
         ),
-        ("world_maintenance", "maintenance", {"cost_scale": 20.0, "standoff": 0.5, "speed": 0.3}),
+        ("world_maintenance", "maintenance", {"cost_scale": 20.0, "standoff": 0.05, "speed": 0.3}),
+        ("world_maintenance", "maintenance", {"company": 1.0, "tour": 0.0, "anticipation": 1.0}),
         ("object_search", "search", {"method": "chain", "view": 3.0}),
     ],
 )  # fmt: skip
@@ -69,6 +70,7 @@ def test_classes_and_sensors_are_lists_side_by_side(tmp_path: Path) -> None:
     [
         ("scan_registration", "scan_topics", ["scan", "scan"]),
         ("loop_closure", "save_period", -1.0),
+        ("loop_closure", "proposals", "all"),
         ("loop_closure", "transform_tolerance", 11.0),
         ("motion_predictor", "occupancy_horizon", 61.0),
         ("motion_predictor", "occupancy_probability", 1.1),

@@ -23,7 +23,7 @@ from whereabouts.parameter_file import problems_of_file, settings_for
 from whereabouts.robot.choice import choose
 from whereabouts.robot.findings import findings
 from whereabouts.robot.preset import preset, preset_names
-from whereabouts.robot.settings import as_text
+from whereabouts.robot.robot_file import as_text
 from whereabouts.robot.survey import Survey
 from whereabouts.simulation.small_robot import Naming, record
 from whereabouts.suite_config import SuiteConfigError, read_config

@@ -1,4 +1,4 @@
-"""Kalman and particle filters against joint Gaussians, enumeration and closed forms."""
+"""Kalman and particle filters against joint Gaussians and closed forms."""
 
 import numpy as np
 import pytest

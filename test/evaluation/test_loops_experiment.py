@@ -14,7 +14,6 @@ from evaluation.loops.loops_across import across_places, shipped_models
 from evaluation.loops.loops_changes import dynamic_objects
 from evaluation.loops.loops_data import Reading, every, simulated
 from evaluation.loops.loops_features import repetitive_structure, training_rounds
-from evaluation.loops.loops_readings import READINGS, chosen_logs, readings
 from evaluation.loops.loops_training import _curves
 from evaluation.report import Report, RunOptions
 from loop_closure.places.pairs import PairRule
@@ -67,54 +66,6 @@ def test_a_floor_is_judged_by_what_was_learned_on_another(
     across_places(RunOptions(tmp_path, quick=True), single, {"a": recordings["a"]}, rule_of)
     assert not single.tables
     assert single.notes
-
-
-def test_other_readings_and_other_choices_of_logs_are_judged(floor: Recording, tmp_path: Path) -> None:
-    other = simulated(3, Reading(step=1.0, local_map=0.0))
-    recordings = {
-        name: Recording(name, name, source.places, source.poses, source.path)
-        for name, source in (("a", floor), ("b", other), ("c", floor), ("killian", other))
-    }
-    report, options = Report("loops"), RunOptions(tmp_path, quick=True)
-    readings(options, report, {name: recordings[name] for name in "ab"}, rule_of)
-    assert [row[0] for row in report.tables[0].rows] == list(READINGS)
-    chosen_logs(options, report, recordings, rule_of)
-    whole(report)
-    assert [row[1] for row in report.tables[1].rows] == ["a and b", "a and c", "b and c", "mean"] * 2
-    # What was learned on a floor knows it again.
-    assert report.tables[1].rows[0][2] > report.tables[1].rows[1][2]
-    few = Report("loops")
-    readings(options, few, {"a": floor}, rule_of)
-    chosen_logs(options, few, {"a": floor, "b": other}, rule_of)
-    assert not few.tables
-
-
-def test_readings_change_what_they_say() -> None:
-    import numpy as np
-
-    from loop_closure import features_2d, pair_features
-    from registration.laser.scan import Scan
-
-    ranges = np.array([2.0, 3.0, np.inf, 4.0, 5.0, 49.99, np.inf, 2.0])
-    place, near = (features_2d(Scan(r, -1.0, 0.25, 0.0, 80.0), 50.0) for r in (ranges, ranges + 0.05))
-    dropped = READINGS["no-returns are no points"](place)
-    assert dropped.values[3] == place.values[2] != place.values[3]
-    assert [h.sum() for h in dropped.histograms] == [6.0] * 9
-    assert [h[-1] for h in dropped.histograms] == [1.0] * 9
-    np.testing.assert_array_equal(
-        READINGS["no-returns not in histograms"](place).histograms[0], dropped.histograms[0]
-    )
-    shares = READINGS["counts and sums by number of beams"](place)
-    assert (shares.values[12], shares.values[13]) == (0.25, 0.75)
-    expected = np.sum(ranges[ranges < 50.0] ** 2) / 50.0**2 / len(ranges)
-    assert READINGS["feature 2 by all beams"](place).values[1] == pytest.approx(expected)
-    uncentred = READINGS["correlation without taking off the mean"]
-    a, b = place.histograms[2], near.histograms[2]
-    cosine = a @ b / np.sqrt((a @ a) * (b @ b))
-    assert pair_features(uncentred(place), uncentred(near))[37] == pytest.approx(cosine, abs=1e-6)
-    assert pair_features(place, near)[37] == pytest.approx(np.corrcoef(a, b)[0, 1], abs=1e-6)
-    logs = READINGS["differences of logarithms (not equation 4)"](place)
-    assert logs.values[12] == pytest.approx(np.log(3.0))
 
 
 def test_one_data_set_is_judged_by_cross_validation_and_drawn(floor: Recording, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.chaos.__main__ import Result, keep, report
+from evaluation.chaos.__main__ import ChaosResult, keep, report
 from evaluation.chaos.faults import Faults
 from evaluation.chaos.network import Link
 from evaluation.chaos.times import FAULTS, Fault, Plays, play
@@ -39,17 +39,17 @@ WELL = {"inputs": 5, "defects": {}, "bytes_per_s": 0.0, "slowest": (0.1, "")}
 @pytest.mark.parametrize(
     ("result", "shaken", "well"),
     [
-        (Result("verifier", 1, 5, "", WELL), None, True),
-        (Result("verifier", 1, 5, "exit status -11 at input 4"), None, False),
-        (Result("verifier", 1, 5, "", {**WELL, "defects": {"/scan: KeyError": 1}}), None, False),
-        (Result("verifier", 1, 5, "", WELL), Faults(inputs=9, facts=3, kills=3), True),
-        (Result("verifier", 1, 5, "", WELL), Faults(facts=3, lost=1), False),
-        (Result("verifier", 1, 5, "", WELL), Faults(deaths=1), False),
-        (Result("verifier", 1, 5, "", WELL), Faults(runs=1), False),
-        (Result("verifier", 1, 5, "", WELL), Faults(stalled=["no diagnostics"]), False),
+        (ChaosResult("verifier", 1, 5, "", WELL), None, True),
+        (ChaosResult("verifier", 1, 5, "exit status -11 at input 4"), None, False),
+        (ChaosResult("verifier", 1, 5, "", {**WELL, "defects": {"/scan: KeyError": 1}}), None, False),
+        (ChaosResult("verifier", 1, 5, "", WELL), Faults(inputs=9, facts=3, kills=3), True),
+        (ChaosResult("verifier", 1, 5, "", WELL), Faults(facts=3, lost=1), False),
+        (ChaosResult("verifier", 1, 5, "", WELL), Faults(deaths=1), False),
+        (ChaosResult("verifier", 1, 5, "", WELL), Faults(runs=1), False),
+        (ChaosResult("verifier", 1, 5, "", WELL), Faults(stalled=["no diagnostics"]), False),
     ],
 )
-def test_deaths_errors_and_lost_facts_count(result: Result, shaken: Faults | None, well: bool) -> None:
+def test_deaths_errors_and_lost_facts_count(result: ChaosResult, shaken: Faults | None, well: bool) -> None:
     assert report([result], shaken) is well
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from estimation.errors import InputError
-from estimation.geometry.frames import TransformError
+from estimation.geometry.frame_tree import TransformError
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import TransformBuffer, transform_message
 

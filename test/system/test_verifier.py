@@ -12,7 +12,7 @@ from harness import Graph, room, scan_message
 from rclpy.action.client import ActionClient
 from tf2_msgs.msg import TFMessage
 
-from estimation.geometry.frames import TransformError
+from estimation.geometry.frame_tree import TransformError
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.verifier_node import VerifierNode

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from whereabouts.logs import Log
+    from whereabouts.robot.robot_log import RobotLog
 
 
 def target_file(path: Path | None) -> Path | None:
@@ -86,6 +92,54 @@ Dask = Annotated[
     ),
 ]
 Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of processes.")]
+
+
+@dataclass
+class LogReading:
+    """A log that is being read: what to iterate, and the topic of its scans or clouds.
+
+    robot : the log as the parameter file of a robot says, where one is in use.
+    """
+
+    source: Path
+    log: Log
+    robot: RobotLog | None
+    topic: str | None
+    _share: Callable[[float], None]
+
+    @property
+    def records(self) -> Any:
+        """The log, or what of it is the robot's."""
+        return self.log if self.robot is None else self.robot
+
+    def advance(self, count: int) -> None:
+        """So many scans have been read."""
+        if count % 50 == 0:
+            self._share(self.log.progress)
+
+    def require(self, count: int, what: str = "scans or clouds") -> None:
+        """Raises NothingRecognisedError where there were none."""
+        from whereabouts.system.log_errors import NothingRecognisedError
+
+        if not count:
+            wanted = f"on topic {self.topic}" if self.topic else "in it"
+            raise NothingRecognisedError(self.source, f"there are no {what} {wanted}")
+
+
+@contextmanager
+def reading(
+    source: Path, what: str, params: Path | None = None, topic: str | None = None
+) -> Iterator[LogReading]:
+    """Read a log with a progress bar; what there is to say of it is said at the end."""
+    from whereabouts.logs import open_log
+    from whereabouts.robot.robot_log import RobotLog
+    from whereabouts.system.progress import share_bar
+
+    with open_log(source) as log, share_bar(f"{what} {source.name}") as share:
+        robot = None if params is None else RobotLog(log, params, topic)
+        yield LogReading(source, log, robot, topic if robot is None else robot.topic, share)
+        for line in [*log.summary.lines(), *([] if robot is None else robot.lines())]:
+            typer.echo(line, err=True)
 
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:

@@ -13,47 +13,53 @@ if TYPE_CHECKING:
     from whereabouts.logs.log_conversion import Conversion
 
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="IN",
+        help="CARMEN log (.clf, .log, also .gz, .bz2), g2o file with laser, ROS 1 bag, ROS 2 bag (folder, "
+        ".mcap, .db3), or a zip archive with one of these.",
+    ),
+]
+Target = Annotated[
+    Path,
+    typer.Argument(metavar="OUT", help="OUT.mcap writes one file; any other name writes a rosbag2 folder."),
+]
+Topic = Annotated[
+    list[str] | None,
+    typer.Option("--topic", help="Convert only this topic. Can be repeated."),
+]
+MaxRange = Annotated[
+    float | None,
+    typer.Option(
+        "--max-range",
+        min=0.1,
+        help="Readings beyond this are no-returns, in metres. Default: the log's own limit, or 50 m "
+        "if a CARMEN or g2o log states none.",
+    ),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(
+        "--rate",
+        min=0.001,
+        help="Replace the stamps of a CARMEN or g2o log: from 0 on, this many scans per second. For logs whose "
+        "stamps are zero, rounded or outside of what ROS can express.",
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option("--seconds", min=0.001, help="Convert only so many seconds from the beginning."),
+]
+
+
 def convert(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IN",
-            help="CARMEN log (.clf, .log, also .gz, .bz2), g2o file with laser, ROS 1 bag, ROS 2 bag (folder, "
-            ".mcap, .db3), or a zip archive with one of these.",
-        ),
-    ],
-    target: Annotated[
-        Path,
-        typer.Argument(
-            metavar="OUT", help="OUT.mcap writes one file; any other name writes a rosbag2 folder."
-        ),
-    ],
-    topic: Annotated[
-        list[str] | None,
-        typer.Option("--topic", help="Convert only this topic. Can be repeated."),
-    ] = None,
-    max_range: Annotated[
-        float | None,
-        typer.Option(
-            "--max-range",
-            min=0.1,
-            help="Readings beyond this are no-returns, in metres. Default: the log's own limit, or 50 m "
-            "if a CARMEN or g2o log states none.",
-        ),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate",
-            min=0.001,
-            help="Replace the stamps of a CARMEN or g2o log: from 0 on, this many scans per second. For logs whose "
-            "stamps are zero, rounded or outside of what ROS can express.",
-        ),
-    ] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option("--seconds", min=0.001, help="Convert only so many seconds from the beginning."),
-    ] = None,
+    source: Source,
+    target: Target,
+    topic: Topic = None,
+    max_range: MaxRange = None,
+    rate: Rate = None,
+    seconds: Seconds = None,
     json_file: JsonFile = None,
 ) -> None:
     """Convert a robot log to a rosbag2 recording in MCAP, for `ros2 bag`.
@@ -69,17 +75,16 @@ def convert(
     where it occurs first.
     """
     from whereabouts.logs.log_conversion import convert_log
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
 
-    with progress_bar() as bar:
-        task = bar.add_task(f"converting {source.name}", total=100)
+    with share_bar(f"converting {source.name}") as share:
         result = convert_log(
             source,
             target,
             topic,
             max_range,
             rate,
-            lambda share: bar.update(task, completed=round(100 * share)),
+            share,
             seconds,
         )
     for line in result.summary.lines():

@@ -14,56 +14,63 @@ LASER_NODES = ("scan_registration", "loop_closure", "target_tracker", "motion_pr
 """What a laser alone is enough for; clouds go through the first two."""
 
 
+Bag = Annotated[
+    str | None,
+    typer.Option(
+        "--bag",
+        help="A recording instead of the apartment's day: a bag (also zipped), any log `convert` reads, or "
+        "`killian`, `outdoor` or `indoor`, the last two of the data directory.",
+    ),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(
+        "--rate",
+        min=0.01,
+        max=1000.0,
+        help="Multiple of the recorded speed. Default: as fast as possible.",
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(
+        "--seconds", min=1.0, help="Replay only so many seconds from the beginning of the recording."
+    ),
+]
+Live = Annotated[
+    bool,
+    typer.Option(
+        "--live",
+        help="A simulated robot that drives where the suite sends it, instead of a recording. Needs nav2_msgs.",
+    ),
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="With --live and --weeks: which day or month.")]
+Days = Annotated[
+    int,
+    typer.Option(
+        "--days", min=1, max=100, help="With --live: so many days, from --seed on, and a table of them."
+    ),
+]
+Weeks = Annotated[
+    int | None,
+    typer.Option(
+        "--weeks", min=1, max=52, help="So many simulated weeks of a home, from memory alone. No ROS."
+    ),
+]
+
+
 def demo(
-    bag: Annotated[
-        str | None,
-        typer.Option(
-            "--bag",
-            help="A recording instead of the apartment's day: a bag (also zipped), any log `convert` reads, or "
-            "`killian`, `outdoor` or `indoor`, the last two of the data directory.",
-        ),
-    ] = None,
+    bag: Bag = None,
     out: Annotated[Path, typer.Option("--out", help="Folder for the report.", callback=target_folder)] = Path(
         "demo-report"
     ),
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate",
-            min=0.01,
-            max=1000.0,
-            help="Multiple of the recorded speed. Default: as fast as possible.",
-        ),
-    ] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            "--seconds", min=1.0, help="Replay only so many seconds from the beginning of the recording."
-        ),
-    ] = None,
+    rate: Rate = None,
+    seconds: Seconds = None,
     json_file: JsonFile = None,
-    live: Annotated[
-        bool,
-        typer.Option(
-            "--live",
-            help="A simulated robot that drives where the suite sends it, instead of a recording. Needs nav2_msgs.",
-        ),
-    ] = False,
-    seed: Annotated[
-        int, typer.Option("--seed", min=0, help="With --live and --weeks: which day or month.")
-    ] = 0,
-    days: Annotated[
-        int,
-        typer.Option(
-            "--days", min=1, max=100, help="With --live: so many days, from --seed on, and a table of them."
-        ),
-    ] = 1,
-    weeks: Annotated[
-        int | None,
-        typer.Option(
-            "--weeks", min=1, max=52, help="So many simulated weeks of a home, from memory alone. No ROS."
-        ),
-    ] = None,
+    live: Live = False,
+    seed: Seed = 0,
+    days: Days = 1,
+    weeks: Weeks = None,
 ) -> None:
     """Replay a recorded robot run over DDS through the suite and write a report with pictures.
 
@@ -98,20 +105,19 @@ def _apartment(out: Path, rate: float | None, seconds: float | None, json_file: 
     from whereabouts.demo.demo_report import figures, judge, summary, write
     from whereabouts.demo.replay import replay
     from whereabouts.nodes.runtime.suite_run import prepare_environment
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
 
     prepare_environment(private=True)
     out.mkdir(parents=True, exist_ok=True)
     path = apartment_bag(out, seconds)
     typer.echo(f"replaying {path} through eight nodes over DDS")
-    with progress_bar() as bar:
-        task = bar.add_task("replaying", total=100)
+    with share_bar("replaying") as share:
         recording, run = replay(
             path,
             out,
             rate,
             on_event=lambda text: typer.echo(text, err=True),
-            on_progress=lambda share: bar.update(task, completed=round(100 * share)),
+            on_progress=share,
         )
     typer.echo("writing the report")
     judged = judge(recording, path, run)
@@ -155,19 +161,22 @@ def _live_day(out: Path, seed: int) -> dict[str, Any]:
     from whereabouts.demo.live.live_story import Script
     from whereabouts.nodes.runtime.suite_run import prepare_environment
     from whereabouts.simulation.home.live_apartment import LiveDay
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
 
     prepare_environment(private=True)
     day, script, begun = LiveDay(seed), Script(), monotonic()
     typer.echo("a simulated robot drives where eight nodes send it, over DDS")
-    with progress_bar() as bar:
-        task = bar.add_task("living", total=100)
+    with share_bar("living") as share:
         story, robot = run_live(
-            out, day, script, None, lambda text: typer.echo(text, err=True),
-            lambda share: bar.update(task, completed=round(100 * share)),
-        )  # fmt: skip
+            out,
+            day,
+            script,
+            None,
+            lambda text: typer.echo(text, err=True),
+            share,
+        )
         wall = monotonic() - begun
-        bar.update(task, completed=100)
+        share(1.0)
     typer.echo("the same day with a robot that patrols and searches directly")
     library = run_ours(seed, script.maintained, script.timeout)
     naive = run_naive(seed, library.metres, script.maintained, script.timeout)
@@ -185,14 +194,11 @@ def _live_day(out: Path, seed: int) -> dict[str, Any]:
 def _weeks(out: Path, weeks: int, seed: int, json_file: Path | None) -> None:
     """A month at home, remembered."""
     from whereabouts.demo.demo_weeks import figures, live_through, summary, write
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
 
     typer.echo(f"living through {weeks} weeks at home")
-    with progress_bar() as bar:
-        task = bar.add_task("living", total=100)
-        month = live_through(
-            out, 7 * weeks, seed, lambda share: bar.update(task, completed=round(100 * share))
-        )
+    with share_bar("living") as share:
+        month = live_through(out, 7 * weeks, seed, share)
     page = write(out, month)
     write_figures(json_file, figures(month))
     for question, answer, _ in month.answers:
@@ -208,19 +214,22 @@ def _recorded(
     """A recording through the nodes that need a laser alone."""
     from whereabouts.demo.recorded import bag_of, figures, run_recorded, write
     from whereabouts.nodes.runtime.suite_run import prepare_environment
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
 
     prepare_environment(private=True)
     out.mkdir(parents=True, exist_ok=True)
     bag = _excerpt(bag_of(name, out), out, seconds)
     given = node_parameters(bag)
     typer.echo(f"replaying {bag} through {' and '.join(given)} over DDS")
-    with progress_bar() as bar:
-        task = bar.add_task("replaying", total=100)
+    with share_bar("replaying") as share:
         said, account = run_recorded(
-            bag, out, given, rate, lambda text: typer.echo(text, err=True),
-            lambda share: bar.update(task, completed=round(100 * share)),
-        )  # fmt: skip
+            bag,
+            out,
+            given,
+            rate,
+            lambda text: typer.echo(text, err=True),
+            share,
+        )
     page = write(out, bag, said, account)
     found = figures(said, account)
     write_figures(json_file, found)
@@ -265,7 +274,7 @@ def node_parameters(path: Path) -> dict[str, dict[str, Any]]:
     from whereabouts.robot.bags import survey_bag
     from whereabouts.robot.choice import choose
     from whereabouts.robot.findings import findings
-    from whereabouts.robot.settings import parameters
+    from whereabouts.robot.robot_file import parameters
     from whereabouts.system.log_errors import NothingRecognisedError
 
     survey = survey_bag(path)

@@ -18,30 +18,36 @@ if TYPE_CHECKING:
 OUT = Path("experiments-out")
 
 
+Folders = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="[OLD NEW]", help="For `compare`: two folders or files of results."),
+]
+Out = Annotated[
+    Path, typer.Option("--out", help="Folder for NAME.json and its pictures.", callback=target_folder)
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        min=1,
+        help="Number of processes. Default: 1; for `all` one per core.",
+    ),
+]
+LeftOut = Annotated[
+    bool, typer.Option("--left-out", help="Show only the results on data that took part in no choice.")
+]
+
+
 def experiment(
     name: Annotated[str, typer.Argument(metavar="NAME", help="An experiment, `all`, `list`, or `compare`.")],
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[OLD NEW]", help="For `compare`: two folders or files of results."),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for NAME.json and its pictures.", callback=target_folder)
-    ] = OUT,
+    folders: Folders = None,
+    out: Out = OUT,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the first repetition; the others follow.")] = 0,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs",
-            min=1,
-            help="Number of processes. Default: 1; for `all` one per core.",
-        ),
-    ] = None,
+    jobs: Jobs = None,
     dask: Dask = "",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repetitions of the same protocol.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
-    left_out: Annotated[
-        bool, typer.Option("--left-out", help="Show only the results on data that took part in no choice.")
-    ] = False,
+    left_out: LeftOut = False,
     json_file: JsonFile = None,
 ) -> None:
     """Run an experiment, print its tables and write its figures; or compare two results."""

@@ -9,45 +9,49 @@ import typer
 
 from whereabouts.cli.common import JsonFile, target_file, write_figures
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE",
+        help="Trajectories: Edinburgh Informatics Forum, ETH obsmat, or CSV with the columns time, label, x, y.",
+    ),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        help="routes (default); ghmm: the plain growing hidden Markov model; printed: with the paths of chapter 4.",
+    ),
+]
+Horizon = Annotated[float, typer.Option("--horizon", min=0.1, max=60.0, help="Seconds to look ahead.")]
+Radius = Annotated[
+    float,
+    typer.Option("--radius", min=0.01, help="Distance to the exit that counts as correct, in metres."),
+]
+Load = Annotated[Path | None, typer.Option("--load", metavar="M.npz", help="Continue with a saved model.")]
+SaveOption = Annotated[
+    Path | None,
+    typer.Option("--save", metavar="M.npz", help="Save the model to this file.", callback=target_file),
+]
+Picture = Annotated[
+    Path | None,
+    typer.Option(
+        "--picture",
+        metavar="P.png",
+        help="Draw the learned walks and the predictions.",
+        callback=target_file,
+    ),
+]
+
 
 def intentions(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="Trajectories: Edinburgh Informatics Forum, ETH obsmat, or CSV with the columns time, label, x, y.",
-        ),
-    ],
-    method: Annotated[
-        str,
-        typer.Option(
-            "--method",
-            help="routes (default); ghmm: the plain growing hidden Markov model; printed: with the paths of chapter 4.",
-        ),
-    ] = "routes",
-    horizon: Annotated[
-        float, typer.Option("--horizon", min=0.1, max=60.0, help="Seconds to look ahead.")
-    ] = 4.8,
-    radius: Annotated[
-        float,
-        typer.Option("--radius", min=0.01, help="Distance to the exit that counts as correct, in metres."),
-    ] = 0.716,
-    load: Annotated[
-        Path | None, typer.Option("--load", metavar="M.npz", help="Continue with a saved model.")
-    ] = None,
-    save: Annotated[
-        Path | None,
-        typer.Option("--save", metavar="M.npz", help="Save the model to this file.", callback=target_file),
-    ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture",
-            metavar="P.png",
-            help="Draw the learned walks and the predictions.",
-            callback=target_file,
-        ),
-    ] = None,
+    source: Source,
+    method: Method = "routes",
+    horizon: Horizon = 4.8,
+    radius: Radius = 0.716,
+    load: Load = None,
+    save: SaveOption = None,
+    picture: Picture = None,
     json_file: JsonFile = None,
 ) -> None:
     """Predict recorded walks one by one. Learn each walk after its prediction.

@@ -67,12 +67,30 @@ Negatives = Annotated[
 Seed = Annotated[int, typer.Option("--seed", help="Random seed.")]
 
 
+Out = Annotated[
+    Path, typer.Option("--out", metavar="model.json", help="File for the model.", callback=target_file)
+]
+Simulation = Annotated[
+    int,
+    typer.Option(
+        "--simulation", min=0, help="Number of simulated office floors to add to the training data."
+    ),
+]
+Pairs = Annotated[
+    int, typer.Option("--pairs", min=50, help="Number of positive pairs from each log, for the cascade.")
+]
+Judged = Annotated[
+    bool,
+    typer.Option(
+        help="Also evaluate by leaving out one building at a time; the result goes into the model card."
+    ),
+]
+
+
 @app.command()
 def train(
     logs: Logs,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="model.json", help="File for the model.", callback=target_file)
-    ],
+    out: Out,
     method: Method = "best",
     distance: Distance = 2.5,
     heading: Heading = 180.0,
@@ -81,21 +99,9 @@ def train(
     apart: Apart = 0.0,
     local_map: LocalMapLength = 10.0,
     rounds: Rounds = 50,
-    simulation: Annotated[
-        int,
-        typer.Option(
-            "--simulation", min=0, help="Number of simulated office floors to add to the training data."
-        ),
-    ] = 0,
-    pairs: Annotated[
-        int, typer.Option("--pairs", min=50, help="Number of positive pairs from each log, for the cascade.")
-    ] = 1200,
-    judged: Annotated[
-        bool,
-        typer.Option(
-            help="Also evaluate by leaving out one building at a time; the result goes into the model card."
-        ),
-    ] = False,
+    simulation: Simulation = 0,
+    pairs: Pairs = 1200,
+    judged: Judged = False,
     seed: Seed = 0,
     jobs: Jobs = 1,
     dask: Dask = "",
@@ -133,26 +139,32 @@ def train(
     write_figures(json_file, {"model": str(out), "bytes": size, **model.card})
 
 
+ModelOption = Annotated[
+    str,
+    typer.Option("--model", help="Model file, or a shipped model: best or plain. Ignored with --protocol."),
+]
+Protocol = Annotated[
+    str,
+    typer.Option(
+        "--protocol",
+        help="model: evaluate --model. cross: train on the other buildings. k-fold: train within each log.",
+    ),
+]
+DistancesOption = Annotated[str, typer.Option("--distances", help="Distances to evaluate at, in metres.")]
+Positives = Annotated[int, typer.Option("--positives", min=10, help="Largest number of positive pairs.")]
+Repetitions = Annotated[int, typer.Option("--repetitions", min=1, help="Number of permutations for k-fold.")]
+Curve = Annotated[
+    Path | None, typer.Option("--roc", metavar="PNG", help="Draw the ROC curves.", callback=target_file)
+]
+
+
 @app.command()
 def evaluate(
     logs: Logs,
-    model: Annotated[
-        str,
-        typer.Option(
-            "--model", help="Model file, or a shipped model: best or plain. Ignored with --protocol."
-        ),
-    ] = "best",
-    protocol: Annotated[
-        str,
-        typer.Option(
-            "--protocol",
-            help="model: evaluate --model. cross: train on the other buildings. k-fold: train within each log.",
-        ),
-    ] = "model",
+    model: ModelOption = "best",
+    protocol: Protocol = "model",
     method: Method = "plain",
-    distances: Annotated[
-        str, typer.Option("--distances", help="Distances to evaluate at, in metres.")
-    ] = "1,2,3",
+    distances: DistancesOption = "1,2,3",
     heading: Heading = 180.0,
     path_gap: PathGap = 20.0,
     index_gap: IndexGap = 1,
@@ -160,20 +172,14 @@ def evaluate(
     neighbours: Neighbours = False,
     local_map: LocalMapLength = 10.0,
     rounds: Rounds = 50,
-    positives: Annotated[
-        int, typer.Option("--positives", min=10, help="Largest number of positive pairs.")
-    ] = 3000,
+    positives: Positives = 3000,
     negatives: Negatives = 20_000,
     folds: Annotated[int, typer.Option("--folds", min=2, help="Number of folds for k-fold.")] = 10,
-    repetitions: Annotated[
-        int, typer.Option("--repetitions", min=1, help="Number of permutations for k-fold.")
-    ] = 5,
+    repetitions: Repetitions = 5,
     seed: Seed = 0,
     jobs: Jobs = 1,
     dask: Dask = "",
-    curve: Annotated[
-        Path | None, typer.Option("--roc", metavar="PNG", help="Draw the ROC curves.", callback=target_file)
-    ] = None,
+    curve: Curve = None,
     json_file: JsonFile = None,
 ) -> None:
     """Judge a classifier of places: detection rate D at 0, 0.1 and 1 % false alarms.
@@ -184,7 +190,7 @@ def evaluate(
     from dataclasses import replace
 
     from evaluation.loops.loops_data import Reading, read_recording
-    from evaluation.loops.loops_judging import draw_curves, judge
+    from evaluation.loops.loops_judging import JudgingPlan, draw_curves, judge
     from loop_closure.places.pairs import PairRule
     from whereabouts.system.parallel import cluster
     from whereabouts.system.progress import track
@@ -195,21 +201,10 @@ def evaluate(
     rules = [replace(rule, distance=value) for value in _numbers(distances)]
     chosen = _model(model, recordings) if protocol == "model" else None
     with cluster(dask):
-        found = judge(
-            recordings,
-            rules,
-            protocol,
-            chosen,
-            _method(method),
-            rounds,
-            positives,
-            negatives,
-            folds,
-            repetitions,
-            seed,
-            jobs,
-            "judging",
+        plan = JudgingPlan(
+            protocol, chosen, _method(method), rounds, positives, negatives, folds, repetitions, seed
         )
+        found = judge(recordings, rules, plan, jobs, "judging")
     typer.echo(
         f"{'log':28}{'within':>8}{'pairs +':>9}{'pairs -':>9}{'D@0%':>8}{'D@0.1%':>8}{'D@1%':>8}{'AP':>7}"
     )

@@ -18,62 +18,70 @@ if TYPE_CHECKING:
 __all__ = ["NODES", "run"]
 
 
+NodesOption = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[NODE]...", help=f"Nodes to run: {', '.join(NODES)}. Default: all."),
+]
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="suite.yaml",
+        help="YAML file with nodes, parameters, remappings, namespace and bag. Options override it.",
+    ),
+]
+Bag = Annotated[
+    Path | None,
+    typer.Option("--bag", help="Replay this ROS 1 or ROS 2 bag through the nodes, then end."),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", min=0.01, max=1000.0, help="Replay speed, as a multiple of the recorded speed."),
+]
+LockStep = Annotated[
+    bool,
+    typer.Option(
+        "--lock-step", help="Replay as fast as the nodes can; wait for each message to be processed."
+    ),
+]
+Record = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--record",
+        metavar="TOPIC:TYPE",
+        help="Topic to record, such as odometry:nav_msgs/msg/Odometry. Can be repeated.",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="OUT.mcap", help="File for the recording.", callback=target_file),
+]
+Params = Annotated[
+    Path | None, typer.Option("--params", help="ROS parameter file. It overrides the shipped ones.")
+]
+NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of all nodes, such as /robot1.")]
+Logs = Annotated[
+    Path | None,
+    typer.Option(
+        "--logs",
+        help="Folder for one log file per node.",
+        show_default="whereabouts in ROS's folder of logs",
+        callback=target_folder,
+    ),
+]
+
+
 def run(
-    nodes: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[NODE]...", help=f"Nodes to run: {', '.join(NODES)}. Default: all."),
-    ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config",
-            metavar="suite.yaml",
-            help="YAML file with nodes, parameters, remappings, namespace and bag. Options override it.",
-        ),
-    ] = None,
-    bag: Annotated[
-        Path | None,
-        typer.Option("--bag", help="Replay this ROS 1 or ROS 2 bag through the nodes, then end."),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate", min=0.01, max=1000.0, help="Replay speed, as a multiple of the recorded speed."
-        ),
-    ] = None,
-    lock_step: Annotated[
-        bool,
-        typer.Option(
-            "--lock-step", help="Replay as fast as the nodes can; wait for each message to be processed."
-        ),
-    ] = False,
-    record: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--record",
-            metavar="TOPIC:TYPE",
-            help="Topic to record, such as odometry:nav_msgs/msg/Odometry. Can be repeated.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="OUT.mcap", help="File for the recording.", callback=target_file),
-    ] = None,
-    params: Annotated[
-        Path | None, typer.Option("--params", help="ROS parameter file. It overrides the shipped ones.")
-    ] = None,
-    namespace: Annotated[
-        str, typer.Option("--namespace", help="Namespace of all nodes, such as /robot1.")
-    ] = "",
-    logs: Annotated[
-        Path | None,
-        typer.Option(
-            "--logs",
-            help="Folder for one log file per node.",
-            show_default="whereabouts in ROS's folder of logs",
-            callback=target_folder,
-        ),
-    ] = None,
+    nodes: NodesOption = None,
+    config: Config = None,
+    bag: Bag = None,
+    rate: Rate = None,
+    lock_step: LockStep = False,
+    record: Record = None,
+    out: Out = None,
+    params: Params = None,
+    namespace: NamespaceOption = "",
+    logs: Logs = None,
 ) -> None:
     """Run nodes and end them cleanly on Ctrl-C.
 
@@ -169,13 +177,12 @@ def _run_live(config: SuiteConfig) -> None:
 def _run_bag(config: SuiteConfig, bag: Path) -> None:
     from whereabouts.nodes.runtime.log_echo import LogEcho
     from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
 
     echo = LogEcho(lambda text: typer.echo(text, err=True))
     domain = os.environ["ROS_DOMAIN_ID"]
     typer.echo(f"replaying on ROS domain {domain}: set ROS_DOMAIN_ID={domain} to look at it")
-    with progress_bar() as bar:
-        task = bar.add_task(f"replaying {bag.name}", total=100)
+    with share_bar(f"replaying {bag.name}") as share:
         suite = SuiteRun(
             bag,
             _specs(config, **REPLAY_PARAMETERS),
@@ -185,7 +192,7 @@ def _run_bag(config: SuiteConfig, bag: Path) -> None:
             record=list(config.record.items()),
             output=config.out,
             on_event=lambda text: typer.echo(text, err=True),
-            on_progress=lambda share: bar.update(task, completed=round(100 * share)),
+            on_progress=share,
         )
 
         def listen(now: bool = False) -> None:

@@ -57,7 +57,7 @@ def setup(
     from whereabouts.robot.choice import choose
     from whereabouts.robot.findings import findings
     from whereabouts.robot.preset import preset as preset_of
-    from whereabouts.robot.settings import as_text, parameters
+    from whereabouts.robot.robot_file import as_text, parameters
     from whereabouts.robot.survey import Survey
     from whereabouts.system.atomic import atomic_path
 

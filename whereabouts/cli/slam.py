@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from whereabouts.cli.common import (
     JsonFile,
+    LogReading,
     ParamsFile,
     TopicToUse,
     TumFile,
     WithWheels,
+    reading,
     target_file,
     write_figures,
 )
-
-if TYPE_CHECKING:
-    from whereabouts.logs import Log
-    from whereabouts.recorded.mapping import Mapped
 
 
 class Proposals(StrEnum):
@@ -35,47 +32,55 @@ class Proposals(StrEnum):
     places = "places"
 
 
+Source = Annotated[
+    Path,
+    typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
+]
+ClosuresOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--closures",
+        metavar="C.csv",
+        help="Write the accepted closures to this file.",
+        callback=target_file,
+    ),
+]
+MapFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="M.png",
+        help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
+        callback=target_file,
+    ),
+]
+InMap = Annotated[
+    Path | None,
+    typer.Option("--in-map", metavar="M.npz", help="Only localise in this map; do not change it."),
+]
+Initial = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,YAW",
+        help="With --in-map: initial pose in the map, in m and rad. Default: search for it.",
+    ),
+]
+ProposalsOption = Annotated[
+    Proposals,
+    typer.Option(
+        help="What says where a loop may close: the path and its uncertainty, the place classifier alone, or both."
+    ),
+]
+
+
 def slam(
-    source: Annotated[
-        Path,
-        typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
-    ],
+    source: Source,
     out: TumFile = None,
-    closures: Annotated[
-        Path | None,
-        typer.Option(
-            "--closures",
-            metavar="C.csv",
-            help="Write the accepted closures to this file.",
-            callback=target_file,
-        ),
-    ] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="M.png",
-            help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
-            callback=target_file,
-        ),
-    ] = None,
-    in_map: Annotated[
-        Path | None,
-        typer.Option("--in-map", metavar="M.npz", help="Only localise in this map; do not change it."),
-    ] = None,
-    initial: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,YAW",
-            help="With --in-map: initial pose in the map, in m and rad. Default: search for it.",
-        ),
-    ] = None,
-    proposals: Annotated[
-        Proposals,
-        typer.Option(
-            help="What says where a loop may close: the path and its uncertainty, the place classifier alone, or both."
-        ),
-    ] = Proposals.both,
+    closures: ClosuresOption = None,
+    map_file: MapFile = None,
+    in_map: InMap = None,
+    initial: Initial = None,
+    proposals: ProposalsOption = Proposals.both,
     topic: TopicToUse = None,
     wheels: WithWheels = True,
     params: ParamsFile = None,
@@ -108,14 +113,8 @@ class _Input:
     wheels: bool
     params: Path | None
 
-    def of_robot(self, log: Log) -> tuple[Any, str | None]:
-        """What to iterate, and the topic: of the parameter file where there is one."""
-        if self.params is None:
-            return log, self.topic
-        from whereabouts.robot.robot_log import RobotLog
-
-        robot = RobotLog(log, self.params, self.topic)
-        return robot, robot.topic
+    def reading(self, what: str) -> AbstractContextManager[LogReading]:
+        return reading(self.source, what, self.params, self.topic)
 
 
 def _map(
@@ -129,13 +128,19 @@ def _map(
     import numpy as np
 
     from whereabouts.logs import write_tum
-    from whereabouts.recorded.mapping import closure_rows, write_map_files
+    from whereabouts.parameter_file import settings_for
+    from whereabouts.recorded.mapping import closure_rows, map_log, write_map_files
     from whereabouts.system.atomic import atomic_path
 
     source = given.source
     started = time.perf_counter()
-    mapped = _mapped(given, proposals)
-    _require_scans(source, given.topic, len(mapped.stamps))
+    settings = settings_for(given.params, "loop_closure")
+    config = None if given.params is None else settings.slam
+    chosen: Any = settings.proposals if proposals is Proposals.both else proposals.value
+    with given.reading("mapping") as log:
+        odometry = None if log.robot is None else log.robot.settings.odometry
+        mapped = map_log(log.records, config, given.wheels, log.topic, log.advance, chosen, odometry)
+        log.require(len(mapped.stamps))
     elapsed = time.perf_counter() - started
     poses = np.array(mapped.poses)
     if out is not None:
@@ -165,25 +170,6 @@ def _map(
     )
 
 
-def _mapped(given: _Input, proposals: Proposals) -> Mapped:
-    from whereabouts.recorded.mapping import map_log
-
-    with _reading(given.source, "mapping") as (log, advance):
-        if given.params is None:
-            return map_log(
-                log, use_wheels=given.wheels, topic=given.topic, on_scan=advance, proposals=proposals.value
-            )
-        from whereabouts.parameter_file import settings_for
-        from whereabouts.robot.robot_log import RobotLog, map_robot
-
-        settings = settings_for(given.params, "loop_closure")
-        chosen: Any = proposals.value
-        robot = RobotLog(log, given.params, given.topic)
-        mapped = map_robot(robot, settings.slam, given.wheels, advance, chosen)
-        _say(robot)
-        return mapped
-
-
 def _locate(
     given: _Input,
     in_map: Path,
@@ -198,12 +184,11 @@ def _locate(
     first = None if initial is None else _pose(initial)
     places = read_map(in_map)
     started = time.perf_counter()
-    source = given.source
-    with _reading(source, "locating") as (log, advance):
-        records, topic = given.of_robot(log)
-        located = locate_log(records, places, first, use_wheels=given.wheels, topic=topic, on_scan=advance)
-        _say(records)
-    _require_scans(source, topic, len(located.stamps))
+    with given.reading("locating") as log:
+        located = locate_log(
+            log.records, places, first, use_wheels=given.wheels, topic=log.topic, on_scan=log.advance
+        )
+        log.require(len(located.stamps))
     elapsed = time.perf_counter() - started
     known = [
         (stamp, pose) for stamp, pose in zip(located.stamps, located.poses, strict=True) if pose is not None
@@ -221,7 +206,7 @@ def _locate(
     write_figures(
         json_file,
         {
-            "source": str(source),
+            "source": str(given.source),
             "map": str(in_map),
             "scans": len(located.stamps),
             "located": len(known),
@@ -231,40 +216,6 @@ def _locate(
             "times_real_time": duration / elapsed,
         },
     )
-
-
-@contextmanager
-def _reading(source: Path, what: str) -> Iterator[tuple[Log, Callable[[int], None]]]:
-    """A log, and what to call with the number of its scans so far; says in the end what was in it."""
-    from whereabouts.logs import open_log
-    from whereabouts.system.progress import progress_bar
-
-    with open_log(source) as log, progress_bar() as bar:
-        task = bar.add_task(f"{what} {source.name}", total=100)
-
-        def advance(count: int) -> None:
-            if count % 50 == 0:
-                bar.update(task, completed=round(100 * log.progress))
-
-        yield log, advance
-        for line in log.summary.lines():
-            typer.echo(line, err=True)
-
-
-def _say(records: Any) -> None:
-    """What a robot's recording has to be told of, where a parameter file is in use."""
-    from whereabouts.robot.robot_log import RobotLog
-
-    for line in records.lines() if isinstance(records, RobotLog) else ():
-        typer.echo(line, err=True)
-
-
-def _require_scans(source: Path, topic: str | None, count: int) -> None:
-    from whereabouts.system.log_errors import NothingRecognisedError
-
-    if not count:
-        wanted = f"on topic {topic}" if topic else "in it"
-        raise NothingRecognisedError(source, f"there are no scans or clouds {wanted}")
 
 
 def _pose(text: str):  # type: ignore[no-untyped-def]

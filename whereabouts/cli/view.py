@@ -15,46 +15,54 @@ if TYPE_CHECKING:
     from whereabouts.viewer.scene import Scene
 
 
+Bags = Annotated[
+    list[Path] | None,
+    typer.Argument(
+        metavar="[IN]...",
+        help="ROS bags to show together, such as one from `run --record` and its source. "
+        "Default: show the running nodes.",
+    ),
+]
+Save = Annotated[
+    Path | None,
+    typer.Option(
+        "--save",
+        metavar="OUT.rrd",
+        help="Write a Rerun file instead of opening a window.",
+        callback=target_file,
+    ),
+]
+Picture = Annotated[
+    Path | None,
+    typer.Option(
+        "--picture",
+        metavar="OUT.png",
+        help="Draw the last state from above. Needs no Rerun.",
+        callback=target_file,
+    ),
+]
+Until = Annotated[
+    float | None,
+    typer.Option("--until", min=0.0, help="Stop after this many seconds of the bag, or of listening."),
+]
+Namespace = Annotated[
+    str, typer.Option("--namespace", help="Show only the robot in this namespace, such as /robot1.")
+]
+Hide = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--hide", metavar="TOPIC", help="Leave out the topics that start with this. Can be repeated."
+    ),
+]
+
+
 def view(
-    bags: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[IN]...",
-            help="ROS bags to show together, such as one from `run --record` and its source. "
-            "Default: show the running nodes.",
-        ),
-    ] = None,
-    save: Annotated[
-        Path | None,
-        typer.Option(
-            "--save",
-            metavar="OUT.rrd",
-            help="Write a Rerun file instead of opening a window.",
-            callback=target_file,
-        ),
-    ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture",
-            metavar="OUT.png",
-            help="Draw the last state from above. Needs no Rerun.",
-            callback=target_file,
-        ),
-    ] = None,
-    until: Annotated[
-        float | None,
-        typer.Option("--until", min=0.0, help="Stop after this many seconds of the bag, or of listening."),
-    ] = None,
-    namespace: Annotated[
-        str, typer.Option("--namespace", help="Show only the robot in this namespace, such as /robot1.")
-    ] = "",
-    hide: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--hide", metavar="TOPIC", help="Leave out the topics that start with this. Can be repeated."
-        ),
-    ] = None,
+    bags: Bags = None,
+    save: Save = None,
+    picture: Picture = None,
+    until: Until = None,
+    namespace: Namespace = "",
+    hide: Hide = None,
     json_file: JsonFile = None,
 ) -> None:
     """Show scans, people and their paths, the map, closures, and objects with their symbols.
@@ -93,14 +101,11 @@ def _sink(save: Path | None, picture: Path | None) -> RerunSink | PictureSink:
 
 
 def _bags(bags: list[Path], sink: Any, until: float | None, namespace: str, hidden: list[str]) -> Scene:
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
     from whereabouts.viewer.playback import play
 
-    with progress_bar() as bar:
-        task = bar.add_task(f"reading {', '.join(bag.name for bag in bags)}", total=100)
-        return play(
-            bags, sink, until, namespace, hidden, lambda share: bar.update(task, completed=round(100 * share))
-        )
+    with share_bar(f"reading {', '.join(bag.name for bag in bags)}") as share:
+        return play(bags, sink, until, namespace, hidden, share)
 
 
 def _live(sink: Any, until: float | None, namespace: str) -> Scene:

@@ -18,71 +18,77 @@ if TYPE_CHECKING:
     from world_model import WorldEvidence, WorldModel
 
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="IN",
+        help="Bag with evidence, detections (boxes with camera_info, depth and tf) or targets; or a store.",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", metavar="states.jsonl", help="Write the world after every message.", callback=target_file
+    ),
+]
+Events = Annotated[
+    Path | None,
+    typer.Option(
+        "--events", metavar="events.csv", help="Write what happened to each object.", callback=target_file
+    ),
+]
+StoreOption = Annotated[
+    Path | None,
+    typer.Option("--store", metavar="world.sqlite", help="Keep the world in this database file."),
+]
+Params = Annotated[Path | None, typer.Option("--params", help="ROS parameter file of the node world_model.")]
+Places = Annotated[Path | None, typer.Option("--places", metavar="home.yaml", help="Rooms and furniture.")]
+LookBack = Annotated[
+    Path | None,
+    typer.Option(
+        "--look-back",
+        metavar="corrected.csv",
+        help="For a moving sensor: at the end assign all detections to objects once more, and write them.",
+        callback=target_file,
+    ),
+]
+LearnOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--learn",
+        metavar="learned.yaml",
+        help="Learn the detection probability, clutter and noise from the evidence. Write a parameter file.",
+        callback=target_file,
+    ),
+]
+Predicate = Annotated[list[str] | None, typer.Option("--predicate", help="Ask: objects with this symbol.")]
+Region = Annotated[str, typer.Option("--region", help="Ask: objects at this place, or near this object.")]
+AtOption = Annotated[
+    str,
+    typer.Option(
+        "--at", help='Ask about this time: seconds, 2026-11-21T09:00, 09:00 (last day), or "last_seen".'
+    ),
+]
+MinProbability = Annotated[
+    float, typer.Option("--min-probability", min=0.0, max=1.0, help="Leave out less probable answers.")
+]
+
+
 def world(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IN",
-            help="Bag with evidence, detections (boxes with camera_info, depth and tf) or targets; or a store.",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="states.jsonl", help="Write the world after every message.", callback=target_file
-        ),
-    ] = None,
-    events: Annotated[
-        Path | None,
-        typer.Option(
-            "--events", metavar="events.csv", help="Write what happened to each object.", callback=target_file
-        ),
-    ] = None,
-    store: Annotated[
-        Path | None,
-        typer.Option("--store", metavar="world.sqlite", help="Keep the world in this database file."),
-    ] = None,
-    params: Annotated[
-        Path | None, typer.Option("--params", help="ROS parameter file of the node world_model.")
-    ] = None,
-    places: Annotated[
-        Path | None, typer.Option("--places", metavar="home.yaml", help="Rooms and furniture.")
-    ] = None,
-    look_back: Annotated[
-        Path | None,
-        typer.Option(
-            "--look-back",
-            metavar="corrected.csv",
-            help="For a moving sensor: at the end assign all detections to objects once more, and write them.",
-            callback=target_file,
-        ),
-    ] = None,
-    learn: Annotated[
-        Path | None,
-        typer.Option(
-            "--learn",
-            metavar="learned.yaml",
-            help="Learn the detection probability, clutter and noise from the evidence. Write a parameter file.",
-            callback=target_file,
-        ),
-    ] = None,
+    source: Source,
+    out: Out = None,
+    events: Events = None,
+    store: StoreOption = None,
+    params: Params = None,
+    places: Places = None,
+    look_back: LookBack = None,
+    learn: LearnOption = None,
     class_name: Annotated[str, typer.Option("--class", help="Ask: objects of this class.")] = "",
-    predicate: Annotated[
-        list[str] | None, typer.Option("--predicate", help="Ask: objects with this symbol.")
-    ] = None,
-    region: Annotated[
-        str, typer.Option("--region", help="Ask: objects at this place, or near this object.")
-    ] = "",
+    predicate: Predicate = None,
+    region: Region = "",
     object_id: Annotated[str, typer.Option("--id", help="Ask: this object.")] = "",
-    at: Annotated[
-        str,
-        typer.Option(
-            "--at", help='Ask about this time: seconds, 2026-11-21T09:00, 09:00 (last day), or "last_seen".'
-        ),
-    ] = "",
-    min_probability: Annotated[
-        float, typer.Option("--min-probability", min=0.0, max=1.0, help="Leave out less probable answers.")
-    ] = 0.05,
+    at: AtOption = "",
+    min_probability: MinProbability = 0.05,
     json_file: JsonFile = None,
 ) -> None:
     """Estimate which objects exist and where they are, from recorded evidence; or ask a store.
@@ -155,7 +161,7 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]
     from whereabouts.recorded.camera_log import CameraSettings
     from whereabouts.recorded.evidence_messages import Reader
     from whereabouts.recorded.world_log import EvidenceLog
-    from whereabouts.system.progress import progress_bar
+    from whereabouts.system.progress import share_bar
 
     config = settings.world
     known = {"class": config.classes, "color": config.colors}
@@ -168,11 +174,10 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]
         settings.camera_rectified,
         np.diag(np.square([settings.position_sigma, settings.position_sigma, settings.heading_sigma])),
     )
-    with EvidenceLog(source, reader, frame, camera) as log, progress_bar() as bar:
-        task = bar.add_task(f"reading {source.name}", total=100)
+    with EvidenceLog(source, reader, frame, camera) as log, share_bar(f"reading {source.name}") as share:
         for count, look in enumerate(log):
             if count % 50 == 0:
-                bar.update(task, completed=round(100 * log.progress))
+                share(log.progress)
             yield look
         for line in log.summary.lines():
             typer.echo(line, err=True)

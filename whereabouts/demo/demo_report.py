@@ -251,7 +251,12 @@ def summary(found: Mapping[str, Any], judged: Judged) -> list[Row]:
         rows.append(
             Row("the moved thing", found["search"] or "not looked for", "found", bool(found["found"]))
         )
-    rows += [
+    return rows + _running(found)
+
+
+def _running(found: Mapping[str, Any]) -> list[Row]:
+    """What of the summary is about messages, processors and memory."""
+    return [
         Row(
             "messages lost, unanswered",
             f"{found['lost']}, {found['unanswered']} of {found['messages']}",
@@ -271,7 +276,6 @@ def summary(found: Mapping[str, Any], judged: Judged) -> list[Row]:
             found["memory_proportional_mib"] <= WANTED["memory"],
         ),
     ]
-    return rows
 
 
 def _where(page: Page, folder: Path, judged: Judged, home: Any) -> None:

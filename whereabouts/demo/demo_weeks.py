@@ -29,7 +29,7 @@ from evaluation.experiments.questions import (
 from whereabouts.demo.files import files_of
 from whereabouts.demo.page import Page, Row
 from whereabouts.demo.reading import BELIEVED
-from whereabouts.demo.screen import GONE, HERE, LOST, Known, Screen, at_place, place_around
+from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, place_around
 from world_model import WorldModel, WorldObject, WorldState
 from world_model.memory.store import Store
 from world_model.questions import Answer, ask
@@ -101,10 +101,10 @@ def _note(screen: Screen, state: WorldState) -> None:
     for name, rows in screen.things.items():
         if name not in here and rows[-1].state != GONE:
             last = rows[-1]
-            rows.append(Known(state.stamp, last.name, last.position, 0.0, GONE, last.place, last.seen))
+            rows.append(KnownThing(state.stamp, last.name, last.position, 0.0, GONE, last.place, last.seen))
 
 
-def _known(screen: Screen, item: WorldObject, stamp: float) -> Known:
+def _known(screen: Screen, item: WorldObject, stamp: float) -> KnownThing:
     rows = screen.things.get(item.id)
     state = GONE if item.existence < BELIEVED else LOST if item.lost else HERE
     place, spot = at_place(HOME, place_around(HOME, item.position)), item.position
@@ -115,7 +115,7 @@ def _known(screen: Screen, item: WorldObject, stamp: float) -> Known:
     name = f"{color} {item.most_probable('class')}" if likely else item.most_probable("class")
     # Every look says that it was seen again: told once in an hour.
     seen = rows[-1].seen if rows and item.last_seen - rows[-1].seen < 3600.0 else item.last_seen
-    return Known(stamp, name, spot, round(item.existence, 1), state, place, seen)
+    return KnownThing(stamp, name, spot, round(item.existence, 1), state, place, seen)
 
 
 def _judge(month: Month, home: AskedHome, state: WorldState) -> None:

@@ -12,7 +12,7 @@ from estimation.geometry.places import Places
 from whereabouts.demo.pictures import COLORS
 from whereabouts.demo.reading import BELIEVED, NOBODY, Said, Task, TrueThing, Truth
 from whereabouts.demo.reasons import plain
-from whereabouts.demo.screen import GONE, HERE, LOST, Known, Screen, at_place, person_names, thinned
+from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, person_names, thinned
 
 Array = NDArray[np.float64]
 PERIOD = 0.5
@@ -86,11 +86,11 @@ def take_world(screen: Screen, stamp: float, things: Iterable[TrueThing], places
         place = before[-1].place if thing.lost and before else at_place(places, thing.place)
         spot = before[-1].position if thing.lost and before else thing.position
         seen = thing.seen if np.isfinite(thing.seen) else stamp
-        screen.note(own, Known(stamp, called(thing), spot, thing.existence, state, place, seen))
+        screen.note(own, KnownThing(stamp, called(thing), spot, thing.existence, state, place, seen))
     for own, rows in screen.things.items():
         if own not in named and rows[-1].state != GONE:
             last = rows[-1]
-            rows.append(Known(stamp, last.name, last.position, 0.0, GONE, last.place, last.seen))
+            rows.append(KnownThing(stamp, last.name, last.position, 0.0, GONE, last.place, last.seen))
 
 
 def called(thing: TrueThing) -> str:

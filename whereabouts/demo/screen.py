@@ -26,7 +26,7 @@ MARGIN = 0.4
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownThing:
     """What was known of a thing from `stamp`, s, on. name : "red cup". state : HERE, LOST or GONE. place : "on the
     counter", "" for none. seen : s, its last measurement."""
 
@@ -38,7 +38,7 @@ class Known:
     place: str
     seen: float
 
-    def is_news(self, before: Known) -> bool:
+    def is_news(self, before: KnownThing) -> bool:
         """Whether it says something else than `before`, but for how long ago that was."""
         said, then = (self.name, self.state, self.place), (before.name, before.state, before.place)
         moved = bool(np.abs(self.position[:2] - before.position[:2]).max() > 0.05)
@@ -61,7 +61,7 @@ class Screen:
     days: bool = False
     robot: list[tuple[float, float, float, float]] = field(default_factory=list)
     people: dict[str, list[tuple[float, float, float, bool, bool]]] = field(default_factory=dict)
-    things: dict[str, list[Known]] = field(default_factory=dict)
+    things: dict[str, list[KnownThing]] = field(default_factory=dict)
     true_things: dict[str, list[tuple[float, Array | None]]] = field(default_factory=dict)
     true_people: list[tuple[float, Array]] = field(default_factory=list)
     goals: list[tuple[float, float, float, float, str]] = field(default_factory=list)
@@ -73,7 +73,7 @@ class Screen:
     nobody: str = "Nobody that the robot knows of."
     nothing: str = "Nothing is known yet."
 
-    def note(self, object_id: str, known: Known) -> None:
+    def note(self, object_id: str, known: KnownThing) -> None:
         """What is known of a thing now, kept where it is news."""
         rows = self.things.setdefault(object_id, [])
         if not rows or known.is_news(rows[-1]):
@@ -141,7 +141,7 @@ class Screen:
         return _rounded((low[0] - MARGIN, high[0] + MARGIN, low[1] - MARGIN, high[1] + MARGIN))
 
 
-def _news(before: Known | None, row: Known) -> str:
+def _news(before: KnownThing | None, row: KnownThing) -> str:
     """A sentence about a thing, "" where nothing happened to it."""
     if before is None or before.state == GONE:
         return f"found the {row.name}{' ' if row.place else ''}{row.place}" if row.state == HERE else ""
@@ -163,7 +163,7 @@ def _outline(place: Place) -> dict[str, Any]:
     }
 
 
-def _row(row: Known) -> list[object]:
+def _row(row: KnownThing) -> list[object]:
     x, y = _rounded(row.position[:2])
     return [
         round(row.stamp, 2),

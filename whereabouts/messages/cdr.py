@@ -24,7 +24,7 @@ FORMATS = {
 
 
 class UnreadableTypeError(Exception):
-    """A type has fields that cannot be read here; the message names one."""
+    """Messages of a type cannot be read: no definition, or fields that cannot be read here; the message says which."""
 
 
 def reader(type_name: str, definition: str) -> Callable[[bytes], Any]:

@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
 from estimation.errors import InputError
-from estimation.geometry.frames import TransformError
+from estimation.geometry.frame_tree import TransformError
 from whereabouts.nodes.messages.conversions import scan_from_message
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS

@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
-from estimation.geometry.frames import TransformError
+from estimation.geometry.frame_tree import TransformError
 from tracking.intentions import IntentionModel, Prediction
 from tracking.intentions.intention_storage import is_saved_model
 from tracking.intentions.tracks import TrackKeeper

@@ -13,7 +13,7 @@ from nav_msgs.msg import OccupancyGrid as GridMessage
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from estimation.errors import InputError
-from estimation.geometry.frames import TransformError
+from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import transform_points
 from whereabouts.messages.decode import cloud_colors
@@ -38,6 +38,7 @@ from world_model.tasks.verification import (
 
 CLEAR = 0.8  # share of a region that has to be seen before it counts as empty
 WIDEST = 1.5  # metres: in a wider region not any return counts as the object
+TIMEOUT = 3.0  # seconds, of a decision whose goal states none
 SIGMA = 0.05  # metres, of a verified position per axis
 
 
@@ -97,7 +98,7 @@ class VerifierNode(SuiteNode):
         verification = Verification(
             box, settings.frames, settings.points, CLEAR, self._grid, WIDEST, _appearance(request)
         )
-        limit = nanoseconds(request.timeout) / NANOSECONDS or settings.timeout
+        limit = nanoseconds(request.timeout) / NANOSECONDS or TIMEOUT
         begun, taken = self.now, self._latest
         outcome: str | None = None
         while outcome is None:

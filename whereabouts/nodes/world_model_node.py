@@ -23,7 +23,7 @@ from vision_msgs.msg import Detection2DArray, Detection3DArray
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
-from estimation.geometry.frames import TransformError
+from estimation.geometry.frame_tree import TransformError
 from whereabouts.nodes.camera_door import CameraDoor
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message

@@ -59,6 +59,12 @@ class LoopClosureParameters(MapFrame, OdomFrame, BaseFrame, FileParameters):
     max_range: float = setting_of(SlamConfig, "max_range")
     key_distance: float = setting_of(SlamConfig, "key_distance")
     loop_path: float = setting_of(SlamConfig, "loop_path")
+    proposals: Literal["both", "path", "places"] = setting(
+        "both",
+        "what says where a loop may close. path: the estimate, within its uncertainty; places: the place classifier "
+        "alone, scans only; both: the estimate, and the classifier where that is too uncertain",
+        fixed=True,
+    )
     tf_period: float = setting(
         0.05, "time between transforms from map to odom", unit="s", ge=0.005, le=5.0, fixed=True
     )

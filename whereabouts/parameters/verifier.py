@@ -8,7 +8,7 @@ from whereabouts.parameters.parameter_base import MapFrame, setting
 class VerifierParameters(MapFrame):
     """Parameters of `verifier`."""
 
-    public = ("scan_topic", "cloud_topic", "max_range", "frames", "points", "timeout")
+    public = ("scan_topic", "cloud_topic", "max_range", "frames", "points")
 
     scan_topic: str = setting("scan", "topic of the planar scanner", fixed=True)
     cloud_topic: str = setting("", "topic of a 3D sensor; used instead of scans if given", fixed=True)
@@ -16,7 +16,4 @@ class VerifierParameters(MapFrame):
     frames: int = setting(3, "number of scans or clouds that must agree", ge=1, le=100)
     points: int = setting(
         3, "an object is there if its region has at least this many returns", ge=1, le=100000
-    )
-    timeout: float = setting(
-        3.0, "time limit of a decision if the goal states none", unit="s", ge=0.1, le=120.0
     )

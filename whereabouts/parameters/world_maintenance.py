@@ -40,6 +40,9 @@ class WorldMaintenanceParameters(MapFrame, BaseFrame):
     sensor_sigma: list[float] = setting(
         [0.05], "standard deviation of each sensor's positions per axis, m", fixed=True
     )
+    company: float = setting_of(MaintenanceConfig, "company")
+    tour: float = setting_of(MaintenanceConfig, "tour")
+    anticipation: float = setting_of(MaintenanceConfig, "anticipation")
     class_names: list[str] = setting([""], "classes with a threshold of their own", fixed=True)
     class_values: list[float] = setting([0.0], "their thresholds, nat", fixed=True)
     rate: float = setting(1.0, "decisions per second", unit="Hz", ge=0.05, le=20.0, fixed=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from estimation.errors import InputError
-from estimation.geometry.frames import FrameTree, TransformError
+from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.messages.decode import transforms
 from whereabouts.messages.records import strip_slash

@@ -18,6 +18,7 @@ from loop_closure.maps.localization import Localizer
 from loop_closure.maps.map_file import write_map
 from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import Proposals, SlamConfig
+from registration.odometry.follower import OdometryConfig
 from whereabouts.logs import CloudRecord, Log
 from whereabouts.recorded.follow import FollowedPose, follow
 from whereabouts.system.atomic import atomic_path
@@ -48,10 +49,11 @@ def map_log(
     topic: str | None = None,
     on_scan: Callable[[int], None] = lambda count: None,
     proposals: Proposals = "both",
+    odometry: OdometryConfig | None = None,
 ) -> Mapped:
-    """Follow a log and close its loops; `proposals` : what says where, see `Slam`."""
+    """Follow a log by `odometry`'s settings and close its loops; `proposals` : what says where, see `Slam`."""
     mapped = Mapped(Slam(config, proposals=proposals))
-    for followed in follow(log, use_wheels=use_wheels, topic=topic):
+    for followed in follow(log, odometry, use_wheels=use_wheels, topic=topic):
         add(mapped, followed)
         on_scan(len(mapped.stamps))
     if mapped.stamps:

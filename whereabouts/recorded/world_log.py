@@ -9,9 +9,10 @@ from typing import Any
 
 from estimation.errors import InputError
 from whereabouts.logs import open_raw
-from whereabouts.logs.bags.ros_types import Decoder, UnreadableTypeError
+from whereabouts.logs.bags.ros_types import Decoder
 from whereabouts.logs.bags.storage import Topic
 from whereabouts.logs.summary import Summary
+from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.recorded.camera_log import TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from whereabouts.system.log_errors import NothingRecognisedError

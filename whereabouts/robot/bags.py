@@ -10,7 +10,8 @@ import numpy as np
 
 from estimation.geometry.poses import pose_to_matrix
 from whereabouts.logs import CarmenLog, G2oLog, OdometryRecord, ScanRecord, open_log, open_raw
-from whereabouts.logs.bags.ros_types import Decoder, UnreadableTypeError
+from whereabouts.logs.bags.ros_types import Decoder
+from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import CloudRecord, TransformRecord, strip_slash
 from whereabouts.robot.survey import ODOMETRY, SCAN, TF, Seen, Survey

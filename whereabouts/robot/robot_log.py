@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,16 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.geometry.frames import FrameTree, TransformError
+from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.poses import transform_points
-from loop_closure.slam.trajectory import Slam
-from loop_closure.slam_config import Proposals, SlamConfig
 from registration.laser.mounting import level_pose, seen_from_robot, upright
 from whereabouts.logs import CloudRecord, OdometryRecord, Record, ScanRecord, TransformRecord
 from whereabouts.messages.records import strip_slash
 from whereabouts.parameter_file import settings_for
-from whereabouts.recorded.follow import follow
-from whereabouts.recorded.mapping import Mapped, add, finish
 
 Matrix = NDArray[np.float64]
 
@@ -98,20 +94,3 @@ class RobotLog:
             return self._frames.lookup(self._base, frame)
         except TransformError:
             return None
-
-
-def map_robot(
-    robot: RobotLog,
-    config: SlamConfig,
-    use_wheels: bool = True,
-    on_scan: Callable[[int], None] = lambda count: None,
-    proposals: Proposals = "both",
-) -> Mapped:
-    """As `map_log`, with the odometry of the parameter file."""
-    mapped = Mapped(Slam(config, proposals=proposals))
-    for followed in follow(robot, robot.settings.odometry, use_wheels, robot.topic):  # type: ignore[arg-type]
-        add(mapped, followed)
-        on_scan(len(mapped.stamps))
-    if mapped.stamps:
-        finish(mapped)
-    return mapped

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -51,6 +52,14 @@ def progress_bar() -> Progress:
         transient=True,
         disable=_silenced or not console.is_terminal,
     )
+
+
+@contextmanager
+def share_bar(description: str) -> Iterator[Callable[[float], None]]:
+    """A progress bar for one piece of work, moved by telling it the share that is done, 0 to 1."""
+    with progress_bar() as bar:
+        task = bar.add_task(description, total=100)
+        yield lambda share: bar.update(task, completed=round(100 * share))
 
 
 def silence() -> None:

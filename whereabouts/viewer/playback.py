@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Protocol
 
 from whereabouts.logs import open_raw
-from whereabouts.logs.bags.ros_types import Decoder, UnreadableTypeError
+from whereabouts.logs.bags.ros_types import Decoder
+from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.system.log_errors import NothingRecognisedError
 from whereabouts.viewer.drawable import Shape
 from whereabouts.viewer.scene import Scene, stamp_of

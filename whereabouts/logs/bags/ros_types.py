@@ -9,12 +9,9 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from whereabouts.logs.bags.storage import Topic
+from whereabouts.messages.cdr import UnreadableTypeError
 
 _IDL_SEPARATOR = "=" * 80 + "\nIDL: "
-
-
-class UnreadableTypeError(Exception):
-    """Messages of a type cannot be decoded; the message is the reason."""
 
 
 @lru_cache(maxsize=1)

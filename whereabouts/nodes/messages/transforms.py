@@ -12,7 +12,7 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from estimation.geometry.frames import JUMP, FrameTree, TransformError, pose_matrix
+from estimation.geometry.frame_tree import JUMP, FrameTree, TransformError, pose_matrix
 from whereabouts.nodes.messages.envelopes import FRAME, POSITION, envelope
 from whereabouts.nodes.messages.stamps import nanoseconds, time_message
 

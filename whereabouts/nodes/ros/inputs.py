@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
-from estimation.geometry.frames import TransformError
+from estimation.geometry.frame_tree import TransformError
 from whereabouts.nodes.messages.envelopes import envelope, type_name
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from estimation.geometry.frames import MovingFrame, TransformError
+from estimation.geometry.frame_tree import MovingFrame, TransformError
 from loop_closure.motions import invert
 from whereabouts.nodes.messages.transforms import TransformBuffer, frame_name, pose_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from estimation.geometry.frames import FrameTree, TransformError, interpolated, pose_matrix
+from estimation.geometry.frame_tree import FrameTree, TransformError, interpolated, pose_matrix
 
 
 def test_rotations_between_two_are_scipys_also_where_the_signs_differ() -> None:
