@@ -50,12 +50,6 @@ class LoopClosureParameters(MapFrame, OdomFrame, BaseFrame, FileParameters):
         fixed=True,
     )
     resolution: float = setting(0.05, "edge of a map cell", unit="m", ge=0.01, le=1.0, fixed=True)
-    proposals: Literal["both", "path", "places"] = setting(
-        "both",
-        "what says where a loop may close. path: the estimate, within its uncertainty; places: the place classifier "
-        "alone, scans only; both: the estimate, and the classifier where that is too uncertain",
-        fixed=True,
-    )
     max_range: float = setting_of(SlamConfig, "max_range")
     key_distance: float = setting_of(SlamConfig, "key_distance")
     loop_path: float = setting_of(SlamConfig, "loop_path")
