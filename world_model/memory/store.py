@@ -226,7 +226,7 @@ class Store(Records):
         ]
         gone: list[str] = []
         if len(state.objects) - sum(item.id not in self._written for item in changed) < len(self._written):
-            gone = list(self._written.keys() - {item.id for item in state.objects})
+            gone = sorted(self._written.keys() - {item.id for item in state.objects})
         after: list[tuple[str, Written | None]] = []
         with self._transaction(stamp=state.stamp) as change:
             for item in changed:
