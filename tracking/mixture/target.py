@@ -9,6 +9,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from tracking.mixture.components import Components
 from tracking.mixture.global_hypotheses import Alternative, Hypotheses
+from tracking.mixture.hypothesis_kernels import count_probabilities
 from tracking.mixture.phd_config import PhdConfig
 
 
@@ -111,21 +112,17 @@ class HypothesisExtractor(Reporter):
         self.labels.forget({int(label) for label in tracks.labels})
         weights = hypotheses.track_weights
         found = []
+        names, name = np.unique(tracks.labels, return_inverse=True)
+        total = np.bincount(name, weights, len(names))[name]
         for alternatives in hypotheses.alternatives():
-            total: dict[int, float] = {}
-            for _, rows in alternatives:
-                for row in rows:
-                    label = int(tracks.labels[row])
-                    total[label] = total.get(label, 0.0) + float(weights[row])
             for row in self._chosen(alternatives, tracks.weights):
-                label = int(tracks.labels[row])
-                if self.labels.known(label) or total[label] > self.confirmation:
-                    found.append(self.target(tracks, row, min(total[label], 1.0)))
+                if self.labels.known(int(tracks.labels[row])) or total[row] > self.confirmation:
+                    found.append(self.target(tracks, row, min(float(total[row]), 1.0)))
         return sorted(found, key=lambda target: target.label)
 
     def _chosen(self, alternatives: list[Alternative], existence: FloatArray) -> list[int]:
         """Rows of the tracks to report: the largest n with P(at least n targets) above the threshold."""
-        counts = [_count_probabilities(existence[list(rows)]) for _, rows in alternatives]
+        counts = [count_probabilities(existence[list(rows)]) for _, rows in alternatives]
         most = max(len(count) for count in counts)
         number = np.zeros(most)
         for (value, _), count in zip(alternatives, counts, strict=True):
@@ -140,11 +137,3 @@ class HypothesisExtractor(Reporter):
         ]
         rows = alternatives[int(np.argmax(scores))][1]
         return sorted(rows, key=lambda row: -existence[row])[:n]
-
-
-def _count_probabilities(existence: FloatArray) -> FloatArray:
-    """Probabilities (n + 1,) of 0 to n of n independent targets existing."""
-    count = np.ones(1)
-    for r in existence.tolist():
-        count = np.append(count * (1.0 - r), 0.0) + np.append(0.0, count * r)
-    return count
