@@ -13,7 +13,7 @@ from estimation.geometry.places import Places
 from evaluation.browser import CHROMIUM, Browser
 from whereabouts.demo.page import Page
 from whereabouts.demo.reasons import plain
-from whereabouts.demo.screen import GONE, HERE, LOST, Known, Screen, at_place, place_around, thinned
+from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, place_around, thinned
 
 KITCHEN = {"polygon": [[0, 0], [4, 0], [4, 3], [0, 3]], "kind": "room"}
 COUNTER = {
@@ -25,8 +25,8 @@ EVIL = "</script><img src=x onerror=\"document.title='broken'\">"
 
 def known(
     stamp: float, state: str, x: float = 0.5, name: str = "red cup", place: str = "on the counter"
-) -> Known:
-    return Known(stamp, name, np.array([x, 0.5, 0.9]), 0.97, state, place, stamp)
+) -> KnownThing:
+    return KnownThing(stamp, name, np.array([x, 0.5, 0.9]), 0.97, state, place, stamp)
 
 
 @pytest.fixture

@@ -33,13 +33,36 @@ from whereabouts.nodes.ros.inputs import HEARD_LATCHED
 from whereabouts.parameters.object_search import BELIEVED, ObjectSearchParameters
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldState as StateMessage
-from world_model import ObjectSearch, SearchStep, WorldObject, WorldState
+from world_model import ObjectSearch, Relations, SearchStep, WorldObject, WorldState
 from world_model.describing import named
 from world_model.state import MOVED_ON
 
 Array = NDArray[np.float64]
 LEARN_PERIOD = NANOSECONDS  # what is first seen within a second was there at the same time
 LOOK = 0.5  # s, by the stamps of the world, that a robot looks around at a goal before it is a dead end
+
+
+class SeenTogether:
+    """What has just been seen near each other counts as a frame of the relations, once for each object."""
+
+    def __init__(self, relations: Relations) -> None:
+        self._relations = relations
+        self._seen_at: dict[str, float] = {}
+
+    def learn(self, state: WorldState, distance: float) -> None:
+        """Take in a world; distance : m up to which objects are near each other."""
+        fresh = [item for item in state.objects if item.last_seen > self._seen_at.get(item.id, -math.inf)]
+        for item in fresh:
+            if item.id in self._seen_at:
+                continue
+            near = [
+                other.most_probable("class")
+                for other in fresh
+                if np.hypot(*(other.position - item.position)[:2]) <= distance
+            ]
+            if len(near) > 1:
+                self._relations.observe([name for name in near if name])
+        self._seen_at |= {item.id: item.last_seen for item in fresh}
 
 
 class ObjectSearchNode(SuiteNode):
@@ -70,7 +93,7 @@ class ObjectSearchNode(SuiteNode):
     def start_run(self) -> None:
         self._latest.forget()
         self._learnt_at: int | None = None
-        self._seen_at: dict[str, float] = {}
+        self._together = SeenTogether(self._relations)
         self._searching = ""
         self._reason = ""
         self._approach = Approach()
@@ -94,7 +117,7 @@ class ObjectSearchNode(SuiteNode):
             self._learnt_at = stamp
             state = self._state
             if state is not None:
-                self._learn(state)
+                self._together.learn(state, self.settings.together_distance)
 
     @property
     def _state(self) -> WorldState | None:
@@ -103,20 +126,6 @@ class ObjectSearchNode(SuiteNode):
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._search.grid = grid_from_message(message)
-
-    def _learn(self, state: WorldState) -> None:
-        """What has just been seen near each other counts as a frame."""
-        fresh = [item for item in state.objects if item.last_seen > self._seen_at.get(item.id, -math.inf)]
-        if any(item.id not in self._seen_at for item in fresh):
-            for item in fresh:
-                near = [
-                    other.most_probable("class")
-                    for other in fresh
-                    if np.hypot(*(other.position - item.position)[:2]) <= self.settings.together_distance
-                ]
-                if item.id not in self._seen_at and len(near) > 1:
-                    self._relations.observe([name for name in near if name])
-        self._seen_at |= {item.id: item.last_seen for item in fresh}
 
     # The action.
 
@@ -334,19 +343,10 @@ class ObjectSearchNode(SuiteNode):
             feedback.goal = pose_stamped(self._header(), np.array([*step.goal, heading]))
             self._goal_output.publish(feedback.goal)
             self._send(feedback.goal, step.goal)
-            self._mark(step)
+            if self._markers_output.wanted:
+                self._markers_output.publish(_markers(self._header(), step))
         handle.publish_feedback(feedback)
         return now
-
-    def _mark(self, step: SearchStep) -> None:
-        if not self._markers_output.wanted or step.goal is None:
-            return
-        marker = Marker(header=self._header(), ns="search", id=0, type=Marker.TEXT_VIEW_FACING)
-        marker.text, marker.scale.z = step.reason, 0.3
-        marker.pose.position.x, marker.pose.position.y = float(step.goal[0]), float(step.goal[1])
-        marker.pose.position.z, marker.pose.orientation.w = 1.0, 1.0
-        marker.color.r, marker.color.a = 1.0, 1.0
-        self._markers_output.publish(MarkerArray(markers=[marker]))
 
     def _pose(self) -> Array | None:
         return planar_pose(self.transforms, self._map_frame, self._base)
@@ -354,6 +354,17 @@ class ObjectSearchNode(SuiteNode):
     def _header(self) -> Header:
         stamp = 0 if self._state is None else round(self._state.stamp * NANOSECONDS)
         return Header(stamp=time_message(stamp or time.time_ns()), frame_id=self._map_frame)
+
+
+def _markers(header: Header, step: SearchStep) -> MarkerArray:
+    """Why the robot goes where it goes, written over the goal."""
+    assert step.goal is not None
+    marker = Marker(header=header, ns="search", id=0, type=Marker.TEXT_VIEW_FACING)
+    marker.text, marker.scale.z = step.reason, 0.3
+    marker.pose.position.x, marker.pose.position.y = float(step.goal[0]), float(step.goal[1])
+    marker.pose.position.z, marker.pose.orientation.w = 1.0, 1.0
+    marker.color.r, marker.color.a = 1.0, 1.0
+    return MarkerArray(markers=[marker])
 
 
 def main() -> None:
