@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import time
 from collections import Counter
@@ -37,6 +38,7 @@ from whereabouts_msgs.srv import Reset
 
 # Long enough for a machine that is busy with other things; conditions usually hold within a second.
 PATIENCE = 90.0
+AGAIN = 10.0  # s after which a scan that nobody answered is sent again: sensors are best effort, and machines busy
 START = 1_000 * NANOSECONDS
 
 
@@ -297,10 +299,13 @@ class Robot:
 
     def send(self, message: LaserScan, topic: str = "scan") -> None:
         """Publish a scan and wait until the node is done with it, one way or another."""
-        before = len(self.processed)
-        self.graph.publish(f"{self.prefix}{topic}", message)
+        before, sent = len(self.processed), -math.inf
 
         def answered() -> bool:
+            nonlocal sent
+            if time.monotonic() - sent > AGAIN:
+                self.graph.publish(f"{self.prefix}{topic}", message)
+                sent = time.monotonic()
             return any(
                 a.topic.endswith(topic) and a.stamp == message.header.stamp for a in self.processed[before:]
             )

@@ -104,13 +104,13 @@ def test_a_map_is_saved_and_loaded_by_nav2s_names_and_nothing_foreign_is_touched
     assert loaded(str(folder / "broken")).result == LoadMap.Response.RESULT_INVALID_MAP_DATA
     # Looked for anew, as amcl is asked to, the robot is found again.
     robot.transforms.clear()
-    robot.go(3.0, 6.0, 0.25)
+    robot.go(3.0, 7.0, 0.25)
     graph.until(robot.in_map, "the robot is found")
     graph.call(Empty, "reinitialize_global_localization", Empty.Request())
     robot.transforms.clear()
-    robot.go(6.0, 11.0, 0.25)
+    robot.go(7.0, 12.0, 0.25)
     graph.until(robot.in_map, "the robot is found again")
-    miss = between(robot.truth(10.75), robot.in_map()[0])
+    miss = between(robot.truth(11.75), robot.in_map()[0])
     assert np.hypot(*miss[:2]) < 0.25
     assert graph.log(spec).count("the robot was found in the map") == 2
     assert loaded("/etc/ring.yaml").result == LoadMap.Response.RESULT_UNDEFINED_FAILURE
