@@ -30,8 +30,9 @@ SETTLED_SECONDS = 2.0  # what appears later than this after the first look is ne
 
 @dataclass(frozen=True)
 class Learned:
-    """config : the settings with what was learned. covariances : (3, 3) m² of a detection by class. by_class :
-    probability of detection by class. detections, objects, seconds : what it was learned from."""
+    """config : the settings with what was learned. covariances : (3, 3) m² of a detection by class.
+    by_class : probability of detection by class. detections, objects, seconds : what it was learned from.
+    """
 
     config: WorldModelConfig
     covariances: dict[str, FloatArray]

@@ -113,8 +113,9 @@ class WorldModel:
         absences where nothing was seen since. An older one starts a new epoch with an empty model. predictions : where
         movers go, {id: path} (or paths of the nearest movers), a path being (T, 3) x, y, t in m and s or anything with
         `path` and `covariances` (T, 2, 2) m², such as a `tracking.intentions.Prediction`; None withdraws one. It is the
-        person behaviour until it ends; without it movers go straight on. Raises InputError, before anything has
-        changed, naming what is wrong with the evidence.
+        person behaviour until it ends; without it movers go straight on.
+
+        Raises InputError, before anything has changed, naming what is wrong with the evidence.
         """
         measured = checked(evidence, self.config.measurement_sigma)
         if self.household.aliases and any(measured.object_ids):

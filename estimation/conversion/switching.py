@@ -66,12 +66,13 @@ class _ParticleTarget:
 class SwitchingBank:
     """Many switching filters side by side, predicted and updated together.
 
-    motion : the motion model. means (M, 4) [x, y, vx, vy] in the map frame, m and m/s; covariances (M, 4, 4). k_crit :
-    K from which a target needs particles (6.13); 0 is an always-particle filter, inf a Kalman filter. particles,
-    samples : sizes of the particle set and of the converted measurement sample. mardia_interval : updates in particle
-    mode between normality tests. seed : of all draws; each target has a stream of its own, so that a bank of M equals M
-    filters. position_in_ratio : whether K includes the robot's position covariance. decorrelated : whether the
-    measurement's covariance lies along the predicted bearing, where that is the better known one. Raises InputError.
+    motion : the motion model. means (M, 4) [x, y, vx, vy] in the map frame, m and m/s; covariances (M, 4, 4).
+    k_crit : K from which a target needs particles (6.13); 0 is an always-particle filter, inf a Kalman filter.
+    particles, samples : sizes of the particle set and of the converted measurement sample.
+    mardia_interval : updates in particle mode between normality tests.
+    seed : of all draws; each target has a stream of its own, so that a bank of M equals M filters.
+    position_in_ratio : whether K includes the robot's position covariance. decorrelated : whether the measurement's
+    covariance lies along the predicted bearing, where that is the better known one. Raises InputError.
     """
 
     def __init__(

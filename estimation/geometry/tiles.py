@@ -71,9 +71,13 @@ class TiledGrid:
     ) -> Tiles:
         """Add one scan: its end points are occupied, the way to them is free. Returns the tiles it touches.
 
-        pose : (3,) x, y, yaw of the sensor in the map. points : (N, 2) returns in the sensor frame, metres. weight : 1
-        for one look; less where looks are not independent. A cell is changed once per scan. only : tiles outside which
-        nothing is changed. Raises InputError: wrong shapes, numbers that are not finite, places that no map reaches.
+        pose : (3,) x, y, yaw of the sensor in the map. points : (N, 2) returns in the sensor frame, metres.
+        weight : 1 for one look; less where looks are not independent. A cell is changed once per scan.
+        only : tiles outside which nothing is changed.
+
+        Raises
+        ------
+        InputError : wrong shapes, numbers that are not finite, places that no map reaches.
         """
         indices, marks = mark_scan(*placed_scan(pose, points, self.resolution))
         touched = [(j, i) for j, i in indices.tolist()]

@@ -14,9 +14,10 @@ TIE = 1e-12
 def best_stump(columns, order, labels, weights):  # type: ignore[no-untyped-def]
     """Algorithm 4: the stump of least weighted error as (feature, threshold, polarity); feature -1 where none exists.
 
-    columns : (n, M) each feature's values, ascending; order : (n, M) the samples they belong to; labels : (M,) 0 or 1;
-    weights : (M,) summing to one. A cut between equal values is no cut (no threshold realises it), nor is one after the
-    last value. Of equal errors the first feature, then the lowest cut, then polarity -1 wins.
+    columns : (n, M) each feature's values, ascending;  order : (n, M) the samples they belong to;
+    labels : (M,) 0 or 1;  weights : (M,) summing to one.
+    A cut between equal values is no cut (no threshold realises it), nor is one after the last value. Of equal errors
+    the first feature, then the lowest cut, then polarity -1 wins.
     """
     features, samples = columns.shape
     total_negative, total_positive = 0.0, 0.0

@@ -51,9 +51,10 @@ def rmse(error: npt.ArrayLike) -> float:
 def nees(error: npt.ArrayLike, cov: npt.ArrayLike) -> float | FloatArray:
     """Normalised estimation error squared, eᵀ P⁻¹ e: (6.8) before averaging.
 
-    error : (..., d); cov : (..., d, d), positive definite, broadcast against the errors. Returns a float for one error
-    vector, else an array (...). Of a consistent estimator it is χ² with d degrees of freedom. Raises InputError for
-    shapes that do not fit and for covariances that are not positive definite.
+    error : (..., d); cov : (..., d, d), positive definite, broadcast against the errors.
+    Returns a float for one error vector, else an array (...). Of a consistent estimator it is χ² with d
+    degrees of freedom. Raises InputError for shapes that do not fit and for covariances that are not
+    positive definite.
     """
     e = as_vectors("error", error)
     P = as_square("cov", cov, e.shape[-1])

@@ -42,7 +42,9 @@ class LocatedBox:
 def located(box: ImageBox, camera: CameraModel, depth: DepthImage) -> LocatedBox:
     """Position and extent of the object in a box, by a depth image of the same camera.
 
-    Raises InputError: a box without size or outside of the image, or nothing in it with a known depth.
+    Raises
+    ------
+    InputError : a box without size or outside of the image, or nothing in it with a known depth.
     """
     _check(box, camera)
     half = 0.5 * CORE * np.array([box.width, box.height])
@@ -62,7 +64,9 @@ def located(box: ImageBox, camera: CameraModel, depth: DepthImage) -> LocatedBox
 def located_by_scan(box: ImageBox, camera: CameraModel, pose: FloatArray, scan: LevelScan) -> LocatedBox:
     """The same by a level scan, from the camera's pose (4, 4) in the frame of the scan.
 
-    Raises InputError: as `located`, or the scanner meets nothing in that direction.
+    Raises
+    ------
+    InputError : as `located`, or the scanner meets nothing in that direction.
     """
     _check(box, camera)
     ray = pose[:3, :3] @ camera.rays([[box.x, box.y]])[0]

@@ -28,7 +28,8 @@ NEAREST = 1e-3  # m ahead of the camera
 @dataclass(frozen=True)
 class CameraModel:
     """A lens. width, height, fx, fy, cx, cy : pixels. distortion (8,) : k1, k2, p1, p2, k3, k4, k5, k6, as OpenCV has
-    them. turn (3, 3) : from the frame that tf knows to that of the lens."""
+    them. turn (3, 3) : from the frame that tf knows to that of the lens.
+    """
 
     width: int
     height: int

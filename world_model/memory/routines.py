@@ -150,7 +150,9 @@ class Routines:
     def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
         """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
 
-        Raises InputError: an empty name, a stamp that is not finite or before the newest look.
+        Raises
+        ------
+        InputError : an empty name, a stamp that is not finite or before the newest look.
         """
         named = _names(objects)
         _name("place", place)
@@ -251,7 +253,9 @@ class Routines:
     def from_dict(cls, data: Mapping[str, Any]) -> Routines:
         """What `to_dict` gave: the same answers, the same learning.
 
-        Raises InputError: the data is not of this format and version.
+        Raises
+        ------
+        InputError : the data is not of this format and version.
         """
         if data.get("format") != FORMAT or data.get("version") != VERSION:
             raise InputError(f"not {FORMAT} of version {VERSION}")

@@ -56,8 +56,9 @@ class StoreFile:
     """One open file. `connection` is in autocommit mode; transactions are explicit.
 
     `found` : what was damaged or missing when it was opened, a sentence each; `aside` : where the damaged file is now.
-    A read-only store is not put right: what is whole is answered from memory. Raises StoreVersionError or StoreError,
-    naming the file.
+    A read-only store is not put right: what is whole is answered from memory.
+
+    Raises StoreVersionError or StoreError, naming the file.
     """
 
     def __init__(self, path: Path, read_only: bool = False) -> None:

@@ -415,7 +415,10 @@ def _chances(world: Recall, line: Timeline, stamp: float) -> dict[str, float]:
 
 
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
-    """What is, or was, at a place at a moment. value : ids. Raises NothingKnownError, AmbiguousError."""
+    """What is, or was, at a place at a moment. value : ids.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
     where = place_named(world, place)
     stamp = world.now if when is None else within(world, when).middle
     chances = at_place(world, where, stamp)

@@ -93,7 +93,12 @@ class Looks:
 
     @staticmethod
     def opening(view: float | Mapping[str, Any] | Callable[[FloatArray], bool] | None) -> float:
-        """Full angle of view, rad. Raises InputError: not an angle above 0."""
+        """Full angle of view, rad.
+
+        Raises
+        ------
+        InputError : not an angle above 0.
+        """
         if view is None or callable(view):
             return 2.0 * math.pi
         angle = float(view.get("angle", 2.0 * math.pi)) if isinstance(view, Mapping) else float(view)

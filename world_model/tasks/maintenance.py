@@ -71,7 +71,9 @@ class Trigger:
 class Maintenance:
     """Chooses what to verify next; at most one uncertainty-driven task is pending at a time.
 
-    Raises InputError: wrong settings.
+    Raises
+    ------
+    InputError : wrong settings.
     """
 
     def __init__(self, config: MaintenanceConfig | None = None) -> None:
@@ -168,7 +170,10 @@ class Maintenance:
 
         outcome : "found"; "occluded", no evidence: the object rests for `retry_after`; "not_found": it rests until it
         has been seen somewhere (the world model makes it lost). stamp : s; that of the next world state by default.
-        Raises InputError: another outcome.
+
+        Raises
+        ------
+        InputError : another outcome.
         """
         if outcome not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)} expected, got {outcome!r}")

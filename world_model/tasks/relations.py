@@ -69,7 +69,9 @@ class Relations:
     def load(cls, path: Path | str) -> Relations:
         """Relations from YAML: `frames` (lists of names, or {names, room, count}), `smoothing`, `minimum`, `synonyms`.
 
-        Raises InputError: the file is missing or malformed; names where.
+        Raises
+        ------
+        InputError : the file is missing or malformed; names where.
         """
         import yaml
 
@@ -103,8 +105,11 @@ class Relations:
         """Relations from annotated images in the LabelMe format (XML or JSON), one image a frame.
 
         paths : files, or folders that are searched for them. minimum : pairs seen less often are dropped, as in the
-        text. Annotations that were deleted do not count. Raises InputError: no file at all, or one that is no
-        annotation; names it.
+        text. Annotations that were deleted do not count.
+
+        Raises
+        ------
+        InputError : no file at all, or one that is no annotation; names it.
         """
         relations = cls(minimum=minimum, synonyms=synonyms)
         files: list[Path] = []
@@ -141,7 +146,9 @@ class Relations:
     def observe(self, names: Iterable[str], room: str | None = None, count: float = 1.0) -> None:
         """Count a frame: every name once, every pair of names once.
 
-        Raises InputError: a count that is negative or not finite.
+        Raises
+        ------
+        InputError : a count that is negative or not finite.
         """
         if not (math.isfinite(count) and count >= 0.0):
             raise InputError(f"count: a number of at least 0 expected, got {count!r}")

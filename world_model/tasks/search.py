@@ -247,8 +247,11 @@ class ObjectSearch:
         """What to do next.
 
         observed : {name: position (2,) or (3,) m} of all objects seen so far. target : name to look for; another one
-        than before begins a new search. robot_pose : (3,) x, y, yaw. Raises InputError: a pose or a position that is
-        not finite, an empty target.
+        than before begins a new search. robot_pose : (3,) x, y, yaw.
+
+        Raises
+        ------
+        InputError : a pose or a position that is not finite, an empty target.
         """
         place = as_vectors("robot_pose", robot_pose, 2, 3)[:2].copy()
         wanted = self.relations.unified(target)

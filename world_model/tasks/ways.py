@@ -50,7 +50,10 @@ class Way:
 
 
 class Ways:
-    """Ways from one pose. pose : (3,) x, y, yaw. grid : None is an empty floor."""
+    """Ways from one pose.
+
+    pose : (3,) x, y, yaw. grid : None is an empty floor.
+    """
 
     def __init__(self, pose: FloatArray, grid: OccupancyGrid | None = None) -> None:
         self.pose = pose

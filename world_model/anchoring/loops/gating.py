@@ -119,8 +119,9 @@ def _near(leaves, i, positions, sharpest, spread, near):  # type: ignore[no-unty
 def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # type: ignore[no-untyped-def]
     """Predict the touched leaves and weigh being missed and being each detection: (2.7), (2.8), (2.10).
 
-    detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix (n, M), -inf where a detection is out
-    of the gate, and missing (n, 2): log weight and probability of a detection that did not come. Predicts in place.
+    detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix
+    (n, M), -inf where a detection is out of the gate, and missing (n, 2): log weight and probability of
+    a detection that did not come. Predicts in place.
     """
     positions, covariances, motion = seen.positions, seen.covariances, classes.motion
     stamp, lag = seen.stamp, seen.lag

@@ -24,14 +24,15 @@ class Leaves(NamedTuple):
 
     rest (L, 3), rest_cov (L, 3, 3) : constant-position filter, m; of a mover whose path is predicted, its place on the
     path, which moves at led (L, 3), m/s. moving (L, 6), moving_cov (L, 6, 6) : constant-velocity filter.
-    behavior (L, 4) : probabilities of rest, moving, away, no object. visible (L,) : probability of the object's
-    detections not being in a run of misses, after the last look. stamp (L,) : s. attributes (L, A) : discrete
-    distributions side by side. last (L,), first (L,) : stamps of detections. hits (L,) : detections. missed (L,) :
-    clear looks without detection since the last. track (L,) : owner. values, variances (L, Q) : Gaussians over
-    quantities, a variance below zero where nothing was measured. said (L,) : index of the look's detection that it took
-    in, -1 for none. together (L,) : looks in which it shared its detection with another leaf, since it last had one
-    alone; common (L, 6, 6) : covariance of their centre meanwhile. strain (L,) : squared Mahalanobis distance of late
-    detections from where a mover was expected, fading mean; negative for what does not walk, or whose motion has turns.
+    behavior (L, 4) : probabilities of rest, moving, away, no object. visible (L,) :
+    probability of the object's detections not being in a run of misses, after the last look. stamp (L,) : s.
+    attributes (L, A) : discrete distributions side by side. last (L,), first (L,) : stamps of detections.
+    hits (L,) : detections. missed (L,) : clear looks without detection since the last. track (L,) : owner.
+    values, variances (L, Q) : Gaussians over quantities, a variance below zero where nothing was measured.
+    said (L,) : index of the look's detection that it took in, -1 for none. together (L,) : looks in which it shared its
+    detection with another leaf, since it last had one alone; common (L, 6, 6) : covariance of their centre meanwhile.
+    strain (L,) : squared Mahalanobis distance of late detections from where a mover was expected, fading mean;
+    negative for what does not walk, or whose motion has turns.
     """
 
     rest: FloatArray
