@@ -25,7 +25,7 @@ Where it differs from the text:
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -181,8 +181,20 @@ class SwitchingBank:
         elif problem:
             raise InputError(kernels.PROBLEMS[problem])
         K = np.empty(len(chosen))
-        state, how = (self._means, self._covariances, self._kalman), (self._limit, self._position_in_ratio)
-        kernels.update_kalman(*state, chosen, pose, P, z, R, *how, self._decorrelated, K)
+        kernels.update_kalman(
+            self._means,
+            self._covariances,
+            self._kalman,
+            chosen,
+            pose,
+            P,
+            z,
+            R,
+            self._limit,
+            self._position_in_ratio,
+            self._decorrelated,
+            K,
+        )
         self.ratio[chosen] = K
         self._updates += 1
         if not self._targets and (self._limit >= np.inf or not (self._limit <= K).any()):
@@ -297,8 +309,20 @@ class SwitchingBank:
         self._covariances[index] = repair_covariance(particles.covariance)
         self._kalman[index] = True
         one, K = np.array([index]), np.empty(1)
-        state, seen = (self._means, self._covariances, self._kalman), (pose, P, z[None], R[None])
-        kernels.update_kalman(*state, one, *seen, np.inf, True, self._decorrelated, K)
+        kernels.update_kalman(
+            self._means,
+            self._covariances,
+            self._kalman,
+            one,
+            pose,
+            P,
+            z[None],
+            R[None],
+            np.inf,
+            True,
+            self._decorrelated,
+            K,
+        )
         self._to_particles(index)
         self.switches -= 1
 
@@ -339,14 +363,30 @@ class SwitchingFilter:
         motion: ConstantVelocity,
         mean: npt.ArrayLike,
         covariance: npt.ArrayLike,
-        *settings: Any,
-        **named: Any,
+        k_crit: float = 1.075,
+        particles: int = 1000,
+        samples: int = 250,
+        mardia_interval: int = 40,
+        seed: int = 0,
+        position_in_ratio: bool = True,
+        decorrelated: bool = True,
     ) -> None:
         mean = as_vectors("mean", mean, 4)
         if mean.shape != (4,):
             raise InputError(f"mean must have shape (4,), not {mean.shape}")
         spread = as_floats("covariance", covariance)[None]
-        self._bank = SwitchingBank(motion, mean[None], spread, *settings, **named)
+        self._bank = SwitchingBank(
+            motion,
+            mean[None],
+            spread,
+            k_crit,
+            particles,
+            samples,
+            mardia_interval,
+            seed,
+            position_in_ratio,
+            decorrelated,
+        )
 
     def predict(self, dt: float) -> None:
         """Move the target dt ≥ 0 seconds on."""
