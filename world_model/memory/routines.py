@@ -79,9 +79,16 @@ class RoutinesConfig:
 
     def likeness(self) -> Likeness:
         """The same in slots, for the kernels."""
-        window, moved = round(self.window / self.slot), round(self.moved / self.slot)
-        weights = self.clock / self.slot, self.half_life, self.differs, self.recent
-        return Likeness(window, *weights, moved, self.stay, self.origin)
+        return Likeness(
+            round(self.window / self.slot),
+            self.clock / self.slot,
+            self.half_life,
+            self.differs,
+            self.recent,
+            round(self.moved / self.slot),
+            self.stay,
+            self.origin,
+        )
 
 
 class Routines:
@@ -370,8 +377,19 @@ class Routines:
         prior = _prior(count, place, (self._moves + 1.0) / (self._exposure + self._day), ahead)
         if place < 0:
             return prior
-        past = self._history, thing, slot, found, weights, self._last
-        votes, days = outcomes(*past, ahead, self._day, moving, self._like, count)
+        votes, days = outcomes(
+            self._history,
+            thing,
+            slot,
+            found,
+            weights,
+            self._last,
+            ahead,
+            self._day,
+            moving,
+            self._like,
+            count,
+        )
         if days <= 0.0:
             return prior
         chance: Array = (votes / votes.sum() * days + self.config.prior * prior) / (days + self.config.prior)

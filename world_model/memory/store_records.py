@@ -100,7 +100,9 @@ class Records:
         found = self._execute(
             "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch = ? AND o.id = ? "
             "AND h.stamp <= ? ORDER BY h.row DESC LIMIT 1",
-            *(RUN, NAME, stamp),
+            RUN,
+            NAME,
+            stamp,
         ).fetchone()
         return "" if found is None else str(found[0])
 
@@ -127,7 +129,8 @@ class Records:
             f"SELECT o.id, h.stamp, h.event, {COLUMNS} FROM objects o JOIN history h ON h.row = "
             "(SELECT row FROM history WHERE key = o.key AND stamp <= ? ORDER BY stamp DESC, row DESC LIMIT 1) "
             "WHERE o.epoch = ? AND h.event != 'gone' ORDER BY o.key",
-            *(stamp, run),
+            stamp,
+            run,
         )
         return [_aged(decode(name, tuple(values)), stamp - then) for name, then, _, *values in rows]
 
@@ -158,7 +161,11 @@ class Records:
             f"SELECT o.epoch, h.stamp, h.event, {COLUMNS} FROM history h JOIN objects o ON o.key = h.key "
             "WHERE o.id = ? AND o.epoch = ifnull(?, (SELECT max(epoch) FROM objects WHERE id = ?)) "
             "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row",
-            *(object_id, epoch, object_id, start, end),
+            object_id,
+            epoch,
+            object_id,
+            start,
+            end,
         )
         return [
             HistoryEntry(stamp, happened, decode(object_id, tuple(values)), run)
@@ -223,7 +230,11 @@ class Records:
             "SELECT h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen "
             "FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
             f"AND h.stamp BETWEEN ? AND ? {without}ORDER BY h.stamp DESC, h.row DESC LIMIT ?",
-            *(object_id, epoch, start, end, most),
+            object_id,
+            epoch,
+            start,
+            end,
+            most,
         ).fetchall()
         return found[::-1]
 
@@ -239,7 +250,8 @@ class Records:
         prefix = f"{apart_from}-"
         names = self._execute(
             "SELECT key, id FROM objects WHERE epoch = (SELECT epoch FROM clock) AND substr(id, 1, ?) != ?",
-            *(len(prefix), prefix),
+            len(prefix),
+            prefix,
         )
         ids: dict[int, str] = dict(names.fetchall())
         newest = self._newest_row()
@@ -254,7 +266,8 @@ class Records:
         rows = self._execute(
             "SELECT key, stamp, event, substr(numbers, 1, 24), existence, lost, last_seen FROM history "
             "WHERE row > ? AND stamp >= ? AND event != 'seen' ORDER BY row",
-            *(first, start),
+            first,
+            start,
         )
         return ids, [row for row in rows if row[0] in ids], start
 
@@ -271,7 +284,8 @@ class Records:
             middle = (low + high) // 2
             found = self._execute(
                 "SELECT row, key, stamp FROM history WHERE row >= ? AND event != ? ORDER BY row LIMIT 1",
-                *(middle, EVENT),
+                middle,
+                EVENT,
             ).fetchone()
             if found is None or (found[1] >= first and found[2] >= stamp):
                 high = middle
@@ -285,7 +299,8 @@ class Records:
             "SELECT o.id, h.first_seen, h.last_seen, h.attributes FROM objects o JOIN history h ON h.row = "
             "(SELECT row FROM history WHERE key = o.key ORDER BY stamp DESC, row DESC LIMIT 1) "
             "WHERE o.epoch = (SELECT epoch FROM clock) AND substr(o.id, 1, ?) = ?",
-            *(len(prefix), prefix),
+            len(prefix),
+            prefix,
         ).fetchall()
 
     def first_look(self, object_id: str, epoch: int) -> str | None:
@@ -293,7 +308,8 @@ class Records:
         found = self._execute(
             "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
             "ORDER BY h.stamp, h.row LIMIT 1",
-            *(object_id, epoch),
+            object_id,
+            epoch,
         ).fetchone()
         return None if found is None else str(found[0])
 
@@ -302,7 +318,8 @@ class Records:
         found = self._execute(
             f"SELECT {COLUMNS} FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
             "ORDER BY h.stamp DESC, h.row DESC LIMIT 1",
-            *(object_id, epoch),
+            object_id,
+            epoch,
         ).fetchone()
         return None if found is None else decode(object_id, tuple(found))
 
