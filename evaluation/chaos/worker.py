@@ -104,12 +104,13 @@ class Worker:
     def open(self) -> None:
         """Take the envelopes away."""
         for item in self.node.inputs:
-            item._envelope.check = _anything
+            item.opener.envelope.check = _anything
         envelope(TransformStamped).check = _anything
         vars(transforms)["POSITION"] = float("inf")
 
     def _watch_defects(self) -> None:
-        complain = self.node.complain
+        complaints = self.node.complaints
+        complain = complaints.complain
 
         def noted(text: str, key: Any = None, defect: bool = False) -> None:
             if defect:
@@ -118,7 +119,7 @@ class Worker:
                 self.defects[f"{NUMBER.sub('N', lines[0][:120])} | {place}"] += 1
             complain(text, key, defect)
 
-        self.node.complain = noted  # type: ignore[method-assign]
+        complaints.complain = noted  # type: ignore[method-assign]
 
     def _note_action(self, add_action: Any) -> Any:
         def add(action_type: Any, name: str, execute: Any) -> Any:

@@ -196,7 +196,7 @@ def test_no_exception_leaves_a_callback(
     while not ({"timer", "task", "health"} <= said and item.counts.drops["internal error"]):
         executor.spin_once(timeout_sec=0.05)
         graph.executor.spin_once(timeout_sec=0.0)
-    assert node.defects >= 4
+    assert node.complaints.defects >= 4
 
 
 def test_a_budget_is_spent_and_paid_back() -> None:

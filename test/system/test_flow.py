@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from whereabouts.nodes.ros.flow import Flow
+from whereabouts.nodes.runtime.flow import Flow
 
 LISTENERS = {"/middle": ["/b", "/c"], "/tf": ["/a", "/b"]}
 

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from estimation.geometry.poses import pose_to_quaternion
-from whereabouts.nodes.map_output import MapOutput
+from whereabouts.nodes.mapping.map_output import MapOutput
 from whereabouts.nodes.messages.map_messages import packed_path
 from whereabouts.recorded.mapping import MapGrid
 

@@ -32,7 +32,7 @@ class Robot:
         self.executor = None
         self.acknowledged: list[Any] = []
         self.defects: list[Exception] = []
-        self.acknowledge = self.acknowledged.append
+        self.account = SimpleNamespace(acknowledge=self.acknowledged.append)
         self.turns = Turns(self)  # type: ignore[arg-type]
 
     def get_fully_qualified_name(self) -> str:

@@ -4,16 +4,15 @@ from whereabouts.nodes.ros.base import (
     ACTIVE_VARIABLE,
     HOUSEKEEPING_PERIOD,
     LATCHED,
-    MOST_SILENCED,
     TF_QOS,
     TF_STATIC_QOS,
-    WARNING_PERIOD,
     NodeType,
     SuiteNode,
     exit_with,
     run_node,
     start,
 )
+from whereabouts.nodes.ros.diagnostics import MOST_SILENCED, WARNING_PERIOD
 
 __all__ = [
     "ACTIVE_VARIABLE",

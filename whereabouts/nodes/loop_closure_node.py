@@ -33,8 +33,9 @@ from loop_closure.motions import planar
 from loop_closure.slam.trajectory import Closure, Slam
 from registration.laser.mounting import level_pose, seen_from_robot, upright
 from registration.laser.scan import Scan
-from whereabouts.nodes.map_editing import MapEditing
-from whereabouts.nodes.map_output import MapOutput
+from whereabouts.nodes.mapping.map_editing import MapEditing
+from whereabouts.nodes.mapping.map_output import MapOutput
+from whereabouts.nodes.mapping.odometry_source import OdometrySource
 from whereabouts.nodes.messages.conversions import (
     PLANAR,
     cloud_message,
@@ -49,7 +50,6 @@ from whereabouts.nodes.messages.transforms import frame_name, transform_message
 from whereabouts.nodes.navigation.nav2_maps import Nav2Maps
 from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.odometry_source import OdometrySource
 from whereabouts.parameters.loop_closure import LoopClosureParameters
 from whereabouts.recorded.mapping import MapGrid, map_points
 from whereabouts.system.atomic import atomic_path

@@ -14,60 +14,39 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray, Detection3DArray
-from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
-from estimation.geometry.frame_tree import TransformError
-from whereabouts.nodes.camera_door import CameraDoor
-from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.messages.world_messages import (
-    ObjectMessages,
     by_id,
-    detections_message,
-    hypotheses_message,
-    marker_messages,
-    object_message,
-    region_from_message,
-    state_message,
 )
 from whereabouts.nodes.messages.world_reading import paths_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.inputs import EVENTS
+from whereabouts.nodes.world.camera_door import CameraDoor
+from whereabouts.nodes.world.seen_frames import SeenFrames
+from whereabouts.nodes.world.world_output import WorldOutput
+from whereabouts.nodes.world.world_services import WorldServices
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts.recorded.camera_messages import box_from_message
-from whereabouts.recorded.evidence_messages import PERSON, Reader, SeenFrame, most_probably
-from whereabouts.system.state_files import StateFiles
-from whereabouts_msgs.msg import PredictedPathArray, TargetArray, WorldHypotheses
+from whereabouts.recorded.evidence_messages import PERSON, Reader, most_probably
+from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
-from whereabouts_msgs.msg import WorldState as StateMessage
-from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
-from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
 from world_model.memory.store import RETRY, Store
 from world_model.predictions import Path
 from world_model.queries import Words
-from world_model.world import routines_path
 
 Array = NDArray[np.float64]
-# A robot pose older than this says nothing about now.
-POSE_AGE = 5 * NANOSECONDS
 # A target this far from where its object was is somebody else: m, and m/s since.
 HINT_DISTANCE, WALKING_SPEED = 1.0, 2.0
 # Targets are filtered: those in between, s, are not independent.
 TARGET_PERIOD = 0.5
-# Of the messages with hypotheses: s between two, and how many are in one.
-HYPOTHESES_PERIOD, PUBLISHED = 0.2, 20
-# A subscriber that joins late is told how the world is.
-STATE_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class WorldModelNode(SuiteNode):
@@ -101,30 +80,27 @@ class WorldModelNode(SuiteNode):
         known = {"class": config.classes, "color": config.colors}
         names, numbers = (*known, *config.attributes), tuple(config.quantities)
         self._reader = Reader(known, names, config.measurement_sigma, symbols, numbers)
-        self._messages = ObjectMessages(self._model.words)
         self.listen_to_transforms(on_demand=True)
-        # An old pose is no jump of time: localisation says it again when somebody asks.
-        self.add_input(PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False, in_turn=True)
+        self._seen = SeenFrames(self, self.map_frame)
         self.add_input(
-            EvidenceMessage, "evidence", self._take_evidence, frames=self._frames, in_turn=True, qos=EVENTS
+            EvidenceMessage,
+            "evidence",
+            self._take_evidence,
+            frames=self._seen.wanted,
+            in_turn=True,
+            qos=EVENTS,
         )
-        self._camera = CameraDoor(self, self._take_boxes, self._take_detections)
+        self.camera = CameraDoor(self, self._take_boxes, self._take_detections)
         self.add_input(
-            TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True, qos=EVENTS
+            TargetArray, "targets", self._take_targets, frames=self._seen.wanted, in_turn=True, qos=EVENTS
         )
         # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
         self.add_input(
-            PredictedPathArray, "predicted_paths", self._take_paths, frames=self._frames, sensor=False,
+            PredictedPathArray, "predicted_paths", self._take_paths, frames=self._seen.wanted, sensor=False,
             in_turn=True,
         )  # fmt: skip
-        self._state_output = self.add_output(StateMessage, "world_state", STATE_QOS)
-        self._hypotheses_output = self.add_output(WorldHypotheses, "world_hypotheses")
-        self._objects_output = self.add_output(Detection3DArray, "objects")
-        self._markers_output = self.add_output(MarkerArray, "~/markers")
-        self.add_service(QueryWorld, "~/query", self._query)
-        self.add_service(ForgetObject, "~/forget", self._forget)
-        self.add_service(RelabelObject, "~/relabel", self._relabel)
-        self.add_service(SaveState, "~/save", self._save)
+        self._output = WorldOutput(self, self.map_frame, self._model.words)
+        WorldServices(self)
 
     def start_run(self) -> None:
         if self._configured:
@@ -141,15 +117,15 @@ class WorldModelNode(SuiteNode):
         self._forget_live()
 
     def _forget_live(self) -> None:
-        self._pose: tuple[int, Array] | None = None
-        self._stamp = 0
+        self._seen.pose = None
+        self._output.begin()
+        self.stamp = 0
         self._updates = 0
         self._durations: deque[float] = deque(maxlen=500)
-        self._hypotheses_at: int | None = None
         self._targets_at: int | None = None
         self._target_ids: dict[int, str] = {}
         self._predictions: dict[str, Path] = {}
-        self._camera.reset()
+        self.camera.reset()
         self._left_out = 0
         self._refused = 0
 
@@ -182,7 +158,7 @@ class WorldModelNode(SuiteNode):
     def _close(self) -> None:
         if self._model is not None:
             if self._configured:
-                self._camera.keep(self._stamp, now=True)
+                self.camera.keep(self.stamp, now=True)
             self._model.close()
         self._model, self._configured = None, False
 
@@ -195,10 +171,10 @@ class WorldModelNode(SuiteNode):
         figures["updates"] = self._updates
         figures["people in other evidence, ignored"] = self._left_out
         figures["detections with unknown words, ignored"] = self._refused
-        if self._camera.cameras.lenses:
-            figures["detections without a place, ignored"] = self._camera.unplaced
-            figures["looks without depth, absence not counted"] = self._camera.without_depth
-            figures |= self._camera.rates.figures()
+        if self.camera.cameras.lenses:
+            figures["detections without a place, ignored"] = self.camera.unplaced
+            figures["looks without depth, absence not counted"] = self.camera.without_depth
+            figures |= self.camera.rates.figures()
         if self._durations:
             p50, p99 = np.percentile(self._durations, [50, 99]) * 1e3
             figures |= {"update p50 [ms]": float(p50), "update p99 [ms]": float(p99)}
@@ -216,7 +192,7 @@ class WorldModelNode(SuiteNode):
         trouble = (
             store.problem
             or self._model.household.problem
-            or self._camera.problem
+            or self.camera.problem
             or (keeper.problem if keeper is not None else "")
         )
         if trouble or store.damages:
@@ -225,46 +201,8 @@ class WorldModelNode(SuiteNode):
 
     # Evidence.
 
-    def _frames(self, message: Any) -> list[tuple[str, str]]:
-        frame = frame_name(message.header.frame_id)
-        return [(self.map_frame, frame)] if frame else []
-
-    def _frame(self, message: Any, stamp: int) -> SeenFrame:
-        """From the message's frame to the world, with what is uncertain about it."""
-        frame = frame_name(message.header.frame_id)
-        if not frame:
-            raise InputError("header.frame_id is empty")
-        return SeenFrame() if frame == self.map_frame else self._frame_of(frame, stamp)
-
-    def _frame_of(self, frame: str, stamp: int) -> SeenFrame:
-        """From a frame to the world, with what is uncertain about it."""
-        matrix = self.transforms.lookup(self.map_frame, frame, stamp)
-        try:
-            origin = self.transforms.lookup(self.map_frame, self.settings.base_frame, stamp)[:2, 3]
-        except TransformError:
-            origin = matrix[:2, 3]
-        return SeenFrame(matrix, origin, self._pose_covariance(stamp))
-
-    def _pose_covariance(self, stamp: int) -> Array:
-        """Of the robot in the map over x, y, yaw: the one it was given with its pose, else the configured one."""
-        if self._pose is not None and abs(stamp - self._pose[0]) <= POSE_AGE:
-            return self._pose[1]
-        settings = self.settings
-        return np.diag([settings.position_sigma**2, settings.position_sigma**2, settings.heading_sigma**2])
-
-    def _take_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
-        if frame_name(message.header.frame_id) != self.map_frame:
-            raise InputError(
-                f"robot_pose is in frame '{message.header.frame_id}', expected '{self.map_frame}'"
-            )
-        pose_from_message(message.pose.pose)
-        covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
-        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
-            raise InputError("robot_pose: a finite covariance without negative eigenvalues expected")
-        self._pose = (stamp, covariance)
-
     def _take_evidence(self, message: EvidenceMessage, stamp: int) -> None:
-        evidence, missing = self._reader.evidence(message, self._frame(message, stamp))
+        evidence, missing = self._reader.evidence(message, self._seen.of(message, stamp))
         evidence.objects = self._without_people(evidence)
         evidence, _ = self._usable(evidence)
         if evidence.objects or evidence.sensor is not None or not missing:
@@ -273,26 +211,26 @@ class WorldModelNode(SuiteNode):
             self._publish(self.model.report(object_id, "not_found", stamp / NANOSECONDS), stamp)
 
     def _take_detections(self, message: Detection3DArray, stamp: int) -> None:
-        evidence = self._reader.detections(message, self._frame(message, stamp))
-        lens = self._camera.lens_of(message, of_image=False)
+        evidence = self._reader.detections(message, self._seen.of(message, stamp))
+        lens = self.camera.lens_of(message, of_image=False)
         if lens is not None:
-            evidence.view = self._camera.view(lens, stamp, self._frame_of(lens[0], stamp))
-            evidence.blocked = self._camera.says_nothing(evidence.view, stamp)
+            evidence.view = self.camera.view(lens, stamp, self._seen.at(lens[0], stamp))
+            evidence.blocked = self.camera.says_nothing(evidence.view, stamp)
         evidence.objects = self._without_people(evidence)
         self._update(self._usable(evidence)[0], stamp)
 
     def _take_boxes(self, message: Detection2DArray, stamp: int) -> None:
-        lens = self._camera.lens_of(message, of_image=True)
+        lens = self.camera.lens_of(message, of_image=True)
         assert lens is not None
-        frame = self._frame_of(lens[0], stamp)
-        view = self._camera.view(lens, stamp, frame)
-        evidence, refused = self._reader.boxes(message, frame, self._camera.placing(view))
+        frame = self._seen.at(lens[0], stamp)
+        view = self.camera.view(lens, stamp, frame)
+        evidence, refused = self._reader.boxes(message, frame, self.camera.placing(view))
         for reason in refused.values():
             self.complain(f"a detection has no place and is ignored: {reason}", key="boxes")
-        self._camera.unplaced += len(refused)
+        self.camera.unplaced += len(refused)
         taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
         evidence.view = replace(view, taken=taken)
-        evidence.blocked = self._camera.says_nothing(view, stamp)
+        evidence.blocked = self.camera.says_nothing(view, stamp)
         evidence.objects = self._without_people(evidence)
         self._update(self._usable(evidence)[0], stamp)
 
@@ -300,7 +238,7 @@ class WorldModelNode(SuiteNode):
         since = None if self._targets_at is None else (stamp - self._targets_at) / NANOSECONDS
         if since is not None and 0.0 <= since < TARGET_PERIOD:
             return
-        evidence, labels = self._reader.targets(message, self._frame(message, stamp), self._target_ids)
+        evidence, labels = self._reader.targets(message, self._seen.of(message, stamp), self._target_ids)
         evidence, refused = self._usable(evidence)
         labels = [label for index, label in enumerate(labels) if index not in refused]
         for item in evidence.objects:
@@ -315,10 +253,7 @@ class WorldModelNode(SuiteNode):
 
     def _take_paths(self, message: PredictedPathArray, stamp: int) -> None:
         """Where people will be who are not seen; counts from the next evidence on."""
-        frame = frame_name(message.header.frame_id)
-        if not frame:
-            raise InputError("header.frame_id is empty")
-        there = np.eye(4) if frame == self.map_frame else self.transforms.lookup(self.map_frame, frame, stamp)
+        there = self._seen.lookup(message.header.frame_id, stamp)
         for label, path in paths_from_message(message, there).items():
             name = self._target_ids.get(label)
             if name is not None:
@@ -329,7 +264,7 @@ class WorldModelNode(SuiteNode):
         known = next((other for other in self._shown if other.id == item.object_id), None)
         if known is None or known.lost:
             return False
-        since = max((stamp - self._stamp) / NANOSECONDS, 0.0)
+        since = max((stamp - self.stamp) / NANOSECONDS, 0.0)
         apart = float(np.hypot(*(np.asarray(item.position) - known.position)[:2]))
         return apart < HINT_DISTANCE + WALKING_SPEED * since
 
@@ -380,115 +315,19 @@ class WorldModelNode(SuiteNode):
     # What is published.
 
     def _publish(self, state: WorldState, stamp: int) -> None:
-        self._stamp = stamp if state.stamp <= stamp / NANOSECONDS else round(state.stamp * NANOSECONDS)
+        self.stamp = stamp if state.stamp <= stamp / NANOSECONDS else round(state.stamp * NANOSECONDS)
         self._shown = by_id(state.objects)
-        header = self._header(self._stamp)
-        objects = [self._messages.message(item) for item in self._shown]
-        self._state_output.publish(state_message(state, header, objects))
-        if self._objects_output.wanted:
-            self._objects_output.publish(detections_message(header, objects))
-        if self._markers_output.wanted:
-            self._markers_output.publish(marker_messages(header, self._shown, self.model.words))
-        kept = list(state.objects)
-        if self._hypotheses_output.wanted and self._is_time_for_hypotheses():
-            hypotheses = self.model.hypotheses()[:PUBLISHED]
-            self._hypotheses_output.publish(hypotheses_message(hypotheses, header, self._messages))
-        self._messages.keep(kept)
-        self.model.words.keep(kept)
+        self._output.send(state, self._shown, self.stamp, self.model)
 
-    def _is_time_for_hypotheses(self) -> bool:
-        since = None if self._hypotheses_at is None else (self._stamp - self._hypotheses_at) / NANOSECONDS
-        if since is not None and 0.0 <= since < HYPOTHESES_PERIOD:
-            return False
-        self._hypotheses_at = self._stamp
-        return True
-
-    def _header(self, stamp: int) -> Header:
-        return Header(stamp=time_message(max(stamp, 0)), frame_id=self.map_frame)
-
-    # Services.
-
-    def _query(self, request: QueryWorld.Request, response: QueryWorld.Response) -> QueryWorld.Response:
-        moment = nanoseconds(request.time)
-        frame = frame_name(request.frame_id) or self.map_frame
-        there = (
-            np.eye(4)
-            if frame == self.map_frame
-            else self.transforms.lookup(self.map_frame, frame, self._stamp)
-        )
-        answers = self.model.query(
-            class_name=request.class_name,
-            predicate=list(request.predicates),
-            object_id=request.object_id,
-            region=region_from_message(request.region, there),
-            stamp=moment / NANOSECONDS if moment else None,
-            min_probability=request.min_probability,
-            limit=int(request.limit) or None,
-        )
-        back: Array = np.asarray(np.linalg.inv(there), dtype=np.float64)
-        header = self._header(moment or self._stamp)
-        header.frame_id = frame
-        response.world.header = header
-        response.world.objects = [object_message(answer.object, back) for answer in answers]
-        response.world.epoch = self.model.epoch
-        response.probabilities = [min(answer.probability, 1.0) for answer in answers]
-        response.descriptions = [answer.description for answer in answers]
-        if request.object_id and answers and not moment:
-            routine = self.model.explain(request.object_id)
-            response.descriptions[0] += f". {routine}" if routine else ""
-        response.code, response.message = response.SUCCESS, f"{len(answers)} objects"
-        return response
-
-    def _forget(
-        self, request: ForgetObject.Request, response: ForgetObject.Response
-    ) -> ForgetObject.Response:
-        if not request.object_id and not request.class_name:
-            raise InputError("object_id and class_name are both empty: nothing to forget")
-        names = [request.object_id] if request.object_id else []
-        if request.class_name:
-            names += [
-                item.id
-                for item in self._now().objects
-                if item.most_probable("class") == request.class_name and item.id not in names
-            ]
-        for name in names:
-            self.model.forget(name)
-            response.object_ids.append(name)
-        self._after_change()
-        response.code, response.message = response.SUCCESS, f"{len(names)} objects forgotten"
-        return response
-
-    def _relabel(
-        self, request: RelabelObject.Request, response: RelabelObject.Response
-    ) -> RelabelObject.Response:
-        if not request.class_name and not request.new_object_id:
-            raise InputError("class_name and new_object_id are both empty: nothing to change")
-        self.model.relabel(request.object_id, request.class_name, request.new_object_id)
-        self._after_change()
-        response.code, response.message = response.SUCCESS, "relabelled"
-        return response
-
-    def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
-        store = self.model.store
-        if store is None:
-            raise InputError("there is no store: the parameter store_path is empty")
-        files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
-        path = store.save(files.named(request.path, self.settings.store_path, making=True))
-        self.model.household.write(routines_path(path))
-        self._camera.rates.write(path.with_name(path.name + CAMERA_SUFFIX))
-        response.path = str(path)
-        response.code, response.message = response.SUCCESS, "written"
-        return response
-
-    def _now(self) -> WorldState:
+    def now_known(self) -> WorldState:
         """The most probable world as it is."""
         if not np.isfinite(self.model.stamp):
             return WorldState((), 1.0, 0.0, 0.0, self.model.epoch)
         return self.model.propagate(self.model.stamp)
 
-    def _after_change(self) -> None:
+    def after_change(self) -> None:
         """Somebody has corrected the world: say how it is now."""
-        self._publish(self._now(), self._stamp)
+        self._publish(self.now_known(), self.stamp)
 
 
 def main() -> None:

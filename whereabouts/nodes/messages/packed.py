@@ -7,6 +7,7 @@ times a second some need one a second.
 from __future__ import annotations
 
 import struct
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,7 @@ from rclpy.serialization import deserialize_message
 
 from estimation.errors import InputError
 from whereabouts.nodes.messages.envelopes import PAYLOAD, envelope
-from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
 
 # Bytes of an encapsulated message before its first field; the second of them says in which order bytes follow.
 PREFIX = 4
@@ -53,3 +54,31 @@ class Packed:
             ) from None
         envelope(self.kind).check(message)
         return message
+
+
+class MessageOpener:
+    """Looks at messages of one type as they come. packed : whether they stay as they are; see `Packed`.
+
+    stamped : whether they have a header. envelope : what they must be inside of.
+    """
+
+    def __init__(self, kind: Any, packed: bool) -> None:
+        self._kind, self._packed = kind, packed
+        self.envelope = envelope(kind)
+        self.stamped = "header" in kind.get_fields_and_field_types()
+
+    def stamp_of(self, message: Any) -> int:
+        """ns; now where it does not say without being unpacked."""
+        return nanoseconds(message.header.stamp) if self.stamped and not self._packed else time.time_ns()
+
+    def open(self, message: Any) -> tuple[Any, int]:
+        """A message that is inside of its envelope, and its stamp, ns. Raises InputError for any other."""
+        if self._packed:
+            packed = Packed(self._kind, message)
+            return packed, packed.stamp
+        self.envelope.check(message)
+        return message, self.stamp_of(message)
+
+    def size(self, message: Any) -> int:
+        """Bytes, about."""
+        return len(message.data) if self._packed else self.envelope.size(message)

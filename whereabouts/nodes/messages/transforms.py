@@ -17,6 +17,7 @@ from whereabouts.nodes.messages.envelopes import FRAME, POSITION, envelope
 from whereabouts.nodes.messages.stamps import nanoseconds, time_message
 
 Matrix = NDArray[np.float64]
+Pairs = tuple[tuple[str, str], ...]  # (target, source)
 KEPT = 64
 FRAMES = 5000
 # s that a second parent of a frame is remembered after it was heard last.
@@ -97,6 +98,26 @@ class TransformBuffer:
                 self._found.clear()
             found = self._found[target, source, stamp] = self._compose(target, source, stamp)
         return found.copy()
+
+    def are_ready(self, needed: Pairs, stamp: int) -> bool:
+        """Whether all of `needed` are there; True also where waiting would not help: a look-up then says why."""
+        try:
+            for target, source in needed:
+                self.lookup(target, source, stamp)
+        except TransformError as error:
+            return not error.later
+        except Exception:
+            return True
+        return True
+
+    def missing(self, needed: Pairs, stamp: int) -> str:
+        """A sentence on the first of `needed` that is not there."""
+        for target, source in needed:
+            try:
+                self.lookup(target, source, stamp)
+            except TransformError as error:
+                return f"no transform from '{source}' to '{target}': {error}; is it on tf or tf_static?"
+        return "transform arrived too late"
 
     def _compose(self, target: str, source: str, stamp: int) -> Matrix:
         found = self._tree.lookup(target, source, stamp)

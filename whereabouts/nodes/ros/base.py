@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 import traceback
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import rclpy
-from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ActionServer
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException
@@ -30,26 +29,22 @@ from std_msgs.msg import Empty
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
-from whereabouts.nodes.messages.envelopes import envelope
-from whereabouts.nodes.messages.outcomes import decline
 from whereabouts.nodes.messages.transforms import TransformBuffer
 from whereabouts.nodes.ros.bonding import Bonding
 from whereabouts.nodes.ros.declared_parameters import ParameterError, ParameterSet
-from whereabouts.nodes.ros.diagnostics import DiagnosticsPublisher, Health
+from whereabouts.nodes.ros.diagnostics import Complaints, DiagnosticsPublisher, Health
 from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.nodes.ros.footprint import keep_packed, release, settle
 from whereabouts.nodes.ros.host import SUPERVISOR_VARIABLE
 from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Handler, Input
-from whereabouts.nodes.ros.outputs import QUIET, Output
+from whereabouts.nodes.ros.outputs import QUIET, Output, OutputAccount
+from whereabouts.nodes.ros.serving import guarded_action, guarded_answer
 from whereabouts.nodes.ros.timekeeping import Timekeeper
 from whereabouts.nodes.ros.turns import Caller, Turns, turn_topic
 from whereabouts.parameters.parameter_base import NodeParameters
 from whereabouts.system.interrupts import interrupts_kept, listen_to_interrupts
-from whereabouts_msgs.msg import Connections, Processed
 from whereabouts_msgs.srv import Reset
 
-WARNING_PERIOD = 5.0
-MOST_SILENCED = 1000  # kinds of complaints that are remembered
 HOUSEKEEPING_PERIOD = 0.2
 # A file that a node makes once it is active: from then on its death is no failure to start.
 ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
@@ -68,6 +63,7 @@ class SuiteNode(LifecycleNode):
     active : whether the lifecycle state is active; inputs and timers rest otherwise.
     epoch : number of the run; counts up when time goes back. last_run : why the last one began.
     time : what the stamps of all sensors tell. turns : what is kept in a lock-step replay until it is its turn.
+    complaints : what was warned of. account : of what was sent.
     """
 
     parameters_model: ClassVar[type[NodeParameters]] = NodeParameters
@@ -78,10 +74,7 @@ class SuiteNode(LifecycleNode):
         self._parameter_set = ParameterSet(self, self.parameters_model)
         self.active = False
         self.epoch = 0
-        self.defects = 0
-        self.complaints = 0
-        self.last_complaint = ""
-        self._silent_until: dict[Any, float] = {}
+        self.complaints = Complaints(self.get_logger())
         self.last_run = ""
         self.time = Timekeeper(self)
         # In lock-step on recorded time: what follows has to be the same each time.
@@ -91,9 +84,7 @@ class SuiteNode(LifecycleNode):
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
         self.transforms = TransformBuffer()
-        self.processed = self.create_publisher(Processed, "~/processed", 100, event_callbacks=QUIET)
-        self._connections = self.create_publisher(Connections, "~/connections", 1, event_callbacks=QUIET)
-        self.reported_counts: list[int] = []  # of the outputs, as listeners to ~/processed know them
+        self.account = OutputAccount(self)
         self._diagnostics = DiagnosticsPublisher(self)
         self._bonding = Bonding(self)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -155,33 +146,7 @@ class SuiteNode(LifecycleNode):
         self, action_type: type, name: str, execute: Callable[[Any], Coroutine[Any, Any, Any]]
     ) -> ActionServer:
         """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted."""
-
-        inside = envelope(action_type.Goal)  # type: ignore[attr-defined]
-        full_name = self.resolve_topic_name(name)
-        self.turns.serves(full_name)
-
-        def judge(goal: Any) -> GoalResponse:
-            try:
-                inside.check(goal)
-            except InputError as error:
-                self.complain(f"action {name}: goal refused: {error}", key=(name, "refused"))
-                return GoalResponse.REJECT
-            return GoalResponse.ACCEPT if self.active else GoalResponse.REJECT
-
-        async def run(handle: Any) -> Any:
-            try:
-                await self.turns.begin(full_name)
-                return await execute(handle)
-            except Exception as error:
-                self.report_defect(f"action {name}", error)
-                handle.abort()
-                return action_type.Result(message=f"{type(error).__name__}: {error}")  # type: ignore[attr-defined]
-            finally:
-                self.turns.ended(full_name, handle)
-
-        server = ActionServer(
-            self, action_type, name, run, goal_callback=judge, cancel_callback=lambda _: CancelResponse.ACCEPT
-        )
+        server = guarded_action(self, action_type, name, execute)
         self._created.append((lambda item: item.destroy(), server))
         return server
 
@@ -232,25 +197,7 @@ class SuiteNode(LifecycleNode):
 
     def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence, any other a failure."""
-
-        inside = envelope(service_type.Request)  # type: ignore[attr-defined]
-
-        def answer(request: Any, response: Any) -> Any:
-            try:
-                inside.check(request)
-                return callback(request, response)
-            except WhereaboutsError as error:
-                if not decline(response, str(error), "REFUSED"):
-                    self.complain(f"service {name}: {error}", key=(name, str(error)))
-            except OSError as error:
-                self.complain(f"service {name}: {error}", key=(name, "failed"))
-                decline(response, str(error)[:1000])
-            except Exception as error:
-                self.report_defect(f"service {name}", error)
-                decline(response, f"{type(error).__name__}: {error}")
-            return response
-
-        service = self.create_service(service_type, name, answer)
+        service = self.create_service(service_type, name, guarded_answer(self, service_type, name, callback))
         self._created.append((self.destroy_service, service))
 
     def listen_to_transforms(self, on_demand: bool = False) -> None:
@@ -275,33 +222,15 @@ class SuiteNode(LifecycleNode):
 
     def alarm(self, text: str) -> None:
         """Warn, in the log and in diagnostics, each time."""
-        self.complaints += 1
-        self.last_complaint = text
-        self.get_logger().warning(text)
+        self.complaints.alarm(text)
 
     def complain(self, text: str, key: Any = None, defect: bool = False) -> None:
         """Warn, at most once in a while for each key; count always."""
-        self.complaints += 1
-        self.defects += defect
-        self.last_complaint = text.splitlines()[0]
-        now = time.monotonic()
-        if now < self._silent_until.get(key or text, 0.0):
-            return
-        if len(self._silent_until) >= MOST_SILENCED:
-            self._silent_until.clear()
-        self._silent_until[key or text] = now + WARNING_PERIOD
-        logger = self.get_logger()
-        if defect:
-            logger.error(text)
-        else:
-            logger.warning(text)
+        self.complaints.complain(text, key, defect)
 
     def report_defect(self, where: str, error: Exception) -> None:
         """An exception nobody expected: said with its trace, counted, survived. The executor calls it, too."""
-        trace = "".join(traceback.format_exception(error, limit=-4))
-        self.complain(
-            f"{where}: internal error: {type(error).__name__}: {error}\n{trace}", (where, "defect"), True
-        )
+        self.complaints.report_defect(where, error)
 
     def begin_run(self, reason: str, counted: bool = True) -> None:
         """Time went back: a new epoch, with a warning. What is known for good stays.
@@ -389,7 +318,9 @@ class SuiteNode(LifecycleNode):
 
     def _keep_house(self) -> None:
         """All that is due now and then, in one timer: each wakes the node up."""
-        self._check_supervisor()
+        if self._supervisor and os.getppid() != self._supervisor:
+            self.get_logger().error("the supervisor is gone: ending")
+            raise KeyboardInterrupt
         # In a replay only messages change what there is to go on with.
         if not self.turns.on:
             self.serve_waiting()
@@ -397,47 +328,8 @@ class SuiteNode(LifecycleNode):
             self.time.mind_silence()
             for item in self.inputs:
                 item.serve_shed()
-        self._report_connections()
-
-    def _check_supervisor(self) -> None:
-        if self._supervisor and os.getppid() != self._supervisor:
-            self.get_logger().error("the supervisor is gone: ending")
-            raise KeyboardInterrupt
-
-    def _report_connections(self) -> None:
-        """Say who is connected and what went through: who replays or tests waits for it."""
-        if not (self.settings.report_processed and self.active):
-            return
-        counts = [*self.put_out.values()]
-        turns = self.turns if self.replayed else None
-        subscribers = [output.subscribers for output in self.outputs]
-        if turns is not None:
-            subscribers += map(turns.listeners, turns.counts)
-        came = {item.topic: item.counts.received for item in self.inputs}
-        came |= {} if turns is None else turns.received
-        self.reported_counts = counts
-        message = Connections(
-            inputs=[*came],
-            received=[*came.values()],
-            on_demand=[item.topic for item in self.inputs if item.on_demand],
-            outputs=[*self.put_out],
-            sent=counts,
-            subscribers=subscribers,
-        )
-        self._connections.publish(message)
-
-    @property
-    def put_out(self) -> dict[str, int]:
-        """What was sent, by topic; in a replay also what else others or the replay have to know of."""
-        sent = {output.topic: output.count for output in self.outputs}
-        return sent | self.turns.counts if self.replayed else sent
-
-    def acknowledge(self, message: Processed) -> None:
-        """Say that something is done with, and what was sent because of it."""
-        sent = self.put_out
-        message.output_topics, message.output_counts = [*sent], [*sent.values()]
-        self.processed.publish(message)
-        self.reported_counts = [*sent.values()]
+        if self.active:
+            self.account.report_connections()
 
     def _take_transforms(self, message: TFMessage, static: bool) -> None:
         problem: InputError | None = None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+import traceback
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -17,6 +18,9 @@ from whereabouts.nodes.ros.outputs import QUIET
 if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode
 
+WARNING_PERIOD = 5.0
+MOST_SILENCED = 1000  # kinds of complaints that are remembered
+
 
 @dataclass
 class Health:
@@ -25,6 +29,48 @@ class Health:
     message: str = "ok"
     warning: bool = False
     figures: dict[str, object] = field(default_factory=dict)
+
+
+class Complaints:
+    """What a node warns of, in its log and here.
+
+    count : of all warnings; last : the newest. defects : those of exceptions nobody expected.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self.count = 0
+        self.defects = 0
+        self.last = ""
+        self._silent_until: dict[Any, float] = {}
+
+    def alarm(self, text: str) -> None:
+        """Warn each time."""
+        self.count += 1
+        self.last = text
+        self._logger.warning(text)
+
+    def complain(self, text: str, key: Any, defect: bool = False) -> None:
+        """Warn, at most once in a while for each key; count always."""
+        self.count += 1
+        self.defects += defect
+        self.last = text.splitlines()[0]
+        now = time.monotonic()
+        if now < self._silent_until.get(key or text, 0.0):
+            return
+        if len(self._silent_until) >= MOST_SILENCED:
+            self._silent_until.clear()
+        self._silent_until[key or text] = now + WARNING_PERIOD
+        if defect:
+            self._logger.error(text)
+        else:
+            self._logger.warning(text)
+
+    def report_defect(self, where: str, error: Exception) -> None:
+        """An exception nobody expected, with its trace."""
+        trace = "".join(traceback.format_exception(error, limit=-4))
+        text = f"{where}: internal error: {type(error).__name__}: {error}\n{trace}"
+        self.complain(text, (where, "defect"), True)
 
 
 class DiagnosticsPublisher:
@@ -55,7 +101,7 @@ class DiagnosticsPublisher:
         figures["new runs"] = self._node.epoch
         if self._node.last_run:
             figures["last new run"] = self._node.last_run
-        figures["internal errors"] = self._node.defects
+        figures["internal errors"] = self._node.complaints.defects
         if repairs.count:
             figures["covariances repaired after rounding"] = repairs.count
         message = DiagnosticArray(status=[self._status(health, figures)])
@@ -72,7 +118,8 @@ class DiagnosticsPublisher:
             return Health("cannot determine its health", warning=True)
 
     def _status(self, health: Health, figures: dict[str, object]) -> DiagnosticStatus:
-        troubles = self._node.complaints
+        complaints = self._node.complaints
+        troubles = complaints.count
         fresh, self._troubles = troubles > self._troubles, troubles
         level, text = DiagnosticStatus.OK, health.message
         if not self._node.active and self._node.inputs:
@@ -80,8 +127,8 @@ class DiagnosticsPublisher:
         if health.warning or fresh:
             level = DiagnosticStatus.WARN
         if fresh and not health.warning:
-            text = self._node.last_complaint
-        if self._node.defects and fresh:
+            text = complaints.last
+        if complaints.defects and fresh:
             level = DiagnosticStatus.ERROR
         if contradictions := self._node.transforms.contradictions():
             level, text = DiagnosticStatus.ERROR, "; ".join(contradictions)

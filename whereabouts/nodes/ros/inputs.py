@@ -5,9 +5,9 @@ from __future__ import annotations
 import bisect
 import time
 import traceback
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +18,12 @@ from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
-from whereabouts.nodes.messages.envelopes import envelope, type_name
-from whereabouts.nodes.messages.packed import Packed
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.envelopes import type_name
+from whereabouts.nodes.messages.packed import MessageOpener
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import Pairs
 from whereabouts.nodes.ros.budget import BUDGETS, DEFAULT, Purse
+from whereabouts.nodes.ros.input_counts import InputCounts, MessageGaps
 from whereabouts.system.clocks import SourceClock
 from whereabouts_msgs.msg import Processed
 
@@ -35,26 +37,7 @@ LATENCY_WINDOW = 2000
 EARLIEST, LATEST = -(2**31) * NANOSECONDS, (2**31 - 1) * NANOSECONDS
 
 Handler = Callable[[Any, int], None]
-Pairs = tuple[tuple[str, str], ...]
 Frames = Callable[[Any], Sequence[tuple[str, str]]]
-
-
-@dataclass
-class InputCounts:
-    """What became of the messages of one topic."""
-
-    received: int = 0
-    used: int = 0
-    late: int = 0
-    inactive: int = 0
-    lost: int = 0
-    reported_lost: int = 0
-    stamp_gaps: int = 0
-    drops: Counter[str] = field(default_factory=Counter)
-
-    @property
-    def dropped(self) -> int:
-        return sum(self.drops.values())
 
 
 @dataclass
@@ -66,6 +49,47 @@ class Waiting:
     arrived: float
 
 
+class WaitingMessages:
+    """Messages whose transforms are still to come, by what they wait for, oldest stamp first."""
+
+    def __init__(self) -> None:
+        self._queues: dict[Pairs, list[Waiting]] = {}
+
+    def __len__(self) -> int:
+        return sum(map(len, self._queues.values()))
+
+    def __contains__(self, needed: Pairs) -> bool:
+        return needed in self._queues
+
+    @property
+    def kinds(self) -> list[Pairs]:
+        """What is waited for."""
+        return list(self._queues)
+
+    def add(self, needed: Pairs, waiting: Waiting) -> None:
+        """One more message, in its place."""
+        bisect.insort(self._queues.setdefault(needed, []), waiting, key=lambda item: item.stamp)
+
+    def first(self, needed: Pairs) -> Waiting | None:
+        """The oldest of those that wait for the same, if any do."""
+        return self._queues[needed][0] if needed in self._queues else None
+
+    def take_first(self, needed: Pairs) -> None:
+        """The oldest waits no longer."""
+        queue = self._queues[needed]
+        del queue[0]
+        if not queue:
+            del self._queues[needed]
+
+    def make_room(self) -> None:
+        """The oldest of the longest queue is given up."""
+        self.take_first(max(self._queues, key=lambda needed: len(self._queues[needed])))
+
+    def clear(self) -> None:
+        """Nothing waits any more."""
+        self._queues.clear()
+
+
 class Input:
     """Messages of one topic on their way to a handler.
 
@@ -75,9 +99,8 @@ class Input:
         message, counted and reported, any other exception a defect that is reported with its trace.
     frames : pairs (target, source) that must be in tf at the stamp before the handler is called. Until then
         the message waits, and newer ones that need the same frames with it, so that order is kept among these.
-    sensor : whether it is a sensor's own topic: its stamps then tell the node's time
-    (`whereabouts.system.clocks`), and jumps
-        in the publisher's numbers and in stamps are losses. Several nodes publish tf, and its numbers say nothing.
+    sensor : whether it is a sensor's own topic: its stamps then tell the node's time (`whereabouts.system.clocks`), and
+        jumps in the publisher's numbers and in stamps are losses. Several nodes publish tf: its numbers say nothing.
     on_demand : whether messages may lie about until something else wakes the node up: for what is only looked at now
         and then. They are not acknowledged one by one, what the queue had no room for is not lost, and their latency
         counts from when they are taken in.
@@ -109,27 +132,22 @@ class Input:
         self.awaited = awaited
         self._companions = [item for item in companions if node.replayed or item.awaited]
         self._expected: bool | None = None
-        self._kind = message_type
-        self._packed = packed
-        self._envelope = envelope(message_type)
+        self.opener = MessageOpener(message_type, packed)
         self._purse = Purse(BUDGETS.get(type_name(message_type), DEFAULT))
         self._shed: tuple[Any, int, float] | None = None
         self._handler = handler
         self._frames = frames
+        self._tells_time = sensor and self.opener.stamped
         self._sensor = sensor
         self.on_demand = on_demand and not node.replayed
         self.is_transforms = message_type is TFMessage
         self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self._stamped = "header" in message_type.get_fields_and_field_types()  # type: ignore[attr-defined]
-        self._sequence = 0
         self._acknowledged = 0
-        self._one_publisher: bool | None = None
-        self._waiting: dict[Pairs, list[Waiting]] = {}  # by what they wait for, oldest stamp first
+        self._waiting = WaitingMessages()
         self._time: SourceClock[None] = SourceClock()
         self._admitted = 0.0  # when the last message was let in
-        self._periods: deque[int] = deque(maxlen=50)
-        self._last_stamp: int | None = None
         self.counts = InputCounts()
+        self.gaps = MessageGaps(self.counts)
         self.arrived = 0.0  # when the message being handled reached the process, s of `time.perf_counter`
         self.latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
         self.subscription = node.create_subscription(
@@ -152,10 +170,16 @@ class Input:
         arrived = self._node.time.heard_at = time.perf_counter()
         self.counts.received += 1
         sequence = int(info.get("publication_sequence_number") or 0)
-        self._check_sequence(sequence)
+        if self._sensor and not self.on_demand:
+            if self.gaps.one_publisher is None:
+                self.watch_publishers()
+            if lost := self.gaps.check_sequence(sequence):
+                self._node.complain(
+                    f"{self.topic}: {lost} messages lost on the way", key=(self.topic, "lost")
+                )
+        stamp = self.opener.stamp_of(message)
         try:
-            stamp = time.time_ns() if self._packed else self._stamp_of(message)
-            message, stamp = self._opened(message)
+            message, stamp = self.opener.open(message)
         except InputError as error:
             self.drop("refused", str(error))
             self._acknowledge(min(max(stamp, EARLIEST), LATEST), sequence)
@@ -187,8 +211,7 @@ class Input:
             return
         begun = time.perf_counter()
         self._guarded(message, stamp, arrived)
-        size = len(message.data) if self._packed else self._envelope.size(message)
-        self._purse.spend(size, time.perf_counter() - begun)
+        self._purse.spend(self.opener.size(message), time.perf_counter() - begun)
 
     def serve_shed(self) -> None:
         """Handle what was kept back, once there is budget for it again."""
@@ -213,20 +236,9 @@ class Input:
         trace = traceback.format_exc(limit=-4)
         self.drop("internal error", f"{type(error).__name__}: {error}\n{trace}", defect=True)
 
-    def _opened(self, message: Any) -> tuple[Any, int]:
-        """A message that is inside of its envelope, and its stamp. Nothing else looks at one that is not."""
-        if self._packed:
-            packed = Packed(self._kind, message)
-            return packed, packed.stamp
-        self._envelope.check(message)
-        return message, self._stamp_of(message)
-
-    def _stamp_of(self, message: Any) -> int:
-        return nanoseconds(message.header.stamp) if self._stamped else time.time_ns()
-
     def _accept(self, message: Any, stamp: int, arrived: float) -> None:
         waiting = Waiting(message, stamp, arrived)
-        if self._sensor and self._stamped:
+        if self._tells_time:
             self._node.time.follow(self, waiting)
         else:
             self.admit(waiting)
@@ -243,43 +255,33 @@ class Input:
         """Handle a message of the node's time, as soon as its transforms are there."""
         self._admitted = waiting.arrived
         self.counts.late += late
-        if self._sensor and self._stamped:
-            self._check_period(waiting.stamp)
+        if self._tells_time:
+            self.gaps.check_period(waiting.stamp)
         self._time.take(waiting.stamp, None)
-        needed = self._needed(waiting.message)
+        needed = () if self._frames is None else tuple(self._frames(waiting.message))
         if needed not in self._waiting and self._complete(needed, waiting.stamp):
             self._handle(waiting.message, waiting.stamp, waiting.arrived)
         else:
-            if sum(map(len, self._waiting.values())) >= WAITING_LIMIT:
-                self._make_room()
-            bisect.insort(self._waiting.setdefault(needed, []), waiting, key=lambda item: item.stamp)
+            if len(self._waiting) >= WAITING_LIMIT:
+                self._waiting.make_room()
+                self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
+            self._waiting.add(needed, waiting)
         self.serve_waiting(reported=True)
         if self._node.replayed:
             self._node.serve_waiting(reported=True)
         elif self.awaited:
             self._node.serve_waiting()
 
-    def _complete(self, needed: Pairs, stamp: int) -> bool:
-        """Whether all is there that belongs to a message."""
-        return self._ready(needed, stamp) and all(item.has_told(stamp) for item in self._companions)
+    def _complete(self, needed: Pairs, stamp: int, over: bool = False) -> bool:
+        """Whether all is there that belongs to a message; over : companions are not waited for any more."""
+        told = over or all(item.has_told(stamp) for item in self._companions)
+        return told and self._node.transforms.are_ready(needed, stamp)
 
     def has_told(self, stamp: int) -> bool:
         """Whether messages up to a stamp have come, if anybody sends any."""
         if self._expected is None:
             self._expected = self._node.count_publishers(self.topic) > 0
         return not self._expected or (self._time.newest is not None and self._time.newest >= stamp)
-
-    def _make_room(self) -> None:
-        longest = max(self._waiting, key=lambda needed: len(self._waiting[needed]))
-        self._take_first(longest)
-        self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
-
-    def _take_first(self, needed: Pairs) -> Waiting:
-        queue = self._waiting[needed]
-        first = queue.pop(0)
-        if not queue:
-            del self._waiting[needed]
-        return first
 
     def _handle(self, message: Any, stamp: int, arrived: float) -> None:
         self.arrived = arrived
@@ -293,20 +295,6 @@ class Input:
             return
         self.counts.used += 1
         self.latencies.append(time.perf_counter() - arrived)
-
-    def _needed(self, message: Any) -> Pairs:
-        return () if self._frames is None else tuple(self._frames(message))
-
-    def _ready(self, needed: Pairs, stamp: int) -> bool:
-        """Whether all transforms are there; True also where waiting would not help: the handler then says why."""
-        try:
-            for target, source in needed:
-                self._node.transforms.lookup(target, source, stamp)
-        except TransformError as error:
-            return not error.later
-        except Exception:
-            return True
-        return True
 
     @property
     def waits(self) -> bool:
@@ -335,29 +323,20 @@ class Input:
         if self._kept and not (self._node.turns.taken or give_up):
             return
         timeout = round(self._node.settings.transform_timeout * NANOSECONDS)
-        for needed in list(self._waiting):
-            while needed in self._waiting:
-                first = self._waiting[needed][0]
+        for needed in self._waiting.kinds:
+            while (first := self._waiting.first(needed)) is not None:
                 over = give_up or (self._time.confirmed or 0) > first.stamp + timeout
-                if self._complete(needed, first.stamp) or (over and self._ready(needed, first.stamp)):
-                    self._take_first(needed)
+                if self._complete(needed, first.stamp, over):
+                    self._waiting.take_first(needed)
                     self._handle(first.message, first.stamp, first.arrived)
                     if not reported:
                         # Said again, as there may be more output now.
                         self._acknowledge(first.stamp, self._acknowledged)
                 elif over:
-                    self._take_first(needed)
-                    self.drop("no transform", self._missing(needed, first.stamp))
+                    self._waiting.take_first(needed)
+                    self.drop("no transform", self._node.transforms.missing(needed, first.stamp))
                 else:
                     break
-
-    def _missing(self, needed: Pairs, stamp: int) -> str:
-        for target, source in needed:
-            try:
-                self._node.transforms.lookup(target, source, stamp)
-            except TransformError as error:
-                return f"no transform from '{source}' to '{target}': {error}; is it on tf or tf_static?"
-        return "transform arrived too late"
 
     def refuse(self, detail: str) -> None:
         """Take back that a message was of use: its handler found out later that it makes no sense."""
@@ -372,44 +351,18 @@ class Input:
     def new_run(self) -> None:
         """Forget what belongs to the run before."""
         if self._waiting:
-            self.counts.drops["run ended while waiting"] += sum(map(len, self._waiting.values()))
+            self.counts.drops["run ended while waiting"] += len(self._waiting)
         self._waiting.clear()
         self._time.forget()
         self._admitted = 0.0
         self._shed = None
-        self._periods.clear()
-        self._last_stamp = None
-
-    def _check_sequence(self, sequence: int) -> None:
-        """Publishers number their messages: with a single one, a jump is a loss. A smaller number is a restart."""
-        if not self._sensor or self.on_demand:
-            return
-        if self._one_publisher is None:
-            self.watch_publishers()
-        if self._one_publisher and sequence > self._sequence + 1 and self._sequence > 0:
-            lost = sequence - self._sequence - 1
-            self.counts.lost += lost
-            self._node.complain(f"{self.topic}: {lost} messages lost on the way", key=(self.topic, "lost"))
-        self._sequence = sequence
+        self.gaps.new_run()
 
     def watch_publishers(self) -> None:
-        """Numbers of several publishers interleave and say nothing; called now and then, as asking costs time."""
-        # The graph may not know yet of the one whose message has just come.
-        self._one_publisher = self._node.count_publishers(self.topic) <= 1
-        if not self._one_publisher:
-            self._sequence = 0
+        """Look anew who sends; called now and then, as asking costs time."""
+        self.gaps.watch_publishers(self._node.count_publishers(self.topic))
         # One that has died keeps nobody waiting.
         self._expected = None
-
-    def _check_period(self, stamp: int) -> None:
-        """A gap between stamps of several usual periods: the sensor or its driver left something out."""
-        if self._last_stamp is not None and stamp > self._last_stamp:
-            period = stamp - self._last_stamp
-            if len(self._periods) >= 10:
-                usual = sorted(self._periods)[len(self._periods) // 2]
-                self.counts.stamp_gaps += max(0, round(period / usual) - 1) if usual > 0 else 0
-            self._periods.append(period)
-        self._last_stamp = stamp
 
     def _on_lost(self, event: Any) -> None:
         # Of what is latched a newer message takes the place of the one before: that is not a loss.
@@ -436,7 +389,7 @@ class Input:
             dropped=self.counts.dropped,
             lost=max(self.counts.lost, self.counts.reported_lost),
         )
-        self._node.acknowledge(message)
+        self._node.account.acknowledge(message)
 
 
 # What is said once and must not get lost: a verdict, a change of who is there.

@@ -177,7 +177,7 @@ class Turns:
     def _come(self, name: str, rank: int, work: Callable[[], None]) -> None:
         self.received[name] = self.received.get(name, 0) + 1
         self.keep(rank, work)
-        self._node.acknowledge(Processed(topic=name, received=self.received[name]))
+        self._node.account.acknowledge(Processed(topic=name, received=self.received[name]))
 
 
 class Caller:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,11 +17,11 @@ from rosgraph_msgs.msg import Clock
 from whereabouts.logs import RawMessage, Topic, open_raw
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.ros.flow import Flow
 from whereabouts.nodes.ros.turns import turn_topic
-from whereabouts.nodes.runtime.dead_ends import DeadEnds
+from whereabouts.nodes.runtime.audience import Audience
+from whereabouts.nodes.runtime.flow import Flow
 from whereabouts.nodes.runtime.turn_giver import TurnGiver
-from whereabouts_msgs.msg import Connections, Processed
+from whereabouts_msgs.msg import Processed
 
 DEPTH = 200
 PATIENCE = 30.0
@@ -49,8 +49,6 @@ class MessageLog(Protocol):
 
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
-# Inputs of every node, and those that a person writes to.
-NOT_DATA = ("/tf", "/tf_static", "/turn", "/initialpose", "/clicked_point")
 
 
 @dataclass
@@ -76,6 +74,13 @@ class ReplayAccount:
     @property
     def total_lost(self) -> int:
         return sum(self.lost.values())
+
+    def count(self, answers: Mapping[tuple[str, str], Processed]) -> None:
+        """Take in the last answers of all nodes, by node and topic."""
+        for (node, topic), answer in answers.items():
+            self.processed[node] += int(answer.received)
+            if answer.lost:
+                self.lost[f"{node} {topic}"] = int(answer.lost)
 
 
 class Replayer:
@@ -120,27 +125,18 @@ class Replayer:
         self._foreign: Counter[str] = Counter()
         self._expected: dict[tuple[str, str], int] = {}
         self._answers: dict[tuple[str, str], Processed] = {}
-        self._consumers: dict[str, list[str]] = {}
-        self._flow = Flow(self._consumers_of, lambda topic: self._sent[topic])
+        self._audience = Audience(node, self.watched, self._take_counts)
+        self._flow = Flow(self._audience.consumers_of, lambda topic: self._sent[topic])
         self.account = ReplayAccount()
         self.now = 0
         self._clock = node.create_publisher(Clock, "/clock", 10)
         self._clock_sent = 0
         self._clock_period = round(clock_period * NANOSECONDS)
-        self._connections: dict[str, Connections] = {}
-        self._inputs: dict[str, frozenset[str]] = {}
-        self._on_demand: dict[str, frozenset[str]] = {}
-        self._reported: dict[str, int] = {}
-        self._dead = DeadEnds(node)
         self._turns = TurnGiver(node, self.watched if rate is None else ())
         # Whether somebody else has sent something that the nodes have to be done with. Called after each message.
         self._noted = False
         self.on_settled: Callable[[], None] = lambda: None
-        self._died: dict[str, int] = {}
-        self._born: dict[str, float] = {}
-        self._subscriptions = [
-            listen(name) for name in self.watched for listen in (self._listen, self._listen_to_connections)
-        ]
+        self._subscriptions = [self._listen(name) for name in self.watched]
         for topic in self._log.topics:
             self._advertise(topic)
 
@@ -157,11 +153,12 @@ class Replayer:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._node.destroy_publisher(self._clock)
+        self._audience.close()
         self._turns.close(self._node.destroy_publisher)
 
     def _listen(self, watched: str) -> Any:
         def keep(message: Processed, info: dict[str, Any]) -> None:
-            if self._is_of_the_dead(watched, info):
+            if self._audience.is_of_the_dead(watched, info):
                 return
             before = self._answers.get((watched, message.topic))
             if before is not None and self._foreign[message.topic]:
@@ -169,8 +166,7 @@ class Replayer:
                 message.sequence = max(message.sequence, before.sequence)
             self._answers[watched, message.topic] = message
             published = dict(zip(message.output_topics, message.output_counts, strict=True))
-            self._turns.note(watched, published)
-            self._flow.note(watched, {message.topic: message.received}, published)
+            self._take_counts(watched, {message.topic: message.received}, published)
 
         return self._node.create_subscription(
             Processed,
@@ -179,31 +175,9 @@ class Replayer:
             DEPTH,
         )
 
-    def _is_of_the_dead(self, watched: str, info: dict[str, Any]) -> bool:
-        """What a node said before it died may still be on its way."""
-        return int(info["source_timestamp"]) <= self._died.get(watched, 0)
-
-    def _listen_to_connections(self, watched: str) -> Any:
-        def keep(message: Connections, info: dict[str, Any]) -> None:
-            if self._is_of_the_dead(watched, info):
-                return
-            self._connections[watched] = message
-            inputs, on_demand = frozenset(message.inputs), frozenset(message.on_demand)
-            if inputs != self._inputs.get(watched) or on_demand != self._on_demand.get(watched):
-                self._inputs[watched], self._on_demand[watched] = inputs, on_demand
-                self._consumers.clear()
-            self._reported[watched] = int(info["source_timestamp"])
-            received = dict(zip(message.inputs, message.received, strict=True))
-            published = dict(zip(message.outputs, message.sent, strict=True))
-            self._turns.note(watched, published)
-            self._flow.note(watched, received, published)
-
-        return self._node.create_subscription(
-            Connections,
-            f"{watched}/connections",
-            keep,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
-            1,
-        )
+    def _take_counts(self, watched: str, received: Mapping[str, int], published: Mapping[str, int]) -> None:
+        self._turns.note(watched, published)
+        self._flow.note(watched, received, published)
 
     def _name(self, topic: Topic) -> str:
         return self._name_of(topic.name)
@@ -211,16 +185,6 @@ class Replayer:
     def _name_of(self, recorded: str) -> str:
         name = f"/{recorded.lstrip('/')}"
         return name if name.startswith(f"{self._namespace}/") else f"{self._namespace}{name}"
-
-    def _deaf(self) -> dict[str, list[str]]:
-        """Nodes of which nothing that was sent has reached an input but tf, and what they listen to."""
-        found = {}
-        for watched in self.watched:
-            inputs = {name for name in self._inputs.get(watched, ()) if not name.endswith(NOT_DATA)}
-            answered = {topic for name, topic in self._answers if name == watched}
-            if inputs and not inputs & (answered | {name for name, count in self._sent.items() if count}):
-                found[watched] = sorted(inputs)
-        return found
 
     def _advertise(self, topic: Topic) -> None:
         if topic.type_name == CLOCK_TYPE:
@@ -261,8 +225,10 @@ class Replayer:
         self._settle()
         self.account.bag_seconds = (self.now - (first or 0)) / NANOSECONDS
         self.account.wall_seconds = time.monotonic() - started
-        self._count_losses()
-        self.account.deaf = self._deaf()
+        self.account.count(self._answers)
+        self.account.deaf = self._audience.deaf(
+            {name for name, count in self._sent.items() if count}, self._answers
+        )
         return self.account
 
     def _messages(self) -> Iterator[RawMessage]:
@@ -293,7 +259,7 @@ class Replayer:
         self._noted = True
         if name in {self._name_of(topic) for topic in self._publishers}:
             self._foreign[name] += 1
-            for node in self._consumers_of(name):
+            for node in self._audience.consumers_of(name):
                 answer = self._answers.get((node, name))
                 if answer is not None:
                     before = self._expected.get((node, name), 0)
@@ -318,7 +284,7 @@ class Replayer:
 
     def begin_turns(self) -> None:
         """Tell all nodes that there are turns, and wait until they know; those that were told know it twice."""
-        takers = [name for name in self.watched if turn_topic(name) in self._inputs.get(name, ())]
+        takers = [name for name in self.watched if turn_topic(name) in self._audience.inputs.get(name, ())]
         deadline, again = time.monotonic() + PATIENCE, 0.0
         waiting = takers if self._rate is None else []
         while waiting and time.monotonic() < deadline:
@@ -345,7 +311,7 @@ class Replayer:
         if waiting:
             # One died or hangs: the message counts as unanswered, and who listens is asked again.
             self.account.unanswered.update(waiting)
-            self._consumers.clear()
+            self._audience.ask_again()
             self._flow.forgive()
 
     def _untold(self) -> list[str]:
@@ -358,45 +324,12 @@ class Replayer:
 
     def _behind(self, name: str) -> list[str]:
         number = self._own(name)
-        direct = [node for node in self._consumers_of(name) if self._answered(node, name) < number]
+        direct = [node for node in self._audience.consumers_of(name) if self._answered(node, name) < number]
         return direct or self._flow.behind()
 
     def _answered(self, node: str, name: str) -> int:
         answer = self._answers.get((node, name))
         return 0 if answer is None else int(answer.sequence)
-
-    def _consumers_of(self, name: str) -> list[str]:
-        found = self._consumers.get(name)
-        if found is None:
-            found = [node for node in self._subscribers(name) if name not in self._on_demand.get(node, ())]
-            if found or not self._is_wanted(name):
-                self._consumers[name] = found
-        return found
-
-    def _is_wanted(self, name: str) -> bool:
-        """Whether a topic without known subscribers may have some yet; asking the graph for each message is slow."""
-        return any(
-            name in self._inputs.get(node, (name,)) and name not in self._on_demand.get(node, ())
-            for node in self.watched
-        )
-
-    def _subscribers(self, name: str) -> list[str]:
-        # Goals and results are on no topic.
-        counted = [node for node in self.watched if name in self._inputs.get(node, ())]
-        found = {
-            f"{end.node_namespace.rstrip('/')}/{end.node_name}"
-            for end in self._node.get_subscriptions_info_by_topic(name)
-            if tuple(end.endpoint_gid) not in self._dead
-        }
-        return [node for node in self.watched if node in found] or counted
-
-    def _is_kept_for(self, name: str, topic: str) -> bool:
-        """Whether a node that came late is given the latched message; one that asks for a volatile topic is not."""
-        return any(
-            f"{end.node_namespace.rstrip('/')}/{end.node_name}" == name
-            and end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            for end in self._node.get_subscriptions_info_by_topic(topic)
-        )
 
     def sent_by_nodes(self, topic: str) -> int:
         """Messages that the watched nodes have reported to have published on a topic."""
@@ -414,56 +347,23 @@ class Replayer:
 
         recorded : topics that the caller listens to.
         """
-        silent = [
-            f"{name} has not reported its connections"
-            for name in self.watched
-            if name not in self._connections
-        ]
-        if silent:
-            return silent
-        listeners = Counter(topic for report in self._connections.values() for topic in report.inputs)
-        listeners.update(recorded)
+        latched = {topic for topic in self._latched if self._sent[topic]}
         played = {self._name_of(topic) for topic in self._publishers}
-        missing = [
-            f"{name} is not yet a known subscriber of {topic}"
-            for name, report in self._connections.items()
-            for topic in played.intersection(report.inputs)
-            if name not in self._subscribers(topic)
-        ]
-        missing += [
-            f"{name} has not received the last message on {topic}"
-            for name, report in self._connections.items()
-            for topic, received in zip(report.inputs, report.received, strict=True)
-            if topic in self._latched
-            and self._sent[topic]
-            and not received
-            and self._is_kept_for(name, topic)
-        ]
-        for name, report in self._connections.items():
-            for topic, found in zip(report.outputs, report.subscribers, strict=True):
-                alive = found - self._dead.known(topic, self._born.get(name, 0.0))
-                if alive < listeners[topic]:
-                    missing.append(f"{name} has found {alive} of {listeners[topic]} subscribers of {topic}")
-        return missing
+        return self._audience.unconnected(recorded, played, latched)
 
     def bury(self, node: str) -> None:
         """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
-        self._connections.pop(node, None)
-        self._inputs.pop(node, None)
-        self._consumers.clear()
-        self._died[node] = time.time_ns()
+        self._audience.bury(node)
         self._turns.died(node)
         self._flow.died(node)
-        self._dead.bury(node)
-        self._born[node] = time.monotonic()
 
     def silent_since(self, moment: int) -> list[str]:
         """Watched nodes that have not said since a moment (ns of the system's clock) how much went through them."""
-        return [name for name in self.watched if self._reported.get(name, 0) <= moment]
+        return self._audience.silent_since(moment)
 
     def nodes_changed(self) -> None:
         """A watched node came or went: ask the graph again who listens to what, and count from here."""
-        self._consumers.clear()
+        self._audience.ask_again()
         self._flow.forgive()
 
     def _settle(self) -> None:
@@ -474,7 +374,7 @@ class Replayer:
                 node
                 for topic in self._log.topics
                 if topic.name in self._publishers
-                for node in self._consumers_of(self._name(topic))
+                for node in self._audience.consumers_of(self._name(topic))
                 if self._answered(node, self._name(topic)) < self._own(self._name(topic))
             ] + self._flow.behind()
             if not behind:
@@ -483,11 +383,3 @@ class Replayer:
             self._executor.spin_once(timeout_sec=0.2)
             if sum(answer.received for answer in self._answers.values()) > before:
                 deadline = time.monotonic() + PATIENCE
-
-    def _count_losses(self) -> None:
-        losses: dict[str, int] = defaultdict(int)
-        for (node, topic), answer in self._answers.items():
-            self.account.processed[node] += int(answer.received)
-            if answer.lost:
-                losses[f"{node} {topic}"] = int(answer.lost)
-        self.account.lost = dict(losses)

@@ -1,0 +1,68 @@
+"""What became of the messages of one topic, and which of them never came."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+
+@dataclass
+class InputCounts:
+    """What became of the messages of one topic."""
+
+    received: int = 0
+    used: int = 0
+    late: int = 0
+    inactive: int = 0
+    lost: int = 0
+    reported_lost: int = 0
+    stamp_gaps: int = 0
+    drops: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def dropped(self) -> int:
+        return sum(self.drops.values())
+
+
+class MessageGaps:
+    """Finds what was lost on the way or left out by a sensor's driver, and counts it.
+
+    one_publisher : whether a single one sends, which numbers its messages; None until it was looked.
+    """
+
+    def __init__(self, counts: InputCounts) -> None:
+        self._counts = counts
+        self.one_publisher: bool | None = None
+        self._sequence = 0
+        self._periods: deque[int] = deque(maxlen=50)
+        self._last_stamp: int | None = None
+
+    def new_run(self) -> None:
+        """Stamps begin anew."""
+        self._periods.clear()
+        self._last_stamp = None
+
+    def watch_publishers(self, count: int) -> None:
+        """Numbers of several publishers interleave and say nothing."""
+        # The graph may not know yet of the one whose message has just come.
+        self.one_publisher = count <= 1
+        if not self.one_publisher:
+            self._sequence = 0
+
+    def check_sequence(self, sequence: int) -> int:
+        """How many are lost before this one: with a single publisher, a jump. A smaller number is a restart."""
+        jumped = self.one_publisher and sequence > self._sequence + 1 and self._sequence > 0
+        lost = sequence - self._sequence - 1 if jumped else 0
+        self._counts.lost += lost
+        self._sequence = sequence
+        return lost
+
+    def check_period(self, stamp: int) -> None:
+        """A gap between stamps of several usual periods: the sensor or its driver left something out."""
+        if self._last_stamp is not None and stamp > self._last_stamp:
+            period = stamp - self._last_stamp
+            if len(self._periods) >= 10:
+                usual = sorted(self._periods)[len(self._periods) // 2]
+                self._counts.stamp_gaps += max(0, round(period / usual) - 1) if usual > 0 else 0
+            self._periods.append(period)
+        self._last_stamp = stamp

@@ -1,0 +1,105 @@
+"""What others ask of `world_model`, and how they correct it: `~/query`, `~/forget`, `~/relabel`, `~/save`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from estimation.errors import InputError
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.world_messages import object_message, region_from_message
+from whereabouts.system.state_files import StateFiles
+from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
+from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
+from world_model.world import routines_path
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.world_model_node import WorldModelNode
+
+Array = NDArray[np.float64]
+
+
+class WorldServices:
+    """Services of the node; it has a model as long as they are there."""
+
+    def __init__(self, node: WorldModelNode) -> None:
+        self._node = node
+        node.add_service(QueryWorld, "~/query", self._query)
+        node.add_service(ForgetObject, "~/forget", self._forget)
+        node.add_service(RelabelObject, "~/relabel", self._relabel)
+        node.add_service(SaveState, "~/save", self._save)
+
+    def _query(self, request: QueryWorld.Request, response: QueryWorld.Response) -> QueryWorld.Response:
+        moment = nanoseconds(request.time)
+        frame = frame_name(request.frame_id) or self._node.map_frame
+        there = (
+            np.eye(4)
+            if frame == self._node.map_frame
+            else self._node.transforms.lookup(self._node.map_frame, frame, self._node.stamp)
+        )
+        answers = self._node.model.query(
+            class_name=request.class_name,
+            predicate=list(request.predicates),
+            object_id=request.object_id,
+            region=region_from_message(request.region, there),
+            stamp=moment / NANOSECONDS if moment else None,
+            min_probability=request.min_probability,
+            limit=int(request.limit) or None,
+        )
+        back: Array = np.asarray(np.linalg.inv(there), dtype=np.float64)
+        stamp = time_message(max(moment or self._node.stamp, 0))
+        response.world.header = Header(stamp=stamp, frame_id=frame)
+        response.world.objects = [object_message(answer.object, back) for answer in answers]
+        response.world.epoch = self._node.model.epoch
+        response.probabilities = [min(answer.probability, 1.0) for answer in answers]
+        response.descriptions = [answer.description for answer in answers]
+        if request.object_id and answers and not moment:
+            routine = self._node.model.explain(request.object_id)
+            response.descriptions[0] += f". {routine}" if routine else ""
+        response.code, response.message = response.SUCCESS, f"{len(answers)} objects"
+        return response
+
+    def _forget(
+        self, request: ForgetObject.Request, response: ForgetObject.Response
+    ) -> ForgetObject.Response:
+        if not request.object_id and not request.class_name:
+            raise InputError("object_id and class_name are both empty: nothing to forget")
+        names = [request.object_id] if request.object_id else []
+        if request.class_name:
+            names += [
+                item.id
+                for item in self._node.now_known().objects
+                if item.most_probable("class") == request.class_name and item.id not in names
+            ]
+        for name in names:
+            self._node.model.forget(name)
+            response.object_ids.append(name)
+        self._node.after_change()
+        response.code, response.message = response.SUCCESS, f"{len(names)} objects forgotten"
+        return response
+
+    def _relabel(
+        self, request: RelabelObject.Request, response: RelabelObject.Response
+    ) -> RelabelObject.Response:
+        if not request.class_name and not request.new_object_id:
+            raise InputError("class_name and new_object_id are both empty: nothing to change")
+        self._node.model.relabel(request.object_id, request.class_name, request.new_object_id)
+        self._node.after_change()
+        response.code, response.message = response.SUCCESS, "relabelled"
+        return response
+
+    def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
+        store = self._node.model.store
+        if store is None:
+            raise InputError("there is no store: the parameter store_path is empty")
+        files = StateFiles(self._node.settings.state_dir, self._node.settings.allowed_folders)
+        path = store.save(files.named(request.path, self._node.settings.store_path, making=True))
+        self._node.model.household.write(routines_path(path))
+        self._node.camera.rates.write(path.with_name(path.name + CAMERA_SUFFIX))
+        response.path = str(path)
+        response.code, response.message = response.SUCCESS, "written"
+        return response
