@@ -29,7 +29,7 @@ MIB = 1024.0
 
 
 @dataclass
-class Memory:
+class ProcessMemory:
     """Of a process, in MiB."""
 
     resident: float
@@ -37,11 +37,11 @@ class Memory:
     private: float
 
 
-def memory(pid: int) -> Memory:
+def memory(pid: int) -> ProcessMemory:
     """Read from the kernel's own account."""
     text = Path(f"/proc/{pid}/smaps_rollup").read_text()
     found = {name: int(size) / MIB for name, size in re.findall(r"^(\w+):\s+(\d+) kB", text, re.MULTILINE)}
-    return Memory(found["Rss"], found["Pss"], found["Private_Clean"] + found["Private_Dirty"])
+    return ProcessMemory(found["Rss"], found["Pss"], found["Private_Clean"] + found["Private_Dirty"])
 
 
 @contextmanager

@@ -131,7 +131,7 @@ def loop_closure_feed(node: LoopClosureNode, hours: float) -> Feed:
         ranges = scan.ranges + rng.normal(0.0, 0.005, len(scan))
         node._take_scan(scan_message(replace(scan, ranges=ranges), at), at)
         if k % 2:
-            node._publish_map()
+            node.publish_map()
         yield float(k)
 
 
@@ -189,7 +189,7 @@ def loop_closure(options: argparse.Namespace) -> list[str]:
     start(node)
 
     def now() -> str:
-        slam = node._slam
+        slam = node.slam
         return f"{len(slam.keyframes)} {len(slam.graph.edges)} {len(slam.closures)}"
 
     figures = SimpleNamespace(names="keyframes, edges, closures", now=now)

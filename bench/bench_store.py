@@ -57,7 +57,7 @@ def row(count: int, in_view: int) -> str:
         config = WorldModelConfig(classes=CLASSES, colors=COLORS, region=region)
         model, store = WorldModel(config, places), Store(path)
         update, record = np.zeros(LOOKS), np.zeros(LOOKS)
-        scene = Scene(count, in_view)
+        scene = StoreScene(count, in_view)
         # All objects have been seen once before it is measured.
         for k in range(-scene.groups * 8, LOOKS):
             evidence = scene.look(k)
@@ -92,7 +92,7 @@ def long_run() -> str:
         side = float(np.sqrt(20 / DENSITY))
         region = ((-1.0, side + 1.0), (-1.0, side + 1.0), (0.0, 2.5))
         config = WorldModelConfig(classes=CLASSES, colors=COLORS, region=region)
-        model, scene = WorldModel(config), Scene(20, 20, moving=True)
+        model, scene = WorldModel(config), StoreScene(20, 20, moving=True)
         parts = []
         with Store(path, limit=1000) as store:
             for part in range(3):
@@ -107,7 +107,7 @@ def long_run() -> str:
     return "20 moving objects, history limited to 1000 rows, after looks " + "; ".join(parts)
 
 
-class Scene:
+class StoreScene:
     """Objects spread over a square and a camera that sees all around it; `moving`: they walk in circles.
 
     At negative numbers the camera goes round, eight looks a stop; from zero on it stays.

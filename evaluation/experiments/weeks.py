@@ -60,7 +60,7 @@ REMOVED, NEW = 1e-7, 1e-5
 """1/s: what leaves this home for ever, and what comes to it: next to nothing."""
 
 
-class Robot:
+class VisitingRobot:
     """What it believes, what it looks at, and how it searches."""
 
     def __init__(self, weeks: Weeks, store: Store) -> None:
@@ -140,7 +140,7 @@ def live_weeks(seed: int, days: int) -> Week:
     weeks = Weeks(library_settings()[0].places, days, seed)
     rng, out = np.random.default_rng([seed, 63]), Week()
     with TemporaryDirectory() as folder, Store(Path(folder) / "world.sqlite", HISTORY) as store:
-        robot, turn = Robot(weeks, store), 0
+        robot, turn = VisitingRobot(weeks, store), 0
         for day in track(range(days), "days"):
             midnight = weeks.begin + day * DAY
             asked = set(rng.integers(3, int((NIGHT - MORNING) / ROUND), ASKED).tolist())
@@ -158,7 +158,7 @@ def live_weeks(seed: int, days: int) -> Week:
     return out
 
 
-def _search(robot: Robot, rng: np.random.Generator, stamp: float, out: Week) -> None:
+def _search(robot: VisitingRobot, rng: np.random.Generator, stamp: float, out: Week) -> None:
     lies = [name for name in CARRIED if robot.weeks.where(name, stamp)]
     name = str(rng.choice(lies))
     known = robot.believed(name, stamp)
@@ -166,7 +166,7 @@ def _search(robot: Robot, rng: np.random.Generator, stamp: float, out: Week) -> 
     out.searched.append(robot.search(name, stamp))
 
 
-def _ask(robot: Robot, rng: np.random.Generator, stamp: float, out: Week) -> None:
+def _ask(robot: VisitingRobot, rng: np.random.Generator, stamp: float, out: Week) -> None:
     """Where things were, at times that are drawn from the last week."""
     for name in rng.choice(CARRIED, QUESTIONS).tolist():
         since = max(robot.weeks.begin + MORNING + HOUR, stamp - 7.0 * DAY)

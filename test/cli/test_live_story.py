@@ -17,7 +17,7 @@ from whereabouts.simulation.home.live_apartment import ASKED
 TABLE, SHELF = np.array([4.0, 0.0, 0.7]), np.array([0.0, 5.0, 0.9])
 
 
-class Day:
+class StoryDay:
     """The cup stands on the shelf; a robot that drives 0.5 m per moment, an eighth of a second each."""
 
     def __init__(self) -> None:
@@ -38,11 +38,11 @@ class Day:
         return ASKED if near else None
 
 
-class Robot:
+class StoryRobot:
     """Believes the cup on the table until `corrected`, s; sees it where it is from a metre away."""
 
     def __init__(self, corrected: float) -> None:
-        self.day, self.corrected = Day(), corrected
+        self.day, self.corrected = StoryDay(), corrected
         self.goals: list[Any] = []
         self.tasks: list[Any] = []
         self.missed: list[str] = []
@@ -87,7 +87,7 @@ class Robot:
         )
 
 
-def lived(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Any:
+def lived(robot: StoryRobot, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The story of a robot that only fetches."""
     script = Script(maintained=0.0, toured=False, sought="", timeout=60.0)
     teller = Teller(cast(LiveRobot, robot), script)
@@ -98,7 +98,7 @@ def lived(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_thing_that_is_believed_elsewhere_by_now_is_fetched_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = Robot(corrected=0.5)
+    robot = StoryRobot(corrected=0.5)
     story = lived(robot, monkeypatch)
     assert story.right
     assert robot.missed == []
@@ -106,7 +106,7 @@ def test_a_thing_that_is_believed_elsewhere_by_now_is_fetched_there(monkeypatch:
 
 
 def test_a_thing_that_is_not_where_it_is_believed_to_be_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = Robot(corrected=1e9)
+    robot = StoryRobot(corrected=1e9)
     story = lived(robot, monkeypatch)
     assert not story.right
     assert robot.missed == ["cup-1"]

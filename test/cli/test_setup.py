@@ -39,13 +39,13 @@ def set_up(bag: Path, tmp_path: Path, *options: str) -> tuple[Result, Any]:
     return result, json.loads(figures.read_text())["parameters"] if figures.exists() else None
 
 
-class Recording:
+class RobotRecording:
     """A bag with ten moments of a robot; what is wrong with it is added by the test."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def __enter__(self) -> Recording:
+    def __enter__(self) -> RobotRecording:
         self.writer = McapWriter(self.path)
         self.writer.__enter__()
         return self
@@ -108,7 +108,7 @@ def test_a_base_without_tf_is_placed_by_the_suite(tmp_path: Path) -> None:
 
 def test_frames_with_a_prefix(tmp_path: Path) -> None:
     bag = tmp_path / "prefixed.mcap"
-    with Recording(bag) as robot:
+    with RobotRecording(bag) as robot:
         robot.fixed("rob/chassis", "rob/laser")
         robot.moving("rob/odom", "rob/chassis", [0.01 * k for k in range(10)], 101.0)
         robot.moving("map", "rob/odom", [0.0] * 10, 101.0)
@@ -141,7 +141,7 @@ def test_tf_in_a_namespace_says_where_the_nodes_have_to_run(tmp_path: Path) -> N
 @pytest.mark.parametrize("other", ["scan_filtered", "a_scan"])
 def test_a_scanner_is_followed_once_and_without_what_a_filter_took_out(other: str, tmp_path: Path) -> None:
     bag = tmp_path / "robot.mcap"
-    with Recording(bag) as recording:
+    with RobotRecording(bag) as recording:
         recording.fixed("base_link", "laser")
         recording.fixed("base_link", "rear")
         recording.scans("scan")
@@ -155,7 +155,7 @@ def test_a_scanner_is_followed_once_and_without_what_a_filter_took_out(other: st
 
 def test_a_scanner_that_sees_something_goes_before_one_that_does_not(tmp_path: Path) -> None:
     bag = tmp_path / "robot.mcap"
-    with Recording(bag) as recording:
+    with RobotRecording(bag) as recording:
         recording.fixed("base_link", "laser")
         recording.scans("scan")
         nothing = Scan(np.full(40, np.nan), -1.0, 0.05, 0.1, 8.0, 101.0)
@@ -171,7 +171,7 @@ def test_a_scanner_that_sees_something_goes_before_one_that_does_not(tmp_path: P
 )
 def test_how_a_scanner_is_mounted_is_said(roll: float, pitch: float, sentence: str, tmp_path: Path) -> None:
     bag = tmp_path / "robot.mcap"
-    with Recording(bag) as recording:
+    with RobotRecording(bag) as recording:
         pose = pose_to_matrix(np.array([0.0, 0.0, 0.5, roll, pitch, 0.0]))
         recording.writer.write_transforms([TransformRecord(pose, 1.0, "plate", "laser", "tf_static")])
         recording.fixed("base_link", "plate")
@@ -194,7 +194,7 @@ def test_the_next_command_can_be_copied_whatever_the_folder_is_called(tmp_path: 
 
 def test_a_recording_without_tf_static_is_told_so(tmp_path: Path) -> None:
     bag = tmp_path / "robot.mcap"
-    with Recording(bag) as recording:
+    with RobotRecording(bag) as recording:
         recording.moving("odom", "base_footprint", [0.0, 0.1, 0.2])
         recording.scans("scan")
     result, given = set_up(bag, tmp_path)
@@ -204,7 +204,7 @@ def test_a_recording_without_tf_static_is_told_so(tmp_path: Path) -> None:
 
 def test_a_scanner_or_a_cloud_alone(tmp_path: Path) -> None:
     bag = tmp_path / "scanner.mcap"
-    with Recording(bag) as robot:
+    with RobotRecording(bag) as robot:
         robot.scans()
     result, given = set_up(bag, tmp_path)
     assert result.exit_code == 0, result.output
@@ -232,7 +232,7 @@ def test_a_log_that_is_no_bag(tmp_path: Path) -> None:
 @pytest.mark.parametrize("topic", ["ground_truth/odom", "lidar_odom", "mapper"])
 def test_odometry_that_is_none_of_the_wheels_is_not_taken(topic: str, tmp_path: Path) -> None:
     bag = tmp_path / "truth.mcap"
-    with Recording(bag) as robot:
+    with RobotRecording(bag) as robot:
         robot.fixed("base_link", "laser")
         robot.wheels(topic)
         robot.scans()
@@ -241,46 +241,46 @@ def test_odometry_that_is_none_of_the_wheels_is_not_taken(topic: str, tmp_path: 
     assert "is taken for wheel odometry" in result.output
 
 
-def two_parents(robot: Recording) -> None:
+def two_parents(robot: RobotRecording) -> None:
     robot.fixed("base_footprint", "base_link")
     robot.fixed("base_link", "laser")
     robot.moving("odom", "base_link", [0.01 * k for k in range(10)], 101.0)
     robot.scans()
 
 
-def two_publishers(robot: Recording) -> None:
+def two_publishers(robot: RobotRecording) -> None:
     robot.fixed("base_link", "laser")
     robot.moving("odom", "base_link", [k % 2 + 0.01 * k for k in range(20)], 101.0)
     robot.scans()
 
 
-def two_mountings(robot: Recording) -> None:
+def two_mountings(robot: RobotRecording) -> None:
     robot.fixed("base_link", "laser", 0.1)
     robot.fixed("base_link", "laser", 0.3)
     robot.scans()
 
 
-def clocks_apart(robot: Recording) -> None:
+def clocks_apart(robot: RobotRecording) -> None:
     robot.fixed("base_link", "laser")
     robot.wheels("odom")
     robot.wheels("imu_odom")
     robot.scans(behind=40.0)
 
 
-def not_connected(robot: Recording) -> None:
+def not_connected(robot: RobotRecording) -> None:
     robot.fixed("base_link", "camera")
     robot.moving("odom", "base_link", [0.0] * 10, 101.0)
     robot.scans(frame="")
 
 
-def never_stamped(robot: Recording) -> None:
+def never_stamped(robot: RobotRecording) -> None:
     robot.fixed("base_link", "laser")
     for k in range(5):
         scan = Scan(SCAN.ranges, SCAN.angle_min, SCAN.angle_increment, 0.1, 8.0, 0.0)
         robot.writer.write_scan(ScanRecord(scan, 0.0, "scan", "laser"), (101 + k) * 10**9)
 
 
-def several_echoes(robot: Recording) -> None:
+def several_echoes(robot: RobotRecording) -> None:
     types = standard_types().types
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](101, 0), "laser")
     echo = types["sensor_msgs/msg/LaserEcho"](np.array([2.0, 2.5], dtype=np.float32))
@@ -289,7 +289,7 @@ def several_echoes(robot: Recording) -> None:
     robot.writer.write_message("echoes", kind, message, 101 * 10**9)
 
 
-def best_effort_tf(robot: Recording) -> None:
+def best_effort_tf(robot: RobotRecording) -> None:
     robot.scans()
     topic = Topic("/tf_static", TF, qos=(Qos(reliability="best_effort", durability="volatile"),))
     mount = transform_message([TransformRecord(np.eye(4), 1.0, "base_link", "laser", "tf_static")])
@@ -316,7 +316,7 @@ def test_what_stands_in_the_way_is_said_and_nothing_is_written(
     spoil: Any, sentence: str, tmp_path: Path
 ) -> None:
     bag = tmp_path / "bad.mcap"
-    with Recording(bag) as robot:
+    with RobotRecording(bag) as robot:
         spoil(robot)
     result, _ = set_up(bag, tmp_path)
     assert sentence in result.output

@@ -28,7 +28,7 @@ TOKEN = "a secret"
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 
 
-class Source:
+class ScriptedSource:
     """Says what the test puts into it."""
 
     live = True
@@ -61,12 +61,12 @@ class Source:
 
 
 @pytest.fixture
-def source() -> Source:
-    return Source()
+def source() -> ScriptedSource:
+    return ScriptedSource()
 
 
 @pytest.fixture
-def client(source: Source) -> Iterator[TestClient]:
+def client(source: ScriptedSource) -> Iterator[TestClient]:
     with TestClient(Console(source, TOKEN).app()) as made:
         yield made
 
@@ -80,7 +80,7 @@ def test_the_page_is_small_and_asks_nobody_else(client: TestClient) -> None:
     assert "default-src 'self'" in answer.headers["content-security-policy"]
 
 
-def test_state_now_and_then(client: TestClient, source: Source) -> None:
+def test_state_now_and_then(client: TestClient, source: ScriptedSource) -> None:
     source.now = {**empty(), "stamp": 15.0, "people": [{"vx": math.inf}]}
     now = client.get("/api/state").json()
     assert (now["stamp"], now["live"], now["span"]) == (15.0, True, [10.0, 20.0])
@@ -102,7 +102,7 @@ def test_questions(client: TestClient) -> None:
         assert client.get("/api/ask", params={"q": wrong}).status_code == 400
 
 
-def test_nothing_is_done_without_the_token(client: TestClient, source: Source) -> None:
+def test_nothing_is_done_without_the_token(client: TestClient, source: ScriptedSource) -> None:
     for headers in ({}, {"Authorization": "Bearer wrong"}):
         answer = client.post("/api/find", json={"name": "cup"}, headers=headers)
         assert answer.status_code == 403
@@ -122,7 +122,7 @@ def test_requests_that_make_no_sense_get_a_sentence(client: TestClient) -> None:
     assert client.get("/api/map.png").status_code == 404
 
 
-def test_other_names_for_this_machine_and_other_pages_are_refused(source: Source) -> None:
+def test_other_names_for_this_machine_and_other_pages_are_refused(source: ScriptedSource) -> None:
     app = Console(source, TOKEN).app()
     with TestClient(app, base_url="http://attacker.example") as stranger:
         assert stranger.get("/api/state").status_code == 400
@@ -134,7 +134,7 @@ def test_other_names_for_this_machine_and_other_pages_are_refused(source: Source
         pass
 
 
-def test_other_devices_need_the_token_to_look(source: Source) -> None:
+def test_other_devices_need_the_token_to_look(source: ScriptedSource) -> None:
     with TestClient(Console(source, TOKEN, open_to_all=False).app(), base_url="http://robot:8090") as client:
         assert client.get("/").status_code == 200
         assert client.get("/api/state").status_code == 403
@@ -145,7 +145,7 @@ def test_other_devices_need_the_token_to_look(source: Source) -> None:
             assert json.loads(socket.receive_text())["live"]
 
 
-def test_all_who_look_are_told_what_is_new(client: TestClient, source: Source) -> None:
+def test_all_who_look_are_told_what_is_new(client: TestClient, source: ScriptedSource) -> None:
     with client.websocket_connect("/api/live") as first, client.websocket_connect("/api/live") as second:
         for socket in (first, second):
             assert json.loads(socket.receive_text())["stamp"] is None
@@ -157,7 +157,7 @@ def test_all_who_look_are_told_what_is_new(client: TestClient, source: Source) -
 
 
 def test_a_viewer_that_takes_nothing_is_given_up_and_others_are_told(
-    source: Source, monkeypatch: pytest.MonkeyPatch
+    source: ScriptedSource, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(whereabouts.console.console_server, "STALLED", 0.2)
     # More than what lies between two sockets.

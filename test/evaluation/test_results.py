@@ -140,12 +140,12 @@ def test_several_workers_begin_with_the_longest(tmp_path: Path, monkeypatch: pyt
     (out / "d.json").write_text("cut off")
     monkeypatch.setattr(results, "FOLDER", committed)
 
-    class Pool(ThreadPoolExecutor):
+    class InProcessPool(ThreadPoolExecutor):
         def __init__(self, workers: int, mp_context: object, initializer: object) -> None:
             super().__init__(1)
 
     begun: list[str] = []
-    monkeypatch.setattr(running, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(running, "ProcessPoolExecutor", InProcessPool)
     monkeypatch.setattr(running, "run", lambda asked: begun.append(asked.name))
     asked = [running.Run(name, out, quick=True) for name in "abcd"]
     assert len(list(running.run_each(asked, 2))) == 4

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.geometry.places import Places
-from evaluation.experiments.weeks import Robot
+from evaluation.experiments.weeks import VisitingRobot
 from whereabouts.simulation.home.floor_plan import places_file
 from whereabouts.simulation.home.household_weeks import CARRIED, DAY, HOUR, IN_HAND, Weeks
 
@@ -55,7 +55,7 @@ def test_what_lies_at_a_place_is_detected_from_where_the_robot_stands(weeks: Wee
 
 
 def test_the_most_probable_place_is_first_then_the_longest_unseen() -> None:
-    robot = Robot.__new__(Robot)
+    robot = VisitingRobot.__new__(VisitingRobot)
     robot.weeks = SimpleNamespace(looked_at=["desk", "shelf", "sink", "table"])  # type: ignore[assignment]
     robot._looked = {"desk": 30.0, "shelf": 10.0, "table": 20.0}
     found = SimpleNamespace(id="cup-1", place="table", usual={"sink": 0.3, "hall": 0.5, "table": 0.2})

@@ -76,10 +76,10 @@ def odom(pose: Sequence[float], stamp: float = 10.0, speed: float = 0.5, turn: f
 def lines() -> Any:
     """Makers of log lines."""
 
-    class Lines:
+    class CountedLines:
         pass
 
-    made = Lines()
+    made = CountedLines()
     made.flaser, made.robotlaser, made.odom = flaser, robotlaser, odom  # type: ignore[attr-defined]
     return made
 

@@ -27,7 +27,7 @@ MOUNT = looking(np.array([0.6, 0.4, 1.25]), np.array([2.4, 0.35, 0.7]))
 BASE = np.array([[0.0, -1.0, 0.0, 0.5], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-class Recorder:
+class CameraRecorder:
     """Writes the messages of a camera, a detector and tf, with a look four times a second."""
 
     def __init__(self, path: Path) -> None:
@@ -129,7 +129,7 @@ class Recorder:
 
 def recorded(path: Path, depth: bool = True) -> Path:
     """A cup and a bowl on the table; then the cup has gone."""
-    recorder = Recorder(path)
+    recorder = CameraRecorder(path)
     with recorder.writer:
         recorder.info()
         recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)

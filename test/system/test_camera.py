@@ -48,7 +48,7 @@ def _compiled() -> None:
     warm_up()
 
 
-class Robot:
+class CameraRobot:
     """A robot before the kitchen table, with a camera whose messages are those of any driver and detector."""
 
     def __init__(self, graph: Graph, **parameters: Any) -> None:
@@ -132,7 +132,7 @@ AT_CUP, AT_BOWL = (0.0, 3.5), (0.4, 3.8)
 
 
 def test_boxes_in_an_image_tell_what_is_there_what_is_hidden_and_what_has_gone(graph: Graph) -> None:
-    robot = Robot(graph)
+    robot = CameraRobot(graph)
     robot.look([CUP, BOWL], 30, robot.boxes)
     assert robot.places() == [AT_CUP, AT_BOWL]
     robot.look([CUP, BOWL], 20, robot.boxes, SOMEBODY)
@@ -148,7 +148,7 @@ def test_boxes_in_an_image_tell_what_is_there_what_is_hidden_and_what_has_gone(g
 
 
 def test_detections_in_space_need_no_field_of_view_of_their_own(graph: Graph) -> None:
-    robot = Robot(graph)
+    robot = CameraRobot(graph)
 
     def told(found: list[Framed]) -> None:
         message = Detection3DArray(header=robot.header("map"))
@@ -172,7 +172,7 @@ def test_detections_in_space_need_no_field_of_view_of_their_own(graph: Graph) ->
 
 
 def test_what_makes_no_sense_is_said_and_counted_and_the_node_goes_on(graph: Graph) -> None:
-    robot = Robot(graph)
+    robot = CameraRobot(graph)
 
     def refused(topic: str, count: int) -> None:
         key = f"/{topic} dropped, refused"
@@ -209,7 +209,7 @@ def test_what_makes_no_sense_is_said_and_counted_and_the_node_goes_on(graph: Gra
 
 
 def test_what_was_learned_of_the_detector_survives_a_restart(graph: Graph, tmp_path: Path) -> None:
-    robot = Robot(graph, store_path=str(tmp_path / "home.sqlite"))
+    robot = CameraRobot(graph, store_path=str(tmp_path / "home.sqlite"))
     robot.look([CUP, BOWL], 30, robot.boxes)
 
     def told() -> dict[str, str]:
@@ -218,7 +218,7 @@ def test_what_was_learned_of_the_detector_survives_a_restart(graph: Graph, tmp_p
     before = graph.until(told, "the rates of detection")
     graph.change(robot.world.spec, Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
     graph.kill(robot.world.spec)
-    now, robot = robot.now, Robot(graph, store_path=str(tmp_path / "home.sqlite"))
+    now, robot = robot.now, CameraRobot(graph, store_path=str(tmp_path / "home.sqlite"))
     robot.now = now
     robot.look([CUP, BOWL], 1, robot.boxes)
     after = graph.until(told, "the rates of before")

@@ -36,7 +36,7 @@ def messages(sources: list[tuple[float, float]], length: float, start: float = S
     return [(name, stamp) for _, name, stamp in sorted(sent)]
 
 
-class Followed:
+class FollowedClocks:
     """What became of messages."""
 
     def __init__(
@@ -69,7 +69,7 @@ def test_no_single_message_moves_time_or_costs_another_one(
     at = data.draw(st.integers(0, len(sent)))
     name = data.draw(st.sampled_from(sorted({name for name, _ in sent})))
     wrong = (name, data.draw(STAMPS))
-    followed = Followed([*sent[:at], wrong, *sent[at:]])
+    followed = FollowedClocks([*sent[:at], wrong, *sent[at:]])
     assert followed.runs == []
     assert followed.uncounted <= (at == 0)
     missing = set(range(len(sent) + 1)) - set(followed.taken) - {at}
@@ -95,7 +95,7 @@ def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
         sent += [("detector", begun + k * SECOND // 10) for k in range(looks)]
         wrong.append(len(sent))
         sent.append(("detector", stamp))
-    followed = Followed(sent, elapsed=0 if lock_step else SECOND)
+    followed = FollowedClocks(sent, elapsed=0 if lock_step else SECOND)
     assert followed.runs == []
     told = [number for number in followed.taken if number in wrong]
     newest = max(stamp for number, (_, stamp) in enumerate(sent) if number not in wrong)
@@ -107,14 +107,14 @@ def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
 def test_two_sources_that_are_wrong_once_each_begin_no_run(stamp: int, apart: int) -> None:
     sent = messages([(0.1, 0.0), (0.1, 0.0)], 3.0)
     wrong = [("s0", stamp), ("s1", min(max(stamp + apart * SECOND, -(2**31) * SECOND), 2**31 * SECOND))]
-    followed = Followed([*sent[:40], *wrong, *sent[40:]])
+    followed = FollowedClocks([*sent[:40], *wrong, *sent[40:]])
     assert followed.runs == []
     assert set(range(len(sent) + 2)) - set(followed.taken) <= {40, 41}
 
 
 def test_a_detector_that_hardly_ever_speaks_is_heard() -> None:
     sent = [("detector", round((START + 600.0 * k) * SECOND)) for k in range(20)]
-    followed = Followed(sent)
+    followed = FollowedClocks(sent)
     assert followed.runs == []
     assert followed.taken == list(range(20))
 
@@ -123,7 +123,7 @@ def test_a_detector_that_hardly_ever_speaks_is_heard() -> None:
 @given(SOURCES)
 def test_clocks_apart_and_sources_late_are_all_taken_in_order(sources: list[tuple[float, float]]) -> None:
     sent = messages(sources, 12.0)
-    followed = Followed(sent)
+    followed = FollowedClocks(sent)
     assert followed.runs == []
     assert followed.taken == list(range(len(sent)))
 
@@ -136,7 +136,7 @@ def test_two_cameras_on_one_topic_may_be_five_seconds_apart(apart: float, period
     sent = [message for pair in zip(first, second, strict=False) for message in pair]
     # The first of them falls silent.
     sent += second[len(first) :]
-    followed = Followed(sent)
+    followed = FollowedClocks(sent)
     assert followed.runs == []
     assert followed.taken == list(range(len(sent)))
 
@@ -149,7 +149,7 @@ def test_a_looped_bag_is_one_new_run_of_which_nothing_is_lost(
     # The end of the bag, and its beginning once more.
     end = messages(sources, 12.0, START + length)
     sent = [*end, *messages(sources, 30.0, START)]
-    followed = Followed(sent)
+    followed = FollowedClocks(sent)
     assert len(followed.runs) == 1
     assert followed.uncounted == 0
     assert followed.taken == list(range(len(sent)))
@@ -165,7 +165,7 @@ def test_a_source_that_stalls_and_comes_back_is_no_new_run(
     sent = messages(sources, 10.0)
     others = [m for m in messages(sources, 12.0, START + 10.0) if m[0] != f"s{stalled}"]
     sent += others + messages(sources, 12.0, START + 22.0 + silent)
-    followed = Followed(sent)
+    followed = FollowedClocks(sent)
     assert followed.runs == []
     assert sorted(followed.taken) == list(range(len(sent)))
     # Nothing overtakes what came from the same source before.
@@ -180,7 +180,7 @@ def test_a_source_gone_mad_is_refused_as_long_as_others_are_right() -> None:
     for k, message in enumerate(good):
         off = 0 if k < 50 else YEAR * SECOND
         sent += [message, ("mad", message[1] + off)]
-    followed = Followed(sent)
+    followed = FollowedClocks(sent)
     assert followed.runs == []
     assert [sent[number] for number in followed.taken if sent[number][0] != "mad"] == good
     assert followed.clocks.now is not None
@@ -190,16 +190,16 @@ def test_a_source_gone_mad_is_refused_as_long_as_others_are_right() -> None:
 
 def test_a_clock_far_from_the_first_is_known_for_one_and_is_taken_once_it_is_put_right() -> None:
     near = messages([(0.1, 0.0), (0.1, 20.0)], 8.0)
-    found = Followed(near)
+    found = FollowedClocks(near)
     first, second = (found.clocks.sources[name] for name in ("s0", "s1"))
     assert not found.runs
     assert len(found.taken) == 80
     assert second.is_apart
     assert not first.is_apart
     # A single odd stamp is none.
-    odd = Followed([*messages([(0.1, 0.0)], 1.0), ("s1", round((START - 20.0) * SECOND))])
+    odd = FollowedClocks([*messages([(0.1, 0.0)], 1.0), ("s1", round((START - 20.0) * SECOND))])
     assert not odd.clocks.sources["s1"].is_apart
-    right = Followed(messages([(0.1, 0.0), (0.1, 0.0)], 2.0, START + 8.0), found.clocks)
+    right = FollowedClocks(messages([(0.1, 0.0), (0.1, 0.0)], 2.0, START + 8.0), found.clocks)
     assert not right.runs
     assert len(right.taken) == 40
     assert not second.is_apart
@@ -207,22 +207,22 @@ def test_a_clock_far_from_the_first_is_known_for_one_and_is_taken_once_it_is_put
 
 def test_a_measured_silence_explains_a_leap_at_once() -> None:
     sent = [*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * SECOND))]
-    assert Followed(sent).held == [30]
-    assert Followed(sent, elapsed=100 * SECOND).taken == list(range(31))
+    assert FollowedClocks(sent).held == [30]
+    assert FollowedClocks(sent, elapsed=100 * SECOND).taken == list(range(31))
 
 
 def test_what_leapt_ahead_and_then_fell_silent_is_taken_when_it_is_asked_for() -> None:
-    followed = Followed([*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * SECOND))])
+    followed = FollowedClocks([*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * SECOND))])
     assert [message.item for message in followed.clocks.flush().taken] == [30]
-    back = Followed([*messages([(0.1, 0.0)], 3.0), ("s0", round((START - 100.0) * SECOND))])
+    back = FollowedClocks([*messages([(0.1, 0.0)], 3.0), ("s0", round((START - 100.0) * SECOND))])
     assert back.clocks.flush().taken == []
 
 
 def test_after_time_was_said_to_go_back_old_messages_are_refused_and_no_second_run_begins() -> None:
     before = messages([(0.1, 0.0), (0.1, 0.0)], 5.0, START + 100.0)
-    followed = Followed(before[:-10])
+    followed = FollowedClocks(before[:-10])
     followed.clocks.begin(round(START * SECOND))
-    after = Followed([*before[-10:], *messages([(0.1, 0.0), (0.1, 0.0)], 5.0)], followed.clocks)
+    after = FollowedClocks([*before[-10:], *messages([(0.1, 0.0), (0.1, 0.0)], 5.0)], followed.clocks)
     assert after.runs == []
     assert after.taken == list(range(10, 110))
     assert sorted(after.refused) == list(range(10))
@@ -232,7 +232,7 @@ def test_after_time_was_said_to_go_back_old_messages_are_refused_and_no_second_r
 def test_one_late_message_is_taken_as_late(behind: float) -> None:
     clocks: Clocks[int] = Clocks()
     newest = messages([(0.1, 0.0)], 10.0)
-    Followed(newest, clocks)
+    FollowedClocks(newest, clocks)
     [message] = clocks.take("s0", newest[-1][1] - round(behind * SECOND), 0).taken
     assert message.late
     assert clocks.now is not None

@@ -26,7 +26,7 @@ class Later:
             callback(SimpleNamespace(result=lambda: value))
 
 
-class Nav2:
+class DrivingServer:
     """Takes goals, and ends them as it is told."""
 
     def __init__(self, ready: bool = True) -> None:
@@ -62,7 +62,7 @@ class Nav2:
 
 
 def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not() -> None:
-    nav2 = Nav2()
+    nav2 = DrivingServer()
     failures: list[int] = []
     navigator = Navigator(nav2, lambda pose: ("goal", pose))
     statuses = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
@@ -75,12 +75,12 @@ def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not() 
     navigator.go(3, lambda: failures.append(3))
     nav2.take(3, accepted=False)
     assert failures == [1, 3]
-    assert not Navigator(Nav2(ready=False), lambda pose: pose).go(0, lambda: failures.append(0))
+    assert not Navigator(DrivingServer(ready=False), lambda pose: pose).go(0, lambda: failures.append(0))
     assert nav2.cancelled == []
 
 
 def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers() -> None:
-    nav2 = Nav2()
+    nav2 = DrivingServer()
     failures: list[int] = []
     navigator = Navigator(nav2, lambda pose: pose)
     navigator.go(0, lambda: failures.append(0))
@@ -96,7 +96,7 @@ def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers() 
 
 
 def test_a_goal_that_nav2_gives_up_is_tried_once_more_and_another_ones_goal_is_left_alone() -> None:
-    nav2 = Nav2()
+    nav2 = DrivingServer()
     failures: list[str] = []
     navigator = Navigator(nav2, lambda pose: pose)
     navigator.go("door", lambda: failures.append(navigator.reason))

@@ -18,7 +18,7 @@ from whereabouts.nodes.messages.map_messages import packed_path
 from whereabouts.recorded.mapping import MapGrid
 
 
-class Listener:
+class ListeningNode:
     """Puts maps together as nav2's static layer does."""
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class Listener:
         return int(self.values[j, i])
 
 
-class Grid(MapGrid):
+class DrawnGrid(MapGrid):
     """A grid that a test draws into."""
 
     def add(self, pose: np.ndarray, points: np.ndarray) -> None:
@@ -66,7 +66,7 @@ def points() -> np.ndarray:
 
 
 def test_boxes_lead_from_one_map_to_the_next(points: np.ndarray) -> None:
-    listener, grid = Listener(), Grid()
+    listener, grid = ListeningNode(), DrawnGrid()
     output = MapOutput(listener, 10_000_000)  # type: ignore[arg-type]
     for x in (0.0, 30.0):
         for y in np.arange(0.0, 30.0, 3.0):
@@ -93,7 +93,7 @@ def test_boxes_lead_from_one_map_to_the_next(points: np.ndarray) -> None:
 
 
 def test_the_part_around_the_robot_is_sent_and_the_rest_is_named(points: np.ndarray) -> None:
-    listener, grid = Listener(), Grid()
+    listener, grid = ListeningNode(), DrawnGrid()
     output = MapOutput(listener, 1_000_000)  # type: ignore[arg-type]
     grid.add(np.zeros(3), points)
     output.send(Header(), grid, np.zeros(2))
@@ -113,7 +113,7 @@ def test_the_part_around_the_robot_is_sent_and_the_rest_is_named(points: np.ndar
 
 
 def test_a_grid_of_nothing_is_sent() -> None:
-    listener = Listener()
+    listener = ListeningNode()
     MapOutput(listener, 1_000_000).send(Header(), MapGrid(), None)  # type: ignore[arg-type]
     assert listener.values.size == 0
 

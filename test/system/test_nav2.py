@@ -30,7 +30,7 @@ SAYS = hasattr(NavigateToPose.Result(), "error_msg")  # Jazzy's does, older ones
 
 
 @dataclass
-class Job:
+class NavigationJob:
     """A goal that nav2 works on. outcome : how it ended, "" until then."""
 
     place: np.ndarray
@@ -47,7 +47,7 @@ class Nav2:
     def __init__(self, graph: Graph, where: Callable[[], np.ndarray]) -> None:
         self._where = where
         self.blocked: Callable[[np.ndarray], bool] = lambda place: False
-        self.jobs: list[Job] = []
+        self.jobs: list[NavigationJob] = []
         self.server = ActionServer(
             graph.node, NavigateToPose, "navigate_to_pose", self._run,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
@@ -67,7 +67,7 @@ class Nav2:
 
     async def _run(self, handle: Any) -> Any:
         result, at = NavigateToPose.Result(), handle.request.pose.pose.position
-        job = Job(np.array([at.x, at.y]))
+        job = NavigationJob(np.array([at.x, at.y]))
         self.jobs.append(job)
         while not job.outcome:
             away = float(np.hypot(*(job.place - self._where()[:2])))
@@ -145,7 +145,7 @@ def test_the_driver_follows_a_server_through_every_way_a_goal_can_end(graph: Gra
     nav2.server.destroy()
 
 
-class Driven(House):
+class DrivenHouse(House):
     """A robot that goes where nav2 drives it, and nowhere else."""
 
     def __init__(self, graph: Graph, things: dict[str, tuple[str, float, float]]) -> None:
@@ -163,17 +163,17 @@ class Driven(House):
 
 
 @pytest.fixture
-def house(graph: Graph) -> Driven:
+def house(graph: Graph) -> DrivenHouse:
     things = {
         "cup": ("cup", 1.0, 1.0), "bed": ("bed", -1.0, 4.0), "table": ("coffee table", 4.6, 3.6),
     }  # fmt: skip
-    made = Driven(graph, things)
+    made = DrivenHouse(graph, things)
     graph.start("world_model", region=[-10.0, 10.0, -10.0, 10.0, -0.5, 3.0], rate_hz=10.0)
     return made
 
 
 def test_a_search_drives_gives_up_what_is_blocked_and_cancels_with_itself(
-    graph: Graph, house: Driven
+    graph: Graph, house: DrivenHouse
 ) -> None:
     house.start("object_search", rate=10.0, view=1.2, navigate=True)
     run_until(graph, house, lambda: the(house.states, "bed"), "the bed is known")
@@ -215,7 +215,7 @@ def test_a_search_drives_gives_up_what_is_blocked_and_cancels_with_itself(
     client.destroy()
 
 
-def test_maintenance_drives_and_looks(graph: Graph, house: Driven) -> None:
+def test_maintenance_drives_and_looks(graph: Graph, house: DrivenHouse) -> None:
     start_maintenance(house, use_sim_time=False, navigate=True)
     bed = run_until(graph, house, lambda: the(house.states, "bed"), "the bed is known")
     run_until(graph, house, lambda: trigger(graph, bed.id), "maintenance takes the trigger")
@@ -224,7 +224,7 @@ def test_maintenance_drives_and_looks(graph: Graph, house: Driven) -> None:
     assert np.hypot(*(house.pose[:2] - np.array([-1.0, 4.0]))) < 2.0
 
 
-def lose(house: Driven, object_id: str) -> None:
+def lose(house: DrivenHouse, object_id: str) -> None:
     """Say that an object is not where it is believed to be."""
     missing = ObjectEvidence(detection_id=NOT_FOUND, object_id=object_id)
     missing.pose.pose.orientation.w = 1.0
@@ -234,7 +234,7 @@ def lose(house: Driven, object_id: str) -> None:
 
 
 def test_one_at_a_time_has_the_base_a_person_first_then_what_is_lost_then_maintenance(
-    graph: Graph, house: Driven
+    graph: Graph, house: DrivenHouse
 ) -> None:
     start_maintenance(house, use_sim_time=False, navigate=True, search_for_lost=True)
     house.start("object_search", rate=10.0, view=1.2, navigate=True)

@@ -27,7 +27,7 @@ from whereabouts.simulation.small_robot import record
 PLANAR = [0, 1, 5]
 
 
-class Tree:
+class FrameParents:
     """Transforms of a bag and of what was recorded while it was replayed."""
 
     def __init__(self, *paths: Path) -> None:
@@ -50,7 +50,7 @@ class Tree:
         return np.asarray(pose_from_matrix(parts[0] @ parts[1])[PLANAR])
 
 
-def run(bag: Path, out: Path, *options: str) -> Tree:
+def run(bag: Path, out: Path, *options: str) -> FrameParents:
     command = [
         "run",
         "scan_registration",
@@ -64,10 +64,10 @@ def run(bag: Path, out: Path, *options: str) -> Tree:
     command += ["--record", "tf:tf2_msgs/msg/TFMessage", "--logs", str(out.parent / "logs"), *options]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, f"{result.output}{result.exception}"
-    return Tree(bag, out)
+    return FrameParents(bag, out)
 
 
-def miss(tree: Tree, truth: np.ndarray) -> float:
+def miss(tree: FrameParents, truth: np.ndarray) -> float:
     """Error of the last pose since the first second, m."""
     first, last = truth[5], truth[-1]
     error = between(between(first[1:], last[1:]), between(tree.in_map(first[0]), tree.in_map(last[0])))

@@ -17,7 +17,7 @@ ACTIVE = "import os, pathlib, sys; pathlib.Path(os.environ['WHEREABOUTS_ACTIVE_M
 
 
 @dataclass(frozen=True)
-class Script(NodeSpec):
+class ScriptSpec(NodeSpec):
     """A process that does what a line of Python says."""
 
     line: str = field(default="")
@@ -41,7 +41,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("code", [1, 2])
 def test_a_node_that_ends_before_it_was_active_could_not_start(tmp_path: Path, code: int) -> None:
     with Supervisor(tmp_path, patient=True) as supervisor:
-        supervisor.start(Script("one", line=f"print('why'); raise SystemExit({code})"))
+        supervisor.start(ScriptSpec("one", line=f"print('why'); raise SystemExit({code})"))
         with pytest.raises(SuiteError, match=r"(?s)/one could not start.*why"):
             watch(supervisor, lambda: False)
 
@@ -50,8 +50,8 @@ def test_a_node_that_ends_before_it_was_active_could_not_start(tmp_path: Path, c
 def test_once_it_was_active_it_is_started_again_whatever_its_end(tmp_path: Path, end: str) -> None:
     events: list[str] = []
     with Supervisor(tmp_path, on_event=events.append, patient=True) as supervisor:
-        other = supervisor.start(Script("other", line="import time; time.sleep(1000)"))
-        node = supervisor.start(Script("one", line=ACTIVE + end))
+        other = supervisor.start(ScriptSpec("other", line="import time; time.sleep(1000)"))
+        node = supervisor.start(ScriptSpec("one", line=ACTIVE + end))
         # More often than an impatient one would bear.
         watch(supervisor, lambda: node.restarts > 2 * module.RESTART_LIMIT)
         assert other.running
@@ -60,7 +60,7 @@ def test_once_it_was_active_it_is_started_again_whatever_its_end(tmp_path: Path,
 
 def test_without_patience_a_node_that_keeps_dying_is_given_up(tmp_path: Path) -> None:
     with Supervisor(tmp_path) as supervisor:
-        node = supervisor.start(Script("one", line=ACTIVE + "raise SystemExit(1)"))
+        node = supervisor.start(ScriptSpec("one", line=ACTIVE + "raise SystemExit(1)"))
         with pytest.raises(SuiteError, match=r"/one died \d+ times"):
             watch(supervisor, lambda: False)
         assert node.restarts == module.RESTART_LIMIT
@@ -72,7 +72,7 @@ def test_a_node_that_fails_to_start_after_it_was_active_once_is_tried_again(tmp_
         "seen = mark.exists(); mark.touch(); os.abort() if not seen else os._exit(1)"
     )
     with Supervisor(tmp_path, patient=True) as supervisor:
-        node = supervisor.start(Script("one", line=line))
+        node = supervisor.start(ScriptSpec("one", line=line))
         watch(supervisor, lambda: node.restarts >= 3)
 
 
@@ -80,7 +80,7 @@ def test_waits_grow_from_death_to_death(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(module, "BACK_OFF", 0.5)
     monkeypatch.setattr(module, "LONGEST_BACK_OFF", 3.0)
     with Supervisor(tmp_path) as supervisor:
-        node = supervisor.start(Script("one", line="import time; time.sleep(1000)"))
+        node = supervisor.start(ScriptSpec("one", line="import time; time.sleep(1000)"))
         waits = []
         for _ in range(6):
             node.died()

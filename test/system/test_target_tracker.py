@@ -20,7 +20,7 @@ from whereabouts_msgs.srv import Reset
 LIDAR = Lidar(beams=361, opening=1.5 * np.pi, range_max=25.0)
 
 
-class Scene:
+class TrackedScene:
     """A robot that drives past two people who walk, and what the nodes say about them."""
 
     def __init__(self, graph: Graph) -> None:
@@ -76,7 +76,7 @@ def found(message: TargetArray) -> np.ndarray:
 
 
 def test_people_are_tracked_through_both_nodes(graph: Graph) -> None:
-    scene = Scene(graph)
+    scene = TrackedScene(graph)
     markers = graph.collect(MarkerArray, "target_tracker/markers")
     graph.start("scan_registration")
     graph.start("target_tracker", transform_timeout=10.0)
@@ -111,7 +111,7 @@ def test_people_are_tracked_through_both_nodes(graph: Graph) -> None:
 
 
 def test_reset_forgets_and_bad_input_is_survived(graph: Graph) -> None:
-    scene = Scene(graph)
+    scene = TrackedScene(graph)
     diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
     graph.start("target_tracker")
     graph.mount()

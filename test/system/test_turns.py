@@ -23,7 +23,7 @@ from whereabouts.nodes.runtime.turn_giver import TurnGiver
 ACTION = "/verify_object"
 
 
-class Robot:
+class TurningNode:
     """Stands for a node in a replay."""
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class Robot:
 
 
 def test_what_is_kept_is_done_in_the_order_of_inputs_whatever_came_first() -> None:
-    robot = Robot()
+    robot = TurningNode()
     done: list[int] = []
     for rank in (RESULTS, 2, 0, GOALS, 2):
         robot.turns.keep(rank, lambda rank=rank: done.append(rank))  # type: ignore[misc]
@@ -57,7 +57,7 @@ def test_what_is_kept_is_done_in_the_order_of_inputs_whatever_came_first() -> No
 
 
 def test_who_rests_goes_on_in_a_turn_after_so_much_message_time() -> None:
-    robot = Robot()
+    robot = TurningNode()
     clocks = robot.time.clocks
     clocks.now = 5 * NANOSECONDS
     rest = robot.turns.rest(2.0)
@@ -80,7 +80,7 @@ def test_who_rests_goes_on_in_a_turn_after_so_much_message_time() -> None:
 
 
 def test_goals_and_results_are_counted_by_whose_they_are() -> None:
-    server, client = Robot(), Robot()
+    server, client = TurningNode(), TurningNode()
     server.turns.serves(ACTION)
     server.turns.take(None, 0)
     goal = server.turns.begin(ACTION)

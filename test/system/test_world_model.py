@@ -21,7 +21,7 @@ from visualization_msgs.msg import MarkerArray
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.base import TF_STATIC_QOS
-from whereabouts.nodes.world.world_output import STATE_QOS
+from whereabouts.nodes.world.world_publisher import STATE_QOS
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts_msgs.msg import (
     Attribute,

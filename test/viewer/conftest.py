@@ -15,7 +15,7 @@ from whereabouts.logs import McapWriter, Topic
 ROOT = Path(__file__).resolve().parents[2]
 
 
-class Messages:
+class ShownMessages:
     """Makes messages, every field that is not given at its default, and writes them to bags."""
 
     def __init__(self) -> None:
@@ -76,5 +76,5 @@ class Messages:
 
 
 @pytest.fixture(scope="session")
-def messages() -> Messages:
-    return Messages()
+def messages() -> ShownMessages:
+    return ShownMessages()

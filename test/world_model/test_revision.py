@@ -154,11 +154,11 @@ def test_looking_back_names_what_was_not_known_yet() -> None:
         assert len(own) == 0 or np.bincount(own).max() > 0.9 * len(own)
 
 
-class Words(dict):  # type: ignore[type-arg]
+class ChangedWords(dict):  # type: ignore[type-arg]
     """The words of one detection, of which it can be said whether they are still there."""
 
 
-def drive_past(model: WorldModel, count: int) -> tuple[list[WorldState], list[weakref.ref[Words]]]:
+def drive_past(model: WorldModel, count: int) -> tuple[list[WorldState], list[weakref.ref[ChangedWords]]]:
     """What a model says after each look of a sensor that moves past landmarks; and the words they are called by."""
     data, whose, _ = looks(count, 4)
     states, said = [], []
@@ -166,7 +166,7 @@ def drive_past(model: WorldModel, count: int) -> tuple[list[WorldState], list[we
         mine, pose = np.flatnonzero(data.look == f), data.poses[f]
         angle = data.seen[mine, 1] + pose[3]
         ends = pose[:2] + data.seen[mine, :1] * np.stack([np.cos(angle), np.sin(angle)], -1)
-        words = [Words({"class": {f"thing-{k}": 1.0}}) for k in whose[mine].tolist()]
+        words = [ChangedWords({"class": {f"thing-{k}": 1.0}}) for k in whose[mine].tolist()]
         spread = np.diag([4e-4, 4e-4, 1e-4])
         seen = [ObjectEvidence([*z, 0.0], spread, w) for z, w in zip(ends, words, strict=True)]
         states.append(

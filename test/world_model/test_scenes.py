@@ -16,7 +16,7 @@ from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelCon
 
 
 @dataclass
-class Outcome:
+class SceneOutcome:
     state: WorldState
     seen: SeenObject
     switches: int
@@ -24,7 +24,7 @@ class Outcome:
     states: list[WorldState]
 
 
-def run(scene: ObjectScene, config: WorldModelConfig, looks: int = 600, near: float = 0.1) -> Outcome:
+def run(scene: ObjectScene, config: WorldModelConfig, looks: int = 600, near: float = 0.1) -> SceneOutcome:
     model = WorldModel(config)
     ids: dict[int, str] = {}
     switches = 0
@@ -43,7 +43,7 @@ def run(scene: ObjectScene, config: WorldModelConfig, looks: int = 600, near: fl
                 item = state.objects[j].id
                 switches += ids.get(names[i], item) != item
                 ids[names[i]] = item
-    return Outcome(state, seen, switches, ids, states)
+    return SceneOutcome(state, seen, switches, ids, states)
 
 
 @pytest.mark.parametrize("sensor", [ALL_ROUND, None], ids=["view", "no-view"])

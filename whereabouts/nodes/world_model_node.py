@@ -30,7 +30,7 @@ from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.inputs import EVENTS
 from whereabouts.nodes.world.camera_door import CameraDoor
 from whereabouts.nodes.world.seen_frames import SeenFrames
-from whereabouts.nodes.world.world_output import WorldOutput
+from whereabouts.nodes.world.world_publisher import WorldPublisher
 from whereabouts.nodes.world.world_services import WorldServices
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts.recorded.camera_messages import box_from_message
@@ -99,7 +99,7 @@ class WorldModelNode(SuiteNode):
             PredictedPathArray, "predicted_paths", self._take_paths, frames=self._seen.wanted, sensor=False,
             in_turn=True,
         )  # fmt: skip
-        self._output = WorldOutput(self, self.map_frame, self._model.words)
+        self._output = WorldPublisher(self, self.map_frame, self._model.words)
         WorldServices(self)
 
     def start_run(self) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from importlib import import_module
-from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import unquote
 
@@ -16,23 +15,15 @@ from nav_msgs.srv import GetMap
 from std_srvs.srv import Empty
 
 from estimation.errors import InputError
+from whereabouts.nodes.mapping.map_files import MapFiles
 from whereabouts.nodes.ros.base import SuiteNode
 
 
 class KeptMap(Protocol):
-    """What the node lets be done with the files of its map."""
+    """What the node lets be done with its map."""
 
     def map_now(self) -> OccupancyGrid:
         """The map with all that is known. Raises InputError where there is none yet."""
-
-    def named(self, name: str, making: bool = False) -> Path:
-        """Stem of the files that a request names. Raises InputError for what requests may not name."""
-
-    def save_map(self, stem: Path) -> Path:
-        """Write the map's files. Raises InputError where there is no map, or a file is foreign."""
-
-    def load_map(self, stem: Path) -> int:
-        """Take a saved map, as at the start; returns how many keyframes it has. Raises InputError."""
 
     def look_anew(self) -> None:
         """Look for the robot in the whole map. Raises InputError where there is none yet."""
@@ -41,8 +32,8 @@ class KeptMap(Protocol):
 class Nav2Maps:
     """nav2's services of a map; files are named as in the node's own services, and as safe."""
 
-    def __init__(self, node: SuiteNode, kept: KeptMap) -> None:
-        self._node, self._kept = node, kept
+    def __init__(self, node: SuiteNode, kept: KeptMap, files: MapFiles) -> None:
+        self._node, self._kept, self._files = node, kept, files
         node.add_service(GetMap, "map_server/map", self._get)
         node.add_service(Empty, "reinitialize_global_localization", self._look)
         try:
@@ -83,13 +74,13 @@ class Nav2Maps:
         ):
             if value not in ("", known):
                 raise InputError(f"{name}: {known} expected, got {value!r}")
-        written = self._kept.save_map(self._kept.named(file_of(request.map_url), making=True))
+        written = self._files.save_map(self._files.named(file_of(request.map_url), making=True))
         self._node.get_logger().info(f"map_saver/save_map: {written}, with .pgm and .yaml")
         response.result = True
         return response
 
     def _load(self, request: Any, response: Any) -> Any:
-        stem = self._kept.named(file_of(request.map_url))
+        stem = self._files.named(file_of(request.map_url))
         graph, described = (stem.with_name(f"{stem.name}{ending}") for ending in (".npz", ".yaml"))
         if not graph.exists():
             found = described.exists()
@@ -100,7 +91,7 @@ class Nav2Maps:
             self._complain(f"{graph} is missing{beside}")
             return response
         try:
-            self._kept.load_map(stem)
+            self._files.load_map(stem)
         except InputError as error:
             response.result = response.RESULT_INVALID_MAP_DATA
             self._complain(str(error))

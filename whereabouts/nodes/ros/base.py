@@ -35,10 +35,10 @@ from whereabouts.nodes.ros.declared_parameters import ParameterError, ParameterS
 from whereabouts.nodes.ros.diagnostics import Complaints, DiagnosticsPublisher, Health
 from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.nodes.ros.footprint import keep_packed, release, settle
+from whereabouts.nodes.ros.guarded_calls import guarded_action, guarded_answer
 from whereabouts.nodes.ros.host import SUPERVISOR_VARIABLE
 from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Handler, Input
 from whereabouts.nodes.ros.outputs import QUIET, Output, OutputAccount
-from whereabouts.nodes.ros.serving import guarded_action, guarded_answer
 from whereabouts.nodes.ros.timekeeping import Timekeeper
 from whereabouts.nodes.ros.turns import Caller, Turns, turn_topic
 from whereabouts.parameters.parameter_base import NodeParameters

@@ -29,7 +29,7 @@ HYPOTHESES_PERIOD, PUBLISHED = 0.2, 20
 STATE_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class WorldOutput:
+class WorldPublisher:
     """Outputs in the world's frame; all but the state only for listeners."""
 
     def __init__(self, node: SuiteNode, map_frame: str, words: Words) -> None:
