@@ -42,7 +42,7 @@ class ChaosStage:
     def __init__(self, node: Any, seed: int, call: Callable[[str, Callable[[], Any]], None]) -> None:
         self.node = node
         self.rng = np.random.default_rng(seed)
-        self.sources = [item for item in node.inputs if item._sensor and item._stamped]
+        self.sources = [item for item in node.inputs if item.tells_time]
         self.now = round(BEGIN * NANOSECONDS)
         self.simulated = False
         self._fuzzer = Fuzzer(seed, sense=1.0)
@@ -63,9 +63,9 @@ class ChaosStage:
 
     def message(self, source: Any, off: float = 0.0) -> Any:
         """What a sensor says now."""
-        message = self._fuzzer.message(source._kind)
+        message = self._fuzzer.message(source.opener.kind)
         message.header.stamp = time_message(min(self.now + round(off * NANOSECONDS), 2**31 * NANOSECONDS - 1))
-        return serialize_message(message) if source._packed else message
+        return serialize_message(message) if source.opener.packed else message
 
     def deliver(self, source: Any, message: Any) -> None:
         """Hand the node a message."""

@@ -159,10 +159,10 @@ class Worker:
         self.defects += Counter()  # without what was right
 
     def _feed(self, item: Any) -> None:
-        fuzzer, kind = self._fuzzer, item._kind
+        fuzzer, kind = self._fuzzer, item.opener.kind
         fuzzer.sense = SENSES[int(fuzzer.rng.integers(len(SENSES)))]
         message: Any
-        if item._packed:
+        if item.opener.packed:
             broken = fuzzer.rng.random() < 0.5
             message = fuzzer.bytes(kind) if broken else serialize_message(fuzzer.message(kind))
         else:

@@ -21,9 +21,7 @@ from vision_msgs.msg import Detection2DArray, Detection3DArray
 from estimation.errors import InputError
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import frame_name
-from whereabouts.nodes.messages.world_messages import (
-    by_id,
-)
+from whereabouts.nodes.messages.world_messages import by_id
 from whereabouts.nodes.messages.world_reading import paths_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
@@ -253,7 +251,7 @@ class WorldModelNode(SuiteNode):
 
     def _take_paths(self, message: PredictedPathArray, stamp: int) -> None:
         """Where people will be who are not seen; counts from the next evidence on."""
-        there = self._seen.lookup(message.header.frame_id, stamp)
+        there = self._seen.lookup(message, stamp)
         for label, path in paths_from_message(message, there).items():
             name = self._target_ids.get(label)
             if name is not None:

@@ -43,6 +43,9 @@ class Mapping(Protocol):
     def map_edited(self, before: NDArray[np.float64]) -> None:
         """Everything is to be published anew; `before` : `slam.pose` as it was."""
 
+    def look_anew(self) -> None:
+        """Look for the robot in the whole map. Raises InputError where there is none yet."""
+
 
 class MapEditing:
     """Services of a node that makes a map.

@@ -57,28 +57,28 @@ class Packed:
 
 
 class MessageOpener:
-    """Looks at messages of one type as they come. packed : whether they stay as they are; see `Packed`.
+    """Looks at messages of one type, `kind`, as they come. packed : whether they stay as they are; see `Packed`.
 
     stamped : whether they have a header. envelope : what they must be inside of.
     """
 
     def __init__(self, kind: Any, packed: bool) -> None:
-        self._kind, self._packed = kind, packed
+        self.kind, self.packed = kind, packed
         self.envelope = envelope(kind)
         self.stamped = "header" in kind.get_fields_and_field_types()
 
     def stamp_of(self, message: Any) -> int:
         """ns; now where it does not say without being unpacked."""
-        return nanoseconds(message.header.stamp) if self.stamped and not self._packed else time.time_ns()
+        return nanoseconds(message.header.stamp) if self.stamped and not self.packed else time.time_ns()
 
     def open(self, message: Any) -> tuple[Any, int]:
         """A message that is inside of its envelope, and its stamp, ns. Raises InputError for any other."""
-        if self._packed:
-            packed = Packed(self._kind, message)
+        if self.packed:
+            packed = Packed(self.kind, message)
             return packed, packed.stamp
         self.envelope.check(message)
         return message, self.stamp_of(message)
 
     def size(self, message: Any) -> int:
         """Bytes, about."""
-        return len(message.data) if self._packed else self.envelope.size(message)
+        return len(message.data) if self.packed else self.envelope.size(message)

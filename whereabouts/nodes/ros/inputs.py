@@ -137,7 +137,7 @@ class Input:
         self._shed: tuple[Any, int, float] | None = None
         self._handler = handler
         self._frames = frames
-        self._tells_time = sensor and self.opener.stamped
+        self.tells_time = sensor and self.opener.stamped
         self._sensor = sensor
         self.on_demand = on_demand and not node.replayed
         self.is_transforms = message_type is TFMessage
@@ -238,7 +238,7 @@ class Input:
 
     def _accept(self, message: Any, stamp: int, arrived: float) -> None:
         waiting = Waiting(message, stamp, arrived)
-        if self._tells_time:
+        if self.tells_time:
             self._node.time.follow(self, waiting)
         else:
             self.admit(waiting)
@@ -255,7 +255,7 @@ class Input:
         """Handle a message of the node's time, as soon as its transforms are there."""
         self._admitted = waiting.arrived
         self.counts.late += late
-        if self._tells_time:
+        if self.tells_time:
             self.gaps.check_period(waiting.stamp)
         self._time.take(waiting.stamp, None)
         needed = () if self._frames is None else tuple(self._frames(waiting.message))

@@ -38,18 +38,13 @@ class SeenFrames:
         frame = frame_name(message.header.frame_id)
         return [(self._map, frame)] if frame else []
 
-    def lookup(self, frame_id: str, stamp: int) -> Array:
-        """(4, 4) to the world. Raises InputError where a message names no frame."""
-        frame = frame_name(frame_id)
-        if not frame:
-            raise InputError("header.frame_id is empty")
-        return np.eye(4) if frame == self._map else self._node.transforms.lookup(self._map, frame, stamp)
+    def lookup(self, message: Any, stamp: int) -> Array:
+        """(4, 4) from the message's frame to the world. Raises InputError where it names none."""
+        return self._node.transforms.lookup(self._map, _frame(message), stamp)
 
     def of(self, message: Any, stamp: int) -> SeenFrame:
         """From the message's frame to the world, with what is uncertain about it."""
-        frame = frame_name(message.header.frame_id)
-        if not frame:
-            raise InputError("header.frame_id is empty")
+        frame = _frame(message)
         return SeenFrame() if frame == self._map else self.at(frame, stamp)
 
     def at(self, frame: str, stamp: int) -> SeenFrame:
@@ -77,3 +72,10 @@ class SeenFrames:
         if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
             raise InputError("robot_pose: a finite covariance without negative eigenvalues expected")
         self.pose = (stamp, covariance)
+
+
+def _frame(message: Any) -> str:
+    frame = frame_name(message.header.frame_id)
+    if not frame:
+        raise InputError("header.frame_id is empty")
+    return frame

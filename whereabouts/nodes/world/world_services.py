@@ -36,11 +36,7 @@ class WorldServices:
     def _query(self, request: QueryWorld.Request, response: QueryWorld.Response) -> QueryWorld.Response:
         moment = nanoseconds(request.time)
         frame = frame_name(request.frame_id) or self._node.map_frame
-        there = (
-            np.eye(4)
-            if frame == self._node.map_frame
-            else self._node.transforms.lookup(self._node.map_frame, frame, self._node.stamp)
-        )
+        there = self._node.transforms.lookup(self._node.map_frame, frame, self._node.stamp)
         answers = self._node.model.query(
             class_name=request.class_name,
             predicate=list(request.predicates),
