@@ -12,7 +12,7 @@ from harness import START, Graph, Robot, scan_message
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from test_loop_closure import Mapper
-from test_target_tracker import LIDAR, Scene
+from test_target_tracker import LIDAR, TrackedScene
 from test_world_model import ON_COUNTER, ON_DESK, ON_TABLE, World, evidence, seen, stamp
 from tf2_msgs.msg import TFMessage
 
@@ -279,7 +279,7 @@ def test_one_scan_of_any_stamp_leaves_the_odometry_alone(graph: Graph, off: floa
 
 @pytest.mark.parametrize("off", [YEAR, 3.0])
 def test_people_keep_their_labels_through_a_scan_of_another_time(graph: Graph, off: float) -> None:
-    scene = Scene(graph)
+    scene = TrackedScene(graph)
     graph.start("scan_registration")
     graph.start("target_tracker")
     graph.mount()
