@@ -12,6 +12,7 @@ from scipy.stats import invwishart, multivariate_normal, nbinom
 from tracking.mixture import association_kernels as kernels
 
 GATE, LOG_CLUTTER = 1e9, -6.0
+MODEL = kernels.Model(GATE, True, True, 30)
 
 
 def source(
@@ -24,7 +25,7 @@ def source(
     row[[kernels.XXX, kernels.XXY, kernels.XYY]] = 1.0, 0.1, 1.2
     row[[kernels.ALPHA, kernels.BETA]] = 3.0, 1.0
     row[[kernels.VXX, kernels.VXY, kernels.VYY, kernels.NU]] = 8.0, 0.5, 9.0, 11.0
-    row[[kernels.ON, kernels.OFF]] = on, off
+    row[[kernels.ON, kernels.OFF, kernels.CLASS]] = on, off, 0.7
     return row
 
 
@@ -96,6 +97,15 @@ def clutter_at(z: np.ndarray) -> np.ndarray:
     return LOG_CLUTTER - 0.2 * (1.0 + np.sin(z[:, 0]))
 
 
+def look_at(z: np.ndarray) -> np.ndarray:
+    """Log-likelihood ratio of the two classes of targets for returns (n, 2)."""
+    return 1.5 * np.cos(3.0 * z[:, 1])
+
+
+def returns_of(z: np.ndarray) -> np.ndarray:
+    return np.column_stack((z, clutter_at(z), look_at(z)))
+
+
 def exact(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
     """Log of the sum over all associations in which every source that is on gives a return."""
     active = np.flatnonzero(on)
@@ -106,14 +116,18 @@ def exact(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
         if not set(active) <= set(choice):
             continue
         value = base + clutter_at(z)[owners == -1].sum()
-        logs.append(value + sum(log_stacked(sources[k], z[owners == k]) for k in active))
+        for k in active:
+            first = sources[k, kernels.CLASS]
+            looks = np.log(first * np.exp(look_at(z[owners == k])) + 1.0 - first)
+            value += log_stacked(sources[k], z[owners == k]) + looks.sum()
+        logs.append(value)
     return float(logsumexp(logs))
 
 
 def bound(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
     S = len(sources)
     cells, centres = np.zeros((S, kernels.CELL)), np.zeros((S, 2))
-    return float(kernels.evaluate(z, sources, on, cells, centres, False, GATE, clutter_at(z), True, True, 30))
+    return float(kernels.evaluate(returns_of(z), sources, on, cells, centres, False, MODEL))
 
 
 @pytest.mark.parametrize(("apart", "slack"), [(12.0, 0.05), (3.0, 1.0), (0.5, 1.2)])
@@ -144,7 +158,7 @@ def test_search_finds_the_best_of_all_structures() -> None:
     z = np.vstack([rng.normal(0, 1, (4, 2)), rng.normal((0.0, 9.0), 1, (3, 2)), [[20.0, -20.0]]])
     seeds = sources[2:, :2].copy()
     values, active, cells = kernels.search(
-        z, sources, 2, 2, seeds, GATE, clutter_at(z), True, True, 30, 20.0, 20, 10
+        returns_of(z), sources, 2, seeds, MODEL, kernels.Budget(20.0, 20, 10)
     )
     every = {}
     for choice in product([False, True], repeat=4):
@@ -168,7 +182,7 @@ def test_a_target_may_split() -> None:
     z = np.vstack([rng.normal((-2.0, 0.0), 1, (8, 2)), rng.normal((2.0, 0.0), 1, (8, 2))])
     sources = np.array([parent, child, child])
     _, active, cells = kernels.search(
-        z, sources, 1, 0, np.zeros((0, 2)), GATE, clutter_at(z), True, True, 30, 9.0, 20, 4
+        returns_of(z), sources, 1, np.zeros((0, 2)), MODEL, kernels.Budget(9.0, 20, 4)
     )
     assert active[0].tolist() in ([True, True, False], [True, False, True])
     found = cells[0, active[0]]

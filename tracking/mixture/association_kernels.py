@@ -3,10 +3,13 @@
 A *structure* says which targets gave returns at all and which new ones there are. Within a structure, which return
 is whose is summed out by a variational bound: return i belongs to target k with probability r_ik, and
 
-    F(r) = Σ_k f_k(n_k, z̄_k, Z_k) + Σ_i r_i0 log κ_i - Σ r log r ≤ log of the sum over all associations,
+    F(r) = Σ_k f_k(n_k, z̄_k, Z_k) + Σ_ik r_ik log g_ik + Σ_i r_i0 log κ_i - Σ r log r ≤ log of the sum over all
+    associations,
 
 where n_k, z̄_k, Z_k are count, mean and scatter of the returns weighted by r_ik and f_k is the log-likelihood of a
 cell (9d) with the same factorisation, n_k fractional. With every r either 0 or 1 it is the weight of one partition.
+Returns have a look, of log-likelihood ratio s_i between two classes of targets; clutter looks like the second class.
+Of a target that is of the first with probability c_k, g_ik = c_k exp(s_i) + 1 - c_k.
 
 A source (a row of `sources`) is a target that may have given returns; its columns are below.
 """
@@ -14,15 +17,17 @@ A source (a row of `sources`) is a target that may have given returns; its colum
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 # Columns of a source: position and its covariance, spread of returns, gamma density of the rate, Wishart scatter and
-# freedom of the spread, log-weight of giving returns, log-weight of giving none.
-MX, MY, PXX, PXY, PYY, XXX, XXY, XYY, ALPHA, BETA, VXX, VXY, VYY, NU, ON, OFF = range(16)
-COLUMNS = 16
+# freedom of the spread, log-weight of giving returns, log-weight of giving none, probability of the first class.
+MX, MY, PXX, PXY, PYY, XXX, XXY, XYY, ALPHA, BETA, VXX, VXY, VYY, NU, ON, OFF, CLASS = range(17)
+COLUMNS = 17
+# Columns of a return: position, log-density of clutter there, log-likelihood ratio of its look.
+X, Y, CLUTTER, LOOK = range(4)
 # Columns of a cell: count, mean, scatter, and the spread of the mean that comes from not knowing whose returns are.
 N, ZX, ZY, SXX, SXY, SYY, UXX, UXY, UYY = range(9)
 CELL = 9
@@ -30,6 +35,34 @@ LOG_TWO_PI = math.log(2.0 * math.pi)
 LOG_PI = math.log(math.pi)
 # A target that gives returns gives this many at least (of fractional ones).
 FEWEST = 0.5
+
+
+class Model(NamedTuple):
+    """gate : squared distance. rate_known, spread_known : whether sources give as many returns, and as widely, as
+    configured. sweeps : of the association at most."""
+
+    gate: float
+    rate_known: bool
+    spread_known: bool
+    sweeps: int
+
+
+class Budget(NamedTuple):
+    """Structures within `margin` nat of the best are kept, `most` at most, and the best `expansions` varied."""
+
+    margin: float
+    most: int
+    expansions: int
+
+
+class Kept(NamedTuple):
+    """Structures (M,): log-weights, what is on (M, S), cells (M, S, 9), centres (M, S, 2), whether varied already."""
+
+    values: Any
+    active: Any
+    cells: Any
+    centres: Any
+    done: Any
 
 
 @njit(cache=True)
@@ -59,19 +92,17 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
 
 
 @njit(cache=True)
-def _weights_of(
-    s: Any, c: Any, centre: Any, predictive: bool, rate_known: bool, spread_known: bool, out: Any
-) -> None:
+def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: Model, out: Any) -> None:
     """Terms (6,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y."""
     if predictive:
         xx, xy, yy = s[PXX] + s[XXX], s[PXY] + s[XXY], s[PYY] + s[XYY]
-    elif spread_known:
+    elif model.spread_known:
         xx, xy, yy = s[XXX], s[XXY], s[XYY]
     else:
         freedom = max(s[NU] + c[N] - 1.0, 1.0)
         xx, xy, yy = (s[VXX] + c[SXX]) / freedom, (s[VXY] + c[SXY]) / freedom, (s[VYY] + c[SYY]) / freedom
     determinant = xx * yy - xy * xy
-    if rate_known or predictive:
+    if model.rate_known or predictive:
         out[0] = math.log(s[ALPHA] / s[BETA])
     else:
         out[0] = math.log(max(s[ALPHA] + c[N] - 0.5, 0.1) / (s[BETA] + 1.0))
@@ -88,118 +119,111 @@ def _weights_of(
 
 
 @njit(cache=True)
-def evaluate(
-    z: Any,
-    sources: Any,
-    on: Any,
-    cells: Any,
-    centres: Any,
-    started: bool,
-    gate: float,
-    log_clutter: Any,
-    rate_known: bool,
-    spread_known: bool,
-    sweeps: int,
-) -> float:
-    """F of a structure: the sources `on` (S,) share the returns z (n, 2) with clutter of log-density log_clutter (n,).
+def _share_out(z: Any, sources: Any, index: Any, centres: Any, terms: Any, total: Any, gate: float) -> float:
+    """Σ r (log κ + log g - log r) of the returns z (n, 4) by the terms (K, 6) of the sources `index` (K,).
+
+    total (K, 9) : filled with the moments of what each gets, about its centre.
+    """
+    K = len(index)
+    shares, looks = np.empty(K + 1), np.zeros(K + 1)
+    total[:] = 0.0
+    value = 0.0
+    for i in range(len(z)):
+        looks[K] = shares[K] = top = z[i, CLUTTER]
+        for a in range(K):
+            x, y = z[i, X] - terms[a, 4], z[i, Y] - terms[a, 5]
+            square = terms[a, 1] * x * x + 2.0 * terms[a, 2] * x * y + terms[a, 3] * y * y
+            likely = sources[index[a], CLASS]
+            looks[a] = math.log(likely * math.exp(z[i, LOOK]) + 1.0 - likely) if likely > 0.0 else 0.0
+            shares[a] = terms[a, 0] + looks[a] - 0.5 * square if square < gate else -np.inf
+            top = max(top, shares[a])
+        whole = 0.0
+        for a in range(K + 1):
+            shares[a] = math.exp(shares[a] - top) if shares[a] > top - 30.0 else 0.0
+            whole += shares[a]
+        for a in range(K + 1):
+            share = shares[a] / whole
+            if share <= 1e-9:
+                continue
+            value += share * (looks[a] - math.log(share))
+            if a == K:
+                continue
+            x, y = z[i, X] - centres[index[a], 0], z[i, Y] - centres[index[a], 1]
+            unsure = share * (1.0 - share)
+            total[a, N] += share
+            total[a, ZX] += share * x
+            total[a, ZY] += share * y
+            total[a, SXX] += share * x * x
+            total[a, SXY] += share * x * y
+            total[a, SYY] += share * y * y
+            total[a, UXX] += unsure * x * x
+            total[a, UXY] += unsure * x * y
+            total[a, UYY] += unsure * y * y
+    return value
+
+
+@njit(cache=True)
+def _recentre(s: Any, total: Any, cell: Any, centre: Any) -> float:
+    """Cell (9,) of the moments `total` (9,) about a centre (2,), which moves to m + P (P + X/n)⁻¹ (z̄ - m).
+
+    Returns how far it moved, squared and in spreads of returns; -1 where the source gets no return.
+    """
+    count = total[N]
+    cell[N] = count
+    if count < 1e-3:
+        return -1.0
+    x, y = total[ZX] / count, total[ZY] / count
+    cell[ZX], cell[ZY] = centre[0] + x, centre[1] + y
+    cell[SXX] = max(total[SXX] - count * x * x, 0.0)
+    cell[SXY] = total[SXY] - count * x * y
+    cell[SYY] = max(total[SYY] - count * y * y, 0.0)
+    cell[UXX], cell[UXY], cell[UYY] = total[UXX], total[UXY], total[UYY]
+    u, v, w = s[PXX] + s[XXX] / count, s[PXY] + s[XXY] / count, s[PYY] + s[XYY] / count
+    q = u * w - v * v
+    x, y = cell[ZX] - s[MX], cell[ZY] - s[MY]
+    x, y = (w * x - v * y) / q, (u * y - v * x) / q
+    nx, ny = s[MX] + s[PXX] * x + s[PXY] * y, s[MY] + s[PXY] * x + s[PYY] * y
+    moved: float = ((nx - centre[0]) ** 2 + (ny - centre[1]) ** 2) / (s[XXX] + s[XYY])
+    centre[0], centre[1] = nx, ny
+    return moved
+
+
+@njit(cache=True)
+def evaluate(z: Any, sources: Any, on: Any, cells: Any, centres: Any, started: bool, model: Model) -> float:
+    """F of a structure: the sources `on` (S,) share the returns z (n, 4) with clutter.
 
     cells (S, 9), centres (S, 2) : with `started` where the sweeps begin, otherwise from the predictions; filled with
     the cells and the corrected positions. Returns -inf where a source that is on gets no return.
     """
-    n, S = len(z), len(sources)
-    index = np.empty(S, np.int64)
-    K = 0
-    for k in range(S):
-        if on[k]:
-            index[K] = k
-            K += 1
-    terms = np.empty((K, 6))
-    shares = np.empty(K + 1)
-    total = np.empty((K, CELL))
+    index = np.flatnonzero(on)
+    K = len(index)
+    terms, total = np.empty((K, 6)), np.empty((K, CELL))
     value = -np.inf
-    for sweep in range(sweeps):
+    for sweep in range(model.sweeps):
+        first = not started and sweep == 0
         for a in range(K):
             k = index[a]
-            if not started and sweep == 0:
+            if first:
                 centres[k, 0], centres[k, 1] = sources[k, MX], sources[k, MY]
-            _weights_of(
-                sources[k],
-                cells[k],
-                centres[k],
-                not started and sweep == 0,
-                rate_known,
-                spread_known,
-                terms[a],
-            )
-        total[:] = 0.0
-        entropy, clutter = 0.0, 0.0
-        for i in range(n):
-            shares[K] = log_clutter[i]
-            top = log_clutter[i]
-            for a in range(K):
-                x, y = z[i, 0] - terms[a, 4], z[i, 1] - terms[a, 5]
-                square = terms[a, 1] * x * x + 2.0 * terms[a, 2] * x * y + terms[a, 3] * y * y
-                shares[a] = terms[a, 0] - 0.5 * square if square < gate else -np.inf
-                top = max(top, shares[a])
-            whole = 0.0
-            for a in range(K + 1):
-                shares[a] = math.exp(shares[a] - top) if shares[a] > top - 30.0 else 0.0
-                whole += shares[a]
-            for a in range(K + 1):
-                share = shares[a] / whole
-                if share > 1e-9:
-                    entropy -= share * math.log(share)
-                    if a == K:
-                        clutter += share * log_clutter[i]
-                    else:
-                        x, y = z[i, 0] - centres[index[a], 0], z[i, 1] - centres[index[a], 1]
-                        total[a, N] += share
-                        total[a, ZX] += share * x
-                        total[a, ZY] += share * y
-                        total[a, SXX] += share * x * x
-                        total[a, SXY] += share * x * y
-                        total[a, SYY] += share * y * y
-                        unsure = share * (1.0 - share)
-                        total[a, UXX] += unsure * x * x
-                        total[a, UXY] += unsure * x * y
-                        total[a, UYY] += unsure * y * y
-        moved = 0.0
-        starved = False
+            _weights_of(sources[k], cells[k], centres[k], first, model, terms[a])
+        value = _share_out(z, sources, index, centres, terms, total, model.gate)
+        moved, starved = 0.0, False
         for a in range(K):
-            k, count = index[a], total[a, N]
-            if count < 1e-3:
-                cells[k, N] = count
-                starved = True
-                continue
-            x, y = total[a, ZX] / count, total[a, ZY] / count
-            cells[k, N] = count
-            cells[k, ZX], cells[k, ZY] = centres[k, 0] + x, centres[k, 1] + y
-            cells[k, SXX] = max(total[a, SXX] - count * x * x, 0.0)
-            cells[k, SXY] = total[a, SXY] - count * x * y
-            cells[k, SYY] = max(total[a, SYY] - count * y * y, 0.0)
-            cells[k, UXX], cells[k, UXY], cells[k, UYY] = total[a, UXX], total[a, UXY], total[a, UYY]
-            # The corrected position: m + P (P + X/n)⁻¹ (z̄ - m).
-            s = sources[k]
-            u, v, w = s[PXX] + s[XXX] / count, s[PXY] + s[XXY] / count, s[PYY] + s[XYY] / count
-            q = u * w - v * v
-            x, y = cells[k, ZX] - s[MX], cells[k, ZY] - s[MY]
-            x, y = (w * x - v * y) / q, (u * y - v * x) / q
-            nx, ny = s[MX] + s[PXX] * x + s[PXY] * y, s[MY] + s[PXY] * x + s[PYY] * y
-            moved = max(moved, ((nx - centres[k, 0]) ** 2 + (ny - centres[k, 1]) ** 2) / (s[XXX] + s[XYY]))
-            centres[k, 0], centres[k, 1] = nx, ny
+            k = index[a]
+            step = _recentre(sources[k], total[a], cells[k], centres[k])
+            starved |= step < 0.0
+            moved = max(moved, step)
         if starved:
             return -np.inf
-        value = entropy + clutter
         if sweep > 0 and moved < 1e-4:
             break
-    for a in range(K):
-        k = index[a]
-        if cells[k, N] < FEWEST:
-            return -np.inf
-        value += sources[k, ON] + log_cell(sources[k], cells[k], rate_known, spread_known)
-    for k in range(S):
+    for k in range(len(sources)):
         if not on[k]:
             value += sources[k, OFF]
+        elif cells[k, N] < FEWEST:
+            return -np.inf
+        else:
+            value += sources[k, ON] + log_cell(sources[k], cells[k], model.rate_known, model.spread_known)
     return value
 
 
@@ -217,132 +241,111 @@ def _divide(cell: Any, way: float, parent: Any, child: Any) -> None:
 
 
 @njit(cache=True)
+def _any_equal(rows: Any, row: Any) -> bool:
+    """Whether one of the rows (M, S) equals a row (S,)."""
+    return bool((np.sum(rows == row, axis=1) == len(row)).any())
+
+
+class Structure(NamedTuple):
+    """One structure: what is on (S,), cells (S, 9), centres (S, 2)."""
+
+    on: Any
+    cells: Any
+    centres: Any
+
+
+@njit(cache=True)
+def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, seeds: Any) -> bool:
+    """Makes `into` what `base` is with source k on or off instead; False if that may not be."""
+    births = known + len(seeds)
+    spawned, parent = k >= births, (k - births) // 2
+    on, cells, centres = into
+    # A target splits off one that is seen with it.
+    if spawned and (base.on[k] or not base.on[parent]):
+        return False
+    first = births + 2 * k
+    if k < known and first < len(sources) and (base.on[first] or base.on[first + 1]):
+        return False
+    on[:], cells[:], centres[:] = base.on, base.cells, base.centres
+    on[k] = not on[k]
+    if not on[k]:
+        return True
+    s = sources[k]
+    if spawned:
+        way = 1.0 if (k - births) % 2 == 0 else -1.0
+        _divide(base.cells[parent], way, centres[parent], centres[k])
+        cells[parent] *= 0.5
+        cells[k] = cells[parent]
+        return True
+    centres[k, 0], centres[k, 1] = s[MX], s[MY]
+    if k >= known:
+        centres[k] = seeds[k - known]
+    expected = s[ALPHA] / s[BETA]
+    cells[k, N], cells[k, SXX] = expected, expected * s[XXX]
+    cells[k, SXY], cells[k, SYY] = expected * s[XXY], expected * s[XYY]
+    return True
+
+
+@njit(cache=True)
+def _first(z: Any, sources: Any, known: int, model: Model, kept: Kept) -> None:
+    """The structure in which all known targets gave returns but those that nothing is left for, as the first."""
+    on, cell, centre = kept.active[0], kept.cells[0], kept.centres[0]
+    on[:known] = True
+    for _ in range(known + 1):
+        kept.values[0] = evaluate(z, sources, on, cell, centre, False, model)
+        if kept.values[0] > -np.inf:
+            return
+        weakest = -1
+        for k in range(known):
+            if on[k] and (weakest < 0 or cell[k, N] < cell[weakest, N]):
+                weakest = k
+        if weakest < 0:
+            return
+        on[weakest] = False
+        cell[:] = 0.0
+
+
+@njit(cache=True)
 def search(
-    z: Any,
-    sources: Any,
-    known: int,
-    births: int,
-    seeds: Any,
-    gate: float,
-    log_clutter: Any,
-    rate_known: bool,
-    spread_known: bool,
-    sweeps: int,
-    margin: float,
-    most: int,
-    expansions: int,
+    z: Any, sources: Any, known: int, seeds: Any, model: Model, budget: Budget
 ) -> tuple[Any, Any, Any]:
     """The likeliest structures, best first: their log-weights (M,), what is on (M, S), and the cells (M, S, 9).
 
-    sources (S, 16): `known` targets, then `births` places for new ones, whose sweeps begin at `seeds` (births, 2),
-    then, two for each known target or none at all, targets that may have split off it. Structures within `margin` of
-    the best are kept, `most` at most; each of the best `expansions` is varied by one target at a time. log_clutter (n,)
-    is the log-density of clutter at each return.
+    z (n, 4) : returns. sources (S, 17): `known` targets, then places for new ones, whose sweeps begin at `seeds`
+    (births, 2), then, two for each known target or none at all, targets that may have split off it. Structures are
+    varied by one target at a time.
     """
-    S = len(sources)
-    size = most + 1
-    values = np.full(size, -np.inf)
-    active = np.zeros((size, S), np.bool_)
-    cells = np.zeros((size, S, CELL))
-    centres = np.zeros((size, S, 2))
-    done = np.zeros(size, np.bool_)
-    count = 0
-
-    on = np.zeros(S, np.bool_)
-    on[:known] = True
-    cell, centre = np.zeros((S, CELL)), np.zeros((S, 2))
-    for _ in range(known + 1):
-        # From the predictions; a target that nothing is left for gave no return.
-        value = evaluate(
-            z, sources, on, cell, centre, False, gate, log_clutter, rate_known, spread_known, sweeps
-        )
-        if value > -np.inf:
+    S, most, margin = len(sources), budget.most, budget.margin
+    kept = Kept(
+        np.full(most, -np.inf),
+        np.zeros((most, S), np.bool_),
+        np.zeros((most, S, CELL)),
+        np.zeros((most, S, 2)),
+        np.zeros(most, np.bool_),
+    )
+    new = Structure(np.zeros(S, np.bool_), np.zeros((S, CELL)), np.zeros((S, 2)))
+    _first(z, sources, known, model, kept)
+    count, best = 1, kept.values[0]
+    for _ in range(budget.expansions):
+        left = np.where(kept.done[:count], -np.inf, kept.values[:count])
+        chosen = np.argmax(left)
+        if left[chosen] <= best - margin:
             break
-        weakest, least = -1, np.inf
-        for k in range(known):
-            if on[k] and cell[k, N] < least:
-                weakest, least = k, cell[k, N]
-        if weakest < 0:
-            break
-        on[weakest] = False
-        cell[:] = 0.0
-    values[0], active[0], cells[0], centres[0] = value, on, cell, centre
-    count = 1
-    best = value
-
-    for _ in range(expansions):
-        chosen = -1
-        for m in range(count):
-            if not done[m] and values[m] > best - margin and (chosen < 0 or values[m] > values[chosen]):
-                chosen = m
-        if chosen < 0:
-            break
-        done[chosen] = True
-        base_on, base_cells, base_centres = (
-            active[chosen].copy(),
-            cells[chosen].copy(),
-            centres[chosen].copy(),
-        )
+        kept.done[chosen] = True
+        base = Structure(kept.active[chosen].copy(), kept.cells[chosen].copy(), kept.centres[chosen].copy())
         for k in range(S):
-            spawned = k >= known + births
-            parent = (k - known - births) // 2
-            # A target splits off one that is seen with it.
-            if spawned and (base_on[k] or not base_on[parent]):
+            if not _varied(base, new, k, sources, known, seeds) or _any_equal(kept.active[:count], new.on):
                 continue
-            first = known + births + 2 * k
-            if k < known and first < S and (base_on[first] or base_on[first + 1]):
-                continue
-            on[:] = base_on
-            on[k] = not base_on[k]
-            cell[:] = base_cells
-            centre[:] = base_centres
-            if on[k]:
-                if spawned:
-                    way = 1.0 if (k - known - births) % 2 == 0 else -1.0
-                    _divide(base_cells[parent], way, centre[parent], centre[k])
-                    cell[parent] *= 0.5
-                    cell[k] = cell[parent]
-                else:
-                    centre[k, 0], centre[k, 1] = sources[k, MX], sources[k, MY]
-                    if k >= known:
-                        centre[k] = seeds[k - known]
-                    expected = sources[k, ALPHA] / sources[k, BETA]
-                    cell[k, N], cell[k, SXX] = expected, expected * sources[k, XXX]
-                    cell[k, SXY], cell[k, SYY] = expected * sources[k, XXY], expected * sources[k, XYY]
-            known_already = False
-            for m in range(count):
-                same = True
-                for j in range(S):
-                    if active[m, j] != on[j]:
-                        same = False
-                        break
-                if same:
-                    known_already = True
-                    break
-            if known_already:
-                continue
-            value = evaluate(
-                z, sources, on, cell, centre, True, gate, log_clutter, rate_known, spread_known, sweeps
-            )
+            value = evaluate(z, sources, new.on, new.cells, new.centres, True, model)
             if value < best - margin or value == -np.inf:
                 continue
             best = max(best, value)
-            place = count
-            if count == most:
-                place = 0
-                for m in range(count):
-                    if values[m] < values[place]:
-                        place = m
-                if values[place] >= value:
-                    continue
-            else:
-                count += 1
-            values[place], active[place], cells[place], centres[place] = value, on, cell, centre
-            done[place] = False
-    order = np.argsort(-values[:count])
-    keep = 0
-    for m in order:
-        if values[m] > best - margin or keep == 0:
-            keep += 1
-    order = order[:keep]
-    return values[order], active[order], cells[order]
+            place = count if count < most else np.argmin(kept.values)
+            if count == most and kept.values[place] >= value:
+                continue
+            count = min(count + 1, most)
+            kept.values[place], kept.active[place], kept.done[place] = value, new.on, False
+            kept.cells[place], kept.centres[place] = new.cells, new.centres
+    order = np.argsort(-kept.values[:count])
+    order = order[: max(int((kept.values[:count] > best - margin).sum()), 1)]
+    return kept.values[order], kept.active[order], kept.cells[order]

@@ -21,7 +21,7 @@ class TargetTrackerParameters(_WithPeople):  # type: ignore[valid-type, misc]
     """Parameters of `target_tracker`: its own, and all settings of `PeopleConfig`."""
 
     public = (
-        "scan_topic", "odom_frame", "filter", "max_range", "detection_probability", "clutter", "report",
+        "scan_topic", "odom_frame", "filter", "max_range", "detection_probability", "report",
         "located", "memory", "use_segments", "trail",
     )  # fmt: skip
 
