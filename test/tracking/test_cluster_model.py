@@ -9,7 +9,7 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.learning.gradient_boosting import GradientBoosting
-from evaluation.experiments.people_density_training import likeliest
+from evaluation.people.people_density_training import likeliest
 from evaluation.people.people_yardsticks import measure
 from registration.laser.scan import Scan
 from tracking.mixture.phd_config import PhdConfig

@@ -54,7 +54,7 @@ class Densities:
 
 @cache
 def densities() -> Densities:
-    """Those of the package; `evaluation/experiments/people_density_training.py` learned them."""
+    """Those of the package; `evaluation/people/people_density_training.py` learned them."""
     text = (resources.files("tracking.people") / "models" / DENSITIES).read_text(encoding="utf-8")
     known = json.loads(text)["densities"]
     return Densities(*(np.array(known[name]) for name in ("clutter", "people", "things")))

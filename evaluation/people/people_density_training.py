@@ -1,5 +1,5 @@
 """How `tracking/people/models/people_densities.json` was learned: `python -m
-evaluation.experiments.people_density_training`.
+evaluation.people.people_density_training`.
 
 Densities of clutter, of new people and of new things, over places that were empty, where something stood, where nobody
 has looked, and in between: the likeliest log-linear ones for what came up in simulated scenes with known people and in
@@ -202,7 +202,7 @@ def main() -> None:
     models = Path(__file__).parents[2] / "tracking" / "people" / "models"
     what = {
         "what": "log-densities, 1/m², of clutter per scan and of new people and things per 0.1 s",
-        "learned_by": "python -m evaluation.experiments.people_density_training",
+        "learned_by": "python -m evaluation.people.people_density_training",
         "kinds": list(KINDS),
         "densities": densities,
         "from": card,
