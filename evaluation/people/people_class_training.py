@@ -8,9 +8,11 @@ mit-csail, positive_7, the outdoor recording and the home take no part.
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +39,7 @@ from whereabouts.simulation.scenes.occlusion_scenes import (
 )
 from whereabouts.simulation.scenes.people_scenes import PeopleScene, crowded_room, empty_floor, peopled_floor
 from whereabouts.simulation.scenes.varied_floors import disturbed, varied_floor
-from whereabouts.system.progress import track
+from whereabouts.system.parallel import each
 
 Array = npt.NDArray[np.float64]
 SEED = 1000  # no scene that judges is drawn from it
@@ -125,7 +127,7 @@ def simulated(
     lost : nobody knows where the scanner is, which is taken to stand.
     """
     found = _Collector()
-    for k in track(range(count), name):
+    for k in range(count):
         rng, scene, tracker = np.random.default_rng([seeds[0], seeds[1] + k]), draw(k), undecided()
         errors = disturbed(rng, scene.rate, int(scene.duration * scene.rate) + 2) * float(k % 4 in wrong)
         for number, (scan, error) in enumerate(zip(scene.scans(rng), errors, strict=False)):
@@ -167,8 +169,11 @@ def recorded(
     return found.examples(f"{named}/pose withheld" if lost else named, real=True)
 
 
-def drawn(seed: int = SEED) -> list[ClassExamples]:
-    """Targets in simulated scenes of all kinds."""
+Source = Callable[[], ClassExamples]
+
+
+def drawn(seed: int = SEED) -> list[Source]:
+    """What gives targets in simulated scenes of all kinds."""
 
     def rng(k: int) -> np.random.Generator:
         return np.random.default_rng([seed, k])
@@ -187,44 +192,59 @@ def drawn(seed: int = SEED) -> list[ClassExamples]:
     def walking(k: int) -> PeopleScene:
         return peopled_floor(rng(k), standing=(0.4, 0.8)[k % 2])
 
+    def source(
+        name: str,
+        draw: Callable[[int], PeopleScene],
+        count: int,
+        stream: int,
+        wrong: tuple[int, ...],
+        lost: bool = False,
+    ) -> Source:
+        return partial(simulated, name, draw, count, (seed, stream), wrong, lost)
+
     often, half, seldom = (1, 2, 3), (1, 3), (1,)
     return [
-        simulated("varied empty floors", lambda k: varied_floor(rng(500 + k)), 16, (seed, 2500), often),
-        simulated("people on varied floors", varied, 16, (seed, 2600), often),
-        simulated("people on a floor", walking, 20, (seed, 2000), half),
-        simulated("empty floors", lambda k: empty_floor(rng(100 + k)), 12, (seed, 2100), half),
-        simulated("one hardly moves", lambda k: one_hardly_moves(rng(200 + k)), 12, (seed, 2200), seldom),
-        simulated("occlusions", hiding, 20, (seed, 2300), seldom),
-        simulated(
-            "crowded rooms", lambda k: crowded_room(rng(400 + k), 4, k % 2 == 1), 12, (seed, 2400), seldom
-        ),
-        simulated(
-            "varied, pose withheld", lambda k: varied_floor(rng(700 + k), k % 4), 12, (seed, 2700), (), True
-        ),
-        simulated("floors, pose withheld", lambda k: walking(20 + k), 8, (seed, 2800), (), True),
-        simulated("empty, pose withheld", lambda k: empty_floor(rng(150 + k)), 6, (seed, 2900), (), True),
+        source("varied empty floors", lambda k: varied_floor(rng(500 + k)), 16, 2500, often),
+        source("people on varied floors", varied, 16, 2600, often),
+        source("people on a floor", walking, 20, 2000, half),
+        source("empty floors", lambda k: empty_floor(rng(100 + k)), 12, 2100, half),
+        source("one hardly moves", lambda k: one_hardly_moves(rng(200 + k)), 12, 2200, seldom),
+        source("occlusions", hiding, 20, 2300, seldom),
+        source("crowded rooms", lambda k: crowded_room(rng(400 + k), 4, k % 2 == 1), 12, 2400, seldom),
+        source("varied, pose withheld", lambda k: varied_floor(rng(700 + k), k % 4), 12, 2700, (), True),
+        source("floors, pose withheld", lambda k: walking(20 + k), 8, 2800, (), True),
+        source("empty, pose withheld", lambda k: empty_floor(rng(150 + k)), 6, 2900, (), True),
     ]
 
 
-def of_recordings(folder: Path) -> list[ClassExamples]:
-    """Targets in the recordings that may train: without people, and with marked legs."""
-    legs = folder / "people" / "legs_training"
-    found = [
-        recorded(folder / "carmen" / "fr079.clf.bz2", None, 2500),
-        recorded(folder / "carmen" / "intel.clf.bz2", None, 3000),
+def of_recordings(folder: Path) -> list[Source]:
+    """What gives targets in the recordings that may train: without people, and with marked legs."""
+    legs, carmen = folder / "people" / "legs_training", folder / "carmen"
+    found: list[Source] = [
+        partial(recorded, carmen / "fr079.clf.bz2", None, 2500),
+        partial(recorded, carmen / "intel.clf.bz2", None, 3000),
         *(
-            recorded(legs / "negative_2.bag", topic, 1500)
+            partial(recorded, legs / "negative_2.bag", topic, 1500)
             for topic in ("left_scan", "rear_scan", "right_scan")
         ),
-        recorded(folder / "carmen" / "fr079.clf.bz2", None, 1500, lost=True),
-        recorded(folder / "carmen" / "intel.clf.bz2", None, 1500, lost=True),
-        recorded(legs / "negative_2.bag", "left_scan", 1500, lost=True),
+        partial(recorded, carmen / "fr079.clf.bz2", None, 1500, lost=True),
+        partial(recorded, carmen / "intel.clf.bz2", None, 1500, lost=True),
+        partial(recorded, legs / "negative_2.bag", "left_scan", 1500, lost=True),
     ]
     for name in ("positive_1", "positive_2", "positive_3", "positive_4", "positive_6"):
         marks = {round(scan.stamp, 3): spots for scan, spots in marks_of(legs / f"{name}_extracted.bag")}
-        found.append(recorded(legs / f"{name}.bag", None, 1500, marks))
-        found.append(recorded(legs / f"{name}.bag", None, 1500, marks, lost=True))
+        found.append(partial(recorded, legs / f"{name}.bag", None, 1500, marks))
+        found.append(partial(recorded, legs / f"{name}.bag", None, 1500, marks, lost=True))
     return found
+
+
+def examples(sources: list[Source], jobs: int = 1) -> list[ClassExamples]:
+    """Targets of all sources, which are gone through by `jobs` processes; in order, the same for any number."""
+    return each(_call, [(source,) for source in sources], jobs, "sources")
+
+
+def _call(source: Source) -> ClassExamples:
+    return source()
 
 
 def folds(found: list[ClassExamples]) -> list[npt.NDArray[np.int64]]:
@@ -304,10 +324,13 @@ def trained(found: list[ClassExamples], seed: int = 0) -> tuple[ClassModel, dict
 
 def main() -> None:
     """Train, write the model and its card, and print the sources."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    jobs = parser.parse_args().jobs
     folder = data_directory()
     if folder is None:
         raise InputError("the recordings are absent; set WHEREABOUTS_DATA")
-    found = drawn() + of_recordings(folder)
+    found = examples(drawn() + of_recordings(folder), jobs)
     for item in found:
         print(f"{item.source:30} {len(item.positive):7d} looks, {item.positive.mean():.0%} of people")
     model, card = trained(found)
