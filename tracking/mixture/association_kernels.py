@@ -26,6 +26,9 @@ from numba import njit
 # freedom of the spread, log-weight of giving returns, log-weight of giving none, probability of the first class.
 MX, MY, PXX, PXY, PYY, XXX, XXY, XYY, ALPHA, BETA, VXX, VXY, VYY, NU, ON, OFF, CLASS = range(17)
 COLUMNS = 17
+# What follows from those, computed once a search: logarithms of the rate and of the volume of the spread, precisions of
+# the spread and of the position.
+LOG_RATE, LOG_X, WXX, WXY, WYY, QXX, QXY, QYY = range(17, 25)
 # Columns of a return: position, log-density of clutter there, log-likelihood ratio of its look.
 X, Y, CLUTTER, LOOK = range(4)
 # Columns of a cell: count, mean, scatter, and the spread of the mean that comes from not knowing whose returns are.
@@ -65,12 +68,65 @@ class Kept(NamedTuple):
     done: Any
 
 
+class Problem(NamedTuple):
+    """Returns z (n, 4), the sources with what follows from them (S, 25), log g_ik (n, S), and room to work in: what is
+    on (S,), terms of its likelihoods (S, 6), moments of what it gets (S, 9), and of one return (S,) who may have caused
+    it, the log-likelihoods and the shares."""
+
+    z: Any
+    sources: Any
+    ratios: Any
+    index: Any
+    terms: Any
+    total: Any
+    near: Any
+    logs: Any
+    shares: Any
+
+
+@njit(cache=True)
+def posed(z: Any, sources: Any) -> Problem:
+    """The problem of returns (n, 4) and sources (S, 17)."""
+    S = len(sources)
+    index, near = np.empty(S, np.int64), np.empty(S, np.int64)
+    terms, total, logs, shares = np.empty((S, 6)), np.empty((S, CELL)), np.empty(S), np.empty(S)
+    ratios = _look_ratios(z, sources)
+    return Problem(z, with_constants(sources), ratios, index, terms, total, near, logs, shares)
+
+
+@njit(cache=True)
+def with_constants(sources: Any) -> Any:
+    """Sources (S, 25) with what follows from their first 17 columns."""
+    whole = np.empty((len(sources), QYY + 1))
+    whole[:, :COLUMNS] = sources
+    for k in range(len(sources)):
+        s = whole[k]
+        volume, p = s[XXX] * s[XYY] - s[XXY] ** 2, s[PXX] * s[PYY] - s[PXY] ** 2
+        s[LOG_RATE], s[LOG_X] = math.log(s[ALPHA] / s[BETA]), math.log(volume)
+        s[WXX], s[WXY], s[WYY] = s[XYY] / volume, -s[XXY] / volume, s[XXX] / volume
+        s[QXX], s[QXY], s[QYY] = s[PYY] / p, -s[PXY] / p, s[PXX] / p
+    return whole
+
+
+@njit(cache=True)
+def _look_ratios(z: Any, sources: Any) -> Any:
+    """log g_ik (n, S) of the returns z (n, 4) under the sources (S, 17)."""
+    ratios = np.zeros((len(z), len(sources)))
+    for i in range(len(z)):
+        ratio = math.exp(z[i, LOOK]) if z[i, LOOK] != 0.0 else 1.0
+        for k in range(len(sources)):
+            likely = sources[k, CLASS]
+            if likely > 0.0 and ratio != 1.0:
+                ratios[i, k] = math.log(likely * ratio + 1.0 - likely)
+    return ratios
+
+
 @njit(cache=True)
 def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
-    """Log-likelihood of a cell of fractional count under a source (16,): rate, mean and scatter of the returns."""
+    """Log-likelihood of a cell of fractional count under a source (25,): rate, mean and scatter of the returns."""
     n = c[N]
     if rate_known:
-        result = n * math.log(s[ALPHA] / s[BETA]) - s[ALPHA] / s[BETA]
+        result = n * s[LOG_RATE] - s[ALPHA] / s[BETA]
     else:
         a, b = s[ALPHA], s[BETA]
         result = math.lgamma(a + n) - math.lgamma(a) + a * math.log(b) - (a + n) * math.log(b + 1.0)
@@ -80,9 +136,8 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
     square = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
     result += -0.5 * (square + math.log(determinant)) - LOG_TWO_PI
     if spread_known:
-        volume = s[XXX] * s[XYY] - s[XXY] ** 2
-        trace = (s[XYY] * c[SXX] - 2.0 * s[XXY] * c[SXY] + s[XXX] * c[SYY]) / volume
-        return result - 0.5 * ((n - 1.0) * (2.0 * LOG_TWO_PI + math.log(volume)) + trace) - math.log(n)
+        trace = s[WXX] * c[SXX] + 2.0 * s[WXY] * c[SXY] + s[WYY] * c[SYY]
+        return result - 0.5 * ((n - 1.0) * (2.0 * LOG_TWO_PI + s[LOG_X]) + trace) - math.log(n)
     before = s[VXX] * s[VYY] - s[VXY] ** 2
     after = (s[VXX] + c[SXX]) * (s[VYY] + c[SYY]) - (s[VXY] + c[SXY]) ** 2
     nu, new = s[NU], s[NU] + n - 1.0
@@ -94,72 +149,81 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
 @njit(cache=True)
 def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: Model, out: Any) -> None:
     """Terms (6,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y."""
-    if predictive:
-        xx, xy, yy = s[PXX] + s[XXX], s[PXY] + s[XXY], s[PYY] + s[XYY]
-    elif model.spread_known:
-        xx, xy, yy = s[XXX], s[XXY], s[XYY]
-    else:
-        freedom = max(s[NU] + c[N] - 1.0, 1.0)
-        xx, xy, yy = (s[VXX] + c[SXX]) / freedom, (s[VXY] + c[SXY]) / freedom, (s[VYY] + c[SYY]) / freedom
-    determinant = xx * yy - xy * xy
-    if model.rate_known or predictive:
-        out[0] = math.log(s[ALPHA] / s[BETA])
-    else:
-        out[0] = math.log(max(s[ALPHA] + c[N] - 0.5, 0.1) / (s[BETA] + 1.0))
-    out[0] -= LOG_TWO_PI + 0.5 * math.log(determinant)
-    out[1], out[2], out[3] = yy / determinant, -xy / determinant, xx / determinant
     out[4], out[5] = centre[0], centre[1]
+    if not predictive and model.spread_known:
+        out[0], out[1], out[2], out[3] = -0.5 * s[LOG_X], s[WXX], s[WXY], s[WYY]
+    else:
+        if predictive:
+            xx, xy, yy = s[PXX] + s[XXX], s[PXY] + s[XXY], s[PYY] + s[XYY]
+        else:
+            freedom = max(s[NU] + c[N] - 1.0, 1.0)
+            xx, xy, yy = (s[VXX] + c[SXX]) / freedom, (s[VXY] + c[SXY]) / freedom, (s[VYY] + c[SYY]) / freedom
+        determinant = xx * yy - xy * xy
+        out[0] = -0.5 * math.log(determinant)
+        out[1], out[2], out[3] = yy / determinant, -xy / determinant, xx / determinant
+    if model.rate_known or predictive:
+        out[0] += s[LOG_RATE] - LOG_TWO_PI
+    else:
+        out[0] += math.log(max(s[ALPHA] + c[N] - 0.5, 0.1) / (s[BETA] + 1.0)) - LOG_TWO_PI
     if not predictive:
         # The centre itself is uncertain: (P⁻¹ + n X⁻¹)⁻¹ spreads the expected square.
-        p = s[PXX] * s[PYY] - s[PXY] ** 2
         n = c[N]
-        a, b, d = s[PYY] / p + n * out[1], -s[PXY] / p + n * out[2], s[PXX] / p + n * out[3]
-        q = a * d - b * b
-        out[0] -= 0.5 * (out[1] * d - 2.0 * out[2] * b + out[3] * a) / q
+        a, b, d = s[QXX] + n * out[1], s[QXY] + n * out[2], s[QYY] + n * out[3]
+        out[0] -= 0.5 * (out[1] * d - 2.0 * out[2] * b + out[3] * a) / (a * d - b * b)
 
 
 @njit(cache=True)
-def _share_out(z: Any, sources: Any, index: Any, centres: Any, terms: Any, total: Any, gate: float) -> float:
-    """Σ r (log κ + log g - log r) of the returns z (n, 4) by the terms (K, 6) of the sources `index` (K,).
+def _share_out(problem: Problem, K: int, centres: Any, gate: float) -> float:
+    """Σ r (log κ + log g - log r) of the returns by the terms of the first K sources of the index.
 
-    total (K, 9) : filled with the moments of what each gets, about its centre.
+    Fills `problem.total` with the moments of what each gets, about its centre.
     """
-    K = len(index)
-    shares, looks = np.empty(K + 1), np.zeros(K + 1)
-    total[:] = 0.0
+    z, _, ratios, index, terms, total, near, logs, shares = problem
+    total[:K] = 0.0
     value = 0.0
     for i in range(len(z)):
-        looks[K] = shares[K] = top = z[i, CLUTTER]
+        zx, zy, clutter = z[i, X], z[i, Y], z[i, CLUTTER]
+        count, top = 0, clutter
         for a in range(K):
-            x, y = z[i, X] - terms[a, 4], z[i, Y] - terms[a, 5]
+            x, y = zx - terms[a, 4], zy - terms[a, 5]
             square = terms[a, 1] * x * x + 2.0 * terms[a, 2] * x * y + terms[a, 3] * y * y
-            likely = sources[index[a], CLASS]
-            looks[a] = math.log(likely * math.exp(z[i, LOOK]) + 1.0 - likely) if likely > 0.0 else 0.0
-            shares[a] = terms[a, 0] + looks[a] - 0.5 * square if square < gate else -np.inf
-            top = max(top, shares[a])
+            if square < gate:
+                log = terms[a, 0] + ratios[i, index[a]] - 0.5 * square
+                near[count], logs[count] = a, log
+                count += 1
+                top = max(top, log)
         whole = 0.0
-        for a in range(K + 1):
-            shares[a] = math.exp(shares[a] - top) if shares[a] > top - 30.0 else 0.0
-            whole += shares[a]
-        for a in range(K + 1):
-            share = shares[a] / whole
+        for b in range(count):
+            shares[b] = math.exp(logs[b] - top) if logs[b] > top - 30.0 else 0.0
+            whole += shares[b]
+        left = math.exp(clutter - top) if clutter > top - 30.0 else 0.0
+        whole += left
+        # Of each share its logarithm is known but for that of the whole.
+        log_whole = top + math.log(whole)
+        value += left / whole * log_whole
+        for b in range(count):
+            share = shares[b] / whole
             if share <= 1e-9:
                 continue
-            value += share * (looks[a] - math.log(share))
-            if a == K:
-                continue
-            x, y = z[i, X] - centres[index[a], 0], z[i, Y] - centres[index[a], 1]
-            unsure = share * (1.0 - share)
-            total[a, N] += share
-            total[a, ZX] += share * x
-            total[a, ZY] += share * y
-            total[a, SXX] += share * x * x
-            total[a, SXY] += share * x * y
-            total[a, SYY] += share * y * y
-            total[a, UXX] += unsure * x * x
-            total[a, UXY] += unsure * x * y
-            total[a, UYY] += unsure * y * y
+            k = index[near[b]]
+            value += share * (ratios[i, k] - logs[b] + log_whole)
+            _add(total[near[b]], share, zx - centres[k, 0], zy - centres[k, 1])
     return value
+
+
+@njit(cache=True)
+def _add(total: Any, share: float, x: float, y: float) -> None:
+    """Adds a share of a return, which lies at (x, y) from the centre, to moments (9,)."""
+    unsure = share * (1.0 - share)
+    total[N] += share
+    total[ZX] += share * x
+    total[ZY] += share * y
+    total[SXX] += share * x * x
+    total[SXY] += share * x * y
+    total[SYY] += share * y * y
+    total[UXX] += unsure * x * x
+    total[UXY] += unsure * x * y
+    total[UYY] += unsure * y * y
 
 
 @njit(cache=True)
@@ -189,15 +253,18 @@ def _recentre(s: Any, total: Any, cell: Any, centre: Any) -> float:
 
 
 @njit(cache=True)
-def evaluate(z: Any, sources: Any, on: Any, cells: Any, centres: Any, started: bool, model: Model) -> float:
-    """F of a structure: the sources `on` (S,) share the returns z (n, 4) with clutter.
+def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: bool, model: Model) -> float:
+    """F of a structure: the sources `on` (S,) share the returns with clutter.
 
     cells (S, 9), centres (S, 2) : with `started` where the sweeps begin, otherwise from the predictions; filled with
     the cells and the corrected positions. Returns -inf where a source that is on gets no return.
     """
-    index = np.flatnonzero(on)
-    K = len(index)
-    terms, total = np.empty((K, 6)), np.empty((K, CELL))
+    sources, index, terms, total = problem.sources, problem.index, problem.terms, problem.total
+    K = 0
+    for k in range(len(sources)):
+        if on[k]:
+            index[K] = k
+            K += 1
     value = -np.inf
     for sweep in range(model.sweeps):
         first = not started and sweep == 0
@@ -206,7 +273,7 @@ def evaluate(z: Any, sources: Any, on: Any, cells: Any, centres: Any, started: b
             if first:
                 centres[k, 0], centres[k, 1] = sources[k, MX], sources[k, MY]
             _weights_of(sources[k], cells[k], centres[k], first, model, terms[a])
-        value = _share_out(z, sources, index, centres, terms, total, model.gate)
+        value = _share_out(problem, K, centres, model.gate)
         moved, starved = 0.0, False
         for a in range(K):
             k = index[a]
@@ -243,7 +310,15 @@ def _divide(cell: Any, way: float, parent: Any, child: Any) -> None:
 @njit(cache=True)
 def _any_equal(rows: Any, row: Any) -> bool:
     """Whether one of the rows (M, S) equals a row (S,)."""
-    return bool((np.sum(rows == row, axis=1) == len(row)).any())
+    for other in rows:
+        same = True
+        for k in range(len(row)):
+            if other[k] != row[k]:
+                same = False
+                break
+        if same:
+            return True
+    return False
 
 
 class Structure(NamedTuple):
@@ -287,12 +362,12 @@ def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, 
 
 
 @njit(cache=True)
-def _first(z: Any, sources: Any, known: int, model: Model, kept: Kept) -> None:
+def _first(problem: Problem, known: int, model: Model, kept: Kept) -> None:
     """The structure in which all known targets gave returns but those that nothing is left for, as the first."""
     on, cell, centre = kept.active[0], kept.cells[0], kept.centres[0]
     on[:known] = True
     for _ in range(known + 1):
-        kept.values[0] = evaluate(z, sources, on, cell, centre, False, model)
+        kept.values[0] = evaluate(problem, on, cell, centre, False, model)
         if kept.values[0] > -np.inf:
             return
         weakest = -1
@@ -316,6 +391,7 @@ def search(
     varied by one target at a time.
     """
     S, most, margin = len(sources), budget.most, budget.margin
+    problem = posed(z, sources)
     kept = Kept(
         np.full(most, -np.inf),
         np.zeros((most, S), np.bool_),
@@ -324,7 +400,7 @@ def search(
         np.zeros(most, np.bool_),
     )
     new = Structure(np.zeros(S, np.bool_), np.zeros((S, CELL)), np.zeros((S, 2)))
-    _first(z, sources, known, model, kept)
+    _first(problem, known, model, kept)
     count, best = 1, kept.values[0]
     for _ in range(budget.expansions):
         left = np.where(kept.done[:count], -np.inf, kept.values[:count])
@@ -336,7 +412,7 @@ def search(
         for k in range(S):
             if not _varied(base, new, k, sources, known, seeds) or _any_equal(kept.active[:count], new.on):
                 continue
-            value = evaluate(z, sources, new.on, new.cells, new.centres, True, model)
+            value = evaluate(problem, new.on, new.cells, new.centres, True, model)
             if value < best - margin or value == -np.inf:
                 continue
             best = max(best, value)

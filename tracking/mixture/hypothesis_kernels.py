@@ -233,3 +233,15 @@ def merge_plan(
                     extra[r] = h
                     named[r] = names[i]
     return leader, target, named
+
+
+@njit(cache=True)
+def count_probabilities(existence: Any) -> Any:
+    """Probabilities (n + 1,) of 0 to n of n independent targets existing, by the probabilities (n,) of each."""
+    count = np.zeros(len(existence) + 1)
+    count[0] = 1.0
+    for i in range(len(existence)):
+        for k in range(i + 1, 0, -1):
+            count[k] = count[k] * (1.0 - existence[i]) + count[k - 1] * existence[i]
+        count[0] *= 1.0 - existence[i]
+    return count

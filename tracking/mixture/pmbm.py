@@ -96,20 +96,23 @@ class Updates:
     """Collects the tracks of the hypotheses that follow from one scan."""
 
     def __init__(self) -> None:
-        self.source: list[int] = []
-        self.label: list[int] = []
-        self.seen: list[bool] = []
+        self.source: list[IntArray] = []
+        self.label: list[IntArray] = []
+        self.seen: list[npt.NDArray[np.bool_]] = []
         self.cells: list[FloatArray] = []
         self.groups: list[list[Alternative]] = []
+        self.count = 0
 
-    def add(self, source: int, label: int, cell: FloatArray | None) -> int:
-        """One track from a source, with its cell of returns or without any; its row."""
-        self.source.append(source)
-        self.label.append(label)
-        self.seen.append(cell is not None)
-        if cell is not None:
-            self.cells.append(cell)
-        return len(self.source) - 1
+    def add(
+        self, sources: IntArray, labels: IntArray, seen: npt.NDArray[np.bool_], cells: FloatArray
+    ) -> tuple[int, ...]:
+        """Tracks from sources (n,), with the cells (n, 9) of those that were seen; their rows."""
+        self.source.append(sources)
+        self.label.append(labels)
+        self.seen.append(seen)
+        self.cells.append(cells[seen])
+        self.count += len(sources)
+        return tuple(range(self.count - len(sources), self.count))
 
 
 class PmbmRecursion:
@@ -336,16 +339,18 @@ class PmbmRecursion:
         if len(wide):
             table = predicted.table[tracks + wide]
             size = table[:, kernels.PXX] * table[:, kernels.PYY] - table[:, kernels.PXY] ** 2
-            for centre, near_it in self._clusters(points[members[gated[wide].any(0)]]):
-                offset = centre - table[:, [kernels.MX, kernels.MY]]
-                square = offset[:, 0] ** 2 / table[:, kernels.PXX] + offset[:, 1] ** 2 / table[:, kernels.PYY]
-                density = -kernels.LOG_TWO_PI - 0.5 * (square + np.log(size))
-                best = int((table[:, kernels.ON] + density).argmax())
+            whose = members[gated[wide].any(0)]
+            clusters = self._clusters(points[whose])[: max(MOST_SEEDS - len(rows), 0)]
+            centres = np.array([centre for centre, _ in clusters]).reshape(-1, 2)
+            square = (centres[:, :1] - table[:, kernels.MX]) ** 2 / table[:, kernels.PXX]
+            square += (centres[:, 1:] - table[:, kernels.MY]) ** 2 / table[:, kernels.PYY]
+            density = -kernels.LOG_TWO_PI - 0.5 * (square + np.log(size))
+            likeliest = (table[:, kernels.ON] + density).argmax(1).tolist()
+            for c, ((centre, near_it), best) in enumerate(zip(clusters, likeliest, strict=True)):
                 value = table[best].copy()
                 if looks is not None:
-                    whose = members[gated[wide].any(0)][near_it]
-                    value[kernels.ON] = looks.log_births[whose].max() - density[best]
-                    value[kernels.CLASS] = looks.birth_class[whose].max()
+                    value[kernels.ON] = looks.log_births[whose[near_it]].max() - density[c, best]
+                    value[kernels.CLASS] = looks.birth_class[whose[near_it]].max()
                 rows.append(int(tracks + wide[best]))
                 places.append(centre)
                 values.append(value)
@@ -381,32 +386,29 @@ class PmbmRecursion:
         for value, rows in alternatives:
             if len(returns) == 0:
                 log_weight = float(predicted.table[list(rows), kernels.OFF].sum())
-                members = tuple(updates.add(row, int(sources.labels[row]), None) for row in rows)
-                results.append((value + log_weight, members))
+                index = np.array(rows, dtype=np.int64)
+                nothing = np.zeros(len(rows), dtype=bool), np.zeros((len(rows), kernels.CELL))
+                results.append((value + log_weight, updates.add(index, sources.labels[index], *nothing)))
                 continue
             spawns = predicted.spawn_rows(rows) if spawning else []
-            index = [*rows, *places, *spawns]
+            index = np.array([*rows, *places, *spawns])
+            known, grown = len(rows), len(rows) + len(places)
             table = predicted.table[index]
-            table[len(rows) : len(rows) + len(places)] = seeds.table
+            table[known:grown] = seeds.table
             margin = config.hypothesis_margin + min(0.0, value - top)
             budget = kernels.Budget(margin, config.max_hypotheses, expansions)
-            found = kernels.search(returns, table, len(rows), seeds.places, self.model, budget)
-            for structure, on, cell in zip(found[0].tolist(), found[1].tolist(), found[2], strict=True):
-                members = ()
-                for k, source in enumerate(index):
-                    if k < len(rows):
-                        label = int(sources.labels[source])
-                        members += (updates.add(source, label, cell[k] if on[k] else None),)
-                    elif on[k]:
-                        # One number for what is new at one seed, or off one target, whichever the hypothesis.
-                        parent = (
-                            rows[(k - len(rows) - len(places)) // 2] if k >= len(rows) + len(places) else -1
-                        )
-                        key = int(sources.labels[parent]) if parent >= 0 else -1 - (k - len(rows))
-                        if key not in fresh:
-                            fresh[key] = int(self.labels.take(1)[0])
-                            self.classes[fresh[key]] = float(table[k, kernels.CLASS])
-                        members += (updates.add(source, fresh[key], cell[k]),)
+            weights, on, cells = kernels.search(returns, table, known, seeds.places, self.model, budget)
+            labels = sources.labels[index]
+            for k in (known + np.flatnonzero(on[:, known:].any(0))).tolist():
+                # One number for what is new at one seed, or off one target, whichever the hypothesis.
+                key = int(labels[(k - grown) // 2]) if k >= grown else known - k - 1
+                if key not in fresh:
+                    fresh[key] = int(self.labels.take(1)[0])
+                    self.classes[fresh[key]] = float(table[k, kernels.CLASS])
+                labels[k] = fresh[key]
+            for structure, seen, cell in zip(weights.tolist(), on, cells, strict=True):
+                there = np.flatnonzero(seen | (np.arange(len(index)) < known))
+                members = updates.add(index[there], labels[there], seen[there], cell[there])
                 results.append((value + structure, members))
         updates.groups.append(results)
 
@@ -429,10 +431,11 @@ class PmbmRecursion:
         self, predicted: Predicted, updates: Updates, points: FloatArray, exactness: FloatArray | None
     ) -> Components:
         """The tracks after the scan: missed ones less probable, detected ones updated by (10)."""
-        index = np.array(updates.source, dtype=np.int64)
+        if not updates.count:
+            return Components.empty()
+        index, seen = np.concatenate(updates.source), np.concatenate(updates.seen)
         tracks = predicted.sources.select(index)
-        tracks.labels = np.array(updates.label, dtype=np.int64)
-        seen = np.array(updates.seen, dtype=bool)
+        tracks.labels = np.concatenate(updates.label)
         p = predicted.seen[index]
         # 1 - r p as in the association, so that a certain target is never divided by 0.
         missed = tracks.weights * (1.0 - p) / np.maximum(1.0 - tracks.weights * p, 1e-12)
@@ -440,9 +443,9 @@ class PmbmRecursion:
         # Where a target is not seen, it rather is where it is hidden.
         tracks.means[~seen] = predicted.sight.means[index[~seen]]
         tracks.covariances[~seen] = predicted.sight.covariances[index[~seen]]
-        if not updates.cells:
+        if not seen.any():
             return tracks
-        cells = np.array(updates.cells)
+        cells = np.concatenate(updates.cells)
         table = predicted.table[index[seen]]
         n = cells[:, kernels.N]
         P = tracks.covariances[seen]

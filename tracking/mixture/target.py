@@ -9,6 +9,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from tracking.mixture.components import Components
 from tracking.mixture.global_hypotheses import Alternative, Hypotheses
+from tracking.mixture.hypothesis_kernels import count_probabilities
 from tracking.mixture.phd_config import PhdConfig
 
 
@@ -125,7 +126,7 @@ class HypothesisExtractor(Reporter):
 
     def _chosen(self, alternatives: list[Alternative], existence: FloatArray) -> list[int]:
         """Rows of the tracks to report: the largest n with P(at least n targets) above the threshold."""
-        counts = [_count_probabilities(existence[list(rows)]) for _, rows in alternatives]
+        counts = [count_probabilities(existence[list(rows)]) for _, rows in alternatives]
         most = max(len(count) for count in counts)
         number = np.zeros(most)
         for (value, _), count in zip(alternatives, counts, strict=True):
@@ -140,11 +141,3 @@ class HypothesisExtractor(Reporter):
         ]
         rows = alternatives[int(np.argmax(scores))][1]
         return sorted(rows, key=lambda row: -existence[row])[:n]
-
-
-def _count_probabilities(existence: FloatArray) -> FloatArray:
-    """Probabilities (n + 1,) of 0 to n of n independent targets existing."""
-    count = np.ones(1)
-    for r in existence.tolist():
-        count = np.append(count * (1.0 - r), 0.0) + np.append(0.0, count * r)
-    return count
