@@ -11,7 +11,7 @@ from sklearn.linear_model import LogisticRegression
 from evaluation.people.people_class_training import ClassExamples, balanced, calibrated, folds
 from tracking.mixture.target import Target
 from tracking.people.legs import FEATURES
-from tracking.people.person_class import AVERAGED, NAMES, ClassEvidence, class_model
+from tracking.people.person_class import AVERAGED, NAMES, ClassEvidence, class_model, rows_of
 
 
 def target_at(x: float, y: float = 0.0) -> Target:
@@ -35,7 +35,8 @@ def looks(count: int, dt: float, rng: np.random.Generator) -> tuple[ClassEvidenc
             index=np.array([3, 1]),
             clusters=SimpleNamespace(features=rng.uniform(0.0, 1.0, (5, len(FEATURES)))),
         )
-        evidence.look(scan, np.arange(2), target_at(x), np.zeros(3), 2, dt, dt * k)  # type: ignore[arg-type]
+        rows = rows_of(scan)  # type: ignore[arg-type]
+        evidence.look(scan, rows, np.arange(2), target_at(x), np.zeros(3), 2, dt, dt * k)  # type: ignore[arg-type]
         seen.append(scan)
     return evidence, seen
 
@@ -76,7 +77,8 @@ def test_evidence_hardly_depends_on_the_rate_of_the_scanner() -> None:
 def test_who_is_not_seen_changes_nothing() -> None:
     evidence, _ = looks(10, 0.1, np.random.default_rng(2))
     before = evidence.features(target_at(2.0))
-    evidence.look(None, np.zeros(0, dtype=np.int64), target_at(3.0), np.zeros(3), 0, 0.1, 9.0)  # type: ignore[arg-type]
+    none = np.zeros(0, dtype=np.int64)
+    evidence.look(None, np.zeros((0, 17)), none, target_at(3.0), np.zeros(3), 0, 0.1, 9.0)  # type: ignore[arg-type]
     assert evidence.features(target_at(2.0)) == before
     assert evidence.last_seen == pytest.approx(0.9)
 

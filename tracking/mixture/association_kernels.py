@@ -70,7 +70,7 @@ class Kept(NamedTuple):
 
 class Problem(NamedTuple):
     """Returns z (n, 4), the sources with what follows from them (S, 25), log g_ik (n, S), and room to work in: what is
-    on (S,), terms of its likelihoods (S, 6), moments of what it gets (S, 9), and of one return (S,) who may have caused
+    on (S,), terms of its likelihoods (S, 7), moments of what it gets (S, 9), and of one return (S,) who may have caused
     it, the log-likelihoods and the shares."""
 
     z: Any
@@ -89,7 +89,7 @@ def posed(z: Any, sources: Any) -> Problem:
     """The problem of returns (n, 4) and sources (S, 17)."""
     S = len(sources)
     index, near = np.empty(S, np.int64), np.empty(S, np.int64)
-    terms, total, logs, shares = np.empty((S, 6)), np.empty((S, CELL)), np.empty(S), np.empty(S)
+    terms, total, logs, shares = np.empty((S, 7)), np.empty((S, CELL)), np.empty(S), np.empty(S)
     ratios = _look_ratios(z, sources)
     return Problem(z, with_constants(sources), ratios, index, terms, total, near, logs, shares)
 
@@ -148,7 +148,8 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
 
 @njit(cache=True)
 def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: Model, out: Any) -> None:
-    """Terms (6,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y."""
+    """Terms (7,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y, and the
+    variance in x, which says at once of most returns that they are too far away."""
     out[4], out[5] = centre[0], centre[1]
     if not predictive and model.spread_known:
         out[0], out[1], out[2], out[3] = -0.5 * s[LOG_X], s[WXX], s[WXY], s[WYY]
@@ -161,6 +162,7 @@ def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: Model, out
         determinant = xx * yy - xy * xy
         out[0] = -0.5 * math.log(determinant)
         out[1], out[2], out[3] = yy / determinant, -xy / determinant, xx / determinant
+    out[6] = out[3] / (out[1] * out[3] - out[2] * out[2])
     if model.rate_known or predictive:
         out[0] += s[LOG_RATE] - LOG_TWO_PI
     else:
@@ -186,6 +188,8 @@ def _share_out(problem: Problem, K: int, centres: Any, gate: float) -> float:
         count, top = 0, clutter
         for a in range(K):
             x, y = zx - terms[a, 4], zy - terms[a, 5]
+            if x * x >= gate * terms[a, 6]:
+                continue
             square = terms[a, 1] * x * x + 2.0 * terms[a, 2] * x * y + terms[a, 3] * y * y
             if square < gate:
                 log = terms[a, 0] + ratios[i, index[a]] - 0.5 * square

@@ -169,10 +169,14 @@ def _moments(tracks: Components, weights: FloatArray, target: IntArray) -> Compo
         merged.weights = totals
         return merged
     share = weights / np.maximum(totals[target], 1e-300)
+    order = np.argsort(target, kind="stable")
+    first = np.flatnonzero(np.diff(target[order], prepend=-1))
+    into = target[order[first]]
 
     def mean_of(values: FloatArray) -> FloatArray:
         out = np.zeros_like(values)
-        np.add.at(out, target, share.reshape(-1, *(1,) * (values.ndim - 1)) * values)
+        weighted = share.reshape(-1, *(1,) * (values.ndim - 1)) * values
+        out[into] = np.add.reduceat(weighted[order], first)
         return out
 
     means = mean_of(tracks.means)

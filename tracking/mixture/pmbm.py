@@ -360,14 +360,16 @@ class PmbmRecursion:
         """Centres of clusters of returns, and which are theirs, at two distances, the largest clusters first."""
         if len(points) == 1:
             return [(points[0], np.ones(1, dtype=bool))]
-        found: dict[bytes, npt.NDArray[np.bool_]] = {}
-        for distance in (self.link, 0.5 * self.link):
-            names = single_linkage(points, distance)
-            for name in range(names.max() + 1):
-                inside = names == name
-                found[inside.tobytes()] = inside
-        ordered = sorted(found.values(), key=lambda inside: -int(inside.sum()))
-        return [(points[inside].mean(0), inside) for inside in ordered]
+        wide, close = single_linkage(points, self.link), single_linkage(points, 0.5 * self.link)
+        whole, part = np.bincount(wide), np.bincount(close)
+        # What does not fall apart at the smaller distance is one and the same cluster.
+        first = np.unique(close, return_index=True)[1]
+        parts = np.flatnonzero(part < whole[wide[first]])
+        inside = np.concatenate((wide == np.arange(len(whole))[:, None], close == parts[:, None]))
+        sizes = np.concatenate((whole, part[parts]))
+        chosen = np.argsort(-sizes, kind="stable")
+        centres = (inside @ points) / sizes[:, None]
+        return [(centres[k], inside[k]) for k in chosen.tolist()]
 
     def _group(
         self,
@@ -391,7 +393,7 @@ class PmbmRecursion:
                 results.append((value + log_weight, updates.add(index, sources.labels[index], *nothing)))
                 continue
             spawns = predicted.spawn_rows(rows) if spawning else []
-            index = np.array([*rows, *places, *spawns])
+            index = np.array([*rows, *places, *spawns], dtype=np.int64)
             known, grown = len(rows), len(rows) + len(places)
             table = predicted.table[index]
             table[known:grown] = seeds.table

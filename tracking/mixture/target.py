@@ -112,16 +112,12 @@ class HypothesisExtractor(Reporter):
         self.labels.forget({int(label) for label in tracks.labels})
         weights = hypotheses.track_weights
         found = []
+        names, name = np.unique(tracks.labels, return_inverse=True)
+        total = np.bincount(name, weights, len(names))[name]
         for alternatives in hypotheses.alternatives():
-            total: dict[int, float] = {}
-            for _, rows in alternatives:
-                for row in rows:
-                    label = int(tracks.labels[row])
-                    total[label] = total.get(label, 0.0) + float(weights[row])
             for row in self._chosen(alternatives, tracks.weights):
-                label = int(tracks.labels[row])
-                if self.labels.known(label) or total[label] > self.confirmation:
-                    found.append(self.target(tracks, row, min(total[label], 1.0)))
+                if self.labels.known(int(tracks.labels[row])) or total[row] > self.confirmation:
+                    found.append(self.target(tracks, row, min(float(total[row]), 1.0)))
         return sorted(found, key=lambda target: target.label)
 
     def _chosen(self, alternatives: list[Alternative], existence: FloatArray) -> list[int]:

@@ -172,6 +172,16 @@ class StandingOrWalking(ConstantVelocityMotion):
         return moved_on, moved
 
 
+def inverses(P: FloatArray) -> FloatArray:
+    """Of symmetric matrices (J, 2, 2)."""
+    a, b, d = P[:, 0, 0], P[:, 0, 1], P[:, 1, 1]
+    return _symmetric(d, -b, a) / (a * d - b * b)[:, None, None]
+
+
+def _symmetric(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
+    return np.stack((xx, xy, xy, yy), -1).reshape(-1, 2, 2)
+
+
 class ScanDetection:
     """p_D from the scan itself: how much of each target it could have shown, over the places where it may be."""
 
@@ -207,10 +217,13 @@ class ScanDetection:
         change = (
             np.einsum("ts,tsi,tsj->tij", stays - WEIGHTS, places, places) - shift[:, :, None] * shift[:, None]
         )
-        gain = np.swapaxes(np.linalg.solve(P[:, :2, :2], P[:, :2, :]), 1, 2)
+        gain = np.swapaxes(inverses(P[:, :2, :2]) @ P[:, :2, :], 1, 2)
         all_means, covariances = components.means.copy(), components.covariances.copy()
         all_means[:tracks] += (gain @ shift[:, :, None])[:, :, 0]
         after = P + 0.9 * gain @ change @ np.swapaxes(gain, 1, 2)
-        sound = np.linalg.eigvalsh(after)[:, 0] > 1e-9
+        # The rest of the state follows from the place as before, so only that of the place could be unsound.
+        place = P[:, :2, :2] + 0.9 * change
+        half, determinant = 0.5 * (place[:, 0, 0] + place[:, 1, 1]), np.linalg.det(place)
+        sound = half - np.sqrt(np.maximum(half**2 - determinant, 0.0)) > 1e-9
         covariances[:tracks] = np.where(sound[:, None, None], after, P)
         return Sight(probability, sight.share, all_means, covariances, sight.probability)

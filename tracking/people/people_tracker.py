@@ -32,7 +32,7 @@ from tracking.people.people_config import PeopleConfig
 from tracking.people.people_middle import WIDE
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
-from tracking.people.person_class import ClassEvidence, ClassModel, class_model
+from tracking.people.person_class import ClassEvidence, ClassModel, class_model, rows_of
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
@@ -297,12 +297,14 @@ class PeopleTracker:
             len(found), len(seen.places)
         )
         nearest = gaps.argmin(0) if len(found) else np.zeros(len(seen.places), dtype=int)
-        stamp, posed = float(self.stamp or 0.0), self._held >= HELD
+        stamp, posed, rows = float(self.stamp or 0.0), self._held >= HELD, rows_of(seen)
+        nearer = nearest == np.arange(len(found))[:, None]
+        around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
+        mine = nearer & (gaps < BELONGS)
         for t, target in enumerate(found):
             evidence = self.evidence.setdefault(target.label, ClassEvidence(target.mean[:2].copy()))
-            whose = np.flatnonzero((nearest == t) & (gaps[t] < BELONGS))
-            around = int(((gaps[t] < 1.5) & (nearest != t)).sum())
-            evidence.look(seen, whose, target, pose, around, dt, stamp, posed)
+            whose = np.flatnonzero(mine[t])
+            evidence.look(seen, rows, whose, target, pose, around[t], dt, stamp, posed)
         present = {target.label for target in found}
         self.evidence = {label: item for label, item in self.evidence.items() if label in present}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])

@@ -115,6 +115,7 @@ class ClassEvidence:
     def look(
         self,
         seen: ClusterScan,
+        rows: FloatArray,
         whose: IntArray,
         target: Target,
         pose: FloatArray,
@@ -123,24 +124,32 @@ class ClassEvidence:
         stamp: float,
         posed: bool = True,
     ) -> None:
-        """Takes in a scan in which the clusters `whose` are the target's, taken from `pose` (3,); none: not seen."""
+        """Takes in a scan in which the clusters `whose` are the target's, taken from `pose` (3,); none: not seen.
+
+        rows (K, len(AVERAGED)) : of all clusters, by `rows_of`.
+        """
         if not len(whose):
             return
         self.last_seen = stamp
         dt = min(max(dt, 1e-3), 0.5)
         if self.looks == 0.0:
             self.behind = target.mean[:2].copy()
-        row = self._row(seen, whose, target, around)
-        shape, width, fresh, old = row[0], row[2], row[5], row[6]
+        places = seen.places[whose]
+        place = places[0] if len(whose) == 1 else places.mean(0)
+        row = rows[whose[0]].copy() if len(whose) == 1 else rows[whose].mean(0)
+        # Of two clusters the widths add up, and one that is cut cuts both.
+        row[1], row[2], row[4] = len(whose) > 1, len(whose) * row[2], row[4] > 0.0
+        row[7], row[9] = around, math.hypot(place[0] - target.mean[0], place[1] - target.mean[1])
+        shape, width, fresh, old = float(row[0]), float(row[2]), float(row[5]), float(row[6])
         whole = dt / (self.looks + dt)
         self.means += whole * (row - self.means)
         self.posed += whole * (float(posed) - self.posed)
         self.squares += whole * (np.array([width * width, shape * shape]) - self.squares)
-        middle = seen.places[whose].mean(0) - self.origin
+        middle = place - self.origin
         self.place += whole * (middle - self.place)
         self.spread += whole * (float(middle @ middle) - self.spread)
         if len(whose) == 2:
-            gap = float(np.linalg.norm(seen.places[whose[0]] - seen.places[whose[1]]))
+            gap = math.hypot(*(places[0] - places[1]))
             self.pairs += dt * np.array([1.0, gap, gap * gap])
         self.pair = float(len(whose) > 1)
         if self.looks < FIRST:
@@ -165,27 +174,6 @@ class ClassEvidence:
         self.origin, self.behind = turn @ self.origin + motion[:2], turn @ self.behind + motion[:2]
         self.place = turn @ self.place
         self.views = [view + motion[2] for view in self.views]
-
-    @staticmethod
-    def _row(seen: ClusterScan, whose: IntArray, target: Target, around: int) -> FloatArray:
-        """One look by `AVERAGED`."""
-        places, free = seen.places[whose].mean(0), seen.free[whose]
-        return np.array(
-            [
-                np.clip(seen.shape[whose], -4.0, 4.0).mean(),
-                len(whose) > 1,
-                seen.widths[whose].sum(),
-                np.clip(free, -1.0, 1.0).mean(),
-                (free < 0.0).any(),
-                seen.fresh[whose].mean(),
-                seen.old[whose].mean(),
-                around,
-                seen.ranges[whose].mean(),
-                math.hypot(*(places - target.mean[:2])),
-                *seen.clusters.features[seen.index[whose]][:, _CLUSTER].mean(0),
-            ],
-            dtype=np.float64,
-        )
 
     def _moved(self, target: Target, fresh: float, dt: float) -> None:
         """How it moved since the last look, which was `dt` seconds ago."""
@@ -228,6 +216,16 @@ class ClassEvidence:
             self.posed,
         ]
         return [*means.tolist(), *varying, *course]
+
+
+def rows_of(seen: ClusterScan) -> FloatArray:
+    """Each cluster of a scan by `AVERAGED`, (K, 17); what depends on whose it is, is 0."""
+    rows = np.zeros((len(seen.places), len(AVERAGED)))
+    rows[:, 0], rows[:, 3] = np.clip(seen.shape, -4.0, 4.0), np.clip(seen.free, -1.0, 1.0)
+    rows[:, 2], rows[:, 4] = seen.widths, seen.free < 0.0
+    rows[:, 5], rows[:, 6], rows[:, 8] = seen.fresh, seen.old, seen.ranges
+    rows[:, 10:] = seen.clusters.features[seen.index][:, _CLUSTER]
+    return rows
 
 
 def _deviation(variance: float | FloatArray) -> float:
