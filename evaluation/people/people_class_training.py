@@ -208,7 +208,7 @@ def drawn(seed: int = SEED) -> list[Source]:
         source("people on varied floors", varied, 16, 2600, often),
         source("people on a floor", walking, 20, 2000, half),
         source("empty floors", lambda k: empty_floor(rng(100 + k)), 12, 2100, half),
-        source("one hardly moves", lambda k: one_hardly_moves(rng(200 + k)), 12, 2200, seldom),
+        source("one hardly moves", lambda k: one_hardly_moves(rng(1200 + k)), 30, 2200, seldom),
         source("occlusions", hiding, 20, 2300, seldom),
         source("crowded rooms", lambda k: crowded_room(rng(400 + k), 4, k % 2 == 1), 12, 2400, seldom),
         source("varied, pose withheld", lambda k: varied_floor(rng(700 + k), k % 4), 12, 2700, (), True),

@@ -13,7 +13,7 @@ class TargetTrackerParameters(OdomFrame):
     """Parameters of `target_tracker`."""
 
     public = (
-        "scan_topic", "filter", "max_range", "detection_probability", "clutter", "report", "located", "memory",
+        "scan_topic", "filter", "max_range", "detection_probability", "report", "located", "memory",
         "acceleration",
     )  # fmt: skip
 
