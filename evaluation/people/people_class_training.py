@@ -38,7 +38,7 @@ from whereabouts.simulation.scenes.occlusion_scenes import (
     one_hardly_moves,
 )
 from whereabouts.simulation.scenes.people_scenes import PeopleScene, crowded_room, empty_floor, peopled_floor
-from whereabouts.simulation.scenes.varied_floors import disturbed, varied_floor
+from whereabouts.simulation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
 from whereabouts.system.parallel import each
 
 Array = npt.NDArray[np.float64]
@@ -210,6 +210,7 @@ def drawn(seed: int = SEED) -> list[Source]:
         source("empty floors", lambda k: empty_floor(rng(100 + k)), 12, 2100, half),
         source("one hardly moves", lambda k: one_hardly_moves(rng(1200 + k)), 30, 2200, seldom),
         source("occlusions", hiding, 20, 2300, seldom),
+        source("things stand about", lambda k: things_stand_about(rng(800 + k)), 60, 3000, seldom),
         source("crowded rooms", lambda k: crowded_room(rng(400 + k), 4, k % 2 == 1), 12, 2400, seldom),
         source("varied, pose withheld", lambda k: varied_floor(rng(700 + k), k % 4), 12, 2700, (), True),
         source("floors, pose withheld", lambda k: walking(20 + k), 8, 2800, (), True),
