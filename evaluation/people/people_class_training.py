@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -38,7 +38,7 @@ from whereabouts.simulation.scenes.occlusion_scenes import (
     one_hardly_moves,
 )
 from whereabouts.simulation.scenes.people_scenes import PeopleScene, crowded_room, empty_floor, peopled_floor
-from whereabouts.simulation.scenes.varied_floors import disturbed, varied_floor
+from whereabouts.simulation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
 from whereabouts.system.parallel import each
 
 Array = npt.NDArray[np.float64]
@@ -192,6 +192,12 @@ def drawn(seed: int = SEED) -> list[Source]:
     def walking(k: int) -> PeopleScene:
         return peopled_floor(rng(k), standing=(0.4, 0.8)[k % 2])
 
+    def staying(k: int) -> PeopleScene:
+        g = rng(900 + k)
+        scene = crowded_room(g, 3, k % 3 == 2, 40.0)
+        people = [replace(one, rests=g.uniform(0.0, 20.0, len(one.waypoints))) for one in scene.people]
+        return replace(scene, people=people)
+
     def source(
         name: str,
         draw: Callable[[int], PeopleScene],
@@ -208,9 +214,11 @@ def drawn(seed: int = SEED) -> list[Source]:
         source("people on varied floors", varied, 16, 2600, often),
         source("people on a floor", walking, 20, 2000, half),
         source("empty floors", lambda k: empty_floor(rng(100 + k)), 12, 2100, half),
-        source("one hardly moves", lambda k: one_hardly_moves(rng(200 + k)), 12, 2200, seldom),
+        source("one hardly moves", lambda k: one_hardly_moves(rng(1200 + k)), 30, 2200, seldom),
         source("occlusions", hiding, 20, 2300, seldom),
-        source("crowded rooms", lambda k: crowded_room(rng(400 + k), 4, k % 2 == 1), 12, 2400, seldom),
+        source("things stand about", lambda k: things_stand_about(rng(800 + k)), 60, 3000, seldom),
+        source("crowded rooms", lambda k: crowded_room(rng(3400 + k), 4, k % 3 == 2), 48, 2400, seldom),
+        source("people who stay in rooms", staying, 30, 3100, seldom),
         source("varied, pose withheld", lambda k: varied_floor(rng(700 + k), k % 4), 12, 2700, (), True),
         source("floors, pose withheld", lambda k: walking(20 + k), 8, 2800, (), True),
         source("empty, pose withheld", lambda k: empty_floor(rng(150 + k)), 6, 2900, (), True),

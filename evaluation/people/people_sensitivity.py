@@ -20,7 +20,7 @@ from whereabouts.simulation.scenes.people_scenes import PeopleScene, peopled_flo
 from whereabouts.system.progress import track
 
 FACTORS = (0.7, 1.4)
-SETTINGS = ("acceleration", "leg_noise", "detection_probability", "memory", "clutter", "report", "located")
+SETTINGS = ("acceleration", "leg_noise", "detection_probability", "memory", "report", "located")
 NUMBERS: tuple[tuple[Any, str], ...] = (
     (people, "OPPOSITE"),
     (people, "EXACTER"),

@@ -1,5 +1,7 @@
 """Simulated worlds against geometry worked out another way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -25,7 +27,7 @@ from whereabouts.simulation import (
 from whereabouts.simulation.robot import relative
 from whereabouts.simulation.scenes.people_scenes import peopled_floor
 from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, random_pair
-from whereabouts.simulation.scenes.varied_floors import disturbed, varied_floor
+from whereabouts.simulation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
 
 angles = st.floats(-np.pi, np.pi)
 
@@ -214,6 +216,24 @@ def test_varied_floors_have_people_off_the_things_and_empty_ones_have_none() -> 
         np.testing.assert_array_equal(
             again.room.segments, varied_floor(np.random.default_rng(seed)).room.segments
         )
+
+
+def test_things_that_stand_about_hide_people_in_part_who_keep_off_them() -> None:
+    shown = []
+    for seed in range(12):
+        scene = things_stand_about(np.random.default_rng(seed), 4.0)
+        assert len(scene.things.segments) + len(scene.things.circles) > 0
+        alone = replace(scene, things=box(60.0, 60.0), room=Shapes())
+        for scan, free in zip(
+            scene.scans(np.random.default_rng(1)), alone.scans(np.random.default_rng(1)), strict=True
+        ):
+            for k, (some, most) in enumerate(zip(scan.returns, free.returns, strict=True)):
+                assert scene.things.distance(scan.people[k]) > 0.3
+                if most > 5:
+                    shown.append(some / most)
+    # Some are in plain view, some are hidden, and many are hidden in part.
+    assert np.mean(np.array(shown) > 0.95) > 0.2
+    assert np.mean((np.array(shown) > 0.1) & (np.array(shown) < 0.9)) > 0.1
 
 
 def test_wrong_poses_stay_near_the_true_ones() -> None:

@@ -12,6 +12,7 @@ from scipy.stats import invwishart, multivariate_normal, nbinom
 from tracking.mixture import association_kernels as kernels
 
 GATE, LOG_CLUTTER = 1e9, -6.0
+MODEL = kernels.Model(GATE, True, True, 30)
 
 
 def source(
@@ -24,7 +25,7 @@ def source(
     row[[kernels.XXX, kernels.XXY, kernels.XYY]] = 1.0, 0.1, 1.2
     row[[kernels.ALPHA, kernels.BETA]] = 3.0, 1.0
     row[[kernels.VXX, kernels.VXY, kernels.VYY, kernels.NU]] = 8.0, 0.5, 9.0, 11.0
-    row[[kernels.ON, kernels.OFF]] = on, off
+    row[[kernels.ON, kernels.OFF, kernels.CLASS]] = on, off, 0.7
     return row
 
 
@@ -52,7 +53,9 @@ def log_stacked(row: np.ndarray, z: np.ndarray, spread: np.ndarray | None = None
 @pytest.mark.parametrize("n", [1, 2, 6])
 def test_known_cell_is_the_stacked_likelihood(n: int) -> None:
     row, z = source((1.0, -0.5)), np.random.default_rng(n).normal(0, 2, (n, 2))
-    assert kernels.log_cell(row, cell_of(z), True, True) == pytest.approx(log_stacked(row, z), rel=1e-10)
+    assert kernels.log_cell(kernels.with_constants(row[None])[0], cell_of(z), True, True) == pytest.approx(
+        log_stacked(row, z), rel=1e-10
+    )
 
 
 def test_unknown_rate_is_negative_binomial() -> None:
@@ -61,7 +64,9 @@ def test_unknown_rate_is_negative_binomial() -> None:
     row[[kernels.ALPHA, kernels.BETA]] = 4.5, 1.7
     for n in (1, 3, 8):
         cell = cell_of(np.random.default_rng(n).normal(0, 1, (n, 2)))
-        with_rate = kernels.log_cell(row, cell, False, True) - kernels.log_cell(row, cell, True, True)
+        with_rate = kernels.log_cell(
+            kernels.with_constants(row[None])[0], cell, False, True
+        ) - kernels.log_cell(kernels.with_constants(row[None])[0], cell, True, True)
         rate = 4.5 / 1.7
         expected = nbinom(4.5, 1.7 / 2.7).logpmf(n) + gammaln(n + 1) - (n * np.log(rate) - rate)
         assert with_rate == pytest.approx(expected, rel=1e-9)
@@ -81,19 +86,30 @@ def test_unknown_spread_is_integrated_out() -> None:
         + np.trace(np.linalg.inv(draws) @ scatter, axis1=1, axis2=2)
     )
     sampled = logsumexp(logs) - np.log(len(logs))
-    known = kernels.log_cell(row, cell, True, True)
+    known = kernels.log_cell(kernels.with_constants(row[None])[0], cell, True, True)
     X = matrix(row, kernels.XXX)
     alone = -0.5 * (
         (n - 1) * (2 * np.log(2 * np.pi) + np.log(np.linalg.det(X)))
         + 2 * np.log(n)
         + np.trace(np.linalg.inv(X) @ scatter)
     )
-    assert kernels.log_cell(row, cell, True, False) - (known - alone) == pytest.approx(sampled, abs=0.02)
+    assert kernels.log_cell(kernels.with_constants(row[None])[0], cell, True, False) - (
+        known - alone
+    ) == pytest.approx(sampled, abs=0.02)
 
 
 def clutter_at(z: np.ndarray) -> np.ndarray:
     """Log-density of clutter at returns (n, 2): it need not be uniform."""
     return LOG_CLUTTER - 0.2 * (1.0 + np.sin(z[:, 0]))
+
+
+def look_at(z: np.ndarray) -> np.ndarray:
+    """Log-likelihood ratio of the two classes of targets for returns (n, 2)."""
+    return 1.5 * np.cos(3.0 * z[:, 1])
+
+
+def returns_of(z: np.ndarray) -> np.ndarray:
+    return np.column_stack((z, clutter_at(z), look_at(z)))
 
 
 def exact(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
@@ -106,14 +122,18 @@ def exact(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
         if not set(active) <= set(choice):
             continue
         value = base + clutter_at(z)[owners == -1].sum()
-        logs.append(value + sum(log_stacked(sources[k], z[owners == k]) for k in active))
+        for k in active:
+            first = sources[k, kernels.CLASS]
+            looks = np.log(first * np.exp(look_at(z[owners == k])) + 1.0 - first)
+            value += log_stacked(sources[k], z[owners == k]) + looks.sum()
+        logs.append(value)
     return float(logsumexp(logs))
 
 
 def bound(z: np.ndarray, sources: np.ndarray, on: np.ndarray) -> float:
     S = len(sources)
     cells, centres = np.zeros((S, kernels.CELL)), np.zeros((S, 2))
-    return float(kernels.evaluate(z, sources, on, cells, centres, False, GATE, clutter_at(z), True, True, 30))
+    return float(kernels.evaluate(kernels.posed(returns_of(z), sources), on, cells, centres, False, MODEL))
 
 
 @pytest.mark.parametrize(("apart", "slack"), [(12.0, 0.05), (3.0, 1.0), (0.5, 1.2)])
@@ -144,7 +164,7 @@ def test_search_finds_the_best_of_all_structures() -> None:
     z = np.vstack([rng.normal(0, 1, (4, 2)), rng.normal((0.0, 9.0), 1, (3, 2)), [[20.0, -20.0]]])
     seeds = sources[2:, :2].copy()
     values, active, cells = kernels.search(
-        z, sources, 2, 2, seeds, GATE, clutter_at(z), True, True, 30, 20.0, 20, 10
+        returns_of(z), sources, 2, seeds, MODEL, kernels.Budget(20.0, 20, 10)
     )
     every = {}
     for choice in product([False, True], repeat=4):
@@ -168,7 +188,7 @@ def test_a_target_may_split() -> None:
     z = np.vstack([rng.normal((-2.0, 0.0), 1, (8, 2)), rng.normal((2.0, 0.0), 1, (8, 2))])
     sources = np.array([parent, child, child])
     _, active, cells = kernels.search(
-        z, sources, 1, 0, np.zeros((0, 2)), GATE, clutter_at(z), True, True, 30, 9.0, 20, 4
+        returns_of(z), sources, 1, np.zeros((0, 2)), MODEL, kernels.Budget(9.0, 20, 4)
     )
     assert active[0].tolist() in ([True, True, False], [True, False, True])
     found = cells[0, active[0]]

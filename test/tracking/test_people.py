@@ -21,7 +21,7 @@ from evaluation.people.people_judging import (
 from registration import Scan
 from tracking import PeopleConfig, PeopleTracker
 from tracking.mixture.occluders import PLACES, WEIGHTS, seen_shares
-from tracking.people.cluster_model import UNKNOWN, ClusterScan
+from tracking.people.cluster_model import ClusterScan
 from tracking.people.free_space import Background
 from tracking.people.legs import clusters_of
 from tracking.people.people_middle import depths
@@ -127,25 +127,29 @@ def test_background_tells_what_came_from_what_stood() -> None:
     assert unseen.tolist() == [0.0, 0.0, 1.0, 1.0]
 
 
-def test_clutter_is_thin_where_nobody_has_looked() -> None:
+def test_what_comes_into_view_with_its_surroundings_is_new_more_often_and_a_thing_rather_than_a_person() -> (
+    None
+):
     # The same leg before the same wall: on a floor that was empty till now, and in sight for the first time.
     config, model = PeopleConfig(), shape_model()
     pose, free = np.zeros(3), np.zeros(361, dtype=bool)
     scan = scan_of(with_leg(wall(), 2.0, 1.0))
     sweep = Sweep.of(scan, pose, None, 0.1)
 
-    def density(background: Background) -> float:
+    def born(background: Background) -> tuple[float, float]:
         seen = ClusterScan.of(scan, sweep, background, model, config, free, free)
         near = np.linalg.norm(seen.places - [2.0, 1.0], axis=1).argmin()
-        return float(seen.log_clutter[near])
+        return float(np.exp(seen.log_births[near])), float(seen.birth_class[near])
 
     known = Background()
     for k in range(40):
         known.add(Sweep.of(scan_of(wall(), 0.1 * k), pose, None, 0.1), 0.1 * k, free)
     forgotten = Background()
     forgotten.clear()
-    assert density(known) - density(Background()) == pytest.approx(UNKNOWN)
-    assert density(forgotten) == pytest.approx(density(known))
+    (empty, _), (unseen, person), (anywhere, _) = born(known), born(Background()), born(forgotten)
+    assert empty < anywhere
+    assert empty < 0.2 * unseen
+    assert person < 0.2
 
 
 def test_somebody_who_walks_is_found_where_he_is() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
+from estimation.geometry.poses import compound, inverse
 from evaluation.people.people_class_training import ClassExamples, balanced, calibrated, folds
 from tracking.mixture.target import Target
 from tracking.people.legs import FEATURES
@@ -81,6 +82,27 @@ def test_who_is_not_seen_changes_nothing() -> None:
     evidence.look(None, np.zeros((0, 17)), none, target_at(3.0), np.zeros(3), 0, 0.1, 9.0)  # type: ignore[arg-type]
     assert evidence.features(target_at(2.0)) == before
     assert evidence.last_seen == pytest.approx(0.9)
+
+
+def test_who_looks_at_rest_carries_nothing_and_who_drives_carries_what_he_passes() -> None:
+    """A thing 3 m ahead; the scanner drives 2 m around it, then its frame is turned and moved."""
+    rng, evidence = np.random.default_rng(5), ClassEvidence(np.array([3.0, 0.0]))
+    seen = looks(1, 0.1, rng)[1][0]
+    seen.places[:] = 3.0, 0.0
+    rows = rows_of(seen)  # type: ignore[arg-type]
+    poses = [np.zeros(3)] * 3 + [np.array([1.0, 0.5, -0.2]), np.array([2.0, 1.0, -0.8])]
+    carried = []
+    for k, pose in enumerate(poses):
+        evidence.look(seen, rows, np.arange(2), target_at(3.0), pose, 0, 0.1, 0.1 * k)  # type: ignore[arg-type]
+        carried.append(evidence.features(target_at(3.0))[NAMES.index("carried")])
+    assert carried[:3] == [0.0, 0.0, 0.0]
+    in_scanner = [compound(inverse(pose), np.array([3.0, 0.0, 0.0]))[:2] for pose in poses]
+    assert carried[-1] == pytest.approx(max(np.linalg.norm(place - in_scanner[0]) for place in in_scanner))
+    evidence.shift(np.array([1.0, -2.0, 0.7]))
+    moved = compound(np.array([1.0, -2.0, 0.7]), np.array([3.0, 0.0, 0.0]))
+    pose = compound(np.array([1.0, -2.0, 0.7]), poses[-1])
+    evidence.look(seen, rows, np.arange(2), target_at(*moved[:2]), pose, 0, 0.1, 0.5)  # type: ignore[arg-type]
+    assert evidence.carried == pytest.approx(carried[-1])
 
 
 def test_calibration_is_the_logistic_regression_of_the_log_odds() -> None:

@@ -3,10 +3,13 @@
 A *structure* says which targets gave returns at all and which new ones there are. Within a structure, which return
 is whose is summed out by a variational bound: return i belongs to target k with probability r_ik, and
 
-    F(r) = Σ_k f_k(n_k, z̄_k, Z_k) + Σ_i r_i0 log κ_i - Σ r log r ≤ log of the sum over all associations,
+    F(r) = Σ_k f_k(n_k, z̄_k, Z_k) + Σ_ik r_ik log g_ik + Σ_i r_i0 log κ_i - Σ r log r ≤ log of the sum over all
+    associations,
 
 where n_k, z̄_k, Z_k are count, mean and scatter of the returns weighted by r_ik and f_k is the log-likelihood of a
 cell (9d) with the same factorisation, n_k fractional. With every r either 0 or 1 it is the weight of one partition.
+Returns have a look, of log-likelihood ratio s_i between two classes of targets; clutter looks like the second class.
+Of a target that is of the first with probability c_k, g_ik = c_k exp(s_i) + 1 - c_k.
 
 A source (a row of `sources`) is a target that may have given returns; its columns are below.
 """
@@ -14,15 +17,20 @@ A source (a row of `sources`) is a target that may have given returns; its colum
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 # Columns of a source: position and its covariance, spread of returns, gamma density of the rate, Wishart scatter and
-# freedom of the spread, log-weight of giving returns, log-weight of giving none.
-MX, MY, PXX, PXY, PYY, XXX, XXY, XYY, ALPHA, BETA, VXX, VXY, VYY, NU, ON, OFF = range(16)
-COLUMNS = 16
+# freedom of the spread, log-weight of giving returns, log-weight of giving none, probability of the first class.
+MX, MY, PXX, PXY, PYY, XXX, XXY, XYY, ALPHA, BETA, VXX, VXY, VYY, NU, ON, OFF, CLASS = range(17)
+COLUMNS = 17
+# What follows from those, computed once a search: logarithms of the rate and of the volume of the spread, precisions of
+# the spread and of the position.
+LOG_RATE, LOG_X, WXX, WXY, WYY, QXX, QXY, QYY = range(17, 25)
+# Columns of a return: position, log-density of clutter there, log-likelihood ratio of its look.
+X, Y, CLUTTER, LOOK = range(4)
 # Columns of a cell: count, mean, scatter, and the spread of the mean that comes from not knowing whose returns are.
 N, ZX, ZY, SXX, SXY, SYY, UXX, UXY, UYY = range(9)
 CELL = 9
@@ -32,12 +40,93 @@ LOG_PI = math.log(math.pi)
 FEWEST = 0.5
 
 
+class Model(NamedTuple):
+    """gate : squared distance. rate_known, spread_known : whether sources give as many returns, and as widely, as
+    configured. sweeps : of the association at most."""
+
+    gate: float
+    rate_known: bool
+    spread_known: bool
+    sweeps: int
+
+
+class Budget(NamedTuple):
+    """Structures within `margin` nat of the best are kept, `most` at most, and the best `expansions` varied."""
+
+    margin: float
+    most: int
+    expansions: int
+
+
+class Kept(NamedTuple):
+    """Structures (M,): log-weights, what is on (M, S), cells (M, S, 9), centres (M, S, 2), whether varied already."""
+
+    values: Any
+    active: Any
+    cells: Any
+    centres: Any
+    done: Any
+
+
+class Problem(NamedTuple):
+    """Returns z (n, 4), the sources with what follows from them (S, 25), log g_ik (n, S), and room to work in: what is
+    on (S,), terms of its likelihoods (S, 7), moments of what it gets (S, 9), and of one return (S,) who may have caused
+    it, the log-likelihoods and the shares."""
+
+    z: Any
+    sources: Any
+    ratios: Any
+    index: Any
+    terms: Any
+    total: Any
+    near: Any
+    logs: Any
+    shares: Any
+
+
+@njit(cache=True)
+def posed(z: Any, sources: Any) -> Problem:
+    """The problem of returns (n, 4) and sources (S, 17)."""
+    S = len(sources)
+    index, near = np.empty(S, np.int64), np.empty(S, np.int64)
+    terms, total, logs, shares = np.empty((S, 7)), np.empty((S, CELL)), np.empty(S), np.empty(S)
+    ratios = _look_ratios(z, sources)
+    return Problem(z, with_constants(sources), ratios, index, terms, total, near, logs, shares)
+
+
+@njit(cache=True)
+def with_constants(sources: Any) -> Any:
+    """Sources (S, 25) with what follows from their first 17 columns."""
+    whole = np.empty((len(sources), QYY + 1))
+    whole[:, :COLUMNS] = sources
+    for k in range(len(sources)):
+        s = whole[k]
+        volume, p = s[XXX] * s[XYY] - s[XXY] ** 2, s[PXX] * s[PYY] - s[PXY] ** 2
+        s[LOG_RATE], s[LOG_X] = math.log(s[ALPHA] / s[BETA]), math.log(volume)
+        s[WXX], s[WXY], s[WYY] = s[XYY] / volume, -s[XXY] / volume, s[XXX] / volume
+        s[QXX], s[QXY], s[QYY] = s[PYY] / p, -s[PXY] / p, s[PXX] / p
+    return whole
+
+
+@njit(cache=True)
+def _look_ratios(z: Any, sources: Any) -> Any:
+    """log g_ik (n, S) of the returns z (n, 4) under the sources (S, 17)."""
+    ratios = np.zeros((len(z), len(sources)))
+    for i in range(len(z)):
+        ratio = math.exp(z[i, LOOK]) if z[i, LOOK] != 0.0 else 1.0
+        for k in range(len(sources)):
+            likely = sources[k, CLASS]
+            if likely > 0.0 and ratio != 1.0:
+                ratios[i, k] = math.log(likely * ratio + 1.0 - likely)
+    return ratios
+
+
 @njit(cache=True)
 def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
-    """Log-likelihood of a cell of fractional count under a source (16,): rate, mean and scatter of the returns."""
+    """Log-likelihood of a cell of fractional count under a source (25,): rate, mean and scatter of the returns."""
     n = c[N]
     if rate_known:
-        result = n * math.log(s[ALPHA] / s[BETA]) - s[ALPHA] / s[BETA]
+        result = n * s[LOG_RATE] - s[ALPHA] / s[BETA]
     else:
         a, b = s[ALPHA], s[BETA]
         result = math.lgamma(a + n) - math.lgamma(a) + a * math.log(b) - (a + n) * math.log(b + 1.0)
@@ -47,9 +136,8 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
     square = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
     result += -0.5 * (square + math.log(determinant)) - LOG_TWO_PI
     if spread_known:
-        volume = s[XXX] * s[XYY] - s[XXY] ** 2
-        trace = (s[XYY] * c[SXX] - 2.0 * s[XXY] * c[SXY] + s[XXX] * c[SYY]) / volume
-        return result - 0.5 * ((n - 1.0) * (2.0 * LOG_TWO_PI + math.log(volume)) + trace) - math.log(n)
+        trace = s[WXX] * c[SXX] + 2.0 * s[WXY] * c[SXY] + s[WYY] * c[SYY]
+        return result - 0.5 * ((n - 1.0) * (2.0 * LOG_TWO_PI + s[LOG_X]) + trace) - math.log(n)
     before = s[VXX] * s[VYY] - s[VXY] ** 2
     after = (s[VXX] + c[SXX]) * (s[VYY] + c[SYY]) - (s[VXY] + c[SXY]) ** 2
     nu, new = s[NU], s[NU] + n - 1.0
@@ -59,147 +147,154 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
 
 
 @njit(cache=True)
-def _weights_of(
-    s: Any, c: Any, centre: Any, predictive: bool, rate_known: bool, spread_known: bool, out: Any
-) -> None:
-    """Terms (6,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y."""
-    if predictive:
-        xx, xy, yy = s[PXX] + s[XXX], s[PXY] + s[XXY], s[PYY] + s[XYY]
-    elif spread_known:
-        xx, xy, yy = s[XXX], s[XXY], s[XYY]
-    else:
-        freedom = max(s[NU] + c[N] - 1.0, 1.0)
-        xx, xy, yy = (s[VXX] + c[SXX]) / freedom, (s[VXY] + c[SXY]) / freedom, (s[VYY] + c[SYY]) / freedom
-    determinant = xx * yy - xy * xy
-    if rate_known or predictive:
-        out[0] = math.log(s[ALPHA] / s[BETA])
-    else:
-        out[0] = math.log(max(s[ALPHA] + c[N] - 0.5, 0.1) / (s[BETA] + 1.0))
-    out[0] -= LOG_TWO_PI + 0.5 * math.log(determinant)
-    out[1], out[2], out[3] = yy / determinant, -xy / determinant, xx / determinant
+def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: Model, out: Any) -> None:
+    """Terms (7,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y, and the
+    variance in x, which says at once of most returns that they are too far away."""
     out[4], out[5] = centre[0], centre[1]
+    if not predictive and model.spread_known:
+        out[0], out[1], out[2], out[3] = -0.5 * s[LOG_X], s[WXX], s[WXY], s[WYY]
+    else:
+        if predictive:
+            xx, xy, yy = s[PXX] + s[XXX], s[PXY] + s[XXY], s[PYY] + s[XYY]
+        else:
+            freedom = max(s[NU] + c[N] - 1.0, 1.0)
+            xx, xy, yy = (s[VXX] + c[SXX]) / freedom, (s[VXY] + c[SXY]) / freedom, (s[VYY] + c[SYY]) / freedom
+        determinant = xx * yy - xy * xy
+        out[0] = -0.5 * math.log(determinant)
+        out[1], out[2], out[3] = yy / determinant, -xy / determinant, xx / determinant
+    out[6] = out[3] / (out[1] * out[3] - out[2] * out[2])
+    if model.rate_known or predictive:
+        out[0] += s[LOG_RATE] - LOG_TWO_PI
+    else:
+        out[0] += math.log(max(s[ALPHA] + c[N] - 0.5, 0.1) / (s[BETA] + 1.0)) - LOG_TWO_PI
     if not predictive:
         # The centre itself is uncertain: (P⁻¹ + n X⁻¹)⁻¹ spreads the expected square.
-        p = s[PXX] * s[PYY] - s[PXY] ** 2
         n = c[N]
-        a, b, d = s[PYY] / p + n * out[1], -s[PXY] / p + n * out[2], s[PXX] / p + n * out[3]
-        q = a * d - b * b
-        out[0] -= 0.5 * (out[1] * d - 2.0 * out[2] * b + out[3] * a) / q
+        a, b, d = s[QXX] + n * out[1], s[QXY] + n * out[2], s[QYY] + n * out[3]
+        out[0] -= 0.5 * (out[1] * d - 2.0 * out[2] * b + out[3] * a) / (a * d - b * b)
 
 
 @njit(cache=True)
-def evaluate(
-    z: Any,
-    sources: Any,
-    on: Any,
-    cells: Any,
-    centres: Any,
-    started: bool,
-    gate: float,
-    log_clutter: Any,
-    rate_known: bool,
-    spread_known: bool,
-    sweeps: int,
-) -> float:
-    """F of a structure: the sources `on` (S,) share the returns z (n, 2) with clutter of log-density log_clutter (n,).
+def _share_out(problem: Problem, K: int, centres: Any, gate: float) -> float:
+    """Σ r (log κ + log g - log r) of the returns by the terms of the first K sources of the index.
+
+    Fills `problem.total` with the moments of what each gets, about its centre.
+    """
+    z, _, ratios, index, terms, total, near, logs, shares = problem
+    total[:K] = 0.0
+    value = 0.0
+    for i in range(len(z)):
+        zx, zy, clutter = z[i, X], z[i, Y], z[i, CLUTTER]
+        count, top = 0, clutter
+        for a in range(K):
+            x, y = zx - terms[a, 4], zy - terms[a, 5]
+            if x * x >= gate * terms[a, 6]:
+                continue
+            square = terms[a, 1] * x * x + 2.0 * terms[a, 2] * x * y + terms[a, 3] * y * y
+            if square < gate:
+                log = terms[a, 0] + ratios[i, index[a]] - 0.5 * square
+                near[count], logs[count] = a, log
+                count += 1
+                top = max(top, log)
+        whole = 0.0
+        for b in range(count):
+            shares[b] = math.exp(logs[b] - top) if logs[b] > top - 30.0 else 0.0
+            whole += shares[b]
+        left = math.exp(clutter - top) if clutter > top - 30.0 else 0.0
+        whole += left
+        # Of each share its logarithm is known but for that of the whole.
+        log_whole = top + math.log(whole)
+        value += left / whole * log_whole
+        for b in range(count):
+            share = shares[b] / whole
+            if share <= 1e-9:
+                continue
+            k = index[near[b]]
+            value += share * (ratios[i, k] - logs[b] + log_whole)
+            _add(total[near[b]], share, zx - centres[k, 0], zy - centres[k, 1])
+    return value
+
+
+@njit(cache=True)
+def _add(total: Any, share: float, x: float, y: float) -> None:
+    """Adds a share of a return, which lies at (x, y) from the centre, to moments (9,)."""
+    unsure = share * (1.0 - share)
+    total[N] += share
+    total[ZX] += share * x
+    total[ZY] += share * y
+    total[SXX] += share * x * x
+    total[SXY] += share * x * y
+    total[SYY] += share * y * y
+    total[UXX] += unsure * x * x
+    total[UXY] += unsure * x * y
+    total[UYY] += unsure * y * y
+
+
+@njit(cache=True)
+def _recentre(s: Any, total: Any, cell: Any, centre: Any) -> float:
+    """Cell (9,) of the moments `total` (9,) about a centre (2,), which moves to m + P (P + X/n)⁻¹ (z̄ - m).
+
+    Returns how far it moved, squared and in spreads of returns; -1 where the source gets no return.
+    """
+    count = total[N]
+    cell[N] = count
+    if count < 1e-3:
+        return -1.0
+    x, y = total[ZX] / count, total[ZY] / count
+    cell[ZX], cell[ZY] = centre[0] + x, centre[1] + y
+    cell[SXX] = max(total[SXX] - count * x * x, 0.0)
+    cell[SXY] = total[SXY] - count * x * y
+    cell[SYY] = max(total[SYY] - count * y * y, 0.0)
+    cell[UXX], cell[UXY], cell[UYY] = total[UXX], total[UXY], total[UYY]
+    u, v, w = s[PXX] + s[XXX] / count, s[PXY] + s[XXY] / count, s[PYY] + s[XYY] / count
+    q = u * w - v * v
+    x, y = cell[ZX] - s[MX], cell[ZY] - s[MY]
+    x, y = (w * x - v * y) / q, (u * y - v * x) / q
+    nx, ny = s[MX] + s[PXX] * x + s[PXY] * y, s[MY] + s[PXY] * x + s[PYY] * y
+    moved: float = ((nx - centre[0]) ** 2 + (ny - centre[1]) ** 2) / (s[XXX] + s[XYY])
+    centre[0], centre[1] = nx, ny
+    return moved
+
+
+@njit(cache=True)
+def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: bool, model: Model) -> float:
+    """F of a structure: the sources `on` (S,) share the returns with clutter.
 
     cells (S, 9), centres (S, 2) : with `started` where the sweeps begin, otherwise from the predictions; filled with
     the cells and the corrected positions. Returns -inf where a source that is on gets no return.
     """
-    n, S = len(z), len(sources)
-    index = np.empty(S, np.int64)
+    sources, index, terms, total = problem.sources, problem.index, problem.terms, problem.total
     K = 0
-    for k in range(S):
+    for k in range(len(sources)):
         if on[k]:
             index[K] = k
             K += 1
-    terms = np.empty((K, 6))
-    shares = np.empty(K + 1)
-    total = np.empty((K, CELL))
     value = -np.inf
-    for sweep in range(sweeps):
+    for sweep in range(model.sweeps):
+        first = not started and sweep == 0
         for a in range(K):
             k = index[a]
-            if not started and sweep == 0:
+            if first:
                 centres[k, 0], centres[k, 1] = sources[k, MX], sources[k, MY]
-            _weights_of(
-                sources[k],
-                cells[k],
-                centres[k],
-                not started and sweep == 0,
-                rate_known,
-                spread_known,
-                terms[a],
-            )
-        total[:] = 0.0
-        entropy, clutter = 0.0, 0.0
-        for i in range(n):
-            shares[K] = log_clutter[i]
-            top = log_clutter[i]
-            for a in range(K):
-                x, y = z[i, 0] - terms[a, 4], z[i, 1] - terms[a, 5]
-                square = terms[a, 1] * x * x + 2.0 * terms[a, 2] * x * y + terms[a, 3] * y * y
-                shares[a] = terms[a, 0] - 0.5 * square if square < gate else -np.inf
-                top = max(top, shares[a])
-            whole = 0.0
-            for a in range(K + 1):
-                shares[a] = math.exp(shares[a] - top) if shares[a] > top - 30.0 else 0.0
-                whole += shares[a]
-            for a in range(K + 1):
-                share = shares[a] / whole
-                if share > 1e-9:
-                    entropy -= share * math.log(share)
-                    if a == K:
-                        clutter += share * log_clutter[i]
-                    else:
-                        x, y = z[i, 0] - centres[index[a], 0], z[i, 1] - centres[index[a], 1]
-                        total[a, N] += share
-                        total[a, ZX] += share * x
-                        total[a, ZY] += share * y
-                        total[a, SXX] += share * x * x
-                        total[a, SXY] += share * x * y
-                        total[a, SYY] += share * y * y
-                        unsure = share * (1.0 - share)
-                        total[a, UXX] += unsure * x * x
-                        total[a, UXY] += unsure * x * y
-                        total[a, UYY] += unsure * y * y
-        moved = 0.0
-        starved = False
+            _weights_of(sources[k], cells[k], centres[k], first, model, terms[a])
+        value = _share_out(problem, K, centres, model.gate)
+        moved, starved = 0.0, False
         for a in range(K):
-            k, count = index[a], total[a, N]
-            if count < 1e-3:
-                cells[k, N] = count
-                starved = True
-                continue
-            x, y = total[a, ZX] / count, total[a, ZY] / count
-            cells[k, N] = count
-            cells[k, ZX], cells[k, ZY] = centres[k, 0] + x, centres[k, 1] + y
-            cells[k, SXX] = max(total[a, SXX] - count * x * x, 0.0)
-            cells[k, SXY] = total[a, SXY] - count * x * y
-            cells[k, SYY] = max(total[a, SYY] - count * y * y, 0.0)
-            cells[k, UXX], cells[k, UXY], cells[k, UYY] = total[a, UXX], total[a, UXY], total[a, UYY]
-            # The corrected position: m + P (P + X/n)⁻¹ (z̄ - m).
-            s = sources[k]
-            u, v, w = s[PXX] + s[XXX] / count, s[PXY] + s[XXY] / count, s[PYY] + s[XYY] / count
-            q = u * w - v * v
-            x, y = cells[k, ZX] - s[MX], cells[k, ZY] - s[MY]
-            x, y = (w * x - v * y) / q, (u * y - v * x) / q
-            nx, ny = s[MX] + s[PXX] * x + s[PXY] * y, s[MY] + s[PXY] * x + s[PYY] * y
-            moved = max(moved, ((nx - centres[k, 0]) ** 2 + (ny - centres[k, 1]) ** 2) / (s[XXX] + s[XYY]))
-            centres[k, 0], centres[k, 1] = nx, ny
+            k = index[a]
+            step = _recentre(sources[k], total[a], cells[k], centres[k])
+            starved |= step < 0.0
+            moved = max(moved, step)
         if starved:
             return -np.inf
-        value = entropy + clutter
         if sweep > 0 and moved < 1e-4:
             break
-    for a in range(K):
-        k = index[a]
-        if cells[k, N] < FEWEST:
-            return -np.inf
-        value += sources[k, ON] + log_cell(sources[k], cells[k], rate_known, spread_known)
-    for k in range(S):
+    for k in range(len(sources)):
         if not on[k]:
             value += sources[k, OFF]
+        elif cells[k, N] < FEWEST:
+            return -np.inf
+        else:
+            value += sources[k, ON] + log_cell(sources[k], cells[k], model.rate_known, model.spread_known)
     return value
 
 
@@ -217,132 +312,120 @@ def _divide(cell: Any, way: float, parent: Any, child: Any) -> None:
 
 
 @njit(cache=True)
+def _any_equal(rows: Any, row: Any) -> bool:
+    """Whether one of the rows (M, S) equals a row (S,)."""
+    for other in rows:
+        same = True
+        for k in range(len(row)):
+            if other[k] != row[k]:
+                same = False
+                break
+        if same:
+            return True
+    return False
+
+
+class Structure(NamedTuple):
+    """One structure: what is on (S,), cells (S, 9), centres (S, 2)."""
+
+    on: Any
+    cells: Any
+    centres: Any
+
+
+@njit(cache=True)
+def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, seeds: Any) -> bool:
+    """Makes `into` what `base` is with source k on or off instead; False if that may not be."""
+    births = known + len(seeds)
+    spawned, parent = k >= births, (k - births) // 2
+    on, cells, centres = into
+    # A target splits off one that is seen with it.
+    if spawned and (base.on[k] or not base.on[parent]):
+        return False
+    first = births + 2 * k
+    if k < known and first < len(sources) and (base.on[first] or base.on[first + 1]):
+        return False
+    on[:], cells[:], centres[:] = base.on, base.cells, base.centres
+    on[k] = not on[k]
+    if not on[k]:
+        return True
+    s = sources[k]
+    if spawned:
+        way = 1.0 if (k - births) % 2 == 0 else -1.0
+        _divide(base.cells[parent], way, centres[parent], centres[k])
+        cells[parent] *= 0.5
+        cells[k] = cells[parent]
+        return True
+    centres[k, 0], centres[k, 1] = s[MX], s[MY]
+    if k >= known:
+        centres[k] = seeds[k - known]
+    expected = s[ALPHA] / s[BETA]
+    cells[k, N], cells[k, SXX] = expected, expected * s[XXX]
+    cells[k, SXY], cells[k, SYY] = expected * s[XXY], expected * s[XYY]
+    return True
+
+
+@njit(cache=True)
+def _first(problem: Problem, known: int, model: Model, kept: Kept) -> None:
+    """The structure in which all known targets gave returns but those that nothing is left for, as the first."""
+    on, cell, centre = kept.active[0], kept.cells[0], kept.centres[0]
+    on[:known] = True
+    for _ in range(known + 1):
+        kept.values[0] = evaluate(problem, on, cell, centre, False, model)
+        if kept.values[0] > -np.inf:
+            return
+        weakest = -1
+        for k in range(known):
+            if on[k] and (weakest < 0 or cell[k, N] < cell[weakest, N]):
+                weakest = k
+        if weakest < 0:
+            return
+        on[weakest] = False
+        cell[:] = 0.0
+
+
+@njit(cache=True)
 def search(
-    z: Any,
-    sources: Any,
-    known: int,
-    births: int,
-    seeds: Any,
-    gate: float,
-    log_clutter: Any,
-    rate_known: bool,
-    spread_known: bool,
-    sweeps: int,
-    margin: float,
-    most: int,
-    expansions: int,
+    z: Any, sources: Any, known: int, seeds: Any, model: Model, budget: Budget
 ) -> tuple[Any, Any, Any]:
     """The likeliest structures, best first: their log-weights (M,), what is on (M, S), and the cells (M, S, 9).
 
-    sources (S, 16): `known` targets, then `births` places for new ones, whose sweeps begin at `seeds` (births, 2),
-    then, two for each known target or none at all, targets that may have split off it. Structures within `margin` of
-    the best are kept, `most` at most; each of the best `expansions` is varied by one target at a time. log_clutter (n,)
-    is the log-density of clutter at each return.
+    z (n, 4) : returns. sources (S, 17): `known` targets, then places for new ones, whose sweeps begin at `seeds`
+    (births, 2), then, two for each known target or none at all, targets that may have split off it. Structures are
+    varied by one target at a time.
     """
-    S = len(sources)
-    size = most + 1
-    values = np.full(size, -np.inf)
-    active = np.zeros((size, S), np.bool_)
-    cells = np.zeros((size, S, CELL))
-    centres = np.zeros((size, S, 2))
-    done = np.zeros(size, np.bool_)
-    count = 0
-
-    on = np.zeros(S, np.bool_)
-    on[:known] = True
-    cell, centre = np.zeros((S, CELL)), np.zeros((S, 2))
-    for _ in range(known + 1):
-        # From the predictions; a target that nothing is left for gave no return.
-        value = evaluate(
-            z, sources, on, cell, centre, False, gate, log_clutter, rate_known, spread_known, sweeps
-        )
-        if value > -np.inf:
+    S, most, margin = len(sources), budget.most, budget.margin
+    problem = posed(z, sources)
+    kept = Kept(
+        np.full(most, -np.inf),
+        np.zeros((most, S), np.bool_),
+        np.zeros((most, S, CELL)),
+        np.zeros((most, S, 2)),
+        np.zeros(most, np.bool_),
+    )
+    new = Structure(np.zeros(S, np.bool_), np.zeros((S, CELL)), np.zeros((S, 2)))
+    _first(problem, known, model, kept)
+    count, best = 1, kept.values[0]
+    for _ in range(budget.expansions):
+        left = np.where(kept.done[:count], -np.inf, kept.values[:count])
+        chosen = np.argmax(left)
+        if left[chosen] <= best - margin:
             break
-        weakest, least = -1, np.inf
-        for k in range(known):
-            if on[k] and cell[k, N] < least:
-                weakest, least = k, cell[k, N]
-        if weakest < 0:
-            break
-        on[weakest] = False
-        cell[:] = 0.0
-    values[0], active[0], cells[0], centres[0] = value, on, cell, centre
-    count = 1
-    best = value
-
-    for _ in range(expansions):
-        chosen = -1
-        for m in range(count):
-            if not done[m] and values[m] > best - margin and (chosen < 0 or values[m] > values[chosen]):
-                chosen = m
-        if chosen < 0:
-            break
-        done[chosen] = True
-        base_on, base_cells, base_centres = (
-            active[chosen].copy(),
-            cells[chosen].copy(),
-            centres[chosen].copy(),
-        )
+        kept.done[chosen] = True
+        base = Structure(kept.active[chosen].copy(), kept.cells[chosen].copy(), kept.centres[chosen].copy())
         for k in range(S):
-            spawned = k >= known + births
-            parent = (k - known - births) // 2
-            # A target splits off one that is seen with it.
-            if spawned and (base_on[k] or not base_on[parent]):
+            if not _varied(base, new, k, sources, known, seeds) or _any_equal(kept.active[:count], new.on):
                 continue
-            first = known + births + 2 * k
-            if k < known and first < S and (base_on[first] or base_on[first + 1]):
-                continue
-            on[:] = base_on
-            on[k] = not base_on[k]
-            cell[:] = base_cells
-            centre[:] = base_centres
-            if on[k]:
-                if spawned:
-                    way = 1.0 if (k - known - births) % 2 == 0 else -1.0
-                    _divide(base_cells[parent], way, centre[parent], centre[k])
-                    cell[parent] *= 0.5
-                    cell[k] = cell[parent]
-                else:
-                    centre[k, 0], centre[k, 1] = sources[k, MX], sources[k, MY]
-                    if k >= known:
-                        centre[k] = seeds[k - known]
-                    expected = sources[k, ALPHA] / sources[k, BETA]
-                    cell[k, N], cell[k, SXX] = expected, expected * sources[k, XXX]
-                    cell[k, SXY], cell[k, SYY] = expected * sources[k, XXY], expected * sources[k, XYY]
-            known_already = False
-            for m in range(count):
-                same = True
-                for j in range(S):
-                    if active[m, j] != on[j]:
-                        same = False
-                        break
-                if same:
-                    known_already = True
-                    break
-            if known_already:
-                continue
-            value = evaluate(
-                z, sources, on, cell, centre, True, gate, log_clutter, rate_known, spread_known, sweeps
-            )
+            value = evaluate(problem, new.on, new.cells, new.centres, True, model)
             if value < best - margin or value == -np.inf:
                 continue
             best = max(best, value)
-            place = count
-            if count == most:
-                place = 0
-                for m in range(count):
-                    if values[m] < values[place]:
-                        place = m
-                if values[place] >= value:
-                    continue
-            else:
-                count += 1
-            values[place], active[place], cells[place], centres[place] = value, on, cell, centre
-            done[place] = False
-    order = np.argsort(-values[:count])
-    keep = 0
-    for m in order:
-        if values[m] > best - margin or keep == 0:
-            keep += 1
-    order = order[:keep]
-    return values[order], active[order], cells[order]
+            place = count if count < most else np.argmin(kept.values)
+            if count == most and kept.values[place] >= value:
+                continue
+            count = min(count + 1, most)
+            kept.values[place], kept.active[place], kept.done[place] = value, new.on, False
+            kept.cells[place], kept.centres[place] = new.cells, new.centres
+    order = np.argsort(-kept.values[:count])
+    order = order[: max(int((kept.values[:count] > best - margin).sum()), 1)]
+    return kept.values[order], kept.active[order], kept.cells[order]

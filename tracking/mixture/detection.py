@@ -16,7 +16,7 @@ from estimation.errors import InputError
 from tracking.mixture.components import Components
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Sight
-from tracking.mixture.visibility_kernels import visible
+from tracking.mixture.visibility_kernels import Bodies, Returns, Sensor, visible
 
 # Others of less weight hide nothing.
 LEAST = 0.05
@@ -54,28 +54,21 @@ class OcclusionDetection:
         labels = components.labels.copy()
         # What is not a target yet has a label of no other's.
         labels[tracks:] = -1
-        chance, share, unseen = visible(
-            sensor_pose,
-            np.ascontiguousarray(components.means[:, :2]),
-            np.ascontiguousarray(components.covariances[:, :2, :2]),
-            extents,
-            labels,
-            components.means[hiding, :2],
-            components.covariances[hiding, :2, :2],
-            extents[hiding],
-            labels[hiding],
-            totals,
-            self.walls,
-            self.config.occluder_width,
-            self.config.sensor_range,
-            self.config.field_of_view,
-            self.config.measurement_rate,
-            self.config.detection_probability,
-            # A PHD filter's count jumps the more the lower p_D is.
-            self.config.filter == "mixture",
+        config = self.config
+        means, P = components.means[:, :2], components.covariances[:, :2, :2]
+        targets = Bodies(means.copy(), P.copy(), extents, labels, components.weights)
+        others = Bodies(means[hiding], P[hiding], extents[hiding], labels[hiding], totals)
+        sensor = Sensor(sensor_pose, self.walls, float(config.sensor_range), float(config.field_of_view))
+        # A PHD filter's count jumps the more the lower p_D is.
+        returns = Returns(
+            float(config.occluder_width),
+            float(config.measurement_rate),
+            float(config.detection_probability),
+            config.filter == "mixture",
         )
+        chance, share, unseen = visible(targets, others, sensor, returns)
         means, covariances = _moved(components, sensor_pose, unseen)
-        return Sight(p * chance, share, means, covariances)
+        return Sight(p * chance, share, means, covariances, p * chance)
 
 
 class BearingDetection:

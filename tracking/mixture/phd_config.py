@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -231,7 +231,3 @@ class PhdConfig:
         if mean.shape != (4,) or covariance.shape != (4, 4):
             raise InputError("births must hold means of shape (4,) and covariances of shape (4, 4)")
         return self._weighted("births", weight), mean, covariance
-
-
-FIELDS = tuple(item.name for item in fields(PhdConfig))
-"""The names of all parameters."""

@@ -130,19 +130,22 @@ class Detection(Protocol):
 class Sight:
     """What can be seen of J components.
 
-    probability (J,) : p_D; share (J,) : of its returns a target gives where it is seen; means (J, 4), covariances
-    (J, 4, 4) : its state given that it was not.
+    probability (J,) : p_D, over where it may be; share (J,) : of its returns a target gives where it is seen; means
+    (J, 4), covariances (J, 4, 4) : its state given that it was not. at_return (J,) : p_D at a place that gave a return.
     """
 
     probability: FloatArray
     share: FloatArray
     means: FloatArray
     covariances: FloatArray
+    at_return: FloatArray
 
     @classmethod
     def plain(cls, probability: FloatArray, components: Components) -> Sight:
         """p_D (J,) that says nothing of where a target is."""
-        return cls(probability, np.ones(len(components)), components.means, components.covariances)
+        return cls(
+            probability, np.ones(len(components)), components.means, components.covariances, probability
+        )
 
 
 class SceneDetection(Protocol):

@@ -16,14 +16,13 @@ import numpy.typing as npt
 from scipy.special import chdtri
 
 from estimation.checks import FloatArray
-from estimation.filters.gaussians import repair_covariance
 from tracking.mixture import association_kernels as kernels
 from tracking.mixture.components import Components, IntArray, shift_components
 from tracking.mixture.global_hypotheses import Alternative, Hypotheses
 from tracking.mixture.hypothesis_kernels import connected, single_linkage, squares
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import ConstantVelocityMotion, Detection, Labels, Sight, detect
-from tracking.mixture.reduction import Reducer
+from tracking.mixture.reduction import Reducer, sound
 from tracking.mixture.target import HypothesisExtractor, Target
 
 # Sweeps of the association; they settle in three or four.
@@ -45,12 +44,37 @@ LONE = 1.5
 # A track that can split off others exists at least this probably.
 CAN_SPAWN = 0.1
 
-State = tuple[Hypotheses, Components, int]
+State = tuple[Hypotheses, Components, int, dict[int, float]]
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What is known of N returns beside their places; see `tracking.mixture.association_kernels` on looks and classes.
+
+    log_clutter (N,) : of the density of clutter there. log_births (N,) : of that of new targets, per scan and m², and
+    birth_class (N,) the probability that one is of the first class. look (N,) : log-likelihood ratio of the classes.
+    exactness (N,) : by how much the variance of a return is smaller than usual, if it is all there is of a target.
+    """
+
+    log_clutter: FloatArray
+    log_births: FloatArray
+    birth_class: FloatArray
+    look: FloatArray
+    exactness: FloatArray
+
+
+@dataclass
+class Seeds:
+    """Where new targets are looked for: places (B, 2), rows of sources, and their rows (B, 17) of the table."""
+
+    places: FloatArray
+    rows: list[int]
+    table: FloatArray
 
 
 @dataclass
 class Predicted:
-    """All sources of returns: tracks, places for new targets, and what splits off tracks, with their table (S, 16)."""
+    """All sources of returns: tracks, places for new targets, and what splits off tracks, with their table (S, 17)."""
 
     sources: Components
     tracks: int
@@ -72,20 +96,23 @@ class Updates:
     """Collects the tracks of the hypotheses that follow from one scan."""
 
     def __init__(self) -> None:
-        self.source: list[int] = []
-        self.label: list[int] = []
-        self.seen: list[bool] = []
+        self.source: list[IntArray] = []
+        self.label: list[IntArray] = []
+        self.seen: list[npt.NDArray[np.bool_]] = []
         self.cells: list[FloatArray] = []
         self.groups: list[list[Alternative]] = []
+        self.count = 0
 
-    def add(self, source: int, label: int, cell: FloatArray | None) -> int:
-        """One track from a source, with its cell of returns or without any; its row."""
-        self.source.append(source)
-        self.label.append(label)
-        self.seen.append(cell is not None)
-        if cell is not None:
-            self.cells.append(cell)
-        return len(self.source) - 1
+    def add(
+        self, sources: IntArray, labels: IntArray, seen: npt.NDArray[np.bool_], cells: FloatArray
+    ) -> tuple[int, ...]:
+        """Tracks from sources (n,), with the cells (n, 9) of those that were seen; their rows."""
+        self.source.append(sources)
+        self.label.append(labels)
+        self.seen.append(seen)
+        self.cells.append(cells[seen])
+        self.count += len(sources)
+        return tuple(range(self.count - len(sources), self.count))
 
 
 class PmbmRecursion:
@@ -106,6 +133,9 @@ class PmbmRecursion:
         self.link = config.measurement_noise * float(
             np.sqrt(chdtri(2, 1.0 - config.distance_probabilities[1]))
         )
+        # Probability that a target is of the first class, by label.
+        self.classes: dict[int, float] = {}
+        self.model = kernels.Model(self.gate, config.rate_spread == 0.0, config.spread_known, SWEEPS)
         self.repaired = 0
         self.thinned = 0
 
@@ -120,11 +150,12 @@ class PmbmRecursion:
 
     def state(self) -> State:
         """What `restore` takes; valid as long as nobody changes the arrays."""
-        return self.hypotheses, self.unseen, self.labels.next
+        return self.hypotheses, self.unseen, self.labels.next, dict(self.classes)
 
     def restore(self, state: State) -> None:
         """Back to an earlier state."""
-        self.hypotheses, self.unseen, self.labels.next = state
+        self.hypotheses, self.unseen, self.labels.next, classes = state
+        self.classes = dict(classes)
 
     def targets(self) -> list[Target]:
         """The targets of the likeliest hypotheses."""
@@ -143,28 +174,33 @@ class PmbmRecursion:
         for name, way in moved.items():
             tracks.means[tracks.labels == inner[name]] += way
 
-    def update(
-        self,
-        points: FloatArray,
-        dt: float,
-        pose: FloatArray | None,
-        log_clutter: FloatArray | None = None,
-        exactness: FloatArray | None = None,
-    ) -> None:
-        """One scan (N, 2), dt seconds after the last; log_clutter (N,) where clutter is not uniform.
+    def classify(self, known: dict[int, float]) -> None:
+        """Probabilities of the first class by the labels that targets are reported by; others keep theirs."""
+        public = self.extractor.labels.public
+        self.classes = {label: known.get(public.get(label, -1), p) for label, p in self.classes.items()}
 
-        exactness (N,) : by how much the variance of a return is smaller than usual, if it is all there is of a target.
-        """
+    def update(
+        self, points: FloatArray, dt: float, pose: FloatArray | None, looks: Looks | None = None
+    ) -> None:
+        """One scan (N, 2), dt seconds after the last; looks where clutter and births are not those of the settings."""
         predicted = self._predict(points, dt, pose)
-        clutter = np.full(len(points), self.log_clutter) if log_clutter is None else log_clutter
-        updates = self._associate(predicted, points, clutter)
-        tracks = self._corrected(predicted, updates, points, exactness)
+        clutter = np.full(len(points), self.log_clutter) if looks is None else looks.log_clutter
+        look = np.zeros(len(points)) if looks is None else looks.look
+        updates = self._associate(predicted, np.column_stack((points, clutter, look)), looks)
+        tracks = self._corrected(predicted, updates, points, None if looks is None else looks.exactness)
         hypotheses = Hypotheses.of(tracks, updates.groups)
-        hypotheses.tracks.covariances = self._sound(hypotheses.tracks.covariances)
+        hypotheses.tracks.covariances, repaired = sound(hypotheses.tracks.covariances)
+        self.repaired += repaired
         config = self.config
         self.hypotheses = hypotheses.reduced(
             config.hypothesis_distance, config.hypothesis_margin, config.max_hypotheses, config.prune_weight
         )
+        there = set(self.hypotheses.tracks.labels.tolist())
+        self.classes = {label: p for label, p in self.classes.items() if label in there}
+        if looks is not None:
+            # The scan itself says where targets may be that nobody has seen.
+            self.unseen = Components.empty()
+            return
         births = slice(predicted.tracks, predicted.tracks + predicted.births)
         self.unseen = predicted.sources.select(np.arange(births.start, births.stop))
         self.unseen.weights = self.unseen.weights * (1.0 - predicted.seen[births])
@@ -209,7 +245,7 @@ class PmbmRecursion:
         return Predicted(sources, len(tracks), len(unseen), table, seen, sight, distances < self.gate)
 
     def _table(self, sources: Components, sight: Sight, tracks: int) -> tuple[FloatArray, FloatArray]:
-        """Rows (S, 16) of `tracking.mixture.association_kernels`, and the probability (S,) of giving any return."""
+        """Rows (S, 17) of `tracking.mixture.association_kernels`, and the probability (S,) of giving any return."""
         config, count, share = self.config, len(sources), sight.share
         table = np.empty((count, kernels.COLUMNS))
         P, freedom = sources.covariances, np.maximum(sources.freedom, 1e-6)
@@ -237,13 +273,15 @@ class PmbmRecursion:
         table[:, kernels.ALPHA], table[:, kernels.BETA] = shape, rate
         detection = np.clip(sight.probability, 1e-9, 1.0)
         seen = detection * some
-        table[:, kernels.ON] = np.log(np.maximum(sources.weights * detection, 1e-300))
+        table[:, kernels.ON] = np.log(np.maximum(sources.weights * sight.at_return, 1e-300))
+        table[:, kernels.CLASS] = [self.classes.get(label, 0.0) for label in sources.labels.tolist()]
         table[:, kernels.OFF] = 0.0
         table[:tracks, kernels.OFF] = np.log1p(-np.minimum(sources.weights * seen, 1.0 - 1e-12)[:tracks])
         return table, seen
 
-    def _associate(self, predicted: Predicted, points: FloatArray, clutter: FloatArray) -> Updates:
-        """The hypotheses that follow from every group's hypotheses and returns."""
+    def _associate(self, predicted: Predicted, returns: FloatArray, looks: Looks | None) -> Updates:
+        """The hypotheses that follow from every group's hypotheses and returns (N, 4)."""
+        points = returns[:, :2]
         tracks, births = predicted.tracks, predicted.births
         names, label = np.unique(predicted.sources.labels[:tracks], return_inverse=True)
         narrow = self._narrow(predicted)
@@ -262,17 +300,15 @@ class PmbmRecursion:
         of_return = parent[len(names) :]
         order = np.argsort(of_return, kind="stable")
         bounds = np.flatnonzero(np.diff(of_return[order])) + 1
-        returns = {int(of_return[part[0]]): part for part in np.split(order, bounds) if len(part)}
+        inside = {int(of_return[part[0]]): part for part in np.split(order, bounds) if len(part)}
         updates = Updates()
         nothing = np.zeros(0, dtype=np.int64)
-        for where in [*groups, *(where for where in returns if where not in groups)]:
+        for where in [*groups, *(where for where in inside if where not in groups)]:
             alternatives = groups.get(where, [(0.0, ())])
-            members = returns.get(where, nothing)
-            seeds, places = self._seeds(predicted, points, members, narrow)
-            if where in groups or len(seeds):
-                self._group(
-                    predicted, points[members], clutter[members], alternatives, places, seeds, updates
-                )
+            members = inside.get(where, nothing)
+            seeds = self._seeds(predicted, points, members, narrow, looks)
+            if where in groups or seeds.rows:
+                self._group(predicted, returns[members], alternatives, seeds, updates)
         return updates
 
     def _narrow(self, predicted: Predicted) -> npt.NDArray[np.bool_]:
@@ -283,96 +319,98 @@ class PmbmRecursion:
         return narrow
 
     def _seeds(
-        self, predicted: Predicted, points: FloatArray, members: IntArray, narrow: npt.NDArray[np.bool_]
-    ) -> tuple[FloatArray, list[int]]:
-        """Where new targets may be looked for among some returns: positions (B, 2), and rows of their sources."""
+        self,
+        predicted: Predicted,
+        points: FloatArray,
+        members: IntArray,
+        narrow: npt.NDArray[np.bool_],
+        looks: Looks | None,
+    ) -> Seeds:
+        """Where new targets may be looked for among some returns."""
         tracks = predicted.tracks
         gated = predicted.gated[tracks:][:, members]
         if not gated.any():
-            return np.zeros((0, 2)), []
+            return Seeds(np.zeros((0, 2)), [], np.zeros((0, kernels.COLUMNS)))
         near = np.flatnonzero(gated.any(1))
-        seeds, rows = [], []
-        for b in near[narrow[near]].tolist():
-            seeds.append(predicted.sources.means[tracks + b, :2])
-            rows.append(tracks + b)
+        rows = [tracks + b for b in near[narrow[near]].tolist()]
+        places = [predicted.sources.means[row, :2] for row in rows]
+        values = [predicted.table[row] for row in rows]
         wide = near[~narrow[near]]
         if len(wide):
-            for centre in self._clusters(points[members[gated[wide].any(0)]]):
-                table = predicted.table[tracks + wide]
-                offset = centre - table[:, [kernels.MX, kernels.MY]]
-                size = table[:, kernels.PXX] * table[:, kernels.PYY] - table[:, kernels.PXY] ** 2
-                square = offset[:, 0] ** 2 / table[:, kernels.PXX] + offset[:, 1] ** 2 / table[:, kernels.PYY]
-                best = wide[(table[:, kernels.ON] - 0.5 * (square + np.log(size))).argmax()]
-                seeds.append(centre)
-                rows.append(int(tracks + best))
-        return np.array(seeds[:MOST_SEEDS]).reshape(-1, 2), rows[:MOST_SEEDS]
+            table = predicted.table[tracks + wide]
+            size = table[:, kernels.PXX] * table[:, kernels.PYY] - table[:, kernels.PXY] ** 2
+            whose = members[gated[wide].any(0)]
+            clusters = self._clusters(points[whose])[: max(MOST_SEEDS - len(rows), 0)]
+            centres = np.array([centre for centre, _ in clusters]).reshape(-1, 2)
+            square = (centres[:, :1] - table[:, kernels.MX]) ** 2 / table[:, kernels.PXX]
+            square += (centres[:, 1:] - table[:, kernels.MY]) ** 2 / table[:, kernels.PYY]
+            density = -kernels.LOG_TWO_PI - 0.5 * (square + np.log(size))
+            likeliest = (table[:, kernels.ON] + density).argmax(1).tolist()
+            for c, ((centre, near_it), best) in enumerate(zip(clusters, likeliest, strict=True)):
+                value = table[best].copy()
+                if looks is not None:
+                    value[kernels.ON] = looks.log_births[whose[near_it]].max() - density[c, best]
+                    value[kernels.CLASS] = looks.birth_class[whose[near_it]].max()
+                rows.append(int(tracks + wide[best]))
+                places.append(centre)
+                values.append(value)
+        return Seeds(np.array(places[:MOST_SEEDS]), rows[:MOST_SEEDS], np.array(values[:MOST_SEEDS]))
 
-    def _clusters(self, points: FloatArray) -> list[FloatArray]:
-        """Centres of clusters of returns, at two distances, the largest clusters first."""
+    def _clusters(self, points: FloatArray) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
+        """Centres of clusters of returns, and which are theirs, at two distances, the largest clusters first."""
         if len(points) == 1:
-            return [points[0]]
-        found: dict[bytes, tuple[int, FloatArray]] = {}
-        for distance in (self.link, 0.5 * self.link):
-            names = single_linkage(points, distance)
-            for name in range(names.max() + 1):
-                inside = names == name
-                found[inside.tobytes()] = int(inside.sum()), points[inside].mean(0)
-        return [centre for _, centre in sorted(found.values(), key=lambda item: -item[0])]
+            return [(points[0], np.ones(1, dtype=bool))]
+        wide, close = single_linkage(points, self.link), single_linkage(points, 0.5 * self.link)
+        whole, part = np.bincount(wide), np.bincount(close)
+        # What does not fall apart at the smaller distance is one and the same cluster.
+        first = np.unique(close, return_index=True)[1]
+        parts = np.flatnonzero(part < whole[wide[first]])
+        inside = np.concatenate((wide == np.arange(len(whole))[:, None], close == parts[:, None]))
+        sizes = np.concatenate((whole, part[parts]))
+        chosen = np.argsort(-sizes, kind="stable")
+        centres = (inside @ points) / sizes[:, None]
+        return [(centres[k], inside[k]) for k in chosen.tolist()]
 
     def _group(
         self,
         predicted: Predicted,
-        points: FloatArray,
-        clutter: FloatArray,
+        returns: FloatArray,
         alternatives: list[Alternative],
-        places: list[int],
-        seeds: FloatArray,
+        seeds: Seeds,
         updates: Updates,
     ) -> None:
-        """Structures of one group of returns under each of its hypotheses."""
-        config, sources = self.config, predicted.sources
+        """Structures of one group of returns (n, 4) under each of its hypotheses."""
+        config, sources, places = self.config, predicted.sources, seeds.rows
         fresh: dict[int, int] = {}
         results: list[Alternative] = []
         top = max(value for value, _ in alternatives)
-        alternatives, expansions, spawning = self._affordable(alternatives, len(points), len(places))
+        alternatives, expansions, spawning = self._affordable(alternatives, len(returns), len(places))
         for value, rows in alternatives:
-            if len(points) == 0:
+            if len(returns) == 0:
                 log_weight = float(predicted.table[list(rows), kernels.OFF].sum())
-                members = tuple(updates.add(row, int(sources.labels[row]), None) for row in rows)
-                results.append((value + log_weight, members))
+                index = np.array(rows, dtype=np.int64)
+                nothing = np.zeros(len(rows), dtype=bool), np.zeros((len(rows), kernels.CELL))
+                results.append((value + log_weight, updates.add(index, sources.labels[index], *nothing)))
                 continue
             spawns = predicted.spawn_rows(rows) if spawning else []
-            index = [*rows, *places, *spawns]
-            values, active, cells = kernels.search(
-                points,
-                predicted.table[index],
-                len(rows),
-                len(places),
-                seeds,
-                self.gate,
-                clutter,
-                config.rate_spread == 0.0,
-                config.spread_known,
-                SWEEPS,
-                config.hypothesis_margin + min(0.0, value - top),
-                config.max_hypotheses,
-                expansions,
-            )
-            for structure, on, cell in zip(values.tolist(), active.tolist(), cells, strict=True):
-                members = ()
-                for k, source in enumerate(index):
-                    if k < len(rows):
-                        label = int(sources.labels[source])
-                        members += (updates.add(source, label, cell[k] if on[k] else None),)
-                    elif on[k]:
-                        # One number for what is new at one seed, or off one target, whichever the hypothesis.
-                        parent = (
-                            rows[(k - len(rows) - len(places)) // 2] if k >= len(rows) + len(places) else -1
-                        )
-                        key = int(sources.labels[parent]) if parent >= 0 else -1 - (k - len(rows))
-                        if key not in fresh:
-                            fresh[key] = int(self.labels.take(1)[0])
-                        members += (updates.add(source, fresh[key], cell[k]),)
+            index = np.array([*rows, *places, *spawns], dtype=np.int64)
+            known, grown = len(rows), len(rows) + len(places)
+            table = predicted.table[index]
+            table[known:grown] = seeds.table
+            margin = config.hypothesis_margin + min(0.0, value - top)
+            budget = kernels.Budget(margin, config.max_hypotheses, expansions)
+            weights, on, cells = kernels.search(returns, table, known, seeds.places, self.model, budget)
+            labels = sources.labels[index]
+            for k in (known + np.flatnonzero(on[:, known:].any(0))).tolist():
+                # One number for what is new at one seed, or off one target, whichever the hypothesis.
+                key = int(labels[(k - grown) // 2]) if k >= grown else known - k - 1
+                if key not in fresh:
+                    fresh[key] = int(self.labels.take(1)[0])
+                    self.classes[fresh[key]] = float(table[k, kernels.CLASS])
+                labels[k] = fresh[key]
+            for structure, seen, cell in zip(weights.tolist(), on, cells, strict=True):
+                there = np.flatnonzero(seen | (np.arange(len(index)) < known))
+                members = updates.add(index[there], labels[there], seen[there], cell[there])
                 results.append((value + structure, members))
         updates.groups.append(results)
 
@@ -395,10 +433,11 @@ class PmbmRecursion:
         self, predicted: Predicted, updates: Updates, points: FloatArray, exactness: FloatArray | None
     ) -> Components:
         """The tracks after the scan: missed ones less probable, detected ones updated by (10)."""
-        index = np.array(updates.source, dtype=np.int64)
+        if not updates.count:
+            return Components.empty()
+        index, seen = np.concatenate(updates.source), np.concatenate(updates.seen)
         tracks = predicted.sources.select(index)
-        tracks.labels = np.array(updates.label, dtype=np.int64)
-        seen = np.array(updates.seen, dtype=bool)
+        tracks.labels = np.concatenate(updates.label)
         p = predicted.seen[index]
         # 1 - r p as in the association, so that a certain target is never divided by 0.
         missed = tracks.weights * (1.0 - p) / np.maximum(1.0 - tracks.weights * p, 1e-12)
@@ -406,9 +445,9 @@ class PmbmRecursion:
         # Where a target is not seen, it rather is where it is hidden.
         tracks.means[~seen] = predicted.sight.means[index[~seen]]
         tracks.covariances[~seen] = predicted.sight.covariances[index[~seen]]
-        if not updates.cells:
+        if not seen.any():
             return tracks
-        cells = np.array(updates.cells)
+        cells = np.concatenate(updates.cells)
         table = predicted.table[index[seen]]
         n = cells[:, kernels.N]
         P = tracks.covariances[seen]
@@ -433,19 +472,6 @@ class PmbmRecursion:
         tracks.spread[seen] += _matrices(cells[:, kernels.SXX], cells[:, kernels.SXY], cells[:, kernels.SYY])
         tracks.freedom[seen] += np.maximum(n - 1.0, 0.0)
         return tracks
-
-    def _sound(self, covariances: FloatArray) -> FloatArray:
-        """Covariances made definite again where rounding took that from them."""
-        covariances = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
-        try:
-            np.linalg.cholesky(covariances)
-        except np.linalg.LinAlgError:
-            self.repaired += 1
-            values, vectors = np.linalg.eigh(covariances)
-            floor = np.maximum(values[:, -1:], 1e-12) * 1e-12
-            raised = (vectors * np.maximum(values, floor)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-            covariances = repair_covariance(0.5 * (raised + np.swapaxes(raised, 1, 2)))
-        return covariances
 
 
 def _matrices(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:

@@ -60,6 +60,19 @@ def distinct_labels(weights: FloatArray, evidence: FloatArray, names: IntArray, 
     return chosen
 
 
+def sound(covariances: FloatArray) -> tuple[FloatArray, bool]:
+    """Covariances (J, n, n) made symmetric and, where rounding took that from them, definite again; and whether."""
+    covariances = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
+    try:
+        np.linalg.cholesky(covariances)
+        return covariances, False
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(covariances)
+        floor = np.maximum(values[:, -1:], 1e-12) * 1e-12
+        raised = (vectors * np.maximum(values, floor)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+        return repair_covariance(0.5 * (raised + np.swapaxes(raised, 1, 2))), True
+
+
 class Reducer:
     """Keeps the intensity small."""
 
@@ -69,26 +82,15 @@ class Reducer:
 
     def reduce(self, components: Components) -> Components:
         """Fewer components of nearly the same intensity, heaviest first."""
-        components = self._sound(components.select(components.weights > self.config.prune_weight))
+        components = components.select(components.weights > self.config.prune_weight)
+        components.covariances, repaired = sound(components.covariances)
+        self.repaired += repaired
         components = components.select(np.argsort(-components.weights, kind="stable"))
         if len(components) == 0:
             return components
         merged = self._merged(components)
         order = np.argsort(-merged.weights, kind="stable")[: self.config.max_components]
         return merged.select(order)
-
-    def _sound(self, components: Components) -> Components:
-        """Covariances made definite again where rounding took that from them."""
-        try:
-            np.linalg.cholesky(components.covariances)
-        except np.linalg.LinAlgError:
-            self.repaired += 1
-            symmetric = 0.5 * (components.covariances + np.swapaxes(components.covariances, 1, 2))
-            values, vectors = np.linalg.eigh(symmetric)
-            floor = np.maximum(values[:, -1:], 1e-12) * 1e-12
-            raised = (vectors * np.maximum(values, floor)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-            components.covariances = repair_covariance(0.5 * (raised + np.swapaxes(raised, 1, 2)))
-        return components
 
     def _merged(self, components: Components) -> Components:
         """Components within the merging distance of a heavier one, joined with their moments kept."""

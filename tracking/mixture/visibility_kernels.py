@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -47,87 +47,110 @@ def _wall(walls: Any, x: float, y: float, heading: float) -> float:
     return best
 
 
+class Bodies(NamedTuple):
+    """positions (J, 2), their covariances P (J, 2, 2), extents (J, 2, 2), labels (J,) and weights (J,)."""
+
+    positions: Any
+    P: Any
+    extents: Any
+    labels: Any
+    weights: Any
+
+
+class Sensor(NamedTuple):
+    """pose (3,), walls (M, 2, 2) that it does not see through, its reach, m, and opening, rad."""
+
+    pose: Any
+    walls: Any
+    reach: float
+    opening: float
+
+
+class Returns(NamedTuple):
+    """width : half of a body, in standard deviations of its returns. rate : returns in the open, with `probability`.
+    wary : what is half covered may as well be hidden wholly, as outlines are not known that well."""
+
+    width: float
+    rate: float
+    probability: float
+    wary: bool
+
+
 @njit(cache=True)
-def visible(
-    pose: Any,
-    positions: Any,
-    P: Any,
-    extents: Any,
-    labels: Any,
-    others: Any,
-    other_P: Any,
-    other_extents: Any,
-    other_labels: Any,
-    other_weights: Any,
-    walls: Any,
-    width: float,
-    reach: float,
-    opening: float,
-    rate: float,
-    probability: float,
-    wary: bool,
-) -> tuple[Any, Any, Any]:
+def _shadows(others: Any, pose: Any, width: float) -> Any:
+    """Range, bearing, variances of both, half width in bearing, and depth (m²) of bodies, (L, 6)."""
+    aside = np.empty((len(others.positions), 6))
+    for o in range(len(aside)):
+        x, y = others.positions[o, 0] - pose[0], others.positions[o, 1] - pose[1]
+        aside[o, 0], aside[o, 1], aside[o, 2], aside[o, 3] = polar(x, y, others.P[o])
+        _, _, depth, body = polar(x, y, others.extents[o])
+        aside[o, 4], aside[o, 5] = width * math.sqrt(body), depth
+    return aside
+
+
+@njit(cache=True)
+def _in_reach(sensor: Any, r: float, angle: float, away: float, body: float) -> float:
+    """Chance that a body of a variance in bearing, at a range with deviation `away`, is in view before all walls."""
+    seen = _normal((sensor.reach - r) / away)
+    if sensor.opening < 2.0 * math.pi:
+        turn = (angle - sensor.pose[2] + math.pi) % (2.0 * math.pi) - math.pi
+        seen *= _normal((0.5 * sensor.opening - abs(turn)) / (math.sqrt(body) + 1e-9))
+    if len(sensor.walls) > 0:
+        # Three rays over the target: its middle and a standard deviation of its returns to both sides.
+        blocked = 0.0
+        for side in range(-1, 2):
+            wall = _wall(sensor.walls, sensor.pose[0], sensor.pose[1], angle + side * math.sqrt(body))
+            blocked += (0.5 if side == 0 else 0.25) * _normal((r - wall) / away)
+        seen *= 1.0 - blocked
+    return seen
+
+
+@njit(cache=True)
+def _uncovered(
+    shadow: Any, weight: float, r: float, angle: float, along: float, depth: float, body: float
+) -> float:
+    """Share of a body that another one, of a row of `_shadows`, does not hide."""
+    turn = (angle - shadow[1] + math.pi) % (2.0 * math.pi) - math.pi
+    blur = math.sqrt(body + shadow[3]) + 1e-9
+    if abs(turn) > shadow[4] + 5.0 * blur:
+        return 1.0
+    covered = _normal((shadow[4] - turn) / blur) - _normal((-shadow[4] - turn) / blur)
+    # Bodies that touch stand side by side.
+    gap = r - shadow[0] - 2.0 * math.sqrt(depth + shadow[5])
+    behind = _normal(gap / math.sqrt(along + shadow[2] + 0.1 * (depth + shadow[5])))
+    return 1.0 - min(weight, 1.0) * covered * behind
+
+
+@njit(cache=True)
+def visible(targets: Bodies, others: Bodies, sensor: Sensor, returns: Returns) -> tuple[Any, Any, Any]:
     """Chance (J,) that a target is in sight, and the share (J,) of its `rate` returns it then gives.
 
     chance · (1 - exp(-rate · share)) is the probability of any return, averaged over the uncertain bearing. Third
-    (J, 2), for a target that is then not seen, where it rather is, for a detection `probability` in the open: how far
-    to the left of its predicted bearing, m, and the variance there, m².
-
-    pose (3,) of the sensor; positions (J, 2), P (J, 2, 2), extents (J, 2, 2) and labels (J,) of the targets; the
-    same and weights of the L `others` that may hide them, except those of a target's own label; walls (M, 2, 2);
-    width : half of a body, in standard deviations of its returns; reach, m, and opening, rad, of the sensor;
-    wary : what is half covered may as well be hidden wholly, as outlines are not known that well.
+    (J, 2), for a target that is then not seen, where it rather is: how far to the left of its predicted bearing, m,
+    and the variance there, m². `others` hide targets, but none of their own label.
     """
-    J, L = len(positions), len(others)
+    J, rate = len(targets.positions), returns.rate
     chance, share, unseen = np.empty(J), np.empty(J), np.empty((J, 2))
-    aside = np.empty((L, 6))
-    for o in range(L):
-        x, y = others[o, 0] - pose[0], others[o, 1] - pose[1]
-        r, bearing, along, across = polar(x, y, other_P[o])
-        _, _, depth, body = polar(x, y, other_extents[o])
-        aside[o, 0], aside[o, 1] = r, bearing
-        aside[o, 2], aside[o, 3] = along, across
-        aside[o, 4] = width * math.sqrt(body)
-        aside[o, 5] = depth
+    shadows = _shadows(others, sensor.pose, returns.width)
     for j in range(J):
-        x, y = positions[j, 0] - pose[0], positions[j, 1] - pose[1]
-        r, bearing, along, across = polar(x, y, P[j])
-        _, _, depth, body = polar(x, y, extents[j])
+        x, y = targets.positions[j, 0] - sensor.pose[0], targets.positions[j, 1] - sensor.pose[1]
+        r, bearing, along, across = polar(x, y, targets.P[j])
+        _, _, depth, body = polar(x, y, targets.extents[j])
         # What is seen of a half-hidden target is not its middle: its bearing is no better known than its body is wide.
         total = across + body + 1e-18
         any_return, mean, square = 0.0, 0.0, 0.0
         missed, turned, turned_square = 0.0, 0.0, 0.0
         for q in range(len(_POINTS)):
             angle = bearing + _POINTS[q] * math.sqrt(total)
-            away = math.sqrt(along + depth) + 1e-9
-            seen = _normal((reach - r) / away)
-            if opening < 2.0 * math.pi:
-                turn = (angle - pose[2] + math.pi) % (2.0 * math.pi) - math.pi
-                seen *= _normal((0.5 * opening - abs(turn)) / (math.sqrt(body) + 1e-9))
-            if len(walls) > 0:
-                # Three rays over the target: its middle and a standard deviation of its returns to both sides.
-                blocked = 0.0
-                for side in range(-1, 2):
-                    wall = _wall(walls, pose[0], pose[1], angle + side * math.sqrt(body))
-                    blocked += (0.5 if side == 0 else 0.25) * _normal((r - wall) / away)
-                seen *= 1.0 - blocked
-            for o in range(L):
-                if other_labels[o] == labels[j]:
-                    continue
-                turn = (angle - aside[o, 1] + math.pi) % (2.0 * math.pi) - math.pi
-                blur = math.sqrt(body + aside[o, 3]) + 1e-9
-                if abs(turn) > aside[o, 4] + 5.0 * blur:
-                    continue
-                covered = _normal((aside[o, 4] - turn) / blur) - _normal((-aside[o, 4] - turn) / blur)
-                # Bodies that touch stand side by side.
-                gap = r - aside[o, 0] - 2.0 * math.sqrt(depth + aside[o, 5])
-                behind = _normal(gap / math.sqrt(along + aside[o, 2] + 0.1 * (depth + aside[o, 5])))
-                seen *= 1.0 - min(other_weights[o], 1.0) * covered * behind
+            seen = _in_reach(sensor, r, angle, math.sqrt(along + depth) + 1e-9, body)
+            for o in range(len(shadows)):
+                if others.labels[o] != targets.labels[j]:
+                    seen *= _uncovered(shadows[o], others.weights[o], r, angle, along, depth, body)
             some = -math.expm1(-rate * seen)
-            if wary:
+            if returns.wary:
                 some *= seen
             any_return += _WEIGHTS[q] * some
-            miss = _WEIGHTS[q] * (1.0 - probability * some)
+            miss = _WEIGHTS[q] * (1.0 - returns.probability * some)
             missed += miss
             turned += miss * _POINTS[q]
             turned_square += miss * _POINTS[q] * _POINTS[q]

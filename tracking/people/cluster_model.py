@@ -7,7 +7,10 @@ leg or a trunk. Whether a target can be seen at all is read off the scan (`track
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +27,10 @@ from tracking.people.people_middle import depths
 from tracking.people.people_shape import ShapeModel
 from tracking.people.people_sweep import Sweep
 
-# e to this power is the clutter denser where something always stood, and thinner where nobody has looked before: what
-# comes into view with its surroundings was there all the time, it did not come up this instant.
-STOOD, UNKNOWN = 4.0, 4.0
+# Kinds of places: that were empty, where something stood, where nobody has looked, none of them; and any, where the
+# surroundings are not known at all.
+KINDS = ("empty", "stood", "unseen", "between", "any")
+DENSITIES = "people_densities.json"
 BoolArray = npt.NDArray[np.bool_]
 
 # Speed of a walk, m/s; probability that who stands is about to walk; and seconds over which a velocity persists.
@@ -37,6 +41,30 @@ MOST_CLUSTERS = 400  # of a scan, the nearest; for speed
 MOVING = 0.8  # how surely a beam lies where it was empty that registration says moves
 FREE, FREER = FEATURES.index("jump_least"), FEATURES.index("jump_most")
 OUTSTANDS = 0.05  # m by which a target stands in front of its surroundings on one side at least
+
+
+@dataclass(frozen=True)
+class Densities:
+    """Log-densities (5,) by `KINDS`, 1/m²: of clutter per scan, of people and of things that come up per 0.1 s."""
+
+    clutter: FloatArray
+    people: FloatArray
+    things: FloatArray
+
+
+@cache
+def densities() -> Densities:
+    """Those of the package; `evaluation/people/people_density_training.py` learned them."""
+    text = (resources.files("tracking.people") / "models" / DENSITIES).read_text(encoding="utf-8")
+    known = json.loads(text)["densities"]
+    return Densities(*(np.array(known[name]) for name in ("clutter", "people", "things")))
+
+
+def kinds_of(empty: FloatArray, stood: FloatArray, unseen: FloatArray) -> FloatArray:
+    """What a place is by the first four `KINDS`, (K, 4): shares that add up to 1."""
+    kinds = np.column_stack((empty, stood, unseen))
+    kinds /= np.maximum(kinds.sum(1, keepdims=True), 1.0)
+    return np.column_stack((kinds, 1.0 - kinds.sum(1)))
 
 
 @dataclass(frozen=True)
@@ -51,6 +79,9 @@ class ClusterScan:
 
     places: FloatArray
     log_clutter: FloatArray
+    log_births: FloatArray
+    birth_class: FloatArray
+    kinds: FloatArray
     shape: FloatArray
     fresh: FloatArray
     old: FloatArray
@@ -89,9 +120,11 @@ class ClusterScan:
         thinned = len(chosen) > MOST_CLUSTERS
         if thinned:
             chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
-        known = STOOD * old[chosen]
-        if not background.forgot:
-            known -= UNKNOWN * unseen[chosen]
+        kinds = kinds_of(fresh[chosen], old[chosen], unseen[chosen])
+        density = densities()
+        known = np.column_stack((kinds * (not background.forgot), np.full(len(chosen), background.forgot)))
+        persons, things = known @ density.people, known @ density.things
+        log_births = np.logaddexp(persons, things)
         shape = model.evidence(clusters)[chosen]
         ranges = clusters.ranges[chosen]
         behind = depths(clusters, free > 0.0, spacing)[chosen]
@@ -99,7 +132,10 @@ class ClusterScan:
         middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
         return cls(
             sweep.placed(places, middles),
-            np.log(config.clutter) + known - np.clip(shape, -SHAPE, SHAPE),
+            known @ density.clutter,
+            log_births,
+            np.exp(persons - log_births),
+            kinds,
             shape,
             fresh[chosen],
             old[chosen],
@@ -172,7 +208,7 @@ class ScanDetection:
             self.scan, (means[:, :2] - sensor_pose[:2]) @ turn.T, turn @ P[:, :2, :2] @ turn.T, self.max_range
         )
         places = places @ turn
-        probability = self(components.means, sensor_pose)
+        probability = sight.probability.copy()
         probability[:tracks] *= shares @ WEIGHTS
         # Who is not seen rather is where the scan could not show him.
         stays = WEIGHTS * (1.0 - self.probability * shares)
@@ -190,4 +226,4 @@ class ScanDetection:
         half, determinant = 0.5 * (place[:, 0, 0] + place[:, 1, 1]), np.linalg.det(place)
         sound = half - np.sqrt(np.maximum(half**2 - determinant, 0.0)) > 1e-9
         covariances[:tracks] = np.where(sound[:, None, None], after, P)
-        return Sight(probability, np.ones(len(components)), all_means, covariances)
+        return Sight(probability, sight.share, all_means, covariances, sight.probability)

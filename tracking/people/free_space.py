@@ -52,10 +52,10 @@ class Background:
 
     def add(self, sweep: Sweep, stamp: float, ignore: npt.NDArray[np.bool_]) -> None:
         """A scan; beams of `ignore` (N,) hit people: they only say what is empty before them."""
-        seen = np.isfinite(sweep.ranges)
         hits = np.where(ignore | (sweep.ranges >= self.tuning.reach), 0.0, 1.0)
         ways = np.cos(sweep.angles), np.sin(sweep.angles)
-        rays = np.column_stack((sweep.origins, *ways, np.where(seen, sweep.ranges, 0.0), hits))[seen]
+        clear = np.minimum(sweep.clear, 2.0 * self.tuning.reach)
+        rays = np.column_stack((sweep.origins, *ways, clear, hits))[clear > 0.0]
         self._waiting.append((stamp, rays))
         while self._waiting and self._waiting[0][0] <= stamp - self.tuning.delay:
             then, old = self._waiting.popleft()

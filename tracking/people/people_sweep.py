@@ -18,13 +18,15 @@ FASTEST = 3.0  # m/s and rad/s; a pose that changes faster has jumped
 class Sweep:
     """Origins (N, 2) m, angles (N,) rad and ranges (N,) m, inf without return, of the beams in the frame of the tracks.
 
-    bearings : (N,) rad, of the beams in the frame of the scanner.
+    bearings : (N,) rad, of the beams in the frame of the scanner. clear : (N,) m up to which a beam met nothing, 0
+    where it says nothing: its range, or all the scanner's for a return too far away to be measured (that or +inf).
     """
 
     origins: FloatArray
     angles: FloatArray
     ranges: FloatArray
     bearings: FloatArray
+    clear: FloatArray
 
     @classmethod
     def of(cls, scan: Scan, pose: FloatArray, before: FloatArray | None, dt: float) -> Sweep:
@@ -43,6 +45,7 @@ class Sweep:
             scan.bearings + pose[2] + times * rate[2],
             ranges,
             scan.bearings,
+            np.where(scan.valid, scan.ranges, np.where(scan.ranges >= scan.range_max, scan.range_max, 0.0)),
         )
 
     def points(self, beams: npt.NDArray[np.bool_]) -> FloatArray:

@@ -23,9 +23,9 @@ from estimation.geometry.poses import between, compound, inverse
 from registration.laser.scan import Scan
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Detection
-from tracking.mixture.pmbm import PmbmRecursion, State
+from tracking.mixture.pmbm import Looks, PmbmRecursion, State
 from tracking.mixture.target import LabelState, Target
-from tracking.people.cluster_model import ClusterScan, ScanDetection, StandingOrWalking
+from tracking.people.cluster_model import SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
 from tracking.people.own_parts import OwnBody
 from tracking.people.people_config import PeopleConfig
@@ -38,7 +38,6 @@ PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
 EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
-BIRTHS, REACH = 0.003, 5.0  # new targets per scan, and deviation of where they come up about the scanner, m
 SPEED = 0.7  # m/s, deviation of a new target's velocity
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
 HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
@@ -90,8 +89,6 @@ class PeopleTracker:
         self.shape, self.classes = shape_model(), classes or class_model()
         self.health = PeopleHealth()
         self._phd = PhdConfig(
-            surveillance=((-REACH, REACH), (-REACH, REACH)),
-            clutter_rate=1.0,
             detection_probability=self.config.detection_probability,
             survival_probability=math.exp(-PERIOD / self.config.memory),
             measurement_noise=self.config.leg_noise,
@@ -121,12 +118,12 @@ class PeopleTracker:
         self.background = Background()
         self.evidence: dict[int, ClassEvidence] = {}
         self.targets: list[Target] = []
+        self.seen: ClusterScan | None = None
         self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
         self._own = OwnBody()
         self.stamp: float | None = None
-        self._gap: tuple[float, State, LabelState, dict[str, Any]] | None = (
-            None  # what was before the last one
-        )
+        # What was before the last one.
+        self._gap: tuple[float, State, LabelState, dict[str, Any]] | None = None
         self._late: float | None = None  # stamp of the scan before, if it was late
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
@@ -171,12 +168,21 @@ class PeopleTracker:
         if self._jumped(seen, place, dt):
             self.background.clear()
             seen = ClusterScan.of(scan, sweep, self.background, self.shape, self.config, own, moving)
+        self.seen = seen
         self.health.thinned += seen.thinned
         self._sight.scan = scan
-        spread = np.diag([REACH**2, REACH**2, SPEED**2, SPEED**2])
-        self._phd.births = [(BIRTHS, np.array([*place[:2], 0.0, 0.0]), spread)]
-        exactness = np.where(seen.widths > WIDE, EXACTER, 1.0)
-        self.recursion.update(seen.places, dt, place, seen.log_clutter, exactness)
+        # All in reach may be new; where it is how likely comes with the measurements.
+        reach = self.config.max_range
+        spread = np.diag([reach**2, reach**2, SPEED**2, SPEED**2])
+        self._phd.births = [(1.0, np.array([*place[:2], 0.0, 0.0]), spread)]
+        looks = Looks(
+            seen.log_clutter,
+            seen.log_births + math.log(max(dt, 1e-3) / PERIOD),
+            seen.birth_class,
+            np.clip(seen.shape, -SHAPE, SHAPE),
+            np.where(seen.widths > WIDE, EXACTER, 1.0),
+        )
+        self.recursion.update(seen.places, dt, place, looks)
         self.stamp, self._pose = float(stamp), place
         found = self.recursion.targets()
         gone = self._unite(found, dt)
@@ -302,12 +308,13 @@ class PeopleTracker:
         present = {target.label for target in found}
         self.evidence = {label: item for label, item in self.evidence.items() if label in present}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
+        people = (1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0)))).tolist()
+        self.recursion.classify({target.label: p for target, p in zip(found, people, strict=True)})
         self.targets = []
-        for target, value in zip(found, odds.tolist(), strict=True):
+        for target, person in zip(found, people, strict=True):
             last = self.evidence[target.label].last_seen
             deviation = math.sqrt(0.5 * (target.covariance[0, 0] + target.covariance[1, 1]))
             if deviation < self.config.located:
-                person = 1.0 / (1.0 + math.exp(-min(max(value, -30.0), 30.0)))
                 known = vars(target) | self._located(target)
                 known["rate"] = self.evidence[target.label].returns
                 self.targets.append(Person(**known, person=person, occluded=last < stamp, last_seen=last))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.geometry.poses import compound
 from estimation.learning.gradient_boosting import GradientBoosting
 from tracking.mixture.target import Target
 from tracking.people.legs import FEATURES
@@ -66,6 +67,7 @@ COURSE = (
     "walked",
     "turned",
     "posed",
+    "carried",
 )
 NAMES = (*AVERAGED, *VARYING, *COURSE)
 FIRST = 0.5  # s in which it shows whether something stands where it was empty before
@@ -86,6 +88,8 @@ class ClassEvidence:
     squares (2,) : means of width² and shape². pairs (3,) : seconds with two clusters, and their gap and gap² by them.
     place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh,
     returns : of the last half second. behind (2,) : where it was a while ago, m. views : it was seen from, rad.
+    first_pose (3,) : it was seen from. carried : m at most that the scanner's own motion since then would have moved it
+    in the scanner's frame: who looks at rest errs in no pose.
     """
 
     origin: FloatArray
@@ -111,6 +115,8 @@ class ClassEvidence:
     walked: float = 0.0
     posed: float = 1.0
     views: list[float] = field(default_factory=list)
+    carried: float = 0.0
+    first_pose: FloatArray | None = None
 
     def look(
         self,
@@ -163,6 +169,7 @@ class ClassEvidence:
         if self.looks > SHORT:
             self.best, self.worst = max(self.best, self.now), min(self.worst, self.now)
         self._moved(target, fresh, dt)
+        self._carried_by(pose, target)
         view = math.atan2(pose[1] - target.mean[1], pose[0] - target.mean[0])
         if not self.views or abs((view - self.views[-1] + math.pi) % (2.0 * math.pi) - math.pi) > 0.1:
             self.views.append(view)
@@ -174,6 +181,18 @@ class ClassEvidence:
         self.origin, self.behind = turn @ self.origin + motion[:2], turn @ self.behind + motion[:2]
         self.place = turn @ self.place
         self.views = [view + motion[2] for view in self.views]
+        if self.first_pose is not None:
+            self.first_pose = compound(motion, self.first_pose)
+
+    def _carried_by(self, pose: FloatArray, target: Target) -> None:
+        """Where who stands there was in the scanner's frame at the first look, against where it is in it now."""
+        if self.first_pose is None:
+            self.first_pose = pose
+        x, y, yaw = self.first_pose.tolist()
+        ax, ay = float(target.mean[0]) - x, float(target.mean[1]) - y
+        bx, by = float(target.mean[0]) - float(pose[0]), float(target.mean[1]) - float(pose[1])
+        c, s = math.cos(float(pose[2]) - yaw), math.sin(float(pose[2]) - yaw)
+        self.carried = max(self.carried, math.hypot(c * ax - s * ay - bx, s * ax + c * ay - by))
 
     def _moved(self, target: Target, fresh: float, dt: float) -> None:
         """How it moved since the last look, which was `dt` seconds ago."""
@@ -214,6 +233,7 @@ class ClassEvidence:
             min(self.walked, FARTHEST),
             float(min(len(self.views), VIEWS)),
             self.posed,
+            min(self.carried, FARTHEST),
         ]
         return [*means.tolist(), *varying, *course]
 

@@ -13,7 +13,7 @@ class TargetTrackerParameters(OdomFrame):
     """Parameters of `target_tracker`."""
 
     public = (
-        "scan_topic", "filter", "max_range", "detection_probability", "clutter", "report", "located", "memory",
+        "scan_topic", "filter", "max_range", "detection_probability", "report", "located", "memory",
         "acceleration",
     )  # fmt: skip
 
@@ -27,7 +27,6 @@ class TargetTrackerParameters(OdomFrame):
     )
     max_range: float = setting_of(PeopleConfig, "max_range")
     detection_probability: float = setting_of(PeopleConfig, "detection_probability")
-    clutter: float = setting_of(PeopleConfig, "clutter")
     report: float = setting_of(PeopleConfig, "report")
     located: float = setting_of(PeopleConfig, "located")
     memory: float = setting_of(PeopleConfig, "memory")

@@ -1,18 +1,20 @@
 """Floors as different as real ones, by scanners as different: what the classes of targets are learned from.
 
 Chairs, tables, desks, office chairs, plants, bins, poles, pillars, trolleys and the ends of partitions stand about on
-the floors of `people_scenes`; scanners have 181 to 1081 beams, 5 to 25 Hz, noise, mixed pixels and lost beams. None of
-these scenes judges.
+the floors of `people_scenes`, or what is round stands about a scanner at rest; scanners have 181 to 1081 beams, 5 to
+25 Hz, noise, mixed pixels and lost beams. None of these scenes judges.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.people import Build, SimulatedWalker, random_build, wander
 from whereabouts.simulation.robot import Drive
 from whereabouts.simulation.rooms import random_floor
 from whereabouts.simulation.scenes.people_scenes import PeopleScene, with_people
@@ -40,6 +42,73 @@ def varied_floor(
     drive = Drive(way, rng.uniform(0.3, 0.9))
     scene = PeopleScene(floor, [], duration, lidar, drive, rate, joined(things) if things else Shapes())
     return with_people(rng, scene, middles, most, standing) if most else scene
+
+
+def things_stand_about(rng: np.random.Generator, duration: float = 15.0) -> PeopleScene:
+    """Pillars, bins, poles and plants that hide each other and a few people in part, most of them in a room.
+
+    The scanner rests, or goes to and fro. Of the people some walk, and some stand where a thing hides half of them.
+    """
+    pose: Array | Callable[[float], Array] = np.zeros(3)
+    way = rng.uniform(-2.2, 2.2, (2, 2))
+    if rng.random() < 0.4:
+        pose = Drive(np.array([*way, *way, *way]), rng.uniform(0.3, 0.6))
+    else:
+        way = np.zeros((2, 2))
+    room = box(rng.uniform(11.0, 16.0), rng.uniform(9.0, 13.0)) if rng.random() < 0.8 else Shapes()
+    things: list[Shapes] = []
+    spots: list[Array] = []
+    path = np.linspace(way[0], way[1], 20)
+    for _ in range(200):
+        hidden = len(spots) > 0 and rng.random() < 0.5
+        spot = _half_hidden(rng, spots) if hidden else rng.uniform(-5.0, 5.0, 2)
+        clear = np.linalg.norm(path - spot, axis=1).min() > 1.0
+        if clear and (not things or joined(things).distance(spot) > 0.7):
+            kind = ROUND[int(rng.integers(len(ROUND)))]
+            things.append(kind(rng).moved((*spot, rng.uniform(-np.pi, np.pi))))
+            spots.append(spot)
+        if len(spots) == 9:
+            break
+    lidar, rate = _scanner(rng)
+    scene = PeopleScene(room, [], duration, lidar, pose, rate, joined(things))
+    return replace(scene, people=_passers(rng, joined([room, *things]), spots, path, duration))
+
+
+def _half_hidden(rng: np.random.Generator, spots: list[Array]) -> Array:
+    """A place (2,) that one of the things at `spots` hides in part from the middle."""
+    near = spots[int(rng.integers(len(spots)))]
+    away = float(np.hypot(*near))
+    along = near / away
+    far = away + rng.uniform(0.7, 2.0)
+    aside = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.5) * far / away
+    return np.asarray(far * along + aside * np.array([-along[1], along[0]]))
+
+
+def _passers(
+    rng: np.random.Generator, solid: Shapes, spots: list[Array], path: Array, duration: float
+) -> list[SimulatedWalker]:
+    """Up to three people who walk or stand, half of these half hidden by what stands at `spots`."""
+    people: list[SimulatedWalker] = []
+    times, taken = np.arange(0.0, duration, 0.2), [path]
+    count = int(rng.integers(0, 4))
+    for _ in range(60):
+        if len(people) == count:
+            break
+        body = str(rng.choice(["legs", "legs", "trunk", "skirt", "round"]))
+        build = (
+            Build("skirt", shoulders=rng.uniform(0.4, 0.6)) if body == "round" else random_build(rng, body)
+        )
+        if rng.random() < 0.5:
+            walker = wander(rng, solid, (4.8, 4.2), duration, build)
+        else:
+            spot = _half_hidden(rng, spots) if rng.random() < 0.5 else rng.uniform(-4.5, 4.5, 2)
+            walker = SimulatedWalker(spot[None], 1.0, build, phase=rng.uniform(0.0, 6.0))
+        line = np.array([walker.position(time) for time in times])
+        apart = min(np.linalg.norm(line[:, None] - other, axis=2).min() for other in taken)
+        if apart > 0.6 and min(solid.distance(place) for place in line[::3]) > 0.35:
+            people.append(walker)
+            taken.append(line)
+    return people
 
 
 def disturbed(rng: np.random.Generator, rate: float, count: int) -> Array:
@@ -197,3 +266,4 @@ THINGS: tuple[Callable[[np.random.Generator], Shapes], ...] = (
     _partition,
     _pieces,
 )
+ROUND = (_pillar, _pillar, _bin, _bin, _pole, _plant)
