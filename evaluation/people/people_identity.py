@@ -37,9 +37,10 @@ Moment = tuple[Scan, FloatArray, FloatArray]
 
 @dataclass
 class Return:
-    """Somebody comes into view: place (2,), stamp, who is away, and which of them it is; nobody for a stranger."""
+    """Somebody comes into view: place (2,), share of it nobody had looked at, stamp, who is away, and which it is."""
 
     place: FloatArray
+    unseen: float
     stamp: float
     away: list[Away]
     right: list[bool]
@@ -61,12 +62,14 @@ class Recorded(Identities):
         gaps = np.linalg.norm(self.true - place, axis=1)
         return int(gaps.argmin()) if gaps.min(initial=np.inf) < NEAR else -1
 
-    def _who(self, person: Target, told: set[int], stamp: float) -> Name:
+    def _who(self, person: Target, told: set[int], unseen: float, stamp: float) -> Name:
         one = self.nearest(person.mean[:2])
         labels = [label for label in self.people if label not in told]
         right = [one >= 0 and self.whose.get(label, -1) == one for label in labels]
-        self.found.append(Return(person.mean[:2], stamp, [self.people[label] for label in labels], right))
-        return super()._who(person, told, stamp)
+        self.found.append(
+            Return(person.mean[:2], unseen, stamp, [self.people[label] for label in labels], right)
+        )
+        return super()._who(person, told, unseen, stamp)
 
     def look(self, people: Iterable[Target]) -> None:
         """Who has which label by now."""
@@ -127,7 +130,7 @@ def returns(seed: int, counts: list[int] | None = None) -> list[list[Return]]:
 def probabilities(walking: Walking, item: Return) -> npt.NDArray[np.float64]:
     """Of a stranger and of each who is away (1 + A,)."""
     scores = np.array(
-        [np.log(walking.strangers)]
+        [walking.log_strangers(item.unseen)]
         + [walking.log_intensity(one, item.place, item.stamp) for one in item.away]
     )
     share = np.exp(scores - scores.max())

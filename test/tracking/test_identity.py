@@ -22,7 +22,7 @@ def person(label: int, x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> 
 
 def step(kept: Identities, people: list[Target], stamp: float, labels: PublicLabels) -> list[int]:
     known = {one.label for one in people}
-    kept.update(people, known, known, stamp, labels)
+    kept.update(people, known, dict.fromkeys(known, 0.0), known, stamp, labels)
     return [kept.name(one.label).label for one in people]
 
 
@@ -39,7 +39,7 @@ def walks(rng: np.random.Generator, walking: Walking, velocity: float, seconds: 
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 15.0])
 def test_the_density_is_that_of_simulated_walks(seconds: float) -> None:
-    walking = Walking(stays=1e-9, near=0.1, speed=0.6, turning=2.0, gone=1e9, strangers=1.0)
+    walking = Walking(stays=1e-9, near=0.1, speed=0.6, turning=2.0, gone=1e9)
     places = walks(np.random.default_rng(4), walking, 0.8, seconds, 4000)
     away = Away(np.array([0.0, 0.0, 0.8, 0.0]), 1e-6, 0.0, 0.0)
     centre = places.mean(0)
@@ -106,7 +106,7 @@ def test_a_target_whose_label_went_over_has_a_new_number() -> None:
     kept, labels = Identities(), PublicLabels()
     labels.given = 2
     step(kept, [person(0, 0.0, 0.0)], 0.0, labels)
-    left = kept.update([person(1, 0.2, 0.0)], {1}, {0, 1}, 2.0, labels)
+    left = kept.update([person(1, 0.2, 0.0)], {1}, {1: 0.0}, {0, 1}, 2.0, labels)
     assert left == {0}
     assert kept.name(1).label == 0
     assert kept.name(0).label == 2

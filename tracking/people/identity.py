@@ -8,7 +8,7 @@ intensity of coming into view here and now; their shares are the probabilities o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +32,8 @@ class Walking:
 
     stays : share who are where they were, within `near`, m. speed : deviation of the velocity per axis, m/s, of the
     others. turning : s in which it is forgotten. gone : mean time, s, after which somebody does not come back.
-    strangers : how much less often per m² and s a stranger comes into view than somebody does who is away, 1/m².
+    strangers, unseen : how much less often per m² and s a stranger comes into view than somebody does who is away,
+    1/m², where somebody has looked before, and where nobody has.
     Learned by `evaluation.people.people_identity`.
     """
 
@@ -41,7 +42,12 @@ class Walking:
     speed: float = 0.6
     turning: float = 1.2
     gone: float = 400.0
-    strangers: float = 0.007
+    strangers: float = 0.003
+    unseen: float = 0.01
+
+    def log_strangers(self, unseen: float) -> float:
+        """Log of the density, 1/m², that a stranger does so; `unseen` of the place nobody has looked at."""
+        return math.log((1.0 - unseen) * self.strangers + unseen * self.unseen)
 
     def log_intensity(self, away: Away, place: FloatArray, stamp: float) -> float:
         """Log of the density, 1/m², that who is away comes into view at a place (2,) at a stamp, s."""
@@ -96,12 +102,19 @@ class Identities:
         return self.names.get(target, Name(target))
 
     def update(
-        self, people: Sequence[Target], seen: set[int], living: set[int], stamp: float, labels: PublicLabels
+        self,
+        people: Sequence[Target],
+        seen: set[int],
+        unseen: Mapping[int, float],
+        living: set[int],
+        stamp: float,
+        labels: PublicLabels,
     ) -> set[int]:
         """Gives everybody a label of whom nothing was told yet.
 
-        people : the targets that are people now; seen : labels of targets that the scan shows; living : of all;
-        labels : gives new numbers.
+        people : the targets that are people now; seen : labels of targets that the scan shows; unseen : by label, the
+        share of the place where a target came up that nobody had looked at; living : labels of all targets; labels :
+        gives new numbers.
         Returns the targets whose label went over to somebody else.
         """
         self.names = {target: name for target, name in self.names.items() if target in living}
@@ -111,7 +124,7 @@ class Identities:
         left: set[int] = set()
         for person in people:
             if person.label not in self.names:
-                name = self._who(person, told, stamp)
+                name = self._who(person, told, unseen[person.label], stamp)
                 for target in [t for t in living if t != person.label and self.name(t).label == name.label]:
                     self.names[target] = Name(labels.fresh())
                     left.add(target)
@@ -124,12 +137,12 @@ class Identities:
                 self.people[label] = Away(person.mean, place, velocity, stamp)
         return left
 
-    def _who(self, person: Target, told: set[int], stamp: float) -> Name:
+    def _who(self, person: Target, told: set[int], unseen: float, stamp: float) -> Name:
         """The likeliest of those who are away and a stranger."""
         away = [label for label in self.people if label not in told]
         place = person.mean[:2]
         back = [self.walking.log_intensity(self.people[label], place, stamp) for label in away]
-        scores = np.array([math.log(self.walking.strangers), *back])
+        scores = np.array([self.walking.log_strangers(unseen), *back])
         share = np.exp(scores - scores.max())
         share /= share.sum()
         best = int(share.argmax())

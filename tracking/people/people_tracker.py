@@ -198,7 +198,8 @@ class PeopleTracker:
         living = {target.label for target in found}
         seen = {target.label for target in self.targets if not target.occluded}
         stamp, labels = float(self.stamp or 0.0), self.recursion.extractor.labels
-        left = self.identities.update(self._people(), seen, living, stamp, labels)
+        unseen = {target.label: self.evidence[target.label].unseen for target in self.targets}
+        left = self.identities.update(self._people(), seen, unseen, living, stamp, labels)
         self.recursion.forget(left - {target.label for target in self.targets}, {})
         for k, target in enumerate(self.targets):
             name = self.identities.name(target.label)
@@ -314,8 +315,9 @@ class PeopleTracker:
         around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
         mine = nearer & (gaps < BELONGS)
         for t, target in enumerate(found):
-            evidence = self.evidence.setdefault(target.label, ClassEvidence(target.mean[:2].copy()))
             whose = np.flatnonzero(mine[t])
+            first = ClassEvidence(target.mean[:2].copy(), float(seen.unseen[whose].max(initial=0.0)))
+            evidence = self.evidence.setdefault(target.label, first)
             evidence.look(seen, rows, whose, target, pose, around[t], dt, stamp, posed)
         present = {target.label for target in found}
         self.evidence = {label: item for label, item in self.evidence.items() if label in present}

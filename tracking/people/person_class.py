@@ -82,13 +82,15 @@ _CLUSTER = [
 class ClassEvidence:
     """What was seen of one target: means over the time it was looked at, and its course.
 
-    origin (2,) : where it was first, m. last_seen : stamp, s. looks : s it was seen for. means (len(AVERAGED),);
-    squares (2,) : means of width² and shape². pairs (3,) : seconds with two clusters, and their gap and gap² by them.
-    place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh,
-    returns : of the last half second. behind (2,) : where it was a while ago, m. views : it was seen from, rad.
+    origin (2,) : where it was first, m. unseen : share of it where nobody had looked by then. last_seen : stamp, s.
+    looks : s it was seen for. means (len(AVERAGED),); squares (2,) : means of width² and shape². pairs (3,) : seconds
+    with two clusters, and their gap and gap² by them. place, spread : means of where its clusters were and of that
+    squared, m from the origin and m². now, fresh, returns : of the last half second. behind (2,) : where it was a
+    while ago, m. views : it was seen from, rad.
     """
 
     origin: FloatArray
+    unseen: float = 0.0
     last_seen: float = 0.0
     looks: float = 0.0
     means: FloatArray = field(default_factory=lambda: np.zeros(len(AVERAGED)))
