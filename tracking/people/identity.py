@@ -37,13 +37,13 @@ class Walking:
     Learned by `evaluation.people.people_identity`.
     """
 
-    stays: float = 0.1
-    near: float = 0.2
+    stays: float = 0.07
+    near: float = 0.3
     speed: float = 0.6
-    turning: float = 1.2
-    gone: float = 400.0
-    strangers: float = 0.003
-    unseen: float = 0.01
+    turning: float = 1.3
+    gone: float = 800.0
+    strangers: float = 0.004
+    unseen: float = 0.02
 
     def log_strangers(self, unseen: float) -> float:
         """Log of the density, 1/m², that a stranger does so; `unseen` of the place nobody has looked at."""
