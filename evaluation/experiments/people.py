@@ -11,6 +11,7 @@ from evaluation.people.people_beside import (
     one_stands,
     phantom_benchmark,
 )
+from evaluation.people.people_identity import who_comes_back
 from evaluation.people.people_judging import (
     SCENE,
     Constant,
@@ -216,8 +217,14 @@ def _home(options: RunOptions, report: Report) -> None:
     report.tables.append(
         Table(
             "A home with three people",
-            ["", "OSPA, m ↓", *SCENE],
-            [["other days than the demo's", *figures]],
+            ["", "OSPA, m ↓", *SCENE, "labels for three people ↓"],
+            [
+                [
+                    "other days than the demo's",
+                    *figures,
+                    len({int(n) for told in judged.labels for n in told if n >= 0}),
+                ]
+            ],
             note,
             "home",
             data="simulated",
@@ -280,6 +287,7 @@ PARTS = {
     "one stands": Part(one_stands),
     "phantoms": Part(phantom_benchmark, random=False, needs=PHANTOM_NEEDS),
     "home": Part(_home, quick_seeds=3),
+    "comings": Part(who_comes_back, quick_seeds=2),
     "hidden": Part(_hidden),
     "sensitivity": Part(sensitivity, random=False),
     "recorded": Part(_demo, random=False, needs=(f"people/{DEMO}",)),

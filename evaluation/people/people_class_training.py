@@ -23,8 +23,7 @@ from estimation.geometry.poses import compound, inverse
 from estimation.learning.gradient_boosting import GradientBoosting
 from evaluation.people.people_training import marks_of
 from registration.laser.scan import Scan
-from tracking.mixture.target import Target
-from tracking.people.people_tracker import PeopleTracker
+from tracking.people.people_tracker import PeopleTracker, Person
 from tracking.people.person_class import CARD, MODEL, NAMES, ClassModel
 from whereabouts.datasets import data_directory
 from whereabouts.logs import open_log
@@ -143,7 +142,7 @@ def simulated(
 class _Lost(PeopleTracker):
     """A scanner that is taken to stand, whatever its pose."""
 
-    def step(self, scan: Scan, pose: npt.ArrayLike, stamp: float, *_: object, **__: object) -> list[Target]:
+    def step(self, scan: Scan, pose: npt.ArrayLike, stamp: float, *_: object, **__: object) -> list[Person]:
         return super().step(scan, np.zeros(3), stamp, pose_known=False)
 
 

@@ -186,7 +186,7 @@ def judge_scene(
     count = len(scene.people)
     seen, last = np.zeros(count), np.full(count, -np.inf)
     for scan in scene.scans(rng):
-        targets = cast(list[Person], tracker.step(scan.scan, scan.pose, scan.scan.stamp))
+        targets = tracker.step(scan.scan, scan.pose, scan.scan.stamp)
         in_sight = scan.returns >= 3
         last[in_sight] = scan.scan.stamp
         seen += in_sight / scene.rate
@@ -202,7 +202,7 @@ def judge_everybody(
     tracker = tracker or PeopleTracker()
     judged = SceneJudgement()
     for scan in scene.scans(rng):
-        targets = cast(list[Person], tracker.step(scan.scan, scan.pose, scan.scan.stamp))
+        targets = tracker.step(scan.scan, scan.pose, scan.scan.stamp)
         _judge(judged, scan, targets, scan.in_view)
     return judged
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracking.people.people_tracker import PeopleTracker, Person
+from tracking.people.people_tracker import PeopleTracker
 from whereabouts.logs import open_log
 
 Array = NDArray[np.float64]
@@ -41,7 +40,7 @@ def hidden_episodes(path: Path, tracker: PeopleTracker) -> RecordedTracks:
     with open_log(path) as log:
         for record in log.scans():
             scans.append(record.scan)
-            for person in cast(list[Person], tracker.step(record.scan, np.zeros(3), record.stamp)):
+            for person in tracker.step(record.scan, np.zeros(3), record.stamp):
                 row = (record.stamp, float(person.mean[0]), float(person.mean[1]), person.occluded)
                 tracks.paths.setdefault(person.label, []).append(row)
     for rows in tracks.paths.values():

@@ -99,6 +99,7 @@ def test_people_are_tracked_through_both_nodes(graph: Graph) -> None:
             gaps = np.linalg.norm(found(message) - scene.truth(message)[person], axis=1)
             if len(gaps) and gaps.min() < 0.5:
                 labels.add(message.targets[int(gaps.argmin())].label)
+                assert 0.0 < message.targets[int(gaps.argmin())].label_probability <= 1.0
         assert len(labels) == 1
     target = scene.targets[-1].targets[0]
     classes = dict(

@@ -214,6 +214,27 @@ def test_who_is_hidden_is_reported_while_it_is_known_where() -> None:
     assert 0 < counts[0] < counts[1]
 
 
+def test_who_comes_back_after_half_a_minute_has_the_label_again() -> None:
+    tracker = PeopleTracker()
+    (before,) = walk(tracker, 30)
+    assert before.label_probability == 1.0
+    told = []
+    for k in range(30, 330):
+        ranges = wall()
+        ranges[160:340] = 1.0  # a screen
+        told.append(len(tracker.step(scan_of(ranges, 0.1 * k), np.zeros(3), 0.1 * k)))
+    assert told[-1] == 0
+    for k in range(330, 360):
+        x, swing = 2.5, 0.2 * np.sin(1.5 * k)
+        ranges = with_leg(
+            with_leg(wall(), x - 0.1, 0.08 * (k - 345) + swing), x + 0.1, 0.08 * (k - 345) - swing
+        )
+        targets = tracker.step(scan_of(ranges, 0.1 * k), np.zeros(3), 0.1 * k)
+    (after,) = targets
+    assert after.label == before.label
+    assert 0.5 < after.label_probability < 1.0
+
+
 def test_a_pose_that_jumps_loses_nobody() -> None:
     tracker = PeopleTracker()
     (before,) = walk(tracker, 30)

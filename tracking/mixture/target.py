@@ -43,9 +43,13 @@ class PublicLabels:
     def number(self, label: int) -> int:
         """The number a filter's own label is reported by."""
         if label not in self.public:
-            self.public[label] = self.given
-            self.given += 1
+            self.public[label] = self.fresh()
         return self.public[label]
+
+    def fresh(self) -> int:
+        """A number that nothing has been reported by."""
+        self.given += 1
+        return self.given - 1
 
     def known(self, label: int) -> bool:
         """Whether it has been reported."""

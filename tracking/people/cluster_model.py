@@ -72,7 +72,8 @@ class ClusterScan:
     """K measurements of a scan in the frame of the tracks.
 
     places (K, 2) : middles, m. log_clutter (K,) : of the density of clutter there, 1/m². shape (K,) : log-likelihood
-    ratio person : other. fresh, old (K,) : share that lies where it was empty, where something stood. widths (K,) m.
+    ratio person : other. fresh, old, unseen (K,) : share that lies where it was empty, where something stood, where
+    nobody has looked. widths (K,) m.
     free (K,) : m by which each stands in front of its surroundings. counts (K,) : returns. index (K,) : of each
     among `clusters`. thinned : whether there were more than are looked at.
     """
@@ -85,6 +86,7 @@ class ClusterScan:
     shape: FloatArray
     fresh: FloatArray
     old: FloatArray
+    unseen: FloatArray
     widths: FloatArray
     free: FloatArray
     ranges: FloatArray
@@ -139,6 +141,7 @@ class ClusterScan:
             shape,
             fresh[chosen],
             old[chosen],
+            unseen[chosen] * (not background.forgot),
             clusters.widths[chosen],
             free[chosen],
             ranges,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from tracking.mixture.pmbm import Looks, PmbmRecursion, State
 from tracking.mixture.target import LabelState, Target
 from tracking.people.cluster_model import SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
+from tracking.people.identity import Identities
 from tracking.people.own_parts import OwnBody
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_middle import WIDE
@@ -52,7 +53,7 @@ HELD = 1.0  # s without a guessed pose after which the surroundings are known: a
 JUMPS, LEARNED = 0.001, 30.0
 FOUND, UNFOUND = 0.15, 0.0001
 # What is as before again where a scan, more than so many s after the one before it, turns out to have a wrong stamp.
-GAP, KEPT = 0.5, ("background", "evidence", "targets", "_between")
+GAP, KEPT = 0.5, ("background", "evidence", "identities", "targets", "_between")
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
 
@@ -61,9 +62,11 @@ class Person(Target):
     """A tracked target with its class.
 
     person : probability that it is one. occluded : hidden now, kept by prediction. last_seen : stamp, s.
+    label_probability : that it is who had the label before he was out of sight.
     """
 
     person: float = 1.0
+    label_probability: float = 1.0
     occluded: bool = False
     last_seen: float = 0.0
 
@@ -117,7 +120,8 @@ class PeopleTracker:
         self.recursion.reset()
         self.background = Background()
         self.evidence: dict[int, ClassEvidence] = {}
-        self.targets: list[Target] = []
+        self.identities = Identities()
+        self.targets: list[Person] = []
         self.seen: ClusterScan | None = None
         self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
         self._own = OwnBody()
@@ -133,7 +137,7 @@ class PeopleTracker:
     @property
     def expected_count(self) -> float:
         """Expected number of people."""
-        return float(sum(t.weight * t.person for t in self.targets if isinstance(t, Person)))
+        return float(sum(target.weight * target.person for target in self.targets))
 
     def step(
         self,
@@ -143,7 +147,7 @@ class PeopleTracker:
         labels: npt.ArrayLike | None = None,
         pose_covariance: npt.ArrayLike | None = None,
         pose_known: bool = True,
-    ) -> list[Target]:
+    ) -> list[Person]:
         """People after a scan; `targets` has everything, of any class.
 
         pose : (3,) x, y, yaw of the scanner, metres and radians; targets are in its frame. stamp : seconds.
@@ -192,7 +196,21 @@ class PeopleTracker:
         mine[seen.index[self._of_targets(seen)]] = True
         self.background.add(sweep, stamp, own | mine[seen.clusters.labels])
         self.health.potential = len(self.targets)
+        self._name(found)
         return self._people()
+
+    def _name(self, found: list[Target]) -> None:
+        """Whoever comes back has the label that he had; where he was still awaited elsewhere is forgotten."""
+        living = {target.label for target in found}
+        seen = {target.label for target in self.targets if not target.occluded}
+        stamp, labels = float(self.stamp or 0.0), self.recursion.extractor.labels
+        unseen = {target.label: self.evidence[target.label].unseen for target in self.targets}
+        left = self.identities.update(self._people(), seen, unseen, living, stamp, labels)
+        self.recursion.forget(left - {target.label for target in self.targets}, {})
+        for k, target in enumerate(self.targets):
+            name = self.identities.name(target.label)
+            self.targets[k] = replace(target, label=name.label, label_probability=name.probability)
+        self.targets.sort(key=lambda target: target.label)
 
     def _interval(self, stamp: float) -> float | None:
         """Seconds to predict over; None for a late scan.
@@ -242,7 +260,7 @@ class PeopleTracker:
         if before is None:
             return False
         step = between(before, pose)
-        sure = [t for t in self.targets if isinstance(t, Person) and t.last_seen == self.stamp]
+        sure = [target for target in self.targets if target.last_seen == self.stamp]
         self._jumps += min(dt / LEARNED, 1.0) * (JUMPS - self._jumps)
         if np.hypot(step[0], step[1]) + 2.0 * abs(step[2]) < LEAST_JUMP or not sure:
             return False
@@ -255,6 +273,7 @@ class PeopleTracker:
         self.recursion.shift(shift)
         for evidence in self.evidence.values():
             evidence.shift(shift)
+        self.identities.shift(shift)
         c, s = math.cos(shift[2]), math.sin(shift[2])
         turn = np.array([[c, -s], [s, c]])
         self._between = {key: (seconds, turn @ way) for key, (seconds, way) in self._between.items()}
@@ -302,8 +321,9 @@ class PeopleTracker:
         around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
         mine = nearer & (gaps < BELONGS)
         for t, target in enumerate(found):
-            evidence = self.evidence.setdefault(target.label, ClassEvidence(target.mean[:2].copy()))
             whose = np.flatnonzero(mine[t])
+            first = ClassEvidence(target.mean[:2].copy(), float(seen.unseen[whose].max(initial=0.0)))
+            evidence = self.evidence.setdefault(target.label, first)
             evidence.look(seen, rows, whose, target, pose, around[t], dt, stamp, posed)
         present = {target.label for target in found}
         self.evidence = {label: item for label, item in self.evidence.items() if label in present}
@@ -328,8 +348,8 @@ class PeopleTracker:
         )
         return {"mean": mean, "covariance": P}
 
-    def _people(self) -> list[Target]:
-        return [t for t in self.targets if isinstance(t, Person) and t.person > self.config.report]
+    def _people(self) -> list[Person]:
+        return [target for target in self.targets if target.person > self.config.report]
 
 
 def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:

@@ -84,15 +84,17 @@ _CLUSTER = [
 class ClassEvidence:
     """What was seen of one target: means over the time it was looked at, and its course.
 
-    origin (2,) : where it was first, m. last_seen : stamp, s. looks : s it was seen for. means (len(AVERAGED),);
-    squares (2,) : means of width² and shape². pairs (3,) : seconds with two clusters, and their gap and gap² by them.
-    place, spread : means of where its clusters were and of that squared, m from the origin and m². now, fresh,
-    returns : of the last half second. behind (2,) : where it was a while ago, m. views : it was seen from, rad.
+    origin (2,) : where it was first, m. unseen : share of it where nobody had looked by then. last_seen : stamp, s.
+    looks : s it was seen for. means (len(AVERAGED),); squares (2,) : means of width² and shape². pairs (3,) : seconds
+    with two clusters, and their gap and gap² by them. place, spread : means of where its clusters were and of that
+    squared, m from the origin and m². now, fresh, returns : of the last half second. behind (2,) : where it was a
+    while ago, m. views : it was seen from, rad.
     first_pose (3,) : it was seen from. carried : m at most that the scanner's own motion since then would have moved it
     in the scanner's frame: who looks at rest errs in no pose.
     """
 
     origin: FloatArray
+    unseen: float = 0.0
     last_seen: float = 0.0
     looks: float = 0.0
     means: FloatArray = field(default_factory=lambda: np.zeros(len(AVERAGED)))

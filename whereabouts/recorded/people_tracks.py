@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ class TrackedScan:
 
     stamp: float
     pose: Array
-    targets: list[Target]
+    targets: Sequence[Target]
     scan: Scan
 
     def in_laser(self, target: Target) -> Array:

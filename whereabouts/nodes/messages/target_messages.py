@@ -37,6 +37,7 @@ def _target(person: Person) -> TargetMessage:
     x, y, vx, vy = (float(value) for value in person.mean)
     return TargetMessage(
         label=person.label,
+        label_probability=person.label_probability,
         position=Point(x=x, y=y, z=0.0),
         velocity=Vector3(x=vx, y=vy, z=0.0),
         state_covariance=person.covariance.reshape(16),

@@ -1,0 +1,149 @@
+"""Who somebody is that comes into view: one who was out of sight, or somebody new, by place and time.
+
+The mixture keeps a label as long as it knows where its target is. Who was away for longer is a new target there, and
+may be anybody who went out of sight before and could have walked here since. Each such person, and a stranger, has an
+intensity of coming into view here and now; their shares are the probabilities of who it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from estimation.geometry.poses import compound
+from tracking.mixture.target import PublicLabels, Target
+
+FORGOTTEN = 3.0  # times the mean after which somebody does not come back
+TINY = 1e-300
+
+
+def _density(gap: FloatArray, variance: float) -> float:
+    """Of a Gaussian of a variance per axis at (2,)."""
+    return math.exp(-0.5 * float(gap @ gap) / variance) / (2.0 * math.pi * variance)
+
+
+@dataclass(frozen=True)
+class Walking:
+    """How people go on while nobody sees them: they stay, or their velocity is an Ornstein-Uhlenbeck process.
+
+    stays : share who are where they were, within `near`, m. speed : deviation of the velocity per axis, m/s, of the
+    others. turning : s in which it is forgotten. gone : mean time, s, after which somebody does not come back.
+    strangers, unseen : how much less often per m² and s a stranger comes into view than somebody does who is away,
+    1/m², where somebody has looked before, and where nobody has.
+    Learned by `evaluation.people.people_identity`.
+    """
+
+    stays: float = 0.07
+    near: float = 0.3
+    speed: float = 0.6
+    turning: float = 1.3
+    gone: float = 800.0
+    strangers: float = 0.004
+    unseen: float = 0.02
+
+    def log_strangers(self, unseen: float) -> float:
+        """Log of the density, 1/m², that a stranger does so; `unseen` of the place nobody has looked at."""
+        return math.log((1.0 - unseen) * self.strangers + unseen * self.unseen)
+
+    def log_intensity(self, away: Away, place: FloatArray, stamp: float) -> float:
+        """Log of the density, 1/m², that who is away comes into view at a place (2,) at a stamp, s."""
+        seconds = stamp - away.stamp
+        left = math.exp(-seconds / self.turning)
+        kept = self.turning * (1.0 - left)
+        walked = self.speed**2 * self.turning**2 * (2.0 * seconds / self.turning - 3.0 + 4.0 * left - left**2)
+        walked += kept**2 * away.drift
+        gap = place - away.mean[:2]
+        stays = _density(gap, away.variance + self.near**2)
+        walks = _density(gap - kept * away.mean[2:], away.variance + walked)
+        return math.log(self.stays * stays + (1.0 - self.stays) * walks + TINY) - seconds / self.gone
+
+
+@dataclass(frozen=True)
+class Away:
+    """Somebody when he was seen last: mean (4,) m and m/s, variance of his place, m², and velocity, m²/s², per axis,
+    stamp, s."""
+
+    mean: FloatArray
+    variance: float
+    drift: float
+    stamp: float
+
+
+@dataclass(frozen=True)
+class Name:
+    """The label somebody is told of by, and the probability that it is who had it before."""
+
+    label: int
+    probability: float = 1.0
+
+
+class Identities:
+    """Labels of people over the targets of a tracker, which are lost where somebody is out of sight for long."""
+
+    def __init__(self, walking: Walking | None = None) -> None:
+        self.walking = walking or Walking()
+        self.names: dict[int, Name] = {}  # by label of the target
+        self.people: dict[int, Away] = {}  # by told label, whoever was told of as a person
+
+    def shift(self, motion: FloatArray) -> None:
+        """Takes everybody along with the frame, which moved by (3,) x, y, yaw."""
+        c, s = math.cos(motion[2]), math.sin(motion[2])
+        turn = np.array([[c, -s], [s, c]])
+        for label, away in self.people.items():
+            place = compound(motion, np.array([*away.mean[:2], 0.0]))[:2]
+            self.people[label] = replace(away, mean=np.concatenate([place, turn @ away.mean[2:]]))
+
+    def name(self, target: int) -> Name:
+        """What a target is told of by."""
+        return self.names.get(target, Name(target))
+
+    def update(
+        self,
+        people: Sequence[Target],
+        seen: set[int],
+        unseen: Mapping[int, float],
+        living: set[int],
+        stamp: float,
+        labels: PublicLabels,
+    ) -> set[int]:
+        """Gives everybody a label of whom nothing was told yet.
+
+        people : the targets that are people now; seen : labels of targets that the scan shows; unseen : by label, the
+        share of the place where a target came up that nobody had looked at; living : labels of all targets; labels :
+        gives new numbers.
+        Returns the targets whose label went over to somebody else.
+        """
+        self.names = {target: name for target, name in self.names.items() if target in living}
+        oldest = stamp - FORGOTTEN * self.walking.gone
+        self.people = {label: away for label, away in self.people.items() if away.stamp >= oldest}
+        told = {self.names[person.label].label for person in people if person.label in self.names}
+        left: set[int] = set()
+        for person in people:
+            if person.label not in self.names:
+                name = self._who(person, told, unseen[person.label], stamp)
+                for target in [t for t in living if t != person.label and self.name(t).label == name.label]:
+                    self.names[target] = Name(labels.fresh())
+                    left.add(target)
+                self.names[person.label] = name
+                told.add(name.label)
+        for person in people:
+            label = self.name(person.label).label
+            if person.label in seen or label not in self.people:
+                place, velocity = np.diag(person.covariance).reshape(2, 2).mean(1).tolist()
+                self.people[label] = Away(person.mean, place, velocity, stamp)
+        return left
+
+    def _who(self, person: Target, told: set[int], unseen: float, stamp: float) -> Name:
+        """The likeliest of those who are away and a stranger."""
+        away = [label for label in self.people if label not in told]
+        place = person.mean[:2]
+        back = [self.walking.log_intensity(self.people[label], place, stamp) for label in away]
+        scores = np.array([self.walking.log_strangers(unseen), *back])
+        share = np.exp(scores - scores.max())
+        share /= share.sum()
+        best = int(share.argmax())
+        return Name([person.label, *away][best], float(share[best]))
