@@ -31,7 +31,7 @@ def given(path: Path, node: str, parameters: dict[str, Any]) -> Any:
         (
             "target_tracker",
             "people",
-            {"clutter": 0.01, "acceleration": 4.0, "report": 0.7, "located": 2.0, "memory": 60.0},
+            {"acceleration": 4.0, "report": 0.7, "located": 2.0, "memory": 60.0},
         ),
         ("motion_predictor", "intentions", {"method": "ghmm"}),
         (
