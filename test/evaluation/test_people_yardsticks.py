@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from evaluation.peers.nearest_neighbour import NearestNeighbour, detections
+from evaluation.people.people_sensitivity import NUMBERS
 from evaluation.people.people_yardsticks import Yardstick, best_identities, matched, measure
 from tracking.mixture.target import Target
 from whereabouts.simulation.people import Build, SimulatedWalker
@@ -121,3 +122,8 @@ def test_nobody_is_on_an_empty_floor_and_the_one_goes_less_than_half_a_metre_amo
     assert scene.standing.tolist() == [False, False, False, True]
     scans = list(scene.scans(rng))
     assert sum(int((scan.in_view & (scan.returns == 0)).sum()) for scan in scans) >= 3
+
+
+def test_every_number_of_the_sensitivity_table_is_there() -> None:
+    missing = [f"{module.__name__}.{name}" for module, name in NUMBERS if not hasattr(module, name)]
+    assert missing == []
