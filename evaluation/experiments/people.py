@@ -251,7 +251,8 @@ def _hidden(options: RunOptions, report: Report) -> None:
             rows.append([f"a {behind}", name, 100.0 * float(kept), 100.0 * float(again)])
     columns = ["hidden by", "p_D", "kept for 1 s, % ↑", "same label when seen again, % ↑"]
     note = (
-        "Hidden for 1.4 to 2.2 s. The text has one sequence: lost with constant p_D, kept with variable p_D."
+        "Hidden for 1.4 to 2.2 s. The text has one sequence: lost with constant p_D, kept with variable p_D. "
+        "Who was lost has the label again by place and time, which the text does not do."
     )
     report.tables.append(
         Table(
