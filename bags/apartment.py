@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from whereabouts.simulation.apartment_bag import record
+from whereabouts.simulation.home.apartment_bag import record
 
 
 def main() -> None:

@@ -87,7 +87,7 @@ def test_rviz_shows_what_the_suite_publishes() -> None:
     view = yaml.safe_load((ROOT / "rviz/suite.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
     topics = {item["Topic"]["Value"]: item for item in view["Displays"] if "Topic" in item}
     sources = "\n".join(
-        path.read_text(encoding="utf-8") for path in (ROOT / "whereabouts/nodes").glob("*_node.py")
+        path.read_text(encoding="utf-8") for path in (ROOT / "whereabouts/nodes").rglob("*.py")
     )
     assert not [topic for topic in topics if topic.startswith("/")]
     for topic, display in topics.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,13 @@ def test_a_drive_rests_where_it_is_told_to() -> None:
     np.testing.assert_allclose(drive(4.9), [1.0, 0.0, 0.0], atol=1e-9)
     with pytest.raises(InputError, match="rests"):
         Drive([(0.0, 0.0), (1.0, 0.0)], rests=[1.0])
+
+
+def test_every_recipe_of_a_bag_finds_what_it_imports() -> None:
+    recipes = sorted((Path(__file__).parents[2] / "bags").glob("*.py"))
+    assert recipes
+    for recipe in recipes:
+        assert callable(runpy.run_path(str(recipe))["main"]), recipe
 
 
 def test_the_shipped_bag_is_what_the_recipe_makes(tmp_path: Path) -> None:

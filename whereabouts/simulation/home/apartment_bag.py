@@ -91,6 +91,7 @@ class MomentWriter:
             make.make(
                 "whereabouts_msgs/msg/Target",
                 label=number,
+                label_probability=1.0,
                 position=make.vector("Point", [*_rounded(spot), 0.0]),
                 velocity=make.vector("Vector3", [*_rounded(velocity), 0.0]),
                 state_covariance=np.zeros(16),
