@@ -28,9 +28,10 @@ from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.runtime.suite_run import prepare_environment
 from whereabouts.simulation.home.apartment_bag import START, record
 
-# What diagnostics tell of the machine and not of the robot: a figure whose name holds one of these.
+# What diagnostics tell of the machine and not of the robot: a figure whose name holds one of these. How far an input is
+# behind depends on which of two topics, sent by two nodes for the same moment, came first.
 BY_WALL_CLOCK = (
-    "rate [Hz]", "latency", "[ms]", " ms", "slowest", "checks of the store", "snapshots", "/turn ",
+    "rate [Hz]", "behind [s]", "latency", "[ms]", " ms", "slowest", "checks of the store", "snapshots", "/turn ",
 )  # fmt: skip
 # s of the bag at which the thing is verified and searched in an excerpt, which it has in view then.
 EXCERPT = DemoScript("cup", START + 10.5, START + 11.0)
