@@ -20,7 +20,7 @@ from estimation.geometry.poses import compound
 from evaluation.report import Report, RunOptions, Table
 from registration.laser.scan import Scan
 from tracking.mixture.target import Target
-from tracking.people.identity import Away, Identities, Name, Walking
+from tracking.people.identity import AwayPerson, Name, ReturningPeople, Walking
 from tracking.people.people_tracker import PeopleTracker
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, ApartmentDay
 from whereabouts.simulation.scenes.occlusion_scenes import LAYOUTS, MOTIONS, OcclusionKind, occlusions
@@ -29,7 +29,7 @@ from whereabouts.simulation.scenes.people_scenes import crowded_room, peopled_fl
 NEAR = 0.6  # m from a true person within which a target is that one
 SEED = 1600  # register of seeds to learn from; those to judge on begin at JUDGED
 JUDGED = 1700
-SURE = 0.8
+SURE = 0.8  # probability from which a label is taken for sure
 HOME = 240.0  # s of each day at home
 
 Moment = tuple[Scan, FloatArray, FloatArray]
@@ -42,13 +42,13 @@ class Return:
     place: FloatArray
     unseen: float
     stamp: float
-    away: list[Away]
+    away: list[AwayPerson]
     right: list[bool]
 
 
 @dataclass
-class Recorded(Identities):
-    """Identities that keep what they were asked, with the truth."""
+class RecordedReturns(ReturningPeople):
+    """Labels of people, with what was asked of them and the truth."""
 
     found: list[Return] = field(default_factory=list)
     true: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -118,7 +118,7 @@ def returns(seed: int, counts: list[int] | None = None) -> list[list[Return]]:
     for kind, (draw, usual) in enumerate(KINDS.values()):
         found.append([])
         for k in range(counts[kind] if counts else usual):
-            tracker, kept = PeopleTracker(), Recorded()
+            tracker, kept = PeopleTracker(), RecordedReturns()
             tracker.identities = kept
             for scan, pose, true in draw(seed, k):
                 kept.true = true
@@ -129,10 +129,8 @@ def returns(seed: int, counts: list[int] | None = None) -> list[list[Return]]:
 
 def probabilities(walking: Walking, item: Return) -> npt.NDArray[np.float64]:
     """Of a stranger and of each who is away (1 + A,)."""
-    scores = np.array(
-        [walking.log_strangers(item.unseen)]
-        + [walking.log_intensity(one, item.place, item.stamp) for one in item.away]
-    )
+    back = walking.log_intensities(item.away, item.place, item.stamp)
+    scores = np.array([walking.log_strangers(item.unseen), *back])
     share = np.exp(scores - scores.max())
     return np.asarray(share / share.sum())
 
@@ -192,7 +190,7 @@ def reliability(walking: Walking, found: list[Return]) -> list[float]:
 
 def who_comes_back(options: RunOptions, report: Report) -> None:
     """Part of `experiment people`: whether the labels of who comes into view are right, and as often as they say."""
-    found = returns(JUDGED + options.seed, [1, 1, 1, 2] if options.quick else None)
+    found = returns(JUDGED + 100 * options.seed, [1, 1, 1, 2] if options.quick else None)
     rows = [[name, *reliability(Walking(), kind)] for name, kind in zip(KINDS, found, strict=True)]
     columns = ["place", "comings", "right label, % ↑", "probability told, %", f"right where over {SURE}, % ↑"]
     note = (

@@ -12,7 +12,7 @@ from scipy.stats import invwishart, multivariate_normal, nbinom
 from tracking.mixture import association_kernels as kernels
 
 GATE, LOG_CLUTTER = 1e9, -6.0
-MODEL = kernels.Model(GATE, True, True, 30)
+MODEL = kernels.CellModel(GATE, True, True, 30)
 
 
 def source(
@@ -164,7 +164,7 @@ def test_search_finds_the_best_of_all_structures() -> None:
     z = np.vstack([rng.normal(0, 1, (4, 2)), rng.normal((0.0, 9.0), 1, (3, 2)), [[20.0, -20.0]]])
     seeds = sources[2:, :2].copy()
     values, active, cells = kernels.search(
-        returns_of(z), sources, 2, seeds, MODEL, kernels.Budget(20.0, 20, 10)
+        returns_of(z), sources, 2, seeds, MODEL, kernels.SearchBudget(20.0, 20, 10)
     )
     every = {}
     for choice in product([False, True], repeat=4):
@@ -188,7 +188,7 @@ def test_a_target_may_split() -> None:
     z = np.vstack([rng.normal((-2.0, 0.0), 1, (8, 2)), rng.normal((2.0, 0.0), 1, (8, 2))])
     sources = np.array([parent, child, child])
     _, active, cells = kernels.search(
-        returns_of(z), sources, 1, np.zeros((0, 2)), MODEL, kernels.Budget(9.0, 20, 4)
+        returns_of(z), sources, 1, np.zeros((0, 2)), MODEL, kernels.SearchBudget(9.0, 20, 4)
     )
     assert active[0].tolist() in ([True, True, False], [True, False, True])
     found = cells[0, active[0]]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from tracking.mixture.target import PublicLabels, Target
-from tracking.people.identity import Away, Identities, Walking
+from tracking.people.identity import AwayPerson, ReturningPeople, Walking
 
 Array = npt.NDArray[np.float64]
 
@@ -20,7 +20,7 @@ def person(label: int, x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> 
     )
 
 
-def step(kept: Identities, people: list[Target], stamp: float, labels: PublicLabels) -> list[int]:
+def step(kept: ReturningPeople, people: list[Target], stamp: float, labels: PublicLabels) -> list[int]:
     known = {one.label for one in people}
     kept.update(people, known, dict.fromkeys(known, 0.0), known, stamp, labels)
     return [kept.name(one.label).label for one in people]
@@ -41,7 +41,7 @@ def walks(rng: np.random.Generator, walking: Walking, velocity: float, seconds: 
 def test_the_density_is_that_of_simulated_walks(seconds: float) -> None:
     walking = Walking(stays=1e-9, near=0.1, speed=0.6, turning=2.0, gone=1e9)
     places = walks(np.random.default_rng(4), walking, 0.8, seconds, 4000)
-    away = Away(np.array([0.0, 0.0, 0.8, 0.0]), 1e-6, 0.0, 0.0)
+    away = AwayPerson(np.array([0.0, 0.0, 0.8, 0.0]), 1e-6, 0.0, 0.0)
     centre = places.mean(0)
     for offset in ([0.0, 0.0], [0.0, 1.0]):
         spot = centre + np.array(offset) * places.std()
@@ -49,7 +49,9 @@ def test_the_density_is_that_of_simulated_walks(seconds: float) -> None:
         share = np.mean(np.linalg.norm(places - spot, axis=1) < radius) / (math.pi * radius**2)
         grid = radius * (np.stack(np.meshgrid(*[np.linspace(-1, 1, 21)] * 2), -1).reshape(-1, 2))
         inside = grid[np.linalg.norm(grid, axis=1) < radius]
-        density = np.mean([math.exp(walking.log_intensity(away, spot + one, seconds)) for one in inside])
+        density = np.mean(
+            [math.exp(walking.log_intensities([away], spot + one, seconds)[0]) for one in inside]
+        )
         assert density == pytest.approx(share, rel=0.15)
 
 
@@ -58,7 +60,7 @@ def test_probabilities_are_right_as_often_as_they_say() -> None:
     rng, walking = np.random.default_rng(7), Walking(strangers=0.004)
     told, right = [], []
     for _ in range(1500):
-        kept, labels = Identities(walking), PublicLabels()
+        kept, labels = ReturningPeople(walking), PublicLabels()
         labels.given = 10
         places = rng.uniform(0.0, 10.0, (3, 2))
         assert step(kept, [person(k, *spot) for k, spot in enumerate(places)], 0.0, labels) == [0, 1, 2]
@@ -91,7 +93,7 @@ def test_probabilities_are_right_as_often_as_they_say() -> None:
 
 
 def test_nobody_has_the_label_of_another_who_is_there() -> None:
-    kept, labels = Identities(), PublicLabels()
+    kept, labels = ReturningPeople(), PublicLabels()
     labels.given = 10
     step(kept, [person(0, 0.0, 0.0), person(1, 5.0, 0.0)], 0.0, labels)
     assert step(kept, [person(0, 0.0, 0.0), person(2, 5.1, 0.0)], 1.0, labels) == [0, 1]
@@ -103,7 +105,7 @@ def test_nobody_has_the_label_of_another_who_is_there() -> None:
 
 
 def test_a_target_whose_label_went_over_has_a_new_number() -> None:
-    kept, labels = Identities(), PublicLabels()
+    kept, labels = ReturningPeople(), PublicLabels()
     labels.given = 2
     step(kept, [person(0, 0.0, 0.0)], 0.0, labels)
     left = kept.update([person(1, 0.2, 0.0)], {1}, {1: 0.0}, {0, 1}, 2.0, labels)
@@ -119,7 +121,7 @@ def test_the_frame_does_not_matter() -> None:
     turn = np.array([[c, -s], [s, c]])
     told = []
     for moved in (False, True):
-        kept, labels = Identities(), PublicLabels()
+        kept, labels = ReturningPeople(), PublicLabels()
         labels.given = 5
         step(kept, [person(0, 1.0, 0.5, 0.9, 0.1), person(1, 2.5, 0.5)], 0.0, labels)
         spot = np.array([2.0, 0.7])
@@ -133,7 +135,7 @@ def test_the_frame_does_not_matter() -> None:
 
 
 def test_who_has_been_away_for_long_is_forgotten() -> None:
-    kept, labels = Identities(Walking(gone=10.0)), PublicLabels()
+    kept, labels = ReturningPeople(Walking(gone=10.0)), PublicLabels()
     labels.given = 5
     step(kept, [person(0, 0.0, 0.0)], 0.0, labels)
     assert step(kept, [person(1, 0.0, 0.0)], 100.0, labels) == [1]

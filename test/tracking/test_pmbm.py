@@ -15,7 +15,7 @@ from tracking.mixture.components import Components
 from tracking.mixture.global_hypotheses import Hypotheses
 from tracking.mixture.hypothesis_kernels import single_linkage
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
-from tracking.mixture.pmbm import Looks, PmbmRecursion
+from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks
 from tracking.tracker_evaluation import Score, clear_mot, labels_kept
 from whereabouts.datasets import recording
 from whereabouts.simulation.scenes.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
@@ -243,7 +243,7 @@ def test_returns_to_either_side_of_the_middle_tell_it_better(correlation: float)
     known = tracks(np.array([[0.0, 0.0, 0.0, 0.0]]), np.array([1.0]), [0])
     recursion.hypotheses = Hypotheses.of(known, [[(0.0, (0,))]])
     nothing = np.zeros(2)
-    looks = Looks(np.full(2, -30.0), np.full(2, -30.0), nothing, nothing, np.ones(2))
+    looks = ReturnLooks(np.full(2, -30.0), np.full(2, -30.0), nothing, nothing, np.ones(2))
     recursion.update(np.array([[0.0, 0.15], [0.0, -0.15]]), 0.0, None, looks)
     X = 0.2**2 * np.array([[1.0, correlation], [correlation, 1.0]])
     drawn = np.random.default_rng(1).multivariate_normal([0.0, 0.0], X, 200_000).mean(1)
@@ -266,7 +266,7 @@ def test_a_return_that_is_known_better_tells_more(exactness: float) -> None:
     recursion = PmbmRecursion(config, _Always())
     recursion.hypotheses = Hypotheses.of(tracks(np.zeros((1, 4)), np.array([1.0]), [0]), [[(0.0, (0,))]])
     nothing = np.zeros(1)
-    looks = Looks(nothing - 30.0, nothing - 30.0, nothing, nothing, np.array([exactness]))
+    looks = ReturnLooks(nothing - 30.0, nothing - 30.0, nothing, nothing, np.array([exactness]))
     recursion.update(np.array([[0.1, 0.0]]), 0.0, None, looks)
     P = recursion.hypotheses.tracks.covariances[0]
     assert P[0, 0] == pytest.approx(1.0 / (1.0 + exactness / 0.2**2), rel=1e-3)

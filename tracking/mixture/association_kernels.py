@@ -40,7 +40,7 @@ LOG_PI = math.log(math.pi)
 FEWEST = 0.5
 
 
-class Model(NamedTuple):
+class CellModel(NamedTuple):
     """gate : squared distance. rate_known, spread_known : whether sources give as many returns, and as widely, as
     configured. sweeps : of the association at most."""
 
@@ -50,7 +50,7 @@ class Model(NamedTuple):
     sweeps: int
 
 
-class Budget(NamedTuple):
+class SearchBudget(NamedTuple):
     """Structures within `margin` nat of the best are kept, `most` at most, and the best `expansions` varied."""
 
     margin: float
@@ -147,7 +147,7 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
 
 
 @njit(cache=True)
-def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: Model, out: Any) -> None:
+def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: CellModel, out: Any) -> None:
     """Terms (7,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y, and the
     variance in x, which says at once of most returns that they are too far away."""
     out[4], out[5] = centre[0], centre[1]
@@ -257,7 +257,7 @@ def _recentre(s: Any, total: Any, cell: Any, centre: Any) -> float:
 
 
 @njit(cache=True)
-def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: bool, model: Model) -> float:
+def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: bool, model: CellModel) -> float:
     """F of a structure: the sources `on` (S,) share the returns with clutter.
 
     cells (S, 9), centres (S, 2) : with `started` where the sweeps begin, otherwise from the predictions; filled with
@@ -366,7 +366,7 @@ def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, 
 
 
 @njit(cache=True)
-def _first(problem: Problem, known: int, model: Model, kept: Kept) -> None:
+def _first(problem: Problem, known: int, model: CellModel, kept: Kept) -> None:
     """The structure in which all known targets gave returns but those that nothing is left for, as the first."""
     on, cell, centre = kept.active[0], kept.cells[0], kept.centres[0]
     on[:known] = True
@@ -386,7 +386,7 @@ def _first(problem: Problem, known: int, model: Model, kept: Kept) -> None:
 
 @njit(cache=True)
 def search(
-    z: Any, sources: Any, known: int, seeds: Any, model: Model, budget: Budget
+    z: Any, sources: Any, known: int, seeds: Any, model: CellModel, budget: SearchBudget
 ) -> tuple[Any, Any, Any]:
     """The likeliest structures, best first: their log-weights (M,), what is on (M, S), and the cells (M, S, 9).
 

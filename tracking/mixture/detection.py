@@ -16,7 +16,7 @@ from estimation.errors import InputError
 from tracking.mixture.components import Components
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Sight
-from tracking.mixture.visibility_kernels import Bodies, Returns, Sensor, visible
+from tracking.mixture.visibility_kernels import PlacedBodies, Returns, SightSensor, visible
 
 # Others of less weight hide nothing.
 LEAST = 0.05
@@ -56,9 +56,9 @@ class OcclusionDetection:
         labels[tracks:] = -1
         config = self.config
         means, P = components.means[:, :2], components.covariances[:, :2, :2]
-        targets = Bodies(means.copy(), P.copy(), extents, labels, components.weights)
-        others = Bodies(means[hiding], P[hiding], extents[hiding], labels[hiding], totals)
-        sensor = Sensor(sensor_pose, self.walls, float(config.sensor_range), float(config.field_of_view))
+        targets = PlacedBodies(means.copy(), P.copy(), extents, labels, components.weights)
+        others = PlacedBodies(means[hiding], P[hiding], extents[hiding], labels[hiding], totals)
+        sensor = SightSensor(sensor_pose, self.walls, float(config.sensor_range), float(config.field_of_view))
         # A PHD filter's count jumps the more the lower p_D is.
         returns = Returns(
             float(config.occluder_width),

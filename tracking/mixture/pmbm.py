@@ -48,7 +48,7 @@ State = tuple[Hypotheses, Components, int, dict[int, float]]
 
 
 @dataclass(frozen=True)
-class Looks:
+class ReturnLooks:
     """What is known of N returns beside their places; see `tracking.mixture.association_kernels` on looks and classes.
 
     log_clutter (N,) : of the density of clutter there. log_births (N,) : of that of new targets, per scan and m², and
@@ -135,7 +135,7 @@ class PmbmRecursion:
         )
         # Probability that a target is of the first class, by label.
         self.classes: dict[int, float] = {}
-        self.model = kernels.Model(self.gate, config.rate_spread == 0.0, config.spread_known, SWEEPS)
+        self.model = kernels.CellModel(self.gate, config.rate_spread == 0.0, config.spread_known, SWEEPS)
         self.repaired = 0
         self.thinned = 0
 
@@ -180,7 +180,7 @@ class PmbmRecursion:
         self.classes = {label: known.get(public.get(label, -1), p) for label, p in self.classes.items()}
 
     def update(
-        self, points: FloatArray, dt: float, pose: FloatArray | None, looks: Looks | None = None
+        self, points: FloatArray, dt: float, pose: FloatArray | None, looks: ReturnLooks | None = None
     ) -> None:
         """One scan (N, 2), dt seconds after the last; looks where clutter and births are not those of the settings."""
         predicted = self._predict(points, dt, pose)
@@ -279,7 +279,7 @@ class PmbmRecursion:
         table[:tracks, kernels.OFF] = np.log1p(-np.minimum(sources.weights * seen, 1.0 - 1e-12)[:tracks])
         return table, seen
 
-    def _associate(self, predicted: Predicted, returns: FloatArray, looks: Looks | None) -> Updates:
+    def _associate(self, predicted: Predicted, returns: FloatArray, looks: ReturnLooks | None) -> Updates:
         """The hypotheses that follow from every group's hypotheses and returns (N, 4)."""
         points = returns[:, :2]
         tracks, births = predicted.tracks, predicted.births
@@ -324,7 +324,7 @@ class PmbmRecursion:
         points: FloatArray,
         members: IntArray,
         narrow: npt.NDArray[np.bool_],
-        looks: Looks | None,
+        looks: ReturnLooks | None,
     ) -> Seeds:
         """Where new targets may be looked for among some returns."""
         tracks = predicted.tracks
@@ -398,7 +398,7 @@ class PmbmRecursion:
             table = predicted.table[index]
             table[known:grown] = seeds.table
             margin = config.hypothesis_margin + min(0.0, value - top)
-            budget = kernels.Budget(margin, config.max_hypotheses, expansions)
+            budget = kernels.SearchBudget(margin, config.max_hypotheses, expansions)
             weights, on, cells = kernels.search(returns, table, known, seeds.places, self.model, budget)
             labels = sources.labels[index]
             for k in (known + np.flatnonzero(on[:, known:].any(0))).tolist():

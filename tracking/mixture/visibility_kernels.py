@@ -47,7 +47,7 @@ def _wall(walls: Any, x: float, y: float, heading: float) -> float:
     return best
 
 
-class Bodies(NamedTuple):
+class PlacedBodies(NamedTuple):
     """positions (J, 2), their covariances P (J, 2, 2), extents (J, 2, 2), labels (J,) and weights (J,)."""
 
     positions: Any
@@ -57,7 +57,7 @@ class Bodies(NamedTuple):
     weights: Any
 
 
-class Sensor(NamedTuple):
+class SightSensor(NamedTuple):
     """pose (3,), walls (M, 2, 2) that it does not see through, its reach, m, and opening, rad."""
 
     pose: Any
@@ -122,7 +122,9 @@ def _uncovered(
 
 
 @njit(cache=True)
-def visible(targets: Bodies, others: Bodies, sensor: Sensor, returns: Returns) -> tuple[Any, Any, Any]:
+def visible(
+    targets: PlacedBodies, others: PlacedBodies, sensor: SightSensor, returns: Returns
+) -> tuple[Any, Any, Any]:
     """Chance (J,) that a target is in sight, and the share (J,) of its `rate` returns it then gives.
 
     chance · (1 - exp(-rate · share)) is the probability of any return, averaged over the uncertain bearing. Third

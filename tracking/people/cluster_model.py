@@ -71,9 +71,10 @@ def kinds_of(empty: FloatArray, stood: FloatArray, unseen: FloatArray) -> FloatA
 class ClusterScan:
     """K measurements of a scan in the frame of the tracks.
 
-    places (K, 2) : middles, m. log_clutter (K,) : of the density of clutter there, 1/m². shape (K,) : log-likelihood
-    ratio person : other. fresh, old, unseen (K,) : share that lies where it was empty, where something stood, where
-    nobody has looked. widths (K,) m.
+    places (K, 2) : middles, m. log_clutter (K,) : of the density of clutter there, 1/m². log_births (K,) : of that of
+    new targets, 1/m² per 0.1 s; birth_class (K,) : probability that one is a person. kinds (K, 4) : what the place is
+    by the first four `KINDS`, all 0 where the surroundings are not known. shape (K,) : log-likelihood ratio
+    person : other. fresh, old (K,) : share that lies where it was empty, where something stood. widths (K,) m.
     free (K,) : m by which each stands in front of its surroundings. counts (K,) : returns. index (K,) : of each
     among `clusters`. thinned : whether there were more than are looked at.
     """
@@ -86,7 +87,6 @@ class ClusterScan:
     shape: FloatArray
     fresh: FloatArray
     old: FloatArray
-    unseen: FloatArray
     widths: FloatArray
     free: FloatArray
     ranges: FloatArray
@@ -122,9 +122,9 @@ class ClusterScan:
         thinned = len(chosen) > MOST_CLUSTERS
         if thinned:
             chosen = chosen[np.argsort(clusters.ranges[chosen], kind="stable")[:MOST_CLUSTERS]]
-        kinds = kinds_of(fresh[chosen], old[chosen], unseen[chosen])
+        kinds = kinds_of(fresh[chosen], old[chosen], unseen[chosen]) * (not background.forgot)
         density = densities()
-        known = np.column_stack((kinds * (not background.forgot), np.full(len(chosen), background.forgot)))
+        known = np.column_stack((kinds, np.full(len(chosen), background.forgot)))
         persons, things = known @ density.people, known @ density.things
         log_births = np.logaddexp(persons, things)
         shape = model.evidence(clusters)[chosen]
@@ -141,7 +141,6 @@ class ClusterScan:
             shape,
             fresh[chosen],
             old[chosen],
-            unseen[chosen] * (not background.forgot),
             clusters.widths[chosen],
             free[chosen],
             ranges,

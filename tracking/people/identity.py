@@ -18,12 +18,11 @@ from estimation.geometry.poses import compound
 from tracking.mixture.target import PublicLabels, Target
 
 FORGOTTEN = 3.0  # times the mean after which somebody does not come back
-TINY = 1e-300
 
 
-def _density(gap: FloatArray, variance: float) -> float:
-    """Of a Gaussian of a variance per axis at (2,)."""
-    return math.exp(-0.5 * float(gap @ gap) / variance) / (2.0 * math.pi * variance)
+def _log_density(gaps: FloatArray, variances: FloatArray) -> FloatArray:
+    """Log of Gaussians of a variance per axis (A,) at (A, 2)."""
+    return np.asarray(-0.5 * (gaps**2).sum(1) / variances - np.log(2.0 * math.pi * variances))
 
 
 @dataclass(frozen=True)
@@ -49,21 +48,24 @@ class Walking:
         """Log of the density, 1/m², that a stranger does so; `unseen` of the place nobody has looked at."""
         return math.log((1.0 - unseen) * self.strangers + unseen * self.unseen)
 
-    def log_intensity(self, away: Away, place: FloatArray, stamp: float) -> float:
-        """Log of the density, 1/m², that who is away comes into view at a place (2,) at a stamp, s."""
-        seconds = stamp - away.stamp
-        left = math.exp(-seconds / self.turning)
+    def log_intensities(self, away: Sequence[AwayPerson], place: FloatArray, stamp: float) -> FloatArray:
+        """Log of the densities (A,), 1/m², that those who are away come into view at a place (2,) at a stamp, s."""
+        means = np.array([one.mean for one in away]).reshape(-1, 4)
+        known = np.array([(one.variance, one.drift, one.stamp) for one in away]).reshape(-1, 3)
+        variances, drifts, stamps = known.T
+        seconds = stamp - stamps
+        left = np.exp(-seconds / self.turning)
         kept = self.turning * (1.0 - left)
         walked = self.speed**2 * self.turning**2 * (2.0 * seconds / self.turning - 3.0 + 4.0 * left - left**2)
-        walked += kept**2 * away.drift
-        gap = place - away.mean[:2]
-        stays = _density(gap, away.variance + self.near**2)
-        walks = _density(gap - kept * away.mean[2:], away.variance + walked)
-        return math.log(self.stays * stays + (1.0 - self.stays) * walks + TINY) - seconds / self.gone
+        walked += kept**2 * drifts
+        gaps = place - means[:, :2]
+        stays = math.log(self.stays) + _log_density(gaps, variances + self.near**2)
+        walks = _log_density(gaps - kept[:, None] * means[:, 2:], variances + walked)
+        return np.asarray(np.logaddexp(stays, math.log1p(-self.stays) + walks) - seconds / self.gone)
 
 
 @dataclass(frozen=True)
-class Away:
+class AwayPerson:
     """Somebody when he was seen last: mean (4,) m and m/s, variance of his place, m², and velocity, m²/s², per axis,
     stamp, s."""
 
@@ -81,13 +83,13 @@ class Name:
     probability: float = 1.0
 
 
-class Identities:
+class ReturningPeople:
     """Labels of people over the targets of a tracker, which are lost where somebody is out of sight for long."""
 
     def __init__(self, walking: Walking | None = None) -> None:
         self.walking = walking or Walking()
         self.names: dict[int, Name] = {}  # by label of the target
-        self.people: dict[int, Away] = {}  # by told label, whoever was told of as a person
+        self.people: dict[int, AwayPerson] = {}  # by told label, whoever was told of as a person
 
     def shift(self, motion: FloatArray) -> None:
         """Takes everybody along with the frame, which moved by (3,) x, y, yaw."""
@@ -134,14 +136,13 @@ class Identities:
             label = self.name(person.label).label
             if person.label in seen or label not in self.people:
                 place, velocity = np.diag(person.covariance).reshape(2, 2).mean(1).tolist()
-                self.people[label] = Away(person.mean, place, velocity, stamp)
+                self.people[label] = AwayPerson(person.mean, place, velocity, stamp)
         return left
 
     def _who(self, person: Target, told: set[int], unseen: float, stamp: float) -> Name:
         """The likeliest of those who are away and a stranger."""
         away = [label for label in self.people if label not in told]
-        place = person.mean[:2]
-        back = [self.walking.log_intensity(self.people[label], place, stamp) for label in away]
+        back = self.walking.log_intensities([self.people[label] for label in away], person.mean[:2], stamp)
         scores = np.array([self.walking.log_strangers(unseen), *back])
         share = np.exp(scores - scores.max())
         share /= share.sum()

@@ -23,11 +23,11 @@ from estimation.geometry.poses import between, compound, inverse
 from registration.laser.scan import Scan
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Detection
-from tracking.mixture.pmbm import Looks, PmbmRecursion, State
+from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks, State
 from tracking.mixture.target import LabelState, Target
-from tracking.people.cluster_model import SHAPE, ClusterScan, ScanDetection, StandingOrWalking
+from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
-from tracking.people.identity import Identities
+from tracking.people.identity import ReturningPeople
 from tracking.people.own_parts import OwnBody
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_middle import WIDE
@@ -54,6 +54,7 @@ JUMPS, LEARNED = 0.001, 30.0
 FOUND, UNFOUND = 0.15, 0.0001
 # What is as before again where a scan, more than so many s after the one before it, turns out to have a wrong stamp.
 GAP, KEPT = 0.5, ("background", "evidence", "identities", "targets", "_between")
+UNSEEN = KINDS.index("unseen")
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
 
@@ -120,7 +121,7 @@ class PeopleTracker:
         self.recursion.reset()
         self.background = Background()
         self.evidence: dict[int, ClassEvidence] = {}
-        self.identities = Identities()
+        self.identities = ReturningPeople()
         self.targets: list[Person] = []
         self.seen: ClusterScan | None = None
         self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
@@ -179,7 +180,7 @@ class PeopleTracker:
         reach = self.config.max_range
         spread = np.diag([reach**2, reach**2, SPEED**2, SPEED**2])
         self._phd.births = [(1.0, np.array([*place[:2], 0.0, 0.0]), spread)]
-        looks = Looks(
+        looks = ReturnLooks(
             seen.log_clutter,
             seen.log_births + math.log(max(dt, 1e-3) / PERIOD),
             seen.birth_class,
@@ -322,7 +323,7 @@ class PeopleTracker:
         mine = nearer & (gaps < BELONGS)
         for t, target in enumerate(found):
             whose = np.flatnonzero(mine[t])
-            first = ClassEvidence(target.mean[:2].copy(), float(seen.unseen[whose].max(initial=0.0)))
+            first = ClassEvidence(target.mean[:2].copy(), float(seen.kinds[whose, UNSEEN].max(initial=0.0)))
             evidence = self.evidence.setdefault(target.label, first)
             evidence.look(seen, rows, whose, target, pose, around[t], dt, stamp, posed)
         present = {target.label for target in found}
