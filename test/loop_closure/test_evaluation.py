@@ -18,7 +18,7 @@ from loop_closure.training.place_evaluation import (
 )
 
 
-class Memory:
+class MemoryOfViews:
     """Scores 1 what it was trained on, 0 anything else."""
 
     def fit(self, F, y):
@@ -38,11 +38,11 @@ def examples(count: int = 300, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 def test_nothing_that_was_trained_on_is_judged() -> None:
     F, y = examples()
     # A classifier that knows its training data scores every judged pair 0: no detection below 100 % false alarms.
-    found = k_fold(Memory, F, y, folds=5, repetitions=3)
+    found = k_fold(MemoryOfViews, F, y, folds=5, repetitions=3)
     assert len(found.curves) == 3
     assert found.spread(0.5).most == 0.0
     environments = {name: [examples(seed=k)] for k, name in enumerate("abc")}
-    for curves in cross_environment(Memory, environments).values():
+    for curves in cross_environment(MemoryOfViews, environments).values():
         assert curves[0].detection_at(0.5) == 0.0
 
 
@@ -53,7 +53,7 @@ def test_k_fold_of_a_separable_feature_and_its_spread() -> None:
     assert found.spread(0.01).mean > 0.95
     assert found.spread(0.0).least <= found.spread(0.0).mean <= found.spread(0.0).most
     with pytest.raises(InputError, match="folds"):
-        k_fold(Memory, F, y, folds=1)
+        k_fold(MemoryOfViews, F, y, folds=1)
 
 
 def test_error_by_rounds_is_that_of_models_with_as_many_rounds() -> None:
@@ -83,4 +83,4 @@ def test_no_recording_outweighs_the_others() -> None:
     assert (y == 0).sum() == 50
     assert len(F) == 100
     with pytest.raises(InputError, match="two"):
-        cross_environment(Memory, {"a": [examples()]})
+        cross_environment(MemoryOfViews, {"a": [examples()]})
