@@ -5,11 +5,12 @@ Any other path could only make it better, so this errs on the safe side, and it 
 
 from __future__ import annotations
 
+import heapq
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from estimation.checks import FloatArray
 from loop_closure.graph.pose_graph import Edge
@@ -20,6 +21,7 @@ ARM = (
     5.0  # metres at which the turn error of an edge is weighed against its position error in choosing a path
 )
 SLACK = 0.1  # metres that guessed steps add to a distance from which on it is asked whether closures say more
+NONE = -1
 WHOLE = 30.0  # metres of path from which on more path adds nothing: odometry bends, and closures hold it
 
 
@@ -28,10 +30,12 @@ class Uncertainty:
 
     def __init__(self) -> None:
         self._best: dict[tuple[int, int], int] = {}
-        self._ends = np.empty((16, 2), dtype=np.int64)
         self._spread = np.empty((16, 2))
+        # Edge e leads to `_to[2 e]` and back to `_to[2 e + 1]`; each node chains the ways that start there.
+        self._to = np.empty(32, dtype=np.int64)
+        self._following = np.empty(32, dtype=np.int64)
+        self._heads = np.full(16, NONE, dtype=np.int64)
         self._read = 0
-        self._sorted: tuple[npt.NDArray[np.int64], FloatArray] | None = None
 
     def reset(self) -> None:
         """Forget all edges: some were taken out."""
@@ -45,68 +49,80 @@ class Uncertainty:
         """Take in the edges that are new since the last call, `most` of them."""
         new = edges[self._read :] if most is None else edges[self._read : self._read + most]
         for edge, spread in zip(new, _variances(new), strict=True):
-            pair = edge.a, edge.b
-            known = self._best.get(pair)
+            known = self._best.get((edge.a, edge.b))
             if known is None:
-                known = self._best[pair] = len(self._best)
-                if known == len(self._ends):
-                    self._ends = np.concatenate((self._ends, np.empty_like(self._ends)))
-                    self._spread = np.concatenate((self._spread, np.empty_like(self._spread)))
-                self._ends[known], self._spread[known] = pair, spread
+                self._add(edge.a, edge.b, spread)
             elif sum(spread) < self._spread[known].sum():
                 self._spread[known] = spread
         self._read += len(new)
-        self._sorted = None if new else self._sorted
+
+    def _add(self, a: int, b: int, spread: tuple[float, float]) -> None:
+        """One more pair of nodes."""
+        known = self._best[a, b] = len(self._best)
+        self._spread = _with_room(self._spread, known + 1)
+        self._to = _with_room(self._to, 2 * known + 2)
+        self._following = _with_room(self._following, 2 * known + 2)
+        self._heads = _with_room(self._heads, max(a, b) + 1, NONE)
+        self._spread[known] = spread
+        for way, (start, end) in enumerate(((a, b), (b, a)), 2 * known):
+            self._to[way], self._following[way], self._heads[start] = end, self._heads[start], way
 
     def around(self, poses: FloatArray, node: int) -> tuple[FloatArray, FloatArray]:
         """Standard deviations of position (N,) m and heading (N,) rad of all nodes relative to `node`.
 
         A turn error at an edge displaces what lies behind it by its distance, so that sums of σ², σ² p and σ² p·p
-        along the path are all that is needed.
+        along the path are all that is needed. Nodes that no edge leads to are infinitely far off.
         """
-        count = len(poses)
-        ends, spread = self._in_order()
-        matrix = csr_matrix((spread @ [1.0, ARM**2], (ends[:, 0], ends[:, 1])), shape=(count, count))
-        distance, previous = dijkstra(matrix, directed=False, indices=node, return_predecessors=True)
-        places = np.zeros((count, 3))
+        places = np.zeros((len(poses), 3))
         where = positions(poses)
         places[:, : where.shape[1]] = where
-        starts = np.searchsorted(ends[:, 1], np.arange(count + 1))
-        return _walk(np.argsort(distance), previous, places, ends[:, 0].copy(), starts, spread)
+        self._heads = _with_room(self._heads, len(poses), NONE)
+        return _walk(node, places, self._heads, self._following, self._to, self._spread)
 
-    def _in_order(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
-        """Ends and variances in the order of the edges' far ends, so that a walk finds each by its pair."""
-        if self._sorted is None:
-            ends, spread = self._ends[: len(self._best)], self._spread[: len(self._best)]
-            order = np.lexsort((ends[:, 0], ends[:, 1]))
-            self._sorted = ends[order], spread[order]
-        return self._sorted
+
+def _with_room(array: npt.NDArray[Any], count: int, empty: int = 0) -> npt.NDArray[Any]:
+    """`array`, or a longer one that begins with it, with room for `count` rows; new rows are `empty`."""
+    if count <= len(array):
+        return array
+    longer = np.full((max(2 * len(array), count), *array.shape[1:]), empty, dtype=array.dtype)
+    longer[: len(array)] = array
+    return longer
 
 
 @njit(cache=True)
-def _walk(order, previous, places, firsts, starts, spread):  # type: ignore[no-untyped-def]
+def _walk(start, places, heads, following, to, spread):  # type: ignore[no-untyped-def]
+    """Deviations (N,) m and (N,) rad along the shortest paths from node `start` (Dijkstra)."""
     count = len(places)
     sums = np.zeros((count, 6))
-    sigma, turn = np.full(count, np.inf), np.full(count, np.inf)
-    for n in order:
-        p = previous[n]
-        if p >= 0:
-            low, high = min(p, n), max(p, n)
-            for k in range(starts[high], starts[high + 1]):
-                if firsts[k] == low:
-                    t, r = spread[k, 0], spread[k, 1]
-                    square = 0.0
-                    for a in range(3):
-                        square += places[n, a] * places[n, a]
-                        sums[n, 3 + a] = sums[p, 3 + a] + r * places[n, a]
-                    sums[n, 0] = sums[p, 0] + t
-                    sums[n, 1] = sums[p, 1] + r
-                    sums[n, 2] = sums[p, 2] + r * square
-                    break
+    sigma, turn, distance = np.full(count, np.inf), np.full(count, np.inf), np.full(count, np.inf)
+    distance[start] = 0.0
+    came = np.full(count, NONE)  # the way that leads to each node
+    heap = [(0.0, start)]
+    while len(heap):
+        so_far, n = heapq.heappop(heap)
+        if sigma[n] < np.inf:
+            continue
+        if came[n] != NONE:
+            p = to[came[n] ^ 1]
+            t, r = spread[came[n] >> 1, 0], spread[came[n] >> 1, 1]
+            square = 0.0
+            for a in range(3):
+                square += places[n, a] * places[n, a]
+                sums[n, 3 + a] = sums[p, 3 + a] + r * places[n, a]
+            sums[n, 0] = sums[p, 0] + t
+            sums[n, 1] = sums[p, 1] + r
+            sums[n, 2] = sums[p, 2] + r * square
         lever = sums[n, 2]
         for a in range(3):
             lever += places[n, a] * (places[n, a] * sums[n, 1] - 2.0 * sums[n, 3 + a])
         sigma[n], turn[n] = np.sqrt(max(sums[n, 0] + lever, 0.0)), np.sqrt(sums[n, 1])
+        way = heads[n]
+        while way != NONE:
+            further = so_far + spread[way >> 1, 0] + ARM * ARM * spread[way >> 1, 1]
+            if to[way] < count and further < distance[to[way]]:
+                distance[to[way]], came[to[way]] = further, way
+                heapq.heappush(heap, (further, to[way]))
+            way = following[way]
     return sigma, turn
 
 

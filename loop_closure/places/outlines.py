@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -52,20 +51,11 @@ def outline_of_scan(scan: Scan) -> Outline:
     return _outline(scan.points(), _seen_free(_reach(scan)))
 
 
-@cache
-def _cells() -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Sector of every cell as seen from the middle, and its distance, (CELLS²,) each: `mark_free` without a motion."""
-    centre = (np.arange(CELLS) + 0.5) * CELL - RADIUS
-    x, y = np.meshgrid(centre, centre, indexing="ij")
-    turns = np.arctan2(y, x) / (2.0 * math.pi)
-    sector = (turns * SECTORS + 1.5 * SECTORS).astype(np.int64) % SECTORS
-    return sector.ravel(), np.hypot(x, y).ravel()
-
-
 def _seen_free(seen: FloatArray) -> npt.NDArray[np.uint8]:
-    """What `mark_free` marks for a scan in the middle, (CELLS, CELLS), by a table."""
-    sector, distance = _cells()
-    return (distance < (seen - 0.3)[sector]).astype(np.uint8).reshape(CELLS, CELLS)
+    """Cells that a scan in the middle saw through, (CELLS, CELLS)."""
+    free = np.zeros((CELLS, CELLS), dtype=np.uint8)
+    mark_free(free, seen, 0.0, 0.0, 0.0)
+    return free
 
 
 def _reach(scan: Scan) -> FloatArray:

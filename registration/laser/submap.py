@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from estimation.geometry.poses import transform_points
 from registration.laser.buckets import any_near, index
 from registration.laser.local_map import LineMap
 from registration.laser.prepared import NOISE, PreparedScan
@@ -154,20 +153,21 @@ def judge(source: Submap, target: Submap, pose: FloatArray, near: float = 0.12) 
     near : metres between outlines that agree; a point stands in seen space only beyond twice that.
     """
     labels = np.empty(len(source), dtype=np.int8)
-    placed = np.ascontiguousarray(transform_points(pose, source.points))
     _label(
-        placed, target.points, target.target.heads, target.target.following, target.seen, target.origin, CELL,
-        near, labels,
+        source.points, pose, target.points, target.target.heads, target.target.following, target.seen,
+        target.origin, CELL, near, labels,
     )  # fmt: skip
     counts = np.bincount(labels + 1, minlength=3) * SPACING
     return Verdict(float(counts[1]), float(counts[2]), float(counts[0]), labels)
 
 
 @njit(cache=True)
-def _label(placed, points, heads, following, seen, origin, cell, near, labels):  # type: ignore[no-untyped-def]
+def _label(source, pose, points, heads, following, seen, origin, cell, near, labels):  # type: ignore[no-untyped-def]
     height, width = seen.shape
-    for k in range(len(placed)):
-        x, y = placed[k, 0], placed[k, 1]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(source)):
+        x = pose[0] + c * source[k, 0] - s * source[k, 1]
+        y = pose[1] + s * source[k, 0] + c * source[k, 1]
         if any_near(x, y, near, points, heads, following):
             labels[k] = 0
             continue

@@ -7,9 +7,11 @@ map saw through, the lines fix all three directions, and no other placement does
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import between, inverse
@@ -151,14 +153,27 @@ def _covariance(refined: Refined) -> FloatArray:
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def _spread(points: FloatArray, count: int) -> FloatArray:
-    """About `count` of `points` (N, 2), evenly over the plane."""
+@njit(cache=True)
+def _spread(points, count):  # type: ignore[no-untyped-def]
+    """About `count` of `points` (N, 2), evenly over the plane: the first in each cell, of growing cells."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for k in range(len(points)):
+        for a in range(2):
+            low[a], high[a] = min(low[a], points[k, a]), max(high[a], points[k, a])
+    first = np.empty(len(points), dtype=np.int64)
     cell = 0.1
     while True:
-        rows = np.floor(points / cell).astype(np.int64)
-        rows -= rows.min(axis=0)
-        # One number per cell: unique rows of two take ten times as long.
-        _, first = np.unique(rows[:, 0] * (rows[:, 1].max() + 1) + rows[:, 1], return_index=True)
-        if len(first) <= count:
-            return np.ascontiguousarray(points[np.sort(first)])
-        cell *= max(1.15, np.sqrt(len(first) / count) * 0.9)
+        left, bottom = math.floor(low[0] / cell), math.floor(low[1] / cell)
+        taken = np.zeros(
+            (math.floor(high[0] / cell) - left + 1, math.floor(high[1] / cell) - bottom + 1), dtype=np.bool_
+        )
+        found = 0
+        for k in range(len(points)):
+            i, j = math.floor(points[k, 0] / cell) - left, math.floor(points[k, 1] / cell) - bottom
+            if not taken[i, j]:
+                taken[i, j] = True
+                first[found] = k
+                found += 1
+        if found <= count:
+            return points[first[:found]]
+        cell *= max(1.15, np.sqrt(found / count) * 0.9)
