@@ -123,6 +123,11 @@ def inverse(a: npt.ArrayLike) -> FloatArray:
 def between(a: npt.ArrayLike, b: npt.ArrayLike) -> FloatArray:
     """x_jk = ⊖a ⊕ b of a = x_ij and b = x_ik, the pose of b seen from a: (46c)."""
     a, b = _pair(a, b)
+    if a.shape == b.shape == (3,):
+        ax, ay, at = _floats("a", a)
+        bx, by, bt = _floats("b", b)
+        c, s, dx, dy = math.cos(at), math.sin(at), bx - ax, by - ay
+        return np.array((c * dx + s * dy, c * dy - s * dx, wrap_scalar(bt - at)))
     return compound(inverse(a), b)
 
 

@@ -444,12 +444,15 @@ class Slam:
     def _second_look(self, keys: list[int]) -> Steps[list[Closure]]:
         """Keyframes passed before their place was known well enough."""
         accepted: list[Closure] = []
+        earlier: dict[int, list[int]] = {k: [] for k in keys}
+        for closure in self.closures:
+            if closure.later in earlier:
+                earlier[closure.later].append(closure.earlier)
         for k in keys:
             self._again.discard(k)
-            known = [closure.earlier for closure in self.closures if closure.later == k]
             found = yield from self._look(k, True)
             fits = [
-                fit for fit in found if fit.certain and fit.alone and not self._near_path(fit.edge.a, known)
+                fit for fit in found if fit.certain and fit.alone and not self._near_path(fit.edge.a, earlier[k])
             ]
             if fits and agree(fits, self.graph.poses):
                 accepted += yield from self._accept(

@@ -119,14 +119,14 @@ def _see(seen, origin, cell, pose, ranges, angle_min, step, far, margin):  # typ
                 reach = min(reach, ranges[j] + 0.5)
         reach = min(reach - margin, far)
         angle = pose[2] + angle_min + k * step
-        dx, dy = math.cos(angle), math.sin(angle)
-        for n in range(int(reach / (0.7 * cell)) + 1):
-            away = n * 0.7 * cell
-            if away > reach:
-                break
-            x, y = (pose[0] + away * dx - origin[0]) / cell, (pose[1] + away * dy - origin[1]) / cell
+        dx, dy = 0.7 * math.cos(angle), 0.7 * math.sin(angle)
+        x, y = (pose[0] - origin[0]) / cell, (pose[1] - origin[1]) / cell
+        for _ in range(math.floor(reach / (0.7 * cell)) + 1):
             if 0.0 <= x < width and 0.0 <= y < height:
-                seen[int(y), int(x)] = True
+                # Signed numbers would be looked at for being counted from the end.
+                seen[np.uint64(y), np.uint64(x)] = True
+            x += dx
+            y += dy
 
 
 @dataclass(frozen=True)
