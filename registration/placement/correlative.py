@@ -17,6 +17,7 @@ from estimation.checks import FloatArray
 
 PEAK = 16  # score of a point that falls on a target point's cell
 FARTHEST = 25.0  # metres from the target's sensor; beyond it, points are too sparse to search by
+DONE = 1 << 40  # above all scores
 SLOPE = np.array([16, 10, 3], dtype=np.uint8)  # by distance in cells
 
 
@@ -71,32 +72,35 @@ def _four_scores(raster, cells, count, shift, right, up, scores):  # type: ignor
 
 
 @njit(cache=True)
-def _descend(rasters, cells, count, width, level, i, j, least):  # type: ignore[no-untyped-def]
-    """Best leaf below block (i, j) of `level` that scores more than `least`: score, i, j."""
+def _descend(rasters, cells, count, width, level, i, j, bound, least):  # type: ignore[no-untyped-def]
+    """Best leaf below block (i, j) of `level`, whose score is `bound`, above `least`: score, i, j."""
     best, best_i, best_j = least, i, j
-    stack = np.empty((4 * (level + 1), 3), dtype=np.int64)
-    stack[0, 0], stack[0, 1], stack[0, 2] = level, i, j
+    stack = np.empty((4 * (level + 1), 4), dtype=np.int64)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = level, i, j, bound
     size = 1
     scores = np.empty(4, dtype=np.int64)
     while size:
         size -= 1
-        at, x, y = stack[size, 0], stack[size, 1], stack[size, 2]
+        at, x, y, score = stack[size, 0], stack[size, 1], stack[size, 2], stack[size, 3]
+        if score <= best:
+            continue
         if at == 0:
-            score = _score(rasters[0], cells, count, y * width + x)
-            if score > best:
-                best, best_i, best_j = score, x, y
+            best, best_i, best_j = score, x, y
             continue
         half = 1 << (at - 1)
         _four_scores(rasters[at - 1], cells, count, y * width + x, half, half * width, scores)
         for _ in range(4):
             # Lowest first, so that the most promising child ends on top of the stack.
-            child = int(np.argmin(scores))
+            child = 0
+            for other in range(1, 4):
+                if scores[other] < scores[child]:
+                    child = other
             if scores[child] > best:
-                stack[size, 0] = at - 1
+                stack[size, 0], stack[size, 3] = at - 1, scores[child]
                 stack[size, 1] = x + half * (child & 1)
                 stack[size, 2] = y + half * (child >> 1)
                 size += 1
-            scores[child] = np.iinfo(np.int64).max
+            scores[child] = DONE
     return best, best_i, best_j
 
 
@@ -148,7 +152,7 @@ def _search(points, rasters, width, height, origin, cell, centre, half, turns, k
             break
         t, rest = b // (blocks * blocks), b % (blocks * blocks)
         i, j = (rest // blocks) * size - half, (rest % blocks) * size - half
-        score, x, y = _descend(rasters, cells[t], counts[t], width, levels, i, j, least)
+        score, x, y = _descend(rasters, cells[t], counts[t], width, levels, i, j, bounds[b], least)
         if score > least:
             found[count, 0], found[count, 3] = score, turns[t]
             found[count, 1], found[count, 2] = centre[0] + x * cell, centre[1] + y * cell
