@@ -22,7 +22,7 @@ from evaluation.slam.slam_judging import Followed
 from loop_closure.loop_closure_warm_up import warm_up, warm_up_recognition
 from loop_closure.slam.trajectory import Slam
 from whereabouts.killian import graph_file
-from whereabouts.nodes.loop_closure_node import DRAWN, PACE
+from whereabouts.nodes.mapping.map_in_use import DRAWN, PACE
 from whereabouts.recorded.mapping import MapGrid
 
 EVERY = 80  # scans between maps that are drawn at once

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.checks import FloatArray
+from loop_closure.growing_array import GrowingArray
 from loop_closure.motions import length, motion, turn
 from registration.laser.local_map import LineMap
 from registration.laser.prepared import PreparedScan, prepare_scan
@@ -42,7 +43,7 @@ class Keyframes:
 
     def __init__(self) -> None:
         self._frames: list[Keyframe] = []
-        self._paths: list[float] = []
+        self._paths, self._numbers = GrowingArray(), GrowingArray((), np.int64)
         self._gap = 0.0
         self._count = 0
         # Keyframes the step to which was guessed, and its standard deviation in metres.
@@ -59,7 +60,12 @@ class Keyframes:
     @property
     def paths(self) -> FloatArray:
         """Metres travelled until each, (N,)."""
-        return np.array(self._paths)
+        return self._paths.rows
+
+    @property
+    def numbers(self) -> npt.NDArray[np.int64]:
+        """`Keyframe.number` of each, (N,)."""
+        return self._numbers.rows
 
     def wanted(self, odometry: FloatArray, distance: float, angle: float) -> bool:
         """Whether a scan at `odometry` is far enough from the last one kept."""
@@ -117,9 +123,13 @@ class Keyframes:
     def _add(self, frame: Keyframe) -> Keyframe:
         frame = replace(frame, number=self._count)
         self._count += 1
+        self._put(frame)
+        return frame
+
+    def _put(self, frame: Keyframe) -> None:
         self._frames.append(frame)
         self._paths.append(frame.path)
-        return frame
+        self._numbers.append(frame.number)
 
     def take_out(self, number: FloatArray) -> None:
         """Keep those with a new number, in order; `number` (N,) is -1 of the others."""
@@ -132,18 +142,21 @@ class Keyframes:
                 at = int(number[later[0]])
                 breaks[at] = float(np.hypot(breaks.get(at, 0.0), sigma))
         self.breaks = breaks
-        self._frames = [self._frames[k] for k in stay]
-        self._paths = [frame.path for frame in self._frames]
+        frames, self._frames = self._frames, []
+        self._paths, self._numbers = GrowingArray(), GrowingArray((), np.int64)
+        for k in stay.tolist():
+            self._put(frames[k])
 
     def window(self, k: int, back: float, fore: float) -> tuple[int, int]:
         """First and last keyframe within `back` metres of path before `k` and `fore` after it."""
         first = last = k
-        here = self._paths[k]
-        while first > 0 and here - self._paths[first - 1] <= back and k - first < MOST:
+        paths = self.paths
+        here = paths[k]
+        while first > 0 and here - paths[first - 1] <= back and k - first < MOST:
             if first in self.breaks:
                 break
             first -= 1
-        while last < len(self) - 1 and self._paths[last + 1] - here <= fore and last - k < MOST:
+        while last < len(self) - 1 and paths[last + 1] - here <= fore and last - k < MOST:
             if last + 1 in self.breaks:
                 break
             last += 1

@@ -13,6 +13,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from loop_closure.growing_array import GrowingArray
 from loop_closure.motions import compose, motion, planar, rotation
 from loop_closure.work import Steps, at_once
 
@@ -71,8 +72,7 @@ class SmoothedGraph:
 
     def __init__(self) -> None:
         self.edges: list[Edge] = []
-        self._poses: list[FloatArray] = []
-        self._stacked: FloatArray | None = None
+        self._poses = GrowingArray((3,))
         self._isam: Any = None
         self._keys: list[int] = []  # of the nodes the smoother knows, ascending
         self._slots: dict[Edge, int] = {}  # of the edges it knows, by number of their factor
@@ -81,16 +81,16 @@ class SmoothedGraph:
 
     @property
     def poses(self) -> FloatArray:
-        if self._stacked is None or len(self._stacked) != len(self._poses):
-            self._stacked = np.array(self._poses)
-        return self._stacked
+        return self._poses.rows
 
     def begin(self, pose: FloatArray) -> None:
-        self._poses, self.edges = [pose.copy()], []
+        self.edges = []
+        self._set(pose[None])
         self._start(pose)
 
     def restore(self, poses: FloatArray, edges: list[Edge]) -> None:
-        self._poses, self.edges, self._stacked = [pose.copy() for pose in poses], list(edges), None
+        self.edges = list(edges)
+        self._set(poses)
         try:
             self._restart()
         except RuntimeError as error:
@@ -113,9 +113,12 @@ class SmoothedGraph:
     def extend(self, step: FloatArray, covariance: FloatArray) -> int:
         node = len(self._poses)
         self.edges.append(Edge(node - 1, node, step, covariance))
-        self._poses.append(compose(self._poses[-1], step))
-        self._stacked = None
+        self._poses.append(compose(self.poses[-1], step))
         return node
+
+    def _set(self, poses: FloatArray) -> None:
+        """Other poses of all nodes, in memory of their own: who asked for them before keeps what was told."""
+        self._poses = GrowingArray.of(poses)
 
     def close(self, edges: list[Edge]) -> None:
         """Closures without a kernel; they were decided on."""
@@ -151,15 +154,15 @@ class SmoothedGraph:
         self._dropped += self._slots.values()
         self._slots = known
         self._keys = [key for node, key in enumerate(self._keys) if number[node] >= 0]
-        self._poses = [pose for node, pose in enumerate(self._poses) if number[node] >= 0]
-        self.edges, self._stacked = renumbered, None
+        self._set(self.poses[number >= 0])
+        self.edges = renumbered
 
     def _handing_over(self) -> Steps[None]:
         """Tell the smoother of nodes and edges it does not know, and of those that are gone."""
         import gtsam
 
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        for pose in self._poses[len(self._keys) :]:
+        for pose in self.poses[len(self._keys) :]:
             values.insert(self._keys_made, as_gtsam(pose))
             self._keys.append(self._keys_made)
             self._keys_made += 1
@@ -181,13 +184,13 @@ class SmoothedGraph:
             self.edges = [edge for number, edge in enumerate(self.edges) if number not in without]
         for robust in (False, True):
             graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-            first = self._poses[0]
+            first = self.poses[0]
             kind = gtsam.PriorFactorPose2 if planar(first) else gtsam.PriorFactorPose3
             prior = gtsam.noiseModel.Isotropic.Sigma(3 if planar(first) else 6, 1e-6)
             graph.add(kind(0, as_gtsam(first), prior))
             for edge in self.edges:
                 graph.add(factor(edge, robust and edge.closure))
-            for node, pose in enumerate(self._poses):
+            for node, pose in enumerate(self.poses):
                 values.insert(node, as_gtsam(pose))
             parameters = gtsam.LevenbergMarquardtParams()
             parameters.setMaxIterations(30)
@@ -197,21 +200,21 @@ class SmoothedGraph:
 
     def _restart(self) -> None:
         """Hand the smoother everything afresh, from where the poses are now."""
-        self._start(self._poses[0])
+        self._start(self.poses[0])
         at_once(self._handing_over())
 
     def _take(self, values: Any, keys: Sequence[int]) -> None:
         """The poses of the first nodes, by their keys; those that came since hang on the last of them."""
         import gtsam
 
-        count = len(keys)
-        if planar(self._poses[0]):
-            found = list(np.asarray(gtsam.utilities.extractPose2(values)))
+        poses = self.poses.copy()
+        if planar(poses):
+            poses[: len(keys)] = gtsam.utilities.extractPose2(values)
         else:
-            found = [values.atPose3(key).matrix() for key in keys]
-        for node in range(count, len(self._poses)):
-            found.append(compose(found[-1], motion(self._poses[node - 1], self._poses[node])))
-        self._poses, self._stacked = found, None
+            poses[: len(keys)] = [values.atPose3(key).matrix() for key in keys]
+        for node in range(len(keys), len(poses)):
+            poses[node] = compose(poses[node - 1], motion(self.poses[node - 1], self.poses[node]))
+        self._set(poses)
 
 
 def residuals(edges: list[Edge], poses: FloatArray) -> FloatArray:

@@ -6,7 +6,6 @@ Any other path could only make it better, so this errs on the safe side, and it 
 from __future__ import annotations
 
 import heapq
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,7 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from loop_closure.graph.pose_graph import Edge
+from loop_closure.growing_array import GrowingArray
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar, positions
 
@@ -30,11 +30,10 @@ class Uncertainty:
 
     def __init__(self) -> None:
         self._best: dict[tuple[int, int], int] = {}
-        self._spread = np.empty((16, 2))
-        # Edge e leads to `_to[2 e]` and back to `_to[2 e + 1]`; each node chains the ways that start there.
-        self._to = np.empty(32, dtype=np.int64)
-        self._following = np.empty(32, dtype=np.int64)
-        self._heads = np.full(16, NONE, dtype=np.int64)
+        self._spread = GrowingArray((2,))
+        # Edge e leads to row 2 e of `_to` and back to row 2 e + 1; each node chains the ways that start there.
+        self._to, self._following = GrowingArray((), np.int64), GrowingArray((), np.int64)
+        self._heads = GrowingArray((), np.int64, NONE)
         self._read = 0
 
     def reset(self) -> None:
@@ -52,20 +51,20 @@ class Uncertainty:
             known = self._best.get((edge.a, edge.b))
             if known is None:
                 self._add(edge.a, edge.b, spread)
-            elif sum(spread) < self._spread[known].sum():
-                self._spread[known] = spread
+            elif sum(spread) < self._spread.rows[known].sum():
+                self._spread.rows[known] = spread
         self._read += len(new)
 
     def _add(self, a: int, b: int, spread: tuple[float, float]) -> None:
         """One more pair of nodes."""
-        known = self._best[a, b] = len(self._best)
-        self._spread = _with_room(self._spread, known + 1)
-        self._to = _with_room(self._to, 2 * known + 2)
-        self._following = _with_room(self._following, 2 * known + 2)
-        self._heads = _with_room(self._heads, max(a, b) + 1, NONE)
-        self._spread[known] = spread
-        for way, (start, end) in enumerate(((a, b), (b, a)), 2 * known):
-            self._to[way], self._following[way], self._heads[start] = end, self._heads[start], way
+        self._best[a, b] = len(self._best)
+        self._spread.append(spread)
+        self._heads.reach(max(a, b) + 1)
+        heads = self._heads.rows
+        for start, end in ((a, b), (b, a)):
+            self._following.append(heads[start])
+            heads[start] = len(self._to)
+            self._to.append(end)
 
     def around(self, poses: FloatArray, node: int) -> tuple[FloatArray, FloatArray]:
         """Standard deviations of position (N,) m and heading (N,) rad of all nodes relative to `node`.
@@ -76,17 +75,8 @@ class Uncertainty:
         places = np.zeros((len(poses), 3))
         where = positions(poses)
         places[:, : where.shape[1]] = where
-        self._heads = _with_room(self._heads, len(poses), NONE)
-        return _walk(node, places, self._heads, self._following, self._to, self._spread)
-
-
-def _with_room(array: npt.NDArray[Any], count: int, empty: int = 0) -> npt.NDArray[Any]:
-    """`array`, or a longer one that begins with it, with room for `count` rows; new rows are `empty`."""
-    if count <= len(array):
-        return array
-    longer = np.full((max(2 * len(array), count), *array.shape[1:]), empty, dtype=array.dtype)
-    longer[: len(array)] = array
-    return longer
+        self._heads.reach(len(poses))
+        return _walk(node, places, self._heads.rows, self._following.rows, self._to.rows, self._spread.rows)
 
 
 @njit(cache=True)

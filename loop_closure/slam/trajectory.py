@@ -452,7 +452,9 @@ class Slam:
             self._again.discard(k)
             found = yield from self._look(k, True)
             fits = [
-                fit for fit in found if fit.certain and fit.alone and not self._near_path(fit.edge.a, earlier[k])
+                fit
+                for fit in found
+                if fit.certain and fit.alone and not self._near_path(fit.edge.a, earlier[k])
             ]
             if fits and agree(fits, self.graph.poses):
                 accepted += yield from self._accept(

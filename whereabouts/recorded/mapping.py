@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -152,6 +152,7 @@ class Drawn:
     beyond: bool = False
 
 
+NOTHING: tuple[NDArray[np.int64], Array] = (np.zeros(0, dtype=np.int64), np.zeros(0))
 REDRAWN = 4  # keyframes around each that moved, about, which have to be drawn again with it
 
 
@@ -168,6 +169,7 @@ class MapGrid:
     def __init__(self, resolution: float = 0.05) -> None:
         self.tiles = TiledGrid(resolution)
         self._drawn: dict[int, Drawn] = {}
+        self._seen = NOTHING
         self._gone: Tiles = frozenset()  # with keyframes that were taken out of the map
         self._changed: Tiles = frozenset()
         self._anew: MapGrid | None = None  # the same, drawn from the beginning, until it is done
@@ -194,30 +196,43 @@ class MapGrid:
         most : keyframes that are drawn with this call, None for all. Where more would have to be, the whole is drawn
         anew beside what there is, call by call, and takes its place once it is done.
         """
-        poses = slam.graph.poses
-        frames = [(slam.keyframes[k], pose) for k, pose in enumerate(poses)]
-        drawn = self._drawn
-        self._drawn = {f.number: drawn.pop(f.number) for f, _ in frames if f.number in drawn}
-        self._gone = self._gone.union(*(item.tiles for item in drawn.values()))
+        poses, numbers = slam.graph.poses, slam.keyframes.numbers
+        moved = not self._as_before(numbers, poses)
+        self._seen = (numbers.copy(), poses.copy())
+        if moved:
+            self._take_out(numbers.tolist())
         if self._anew is not None:
             self._go_on(most)
-        else:
-            self._take_up_moves([item for item in frames if item[0].number in self._drawn], most)
-        new = [item for item in frames if item[0].number not in self._drawn]
-        for frame, pose in new[:most]:
-            self._drawn[frame.number] = Drawn(pose.copy())
+        elif moved:
+            self._take_up_moves(_placed(slam, self._drawn), most)
+        new = [k for k, number in enumerate(numbers.tolist()) if number not in self._drawn]
+        for k in new[:most]:
+            frame = slam.keyframes[k]
+            self._drawn[frame.number] = Drawn(poses[k].copy())
             self._changed |= self._integrate(frame, None)
-        if most is None and self._outdated(frames):
+        if most is None and self._outdated(slam):
             self.update(slam)
+
+    def _as_before(self, numbers: NDArray[np.int64], poses: Array) -> bool:
+        """Whether all keyframes looked at the last time are still there, where they were."""
+        known, placed = self._seen
+        same = np.array_equal(known, numbers[: len(known)])
+        return same and np.array_equal(placed, poses[: len(placed)])
+
+    def _take_out(self, left: list[int]) -> None:
+        """Only the keyframes with the numbers `left` are in the map."""
+        drawn = self._drawn
+        self._drawn = {number: drawn.pop(number) for number in left if number in drawn}
+        self._gone = self._gone.union(*(item.tiles for item in drawn.values()))
 
     @property
     def behind(self) -> bool:
         """Whether it is being drawn anew."""
         return self._anew is not None
 
-    def _outdated(self, frames: Sequence[tuple[Keyframe, Array]]) -> bool:
+    def _outdated(self, slam: Slam) -> bool:
         """Whether what was drawn anew was drawn where it is not any more."""
-        return self._away(frames).max(initial=0.0) > 0.5 * self.tiles.resolution
+        return self._away(_placed(slam, self._drawn)).max(initial=0.0) > 0.5 * self.tiles.resolution
 
     def _away(self, known: Sequence[tuple[Keyframe, Array]]) -> Array:
         """How far each has moved since it was drawn (small steps add up), (N,) m or rad."""
@@ -255,7 +270,7 @@ class MapGrid:
         both = (*self.tiles.tiles.tolist(), *anew.tiles.tiles.tolist())
         self._changed |= frozenset((j, i) for j, i in both)
         self.tiles, self._drawn = anew.tiles, anew._drawn
-        self._gone, self._anew = frozenset(), None
+        self._gone, self._anew, self._seen = frozenset(), None, NOTHING
 
     @property
     def beyond(self) -> int:
@@ -313,6 +328,12 @@ class MapGrid:
             except InputError:
                 item.beyond = True
         return item.tiles
+
+
+def _placed(slam: Slam, among: Container[int]) -> list[tuple[Keyframe, Array]]:
+    """Keyframes of a map whose numbers are `among` some, with their poses."""
+    numbers, poses = slam.keyframes.numbers.tolist(), slam.graph.poses
+    return [(slam.keyframes[k], poses[k]) for k, number in enumerate(numbers) if number in among]
 
 
 def map_grid(slam: Slam, resolution: float = 0.05) -> OccupancyGrid:
