@@ -76,16 +76,21 @@ class Background:
 
 
 @njit(cache=True)
-def _slot(owner, counts, i, j):  # type: ignore[no-untyped-def]
-    """Indices of a cell on the torus, emptied if it belonged to another place."""
+def _enter(counts, owner, seen, scan, i, j, keep, hit):  # type: ignore[no-untyped-def]
+    """Counts a cell of the torus once a scan, emptied if it belonged to another place."""
     size = owner.shape[0]
     a, b = i & (size - 1), j & (size - 1)
+    # Rays reach less than half way round the torus: what this scan saw is no other place.
+    if seen[a, b] == scan:
+        return
+    seen[a, b] = scan
     name = (i << 32) ^ (j & 0xFFFFFFFF)
     if owner[a, b] != name:
         owner[a, b] = name
         counts[a, b, 0] = 0.0
         counts[a, b, 1] = 0.0
-    return a, b
+    counts[a, b, 0] = counts[a, b, 0] * keep + (0.0 if hit else 1.0)
+    counts[a, b, 1] = counts[a, b, 1] * keep + (1.0 if hit else 0.0)
 
 
 @njit(cache=True)
@@ -95,11 +100,7 @@ def _insert(counts, owner, seen, scan, rays, cell, reach, keep):  # type: ignore
         if rays[k, 5] > 0.0:
             i = math.floor((rays[k, 0] + rays[k, 2] * rays[k, 4]) / cell)
             j = math.floor((rays[k, 1] + rays[k, 3] * rays[k, 4]) / cell)
-            a, b = _slot(owner, counts, i, j)
-            if seen[a, b] != scan:
-                seen[a, b] = scan
-                counts[a, b, 0] *= keep
-                counts[a, b, 1] = counts[a, b, 1] * keep + 1.0
+            _enter(counts, owner, seen, scan, i, j, keep, True)
     for k in range(len(rays)):
         # A cell before the return the beam is not sure to have been in the open.
         steps = int((min(rays[k, 4], reach) - cell) / (0.7 * cell))
@@ -107,11 +108,7 @@ def _insert(counts, owner, seen, scan, rays, cell, reach, keep):  # type: ignore
             along = s * 0.7 * cell
             i = math.floor((rays[k, 0] + rays[k, 2] * along) / cell)
             j = math.floor((rays[k, 1] + rays[k, 3] * along) / cell)
-            a, b = _slot(owner, counts, i, j)
-            if seen[a, b] != scan:
-                seen[a, b] = scan
-                counts[a, b, 0] = counts[a, b, 0] * keep + 1.0
-                counts[a, b, 1] *= keep
+            _enter(counts, owner, seen, scan, i, j, keep, False)
 
 
 @njit(cache=True)
