@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from tracking.mixture.association_kernels import N, SXX, SXY, SYY, UXX, UXY, UYY, XXX, XXY, XYY, ZX, ZY
+from tracking.mixture.association_kernels import SXX, SXY, SYY, UXX, UXY, UYY, XXX, XXY, XYY, ZX, ZY, N
 
 # Returns, fractional ones, below which a target gave but one.
 LONE = 1.5

@@ -451,5 +451,7 @@ class PmbmRecursion:
         states = States(tracks.means, tracks.covariances, tracks.counts, tracks.spread, tracks.freedom)
         sources = index[seen]
         shares = predicted.sight.share[sources]
-        correct(states, rows, cells, predicted.table[sources], shares, Exactness(points, exact), self.correlation)
+        correct(
+            states, rows, cells, predicted.table[sources], shares, Exactness(points, exact), self.correlation
+        )
         return tracks
