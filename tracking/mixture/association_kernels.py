@@ -121,7 +121,7 @@ def _look_ratios(z: Any, sources: Any) -> Any:
     return ratios
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
     """Log-likelihood of a cell of fractional count under a source (25,): rate, mean and scatter of the returns."""
     n = c[N]
@@ -146,7 +146,7 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
     return result + 0.5 * (nu * math.log(before) - new * math.log(after)) - (n - 1.0) * LOG_PI - math.log(n)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: CellModel, out: Any) -> None:
     """Terms (7,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y, and the
     variance in x, which says at once of most returns that they are too far away."""
@@ -174,7 +174,7 @@ def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: CellModel,
         out[0] -= 0.5 * (out[1] * d - 2.0 * out[2] * b + out[3] * a) / (a * d - b * b)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _share_out(problem: Problem, K: int, centres: Any, gate: float) -> float:
     """Σ r (log κ + log g - log r) of the returns by the terms of the first K sources of the index.
 
@@ -215,7 +215,7 @@ def _share_out(problem: Problem, K: int, centres: Any, gate: float) -> float:
     return value
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _add(total: Any, share: float, x: float, y: float) -> None:
     """Adds a share of a return, which lies at (x, y) from the centre, to moments (9,)."""
     unsure = share * (1.0 - share)
@@ -230,7 +230,7 @@ def _add(total: Any, share: float, x: float, y: float) -> None:
     total[UYY] += unsure * y * y
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _recentre(s: Any, total: Any, cell: Any, centre: Any) -> float:
     """Cell (9,) of the moments `total` (9,) about a centre (2,), which moves to m + P (P + X/n)⁻¹ (z̄ - m).
 

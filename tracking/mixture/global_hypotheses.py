@@ -14,6 +14,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from tracking.mixture.components import Components, IntArray
+from tracking.mixture.correction_kernels import States, moments
 from tracking.mixture.hypothesis_kernels import merge_plan
 
 # A hypothesis on its own: its log-weight and the rows of its tracks.
@@ -161,32 +162,18 @@ def _product(parts: list[list[Alternative]], most: int) -> list[Alternative]:
 
 def _moments(tracks: Components, weights: FloatArray, target: IntArray) -> Components:
     """Rows that take up others: total weights, means, covariances with the spread of means, and statistics."""
-    count = len(target)
-    totals: FloatArray = np.bincount(target, weights, count).astype(np.float64)
-    alone = bool((target == np.arange(count)).all())
-    if alone:
-        merged = tracks.select(np.arange(count))
-        merged.weights = totals
+    if bool((target == np.arange(len(target))).all()):
+        merged = tracks.select(np.arange(len(target)))
+        merged.weights = weights
         return merged
-    share = weights / np.maximum(totals[target], 1e-300)
-    order = np.argsort(target, kind="stable")
-    first = np.flatnonzero(np.diff(target[order], prepend=-1))
-    into = target[order[first]]
-
-    def mean_of(values: FloatArray) -> FloatArray:
-        out = np.zeros_like(values)
-        weighted = share.reshape(-1, *(1,) * (values.ndim - 1)) * values
-        out[into] = np.add.reduceat(weighted[order], first)
-        return out
-
-    means = mean_of(tracks.means)
-    offsets = tracks.means - means[target]
+    states = States(tracks.means, tracks.covariances, tracks.counts, tracks.spread, tracks.freedom)
+    totals, joined = moments(states, weights, target)
     return Components(
         totals,
-        means,
-        mean_of(tracks.covariances + offsets[:, :, None] * offsets[:, None, :]),
+        joined.means,
+        joined.covariances,
         tracks.labels.copy(),
-        mean_of(tracks.counts),
-        mean_of(tracks.spread),
-        mean_of(tracks.freedom),
+        joined.counts,
+        joined.spread,
+        joined.freedom,
     )

@@ -99,30 +99,35 @@ def single_linkage(points: Any, distance: float) -> Any:
 
 
 @njit(cache=True)
-def _distance(a: Any, b: Any, P: Any, limit: float) -> float:
-    """Squared Mahalanobis distance of states (4,) under P (4, 4), by Gaussian elimination; stops above `limit`."""
-    d = b - a
-    # x' P^-1 x by Cholesky, forward substitution only.
-    L = np.empty((4, 4))
-    total = 0.0
-    y = np.empty(4)
-    for i in range(4):
-        for j in range(i + 1):
-            value = P[i, j]
-            for k in range(j):
-                value -= L[i, k] * L[j, k]
-            if i == j:
-                L[i, i] = math.sqrt(max(value, 1e-12))
-            else:
-                L[i, j] = value / L[j, j]
-        value = d[i]
-        for k in range(i):
-            value -= L[i, k] * y[k]
-        y[i] = value / L[i, i]
-        total += y[i] * y[i]
-        if total > limit:
-            return total
-    return total
+def _distance(means: Any, q: int, r: int, P: Any, p: int, limit: float) -> float:
+    """Squared Mahalanobis distance of rows q and r of states (N, 4) under row p of P (N, 4, 4).
+
+    By Cholesky and forward substitution, without room of its own; stops above `limit`, mostly at once.
+    """
+    a = math.sqrt(max(P[p, 0, 0], 1e-12))
+    t = (means[r, 0] - means[q, 0]) / a
+    total: float = t * t
+    if total > limit:
+        return total
+    b = P[p, 1, 0] / a
+    c = math.sqrt(max(P[p, 1, 1] - b * b, 1e-12))
+    u = (means[r, 1] - means[q, 1] - b * t) / c
+    total += u * u
+    if total > limit:
+        return total
+    d = P[p, 2, 0] / a
+    e = (P[p, 2, 1] - d * b) / c
+    f = math.sqrt(max(P[p, 2, 2] - d * d - e * e, 1e-12))
+    v = (means[r, 2] - means[q, 2] - d * t - e * u) / f
+    total += v * v
+    if total > limit:
+        return total
+    g = P[p, 3, 0] / a
+    h = (P[p, 3, 1] - g * b) / c
+    k = (P[p, 3, 2] - g * d - h * e) / f
+    m = math.sqrt(max(P[p, 3, 3] - g * g - h * h - k * k, 1e-12))
+    w = (means[r, 3] - means[q, 3] - g * t - h * u - k * v) / m
+    return total + w * w
 
 
 @njit(cache=True)
@@ -142,9 +147,9 @@ def _matched(labels: Any, means: Any, covariances: Any, ours: Any, theirs: Any, 
                 q = ours[j]
                 if match[i] >= 0 or taken[j] or (anybody == 0 and labels[q] != labels[r]):
                     continue
-                gap = _distance(means[q], means[r], covariances[q], nearest)
+                gap = _distance(means, q, r, covariances, q, nearest)
                 if gap <= nearest:
-                    gap = max(gap, _distance(means[q], means[r], covariances[r], nearest))
+                    gap = max(gap, _distance(means, q, r, covariances, r, nearest))
                 if gap <= nearest:
                     nearest, best = gap, j
             if best >= 0:
@@ -203,15 +208,13 @@ def merge_plan(
     for h in range(H):
         if leader[h] != h:
             continue
+        ours = np.arange(starts[h], starts[h + 1])
         for other in range(h + 1, H):
             if group[other] != group[h]:
                 break
             if leader[other] != other:
                 continue
             theirs = np.arange(starts[other], starts[other + 1])
-            inside = extra == h
-            inside[starts[h] : starts[h + 1]] = True
-            ours = np.flatnonzero(inside)
             match = _matched(named, means, covariances, ours, theirs, limit)
             names, rivals = np.full(len(theirs), -1), np.full(len(theirs), -1)
             fine = True
@@ -223,6 +226,7 @@ def merge_plan(
             if not fine:
                 continue
             leader[other] = h
+            grown = False
             for i in range(len(theirs)):
                 r = theirs[i]
                 if match[i] >= 0:
@@ -232,6 +236,11 @@ def merge_plan(
                 else:
                     extra[r] = h
                     named[r] = names[i]
+                    grown = True
+            if grown:
+                inside = extra == h
+                inside[starts[h] : starts[h + 1]] = True
+                ours = np.flatnonzero(inside)
     return leader, target, named
 
 

@@ -45,7 +45,7 @@ def seen_shares(
     # A root of each covariance whose columns are the axes of the ellipse.
     values, vectors = np.linalg.eigh(spreads)
     axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    places = np.einsum("tij,sj->tsi", axes, PLACES)
+    places = PLACES @ np.swapaxes(axes, 1, 2)
     shares = _shares(ranges, scan.angle_min, scan.angle_increment, limit, centres[:, None] + places)
     return np.asarray(shares), np.asarray(places)
 
@@ -78,3 +78,42 @@ def _seen(ranges, angle_min, step, limit, x, y):  # type: ignore[no-untyped-def]
             continue
         seen += AMBIGUOUS if ranges[beam] < away + MARGIN else 1.0
     return seen / (2 * beams + 1)
+
+
+@njit(cache=True)
+def unseen_states(means, covariances, places, detected, weights):  # type: ignore[no-untyped-def]
+    """Moves the first T means (J, 4) and covariances (J, 4, 4), in place, to where who is not seen rather is.
+
+    places : (T, S, 2) m from the mean, of probabilities `weights` (S,). detected : (T, S) p_D at each.
+    """
+    left, shift, change = np.empty(len(weights)), np.empty(2), np.empty((2, 2))
+    for t in range(len(places)):
+        P = covariances[t].copy()
+        for s in range(len(weights)):
+            left[s] = weights[s] * (1.0 - detected[t, s])
+        left /= left.sum()
+        shift[:], change[:] = 0.0, 0.0
+        for s in range(len(weights)):
+            for i in range(2):
+                shift[i] += left[s] * places[t, s, i]
+                for j in range(2):
+                    change[i, j] += (left[s] - weights[s]) * places[t, s, i] * places[t, s, j]
+        for i in range(2):
+            for j in range(2):
+                change[i, j] = 0.9 * (change[i, j] - shift[i] * shift[j])
+        determinant = P[0, 0] * P[1, 1] - P[0, 1] * P[0, 1]
+        gain = np.empty((4, 2))
+        for i in range(4):
+            gain[i, 0] = (P[1, 1] * P[0, i] - P[0, 1] * P[1, i]) / determinant
+            gain[i, 1] = (P[0, 0] * P[1, i] - P[0, 1] * P[0, i]) / determinant
+            means[t, i] += gain[i, 0] * shift[0] + gain[i, 1] * shift[1]
+        # The rest of the state follows from the place as before, so only that of the place could be unsound.
+        a, b, d = P[0, 0] + change[0, 0], P[0, 1] + change[0, 1], P[1, 1] + change[1, 1]
+        half = 0.5 * (a + d)
+        if half - math.sqrt(max(half * half - (a * d - b * b), 0.0)) <= 1e-9:
+            continue
+        for i in range(4):
+            for j in range(4):
+                u = gain[i, 0] * change[0, 0] + gain[i, 1] * change[1, 0]
+                v = gain[i, 0] * change[0, 1] + gain[i, 1] * change[1, 1]
+                covariances[t, i, j] = P[i, j] + u * gain[j, 0] + v * gain[j, 1]

@@ -53,21 +53,25 @@ class ConstantVelocityMotion:
     def survivors(self, components: Components, dt: float) -> tuple[Components, FloatArray]:
         """Components dt seconds on, and their covariances (J, 4, 4) before process noise is added."""
         F, Q = self.matrices(dt)
-        scans = dt / self.config.scan_period
-        means = components.means @ F.T
         moved = F @ components.covariances @ F.T
+        return self.surviving(components, dt, components.means @ F.T, moved + Q), moved
+
+    def surviving(
+        self, components: Components, dt: float, means: FloatArray, covariances: FloatArray
+    ) -> Components:
+        """Components at new means (J, 4) with covariances (J, 4, 4), less probable and less known dt seconds on."""
+        scans = dt / self.config.scan_period
         # A gamma or Wishart density forgets by losing weight behind the same mean, down to that of a new target.
         keep = max(1.0 - 1.0 / self.config.memory, 0.0) ** scans
-        survivors = Components(
+        return Components(
             components.weights * self.config.survival_probability**scans,
             means,
-            moved + Q,
+            covariances,
             components.labels,
             components.counts * keep,
             components.spread * keep,
             components.freedom * keep,
         )
-        return survivors, moved
 
     def births(self, scans: float, labels: Labels) -> Components:
         """The birth intensity (17) over `scans` scan periods, each component with a number of its own."""

@@ -18,6 +18,7 @@ from scipy.special import chdtri
 from estimation.checks import FloatArray
 from tracking.mixture import association_kernels as kernels
 from tracking.mixture.components import Components, IntArray, shift_components
+from tracking.mixture.correction_kernels import Exactness, States, correct
 from tracking.mixture.global_hypotheses import Alternative, Hypotheses
 from tracking.mixture.hypothesis_kernels import connected, single_linkage, squares
 from tracking.mixture.phd_config import PhdConfig
@@ -39,8 +40,6 @@ MOST_UNSEEN = 50
 NARROW = 3.0
 # Seeds for new targets per group of returns at most.
 MOST_SEEDS = 8
-# Returns, fractional ones, below which a target gave but one.
-LONE = 1.5
 # A track that can split off others exists at least this probably.
 CAN_SPAWN = 0.1
 
@@ -216,9 +215,8 @@ class PmbmRecursion:
         scans = dt / self.config.scan_period
         if dt > 0.0:
             tracks, moved = self.motion.survivors(tracks, dt)
-            unseen = Components.join(
-                [self.motion.survivors(unseen, dt)[0], self.motion.births(scans, Labels())]
-            )
+            born = self.motion.births(scans, Labels())
+            unseen = Components.join([self.motion.survivors(unseen, dt)[0], born]) if len(unseen) else born
             if self.config.spawn is not None and self.config.spawn[0] > 0:
                 weight, covariance = self.config.spawn
                 spawned = self.motion.fresh(
@@ -448,32 +446,12 @@ class PmbmRecursion:
         if not seen.any():
             return tracks
         cells = np.concatenate(updates.cells)
-        table = predicted.table[index[seen]]
-        n = cells[:, kernels.N]
-        P = tracks.covariances[seen]
-        X = _matrices(table[:, kernels.XXX], table[:, kernels.XXY], table[:, kernels.XYY])
-        # The mean of returns that lie to either side of the middle, as legs do, is nearer to it than by chance.
-        spread = np.maximum(1.0 + (n - 1.0) * self.correlation, 0.1) / n
-        if exactness is not None:
-            gaps = np.linalg.norm(cells[:, [kernels.ZX, kernels.ZY]][:, None] - points[None], axis=2)
-            spread = np.where(n < LONE, spread / exactness[gaps.argmin(1)], spread)
-        R = X * (spread + 1.0 - predicted.sight.share[index[seen]])[:, None, None]
-        PHt = P[:, :, :2]
-        gain = PHt @ np.linalg.inv(P[:, :2, :2] + R)
-        innovation = cells[:, [kernels.ZX, kernels.ZY]] - tracks.means[seen][:, :2]
-        tracks.means[seen] += (gain @ innovation[:, :, None])[:, :, 0]
-        keep = np.tile(np.eye(4), (len(P), 1, 1))
-        keep[:, :, :2] -= gain
-        # What returns are whose is itself uncertain: the spread of the mean over the associations.
-        doubt = _matrices(cells[:, kernels.UXX], cells[:, kernels.UXY], cells[:, kernels.UYY])
-        noise = R + doubt / (n**2)[:, None, None]
-        tracks.covariances[seen] = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ noise @ np.swapaxes(gain, 1, 2)
-        tracks.counts[seen] += np.column_stack([n, predicted.sight.share[index[seen]]])
-        tracks.spread[seen] += _matrices(cells[:, kernels.SXX], cells[:, kernels.SXY], cells[:, kernels.SYY])
-        tracks.freedom[seen] += np.maximum(n - 1.0, 0.0)
+        rows = np.flatnonzero(seen)
+        exact = np.ones(len(points)) if exactness is None else exactness
+        states = States(tracks.means, tracks.covariances, tracks.counts, tracks.spread, tracks.freedom)
+        sources = index[seen]
+        shares = predicted.sight.share[sources]
+        correct(
+            states, rows, cells, predicted.table[sources], shares, Exactness(points, exact), self.correlation
+        )
         return tracks
-
-
-def _matrices(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
-    """Symmetric matrices (n, 2, 2)."""
-    return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)

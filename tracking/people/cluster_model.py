@@ -18,7 +18,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from registration.laser.scan import Scan
 from tracking.mixture.components import Components, IntArray
-from tracking.mixture.occluders import WEIGHTS, seen_shares
+from tracking.mixture.occluders import WEIGHTS, seen_shares, unseen_states
 from tracking.mixture.phd_models import ConstantVelocityMotion, Sight
 from tracking.people.free_space import Background
 from tracking.people.legs import FEATURES, Clusters, clusters_of
@@ -160,7 +160,6 @@ class StandingOrWalking(ConstantVelocityMotion):
 
     def survivors(self, components: Components, dt: float) -> tuple[Components, FloatArray]:
         """Components dt seconds on, and their covariances (J, 4, 4) before process noise is added."""
-        moved_on, moved = super().survivors(components, dt)
         slower = np.exp(-dt / PERSISTS)
         F, Q = self.matrices(dt)
         F[0, 2] = F[1, 3] = PERSISTS * (1.0 - slower)
@@ -169,19 +168,8 @@ class StandingOrWalking(ConstantVelocityMotion):
         square = (components.means[:, 2:] ** 2).sum(1)
         square += components.covariances[:, 2, 2] + components.covariances[:, 3, 3]
         walks = np.maximum(-np.expm1(-square / (2.0 * WALKS**2)), STARTS)
-        moved_on.means = components.means @ F.T
-        moved_on.covariances = moved + walks[:, None, None] * Q
-        return moved_on, moved
-
-
-def inverses(P: FloatArray) -> FloatArray:
-    """Of symmetric matrices (J, 2, 2)."""
-    a, b, d = P[:, 0, 0], P[:, 0, 1], P[:, 1, 1]
-    return _symmetric(d, -b, a) / (a * d - b * b)[:, None, None]
-
-
-def _symmetric(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
-    return np.stack((xx, xy, xy, yy), -1).reshape(-1, 2, 2)
+        means, covariances = components.means @ F.T, moved + walks[:, None, None] * Q
+        return self.surviving(components, dt, means, covariances), moved
 
 
 class ScanDetection:
@@ -209,23 +197,9 @@ class ScanDetection:
         shares, places = seen_shares(
             self.scan, (means[:, :2] - sensor_pose[:2]) @ turn.T, turn @ P[:, :2, :2] @ turn.T, self.max_range
         )
-        places = places @ turn
         probability = sight.probability.copy()
+        all_means, covariances = components.means.copy(), components.covariances.copy()
         probability[:tracks] *= shares @ WEIGHTS
         # Who is not seen rather is where the scan could not show him.
-        stays = WEIGHTS * (1.0 - self.probability * shares)
-        stays /= stays.sum(axis=1, keepdims=True)
-        shift = np.einsum("ts,tsi->ti", stays, places)
-        change = (
-            np.einsum("ts,tsi,tsj->tij", stays - WEIGHTS, places, places) - shift[:, :, None] * shift[:, None]
-        )
-        gain = np.swapaxes(inverses(P[:, :2, :2]) @ P[:, :2, :], 1, 2)
-        all_means, covariances = components.means.copy(), components.covariances.copy()
-        all_means[:tracks] += (gain @ shift[:, :, None])[:, :, 0]
-        after = P + 0.9 * gain @ change @ np.swapaxes(gain, 1, 2)
-        # The rest of the state follows from the place as before, so only that of the place could be unsound.
-        place = P[:, :2, :2] + 0.9 * change
-        half, determinant = 0.5 * (place[:, 0, 0] + place[:, 1, 1]), np.linalg.det(place)
-        sound = half - np.sqrt(np.maximum(half**2 - determinant, 0.0)) > 1e-9
-        covariances[:tracks] = np.where(sound[:, None, None], after, P)
+        unseen_states(all_means, covariances, places @ turn, self.probability * shares, WEIGHTS)
         return Sight(probability, sight.share, all_means, covariances, sight.probability)

@@ -76,42 +76,32 @@ class Background:
 
 
 @njit(cache=True)
-def _slot(owner, counts, i, j):  # type: ignore[no-untyped-def]
-    """Indices of a cell on the torus, emptied if it belonged to another place."""
-    size = owner.shape[0]
-    a, b = i & (size - 1), j & (size - 1)
-    name = (i << 32) ^ (j & 0xFFFFFFFF)
-    if owner[a, b] != name:
-        owner[a, b] = name
-        counts[a, b, 0] = 0.0
-        counts[a, b, 1] = 0.0
-    return a, b
-
-
-@njit(cache=True)
 def _insert(counts, owner, seen, scan, rays, cell, reach, keep):  # type: ignore[no-untyped-def]
-    """One scan, number `scan`: every cell counts once, occupied before empty."""
-    for k in range(len(rays)):
-        if rays[k, 5] > 0.0:
-            i = math.floor((rays[k, 0] + rays[k, 2] * rays[k, 4]) / cell)
-            j = math.floor((rays[k, 1] + rays[k, 3] * rays[k, 4]) / cell)
-            a, b = _slot(owner, counts, i, j)
-            if seen[a, b] != scan:
+    """One scan, number `scan`: every cell counts once, occupied before empty.
+
+    One body, with nothing called: a call for every cell would take most of the time.
+    """
+    mask = owner.shape[0] - 1
+    for empty in range(2):
+        for k in range(len(rays)):
+            x, y, c, s, clear = rays[k, 0], rays[k, 1], rays[k, 2], rays[k, 3], rays[k, 4]
+            # A cell before the return the beam is not sure to have been in the open.
+            steps = int((min(clear, reach) - cell) / (0.7 * cell)) if empty else int(rays[k, 5])
+            for step in range(1, steps + 1):
+                along = step * 0.7 * cell if empty else clear
+                i, j = math.floor((x + c * along) / cell), math.floor((y + s * along) / cell)
+                a, b = i & mask, j & mask
+                # Rays reach less than half way round the torus: what this scan saw is no other place.
+                if seen[a, b] == scan:
+                    continue
                 seen[a, b] = scan
-                counts[a, b, 0] *= keep
-                counts[a, b, 1] = counts[a, b, 1] * keep + 1.0
-    for k in range(len(rays)):
-        # A cell before the return the beam is not sure to have been in the open.
-        steps = int((min(rays[k, 4], reach) - cell) / (0.7 * cell))
-        for s in range(1, steps + 1):
-            along = s * 0.7 * cell
-            i = math.floor((rays[k, 0] + rays[k, 2] * along) / cell)
-            j = math.floor((rays[k, 1] + rays[k, 3] * along) / cell)
-            a, b = _slot(owner, counts, i, j)
-            if seen[a, b] != scan:
-                seen[a, b] = scan
-                counts[a, b, 0] = counts[a, b, 0] * keep + 1.0
-                counts[a, b, 1] *= keep
+                name = (i << 32) ^ (j & 0xFFFFFFFF)
+                if owner[a, b] != name:
+                    owner[a, b] = name
+                    counts[a, b, 0] = 0.0
+                    counts[a, b, 1] = 0.0
+                counts[a, b, 0] = counts[a, b, 0] * keep + empty
+                counts[a, b, 1] = counts[a, b, 1] * keep + (1 - empty)
 
 
 @njit(cache=True)

@@ -135,7 +135,8 @@ class ReturningPeople:
         for person in people:
             label = self.name(person.label).label
             if person.label in seen or label not in self.people:
-                place, velocity = np.diag(person.covariance).reshape(2, 2).mean(1).tolist()
+                xx, yy, uu, vv = person.covariance.diagonal().tolist()
+                place, velocity = 0.5 * (xx + yy), 0.5 * (uu + vv)
                 self.people[label] = AwayPerson(person.mean, place, velocity, stamp)
         return left
 

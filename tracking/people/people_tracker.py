@@ -209,8 +209,9 @@ class PeopleTracker:
         left = self.identities.update(self._people(), seen, unseen, living, stamp, labels)
         self.recursion.forget(left - {target.label for target in self.targets}, {})
         for k, target in enumerate(self.targets):
-            name = self.identities.name(target.label)
-            self.targets[k] = replace(target, label=name.label, label_probability=name.probability)
+            name = self.identities.names.get(target.label)
+            if name is not None:
+                self.targets[k] = replace(target, label=name.label, label_probability=name.probability)
         self.targets.sort(key=lambda target: target.label)
 
     def _interval(self, stamp: float) -> float | None:
@@ -323,8 +324,10 @@ class PeopleTracker:
         mine = nearer & (gaps < BELONGS)
         for t, target in enumerate(found):
             whose = np.flatnonzero(mine[t])
-            first = ClassEvidence(target.mean[:2].copy(), float(seen.kinds[whose, UNSEEN].max(initial=0.0)))
-            evidence = self.evidence.setdefault(target.label, first)
+            evidence = self.evidence.get(target.label)
+            if evidence is None:
+                unseen = float(seen.kinds[whose, UNSEEN].max(initial=0.0))
+                evidence = self.evidence[target.label] = ClassEvidence(target.mean[:2].copy(), unseen)
             evidence.look(seen, rows, whose, target, pose, around[t], dt, stamp, posed)
         present = {target.label for target in found}
         self.evidence = {label: item for label, item in self.evidence.items() if label in present}

@@ -70,6 +70,7 @@ COURSE = (
     "carried",
 )
 NAMES = (*AVERAGED, *VARYING, *COURSE)
+SHAPE, WIDTH = AVERAGED.index("shape"), AVERAGED.index("width")
 FIRST = 0.5  # s in which it shows whether something stands where it was empty before
 SHORT, LONG = 0.5, 1.5  # s over which what is seen now, and walking, are averaged
 STRIDES = 0.3  # m/s by which whoever walks is off where he was `LONG` ago, by its time
@@ -142,24 +143,28 @@ class ClassEvidence:
         dt = min(max(dt, 1e-3), 0.5)
         if self.looks == 0.0:
             self.behind = target.mean[:2].copy()
-        places = seen.places[whose]
-        place = places[0] if len(whose) == 1 else places.mean(0)
-        row = rows[whose[0]].copy() if len(whose) == 1 else rows[whose].mean(0)
+        places, one = seen.places[whose], len(whose) == 1
+        px, py = (places[0] if one else places.mean(0)).tolist()
+        row = rows[whose[0]].copy() if one else rows[whose].mean(0)
+        x, y = target.mean[:2].tolist()
         # Of two clusters the widths add up, and one that is cut cuts both.
-        row[1], row[2], row[4] = len(whose) > 1, len(whose) * row[2], row[4] > 0.0
-        row[7], row[9] = around, math.hypot(place[0] - target.mean[0], place[1] - target.mean[1])
+        row[1], row[2], row[4] = not one, len(whose) * row[2], row[4] > 0.0
+        row[7], row[9] = around, math.hypot(px - x, py - y)
         shape, width, fresh, old = float(row[0]), float(row[2]), float(row[5]), float(row[6])
         whole = dt / (self.looks + dt)
         self.means += whole * (row - self.means)
         self.posed += whole * (float(posed) - self.posed)
-        self.squares += whole * (np.array([width * width, shape * shape]) - self.squares)
-        middle = place - self.origin
-        self.place += whole * (middle - self.place)
-        self.spread += whole * (float(middle @ middle) - self.spread)
+        self.squares[0] += whole * (width * width - self.squares[0])
+        self.squares[1] += whole * (shape * shape - self.squares[1])
+        mx, my = px - float(self.origin[0]), py - float(self.origin[1])
+        self.place[0] += whole * (mx - self.place[0])
+        self.place[1] += whole * (my - self.place[1])
+        self.spread += whole * (mx * mx + my * my - self.spread)
         if len(whose) == 2:
-            gap = math.hypot(*(places[0] - places[1]))
+            (ax, ay), (bx, by) = places.tolist()
+            gap = math.hypot(ax - bx, ay - by)
             self.pairs += dt * np.array([1.0, gap, gap * gap])
-        self.pair = float(len(whose) > 1)
+        self.pair = float(not one)
         if self.looks < FIRST:
             self.arrived += whole * (fresh - self.arrived)
             self.stood += whole * (old - self.stood)
@@ -170,9 +175,10 @@ class ClassEvidence:
         self.looks += dt
         if self.looks > SHORT:
             self.best, self.worst = max(self.best, self.now), min(self.worst, self.now)
-        self._moved(target, fresh, dt)
-        self._carried_by(pose, target)
-        view = math.atan2(pose[1] - target.mean[1], pose[0] - target.mean[0])
+        self._moved(x, y, fresh, dt)
+        at = pose.tolist()
+        self._carried_by(at, x, y)
+        view = math.atan2(at[1] - y, at[0] - x)
         if not self.views or abs((view - self.views[-1] + math.pi) % (2.0 * math.pi) - math.pi) > 0.1:
             self.views.append(view)
 
@@ -186,37 +192,40 @@ class ClassEvidence:
         if self.first_pose is not None:
             self.first_pose = compound(motion, self.first_pose)
 
-    def _carried_by(self, pose: FloatArray, target: Target) -> None:
-        """Where who stands there was in the scanner's frame at the first look, against where it is in it now."""
+    def _carried_by(self, pose: list[float], tx: float, ty: float) -> None:
+        """Where who stands at (tx, ty) was in the scanner's frame at the first look, against where it is in it now."""
         if self.first_pose is None:
-            self.first_pose = pose
+            self.first_pose = np.array(pose)
         x, y, yaw = self.first_pose.tolist()
-        ax, ay = float(target.mean[0]) - x, float(target.mean[1]) - y
-        bx, by = float(target.mean[0]) - float(pose[0]), float(target.mean[1]) - float(pose[1])
-        c, s = math.cos(float(pose[2]) - yaw), math.sin(float(pose[2]) - yaw)
+        ax, ay, bx, by = tx - x, ty - y, tx - pose[0], ty - pose[1]
+        c, s = math.cos(pose[2] - yaw), math.sin(pose[2] - yaw)
         self.carried = max(self.carried, math.hypot(c * ax - s * ay - bx, s * ax + c * ay - by))
 
-    def _moved(self, target: Target, fresh: float, dt: float) -> None:
-        """How it moved since the last look, which was `dt` seconds ago."""
-        self.moved = max(self.moved, math.hypot(*(target.mean[:2] - self.origin)))
-        lag = target.mean[:2] - self.behind
-        self.behind += (1.0 - math.exp(-dt / LONG)) * lag
-        self.drift = math.hypot(*lag) / LONG
+    def _moved(self, x: float, y: float, fresh: float, dt: float) -> None:
+        """How it moved to (x, y) since the last look, which was `dt` seconds ago."""
+        self.moved = max(self.moved, math.hypot(x - float(self.origin[0]), y - float(self.origin[1])))
+        dx, dy = x - float(self.behind[0]), y - float(self.behind[1])
+        share = 1.0 - math.exp(-dt / LONG)
+        self.behind[0] += share * dx
+        self.behind[1] += share * dy
+        self.drift = math.hypot(dx, dy) / LONG
         self.fast = max(self.fast, self.drift)
         self.walked += dt * float(self.drift > STRIDES) * fresh
 
     def features(self, target: Target) -> list[float]:
         """What the class is learned from, one number for each of `NAMES`."""
-        means = self.means
-        width, shape = means[AVERAGED.index("width")], means[AVERAGED.index("shape")]
-        _, gap, square = self.pairs / max(self.pairs[0], 1e-9)
-        known = self.looks > SHORT
+        means, (width_square, shape_square) = self.means.tolist(), self.squares.tolist()
+        shape, width = means[SHAPE], means[WIDTH]
+        seconds, gap, square = self.pairs.tolist()
+        gap, square = gap / max(seconds, 1e-9), square / max(seconds, 1e-9)
+        (px, py), known = self.place.tolist(), self.looks > SHORT
+        x, y, vx, vy = target.mean.tolist()
         varying = [
-            _deviation(self.squares[0] - width * width),
-            _deviation(self.squares[1] - shape * shape),
-            float(gap),
+            _deviation(width_square - width * width),
+            _deviation(shape_square - shape * shape),
+            gap,
             _deviation(square - gap * gap),
-            min(_deviation(self.spread - self.place @ self.place), 3.0),
+            min(_deviation(self.spread - (px * px + py * py)), 3.0),
         ]
         course = [
             min(self.looks, LONGEST),
@@ -227,9 +236,9 @@ class ClassEvidence:
             self.fresh,
             self.arrived,
             self.stood,
-            math.hypot(*target.mean[2:]),
+            math.hypot(vx, vy),
             self.drift,
-            min(math.hypot(*(target.mean[:2] - self.origin)), FARTHEST),
+            min(math.hypot(x - float(self.origin[0]), y - float(self.origin[1])), FARTHEST),
             min(self.moved, FARTHEST),
             self.fast,
             min(self.walked, FARTHEST),
@@ -237,7 +246,7 @@ class ClassEvidence:
             self.posed,
             min(self.carried, FARTHEST),
         ]
-        return [*means.tolist(), *varying, *course]
+        return [*means, *varying, *course]
 
 
 def rows_of(seen: ClusterScan) -> FloatArray:
@@ -250,8 +259,8 @@ def rows_of(seen: ClusterScan) -> FloatArray:
     return rows
 
 
-def _deviation(variance: float | FloatArray) -> float:
-    return math.sqrt(max(float(variance), 0.0))
+def _deviation(variance: float) -> float:
+    return math.sqrt(max(variance, 0.0))
 
 
 @dataclass(frozen=True)
