@@ -19,7 +19,6 @@ from world_model.calibration.corrections import Corrections
 from world_model.calibration.hindsight import FIRST_LOOKS, MOST_LOOKS
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
-from world_model.memory.habits import Habits
 from world_model.memory.household import SUFFIX, ByNow, Household
 from world_model.memory.store import Store
 from world_model.predictions import Behavior, checked_predictions
@@ -91,18 +90,17 @@ class WorldModel:
             self.config, calibrated if self.config.learn_sensor_bias else None, behaviors
         )
         self._anchors = self.anchoring.anchors
-        self.habits = Habits(places or Places())
         if self.store is not None and places:
             self.store.keep_places(places)
         beside = None if self.store is None or self.store.read_only else routines_path(self.store.path)
         self.household = Household(places or Places(), beside)
-        self._by_now = ByNow(self.config, lambda item: self.words.where(item), self.habits, self.household)
+        self._by_now = ByNow(self.config, lambda item: self.words.where(item), self.household)
         if places:
-            self.anchoring.recall.usual = self.habits
+            self.anchoring.recall.usual = self.household
         warm_up()
         memory = None if self.store is None else self.store.restore()
         if self.store is not None:
-            self.habits.learn(self.store)
+            self.household.learn(self.store)
         if memory is not None:
             self.restore(memory.objects, memory.stamp, memory.epoch, memory.names)
 
@@ -170,7 +168,6 @@ class WorldModel:
     def _recorded(self, state: WorldState) -> WorldState:
         if self.store is not None:
             self.store.record(state)
-        self.habits.watch(state.objects, state.stamp)
         if self.household.due(state.stamp):
             told = (self.words.described(item) for item in self._anchors.shown.values())
             self.household.watch(told, state.stamp)

@@ -12,8 +12,8 @@ from world_model.anchoring.anchors import LEAST_PRESENCE, Anchors
 from world_model.anchoring.loops.branching import GONE, other_names, presence, same_spot
 from world_model.anchoring.loops.clusters import Cluster, Track, best_sums
 from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
-from world_model.anchoring.present import BELIEVED, Presentation
-from world_model.state import WorldObject
+from world_model.anchoring.present import Presentation
+from world_model.state import BELIEVED, WorldObject
 
 LEAST_ALTERNATIVE = 0.01  # Probability from which another symbol for an object is worth mentioning
 NAMED = 0.95  # Probability from which an anchor gets a symbol and is believed in for the first time

@@ -10,9 +10,7 @@ from world_model.anchoring.anchors import Anchors
 from world_model.anchoring.guidance import Guidance
 from world_model.anchoring.loops.clusters import Track
 from world_model.anchoring.loops.kernels import copy_leaf, predict
-from world_model.state import WorldObject
-
-BELIEVED = 0.5
+from world_model.state import BELIEVED, WorldObject
 
 
 class Presentation:

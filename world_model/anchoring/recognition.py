@@ -31,7 +31,9 @@ MOST_CANDIDATES = 3
 
 
 class Usual(Protocol):
-    """What is known of where things usually are; see `world_model.memory.habits`."""
+    """What is known of where things go; see `world_model.memory.household`. smallest : m², area of the least place."""
+
+    smallest: float
 
     def odds(
         self, object_id: str, class_name: str, spot: FloatArray, stamp: float, trust: float, area: float
@@ -39,7 +41,7 @@ class Usual(Protocol):
 
 
 class Recognition:
-    """usual : where things usually are, if that is learned."""
+    """usual : where things go, if that is learned."""
 
     def __init__(self, anchors: Anchors, objects: SingleObjects, bodies: Bodies) -> None:
         self.anchors = anchors
@@ -92,7 +94,7 @@ class Recognition:
         own = leaves.values[new : new + 1], leaves.variances[new : new + 1]
         values *= np.exp(anchors.quantities.log_factors(leaves, slots, *own)[:, 0])
         if self.usual is not None:
-            values *= self._by_habit(self.usual, slots, new)
+            self._weigh(self.usual, values, slots, new)
         return values
 
     def _away(self, slots: IntArray, carried: FloatArray, stamp: float) -> FloatArray:
@@ -103,18 +105,20 @@ class Recognition:
         result: FloatArray = pi[:, AWAY] + (1.0 - np.exp(-carried * elapsed)) * (pi[:, REST] + pi[:, MOVING])
         return result
 
-    def _by_habit(self, usual: Usual, slots: IntArray, new: int) -> FloatArray:
-        """How much likelier (n,) known objects are to be put down where the new one is than anywhere."""
+    def _weigh(self, usual: Usual, values: FloatArray, slots: IntArray, new: int) -> None:
+        """Multiply odds (n,) by how much likelier the known objects are put down where the new one is than anywhere."""
         anchors = self.anchors
         (x0, x1), (y0, y1), _ = anchors.config.region
-        leaves, factors = anchors.leaves, np.ones(len(slots))
+        area = (x1 - x0) * (y1 - y0)
+        leaves = anchors.leaves
         spot, stamp = leaves.rest[new], float(leaves.first[new])
-        for index, slot in enumerate(slots.tolist()):
+        # What is hopeless even at its own place is not asked about.
+        for index in np.flatnonzero(values * max(area / usual.smallest, 1.0) > LEAST_ODDS).tolist():
+            slot = int(slots[index])
             name = anchors.class_name(slot)
             trust = motion_of(name, anchors.config.motion).usual_place
             known = anchors.tracks[int(leaves.track[slot])].id or ""
-            factors[index] = usual.odds(known, name, spot, stamp, trust, (x1 - x0) * (y1 - y0))
-        return factors
+            values[index] *= usual.odds(known, name, spot, stamp, trust, area)
 
     def _add_alternatives(self, new: Track, known: Track) -> None:
         anchors, leaves = self.anchors, self.anchors.leaves

@@ -1,1 +1,1 @@
-"""What is kept: the store of changes, and routines and habits learned from it."""
+"""What is kept: the store of changes, and the routines learned from it."""

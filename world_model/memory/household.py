@@ -1,8 +1,7 @@
 """The routines of a home, learned from what a world model believes: where things are by now though nobody looks.
 
-`Habits` says where things of a class are at an hour of the day, and which of several lost things was found. `Routines`
-follow each thing by itself: where it goes from here, at about this time. They speak where a thing has moved on some
-days; until then, and for what is new, habits do.
+They say where a thing has gone that is not where it was, and so which of several lost things was found; and where one
+is by now that nobody has seen for a while, if it has moved on some days.
 """
 
 from __future__ import annotations
@@ -12,15 +11,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.behaviors import motion_of
 from world_model.config import WorldModelConfig
 from world_model.kept_file import read_kept, set_aside, write_kept
-from world_model.memory.habits import Habits
+from world_model.memory.courses import PlaceWords, courses_of, days_moved, routines_of
 from world_model.memory.routine_words import FEWEST_DAYS
 from world_model.memory.routines import Routines, RoutinesConfig
+from world_model.memory.store import Store
 from world_model.state import DAY, WorldObject
+from world_model.symbols import parse_symbol
 
 FORMAT, VERSION = "whereabouts.household", 1
 PERIOD = 120.0  # s between two looks at the believed world, and for which a forecast holds
@@ -53,9 +55,12 @@ class Household:
             for place in places
             if place.kind == "furniture" and (room := places.room_of(place.polygon.mean(0))) is not None
         }
+        self.smallest = min((place.area for place in places), default=math.inf)  # m²
         self._begin()
         if path is not None and path.exists():
             self._read(path)
+        self._furniture = [place.name for place in places if place.kind == "furniture"]
+        self.routines.know(self._furniture)
 
     def _begin(self) -> None:
         self.routines = Routines(RoutinesConfig(days=DAYS))
@@ -67,6 +72,22 @@ class Household:
         self._forecasts: dict[str, tuple[WorldObject, float, WorldObject]] = {}
 
     # Learning.
+
+    def learn(self, store: Store) -> None:
+        """What a store's history teaches, where nothing was kept beside it."""
+        _, now, _ = store.newest()
+        if self.routines.objects or now is None or not self.places:
+            return
+        present = {item.id: item for item in store.present()}
+        start = now - DAYS * DAY
+        courses = courses_of(store, PlaceWords(self.places), present, start)
+        self.routines = routines_of(courses, start, now, DAYS)
+        self.routines.know(self._furniture)
+        for name, course in courses.items():
+            if days := days_moved(course):
+                self._moved[name] = days[-FEWEST_DAYS:]
+            if course.places[-1] is not None:
+                self._at[name] = course.places[-1]
 
     def due(self, stamp: float) -> bool:
         """Whether it is time to `watch` again."""
@@ -140,7 +161,34 @@ class Household:
         """Probability of each place, a room's with that of its furniture; {} for what has no routines yet."""
         if len(self._moved.get(name, ())) < FEWEST_DAYS or stamp < self._newest:
             return {}
-        found = self.routines.where(name, stamp)
+        return self._by_place(self.routines.where(name, stamp))
+
+    def gone_to(self, name: str, kind: str, stamp: float) -> dict[str, float]:
+        """The same of a thing that is not where it was: where it goes from there, or things of its class are.
+
+        {} where neither it nor any of its class was ever seen to move.
+        """
+        alike = [other for other in self.routines.objects if other != name and _kind(other) == kind]
+        if not any(other in self._moved for other in (name, *alike)):
+            return {}
+        return self._by_place(self.routines.where(name, max(stamp, self._newest), left=True, alike=alike))
+
+    def odds(
+        self, object_id: str, class_name: str, spot: FloatArray, stamp: float, trust: float, area: float
+    ) -> float:
+        """How much likelier a thing that was carried is put down at `spot` (3,) than anywhere in `area` m².
+
+        trust : that it goes where it usually does.
+        """
+        around = [place for place in self.places if place.contains(spot[:2])]
+        usual = self.gone_to(object_id, class_name, stamp)
+        if not usual or not around:
+            return 1.0 if not usual else 1.0 - trust
+        # Furniture says more than the room around it.
+        place = min(around, key=lambda place: place.area)
+        return 1.0 - trust + trust * usual[place.name] * area / place.area
+
+    def _by_place(self, found: Mapping[str, float]) -> dict[str, float]:
         total = sum(found.values())
         if not total > 0.0:
             return {}
@@ -223,6 +271,12 @@ class Household:
             self.problem = f"{path}: {error}; {set_aside(path)}, routines are learned anew"
 
 
+def _kind(name: str) -> str:
+    """Class that a symbol was made for, "" where somebody has renamed the thing."""
+    parsed = parse_symbol(name)
+    return parsed[0] if parsed else ""
+
+
 class ByNow:
     """Where things are by now though nobody looks. where : probability by place of an object as it was seen."""
 
@@ -230,10 +284,9 @@ class ByNow:
         self,
         config: WorldModelConfig,
         where: Callable[[WorldObject], Mapping[str, float]],
-        habits: Habits,
         household: Household,
     ) -> None:
-        self.config, self.where, self.habits, self.household = config, where, habits, household
+        self.config, self.where, self.household = config, where, household
         self._furniture = {place.name for place in household.places if place.kind == "furniture"}
 
     def told(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
@@ -248,18 +301,14 @@ class ByNow:
         )
 
     def _usual(self, item: WorldObject, stamp: float) -> Mapping[str, float]:
-        usual = self.household.by_now(item.id, stamp)
-        if item.lost:
-            trust = motion_of(item.most_probable("class"), self.config.motion).usual_place
-            box = item.region or self.config.region
-            if usual and self.household.places:
-                anywhere = self.household.places.shares(box)
-                usual = {name: (1.0 - trust) * anywhere[name] + trust * p for name, p in usual.items()}
-            else:
-                usual = self.habits.where(item, stamp, trust, box)
-        elif usual:
-            usual = self._moved_by(item, usual)
-        return usual
+        if not item.lost:
+            usual = self.household.by_now(item.id, stamp)
+            return self._moved_by(item, usual) if usual else {}
+        kind = item.most_probable("class")
+        usual = self.household.gone_to(item.id, kind, stamp)
+        trust = motion_of(kind, self.config.motion).usual_place
+        anywhere = self.household.places.shares(item.region or self.config.region)
+        return {name: (1.0 - trust) * anywhere[name] + trust * p for name, p in usual.items()}
 
     def _moved_by(self, item: WorldObject, forecast: Mapping[str, float]) -> dict[str, float]:
         """Of a thing that is believed to be where it was seen: there, or gone its way meanwhile."""

@@ -154,6 +154,11 @@ class Routines:
         if object in self._things and new not in self._things:
             self._things[new] = self._things.pop(object)
 
+    def know(self, places: Iterable[str]) -> None:
+        """There are these places, though nobody has looked at them yet."""
+        for name in places:
+            self._place(_name("places", name))
+
     def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
         """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
 
@@ -178,22 +183,65 @@ class Routines:
         self._seen[present] = self._looked[index] = self._stamp
         self._version += 1
 
-    def where(self, object: str, stamp: float) -> dict[str, float]:
-        """Probability of each place known at `stamp` (UTC, s; not before the newest look); {} for an unknown object."""
+    def where(
+        self, object: str, stamp: float, left: bool = False, alike: Iterable[str] = ()
+    ) -> dict[str, float]:
+        """Probability of each place known at `stamp` (UTC, s; not before the newest look); {} for an unknown object.
+
+        left : it is not where it was seen last, as the one who asks knows. alike : objects of its kind; what is little
+        known, or not at all, goes where these are.
+        """
         stamp = self._checked(stamp)
         thing = self._things.get(object)
         if thing is None:
-            return {}
+            like = [name for name in alike if name in self._things]
+            return self._named(self._base(like, self._slot(stamp))) if like else {}
         slot, place = self._last_seen(thing)
         ahead = self._within_reach(self._slot(stamp) - slot)
-        if ahead <= 0:
+        missing = int(self._history.place[self._last % len(self._history.place), thing]) < 0
+        if not (left or missing) and ahead <= 0:
             chance = np.zeros(len(self._place_names))
             chance[place] = 1.0
         else:
-            found, weights = self._moments(slot)
-            chance = self._forecast(thing, slot, place, ahead, found, weights, moving=False)
-        left = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
-        return dict(zip(self._place_names, left.tolist(), strict=True))
+            base = self._base(alike, self._slot(stamp))
+            if place >= 0 and (left or missing):
+                prior = self._next(thing, slot, place, base)
+            else:
+                prior = self._prior(base, place, ahead)
+            chance = prior if ahead <= 0 else self._forecast(thing, slot, place, ahead, prior, moving=False)
+            if left and not missing:
+                chance[place] = 0.0
+        rest = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
+        return self._named(rest)
+
+    def _named(self, chance: Array) -> dict[str, float]:
+        return dict(zip(self._place_names, chance.tolist(), strict=True))
+
+    def _next(self, thing: int, slot: int, place: int, base: Array) -> Array:
+        """Where it goes when it leaves `place`, whenever that is within a day (P,)."""
+        elsewhere = self._prior(base, place, math.inf)
+        chance = self._forecast(thing, slot, place, self._day, elsewhere, moving=True)
+        chance[place] = 0.0
+        return chance if chance.any() else elsewhere
+
+    def _base(self, alike: Iterable[str], slot: int) -> Array:
+        """Where anything is (P,): each place counts as much as one of the objects `alike` at this time of day."""
+        count = len(self._place_names)
+        found, shares = np.full(count, 1.0 / max(count, 1)), 1
+        for thing in [self._things[name] for name in alike if name in self._things]:
+            found += self._shares(thing, slot)
+            shares += 1
+        return found / shares
+
+    def _shares(self, thing: int, slot: int) -> Array:
+        """Share of the time that it was at each place at about this time of day (P,); anywhere where it never was."""
+        count, window = len(self._place_names), self._like.window
+        days = slot - self._day * np.arange(self.config.days + 2)
+        slots = (days[:, None] + np.arange(-window, window + 1)).ravel()
+        slots = slots[(slots >= self._oldest(self._last)) & (slots <= self._last)]
+        there = self._history.place[slots % len(self._history.place), thing]
+        counted = np.bincount(there[there >= 0], minlength=count)
+        return counted / counted.sum() if counted.any() else np.full(count, 1.0 / count)
 
     def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
         """Objects expected to move within `horizon` s after `stamp`, where the first move leads to, and how probably.
@@ -208,14 +256,14 @@ class Routines:
             return {}
         slot = self._last + self._within_reach(self._slot(stamp) - self._last)
         fill(self._history, self._last, slot)  # until something else is seen, all is as it was
-        found, weights = self._moments(slot)
+        base = self._base((), slot)
         now = self._history.place[slot % len(self._history.place)]
         expected = {}
         for name, thing in self._things.items():
             place = int(now[thing])
             if place < 0:
                 continue
-            chance = self._forecast(thing, slot, place, ahead, found, weights, moving=True)
+            chance = self._forecast(thing, slot, place, ahead, self._prior(base, place, ahead), moving=True)
             chance[place] = 0.0
             to = int(chance.argmax())
             if chance[to] >= self.config.threshold:
@@ -369,41 +417,30 @@ class Routines:
             self._alike = key, found
         return self._alike[1]
 
-    def _forecast(
-        self, thing: int, slot: int, place: int, ahead: int, found: Array, weights: Array, moving: bool
-    ) -> Array:
-        """Probabilities (P,) of where the thing is, or first moves to, `ahead` slots after `slot`."""
-        count = len(self._place_names)
-        prior = _prior(count, place, (self._moves + 1.0) / (self._exposure + self._day), ahead)
+    def _forecast(self, thing: int, slot: int, place: int, ahead: int, prior: Array, moving: bool) -> Array:
+        """Probabilities (P,) of where the thing is, or first moves to, `ahead` slots after it was at a place."""
         if place < 0:
             return prior
+        like, count = self._like, len(self._place_names)
+        found, weights = self._moments(slot)
         votes, days = outcomes(
-            self._history,
-            thing,
-            slot,
-            found,
-            weights,
-            self._last,
-            ahead,
-            self._day,
-            moving,
-            self._like,
-            count,
+            self._history, thing, slot, found, weights, self._last, ahead, self._day, moving, like, count
         )
         if days <= 0.0:
             return prior
         chance: Array = (votes / votes.sum() * days + self.config.prior * prior) / (days + self.config.prior)
         return chance
 
-
-def _prior(count: int, place: int, rate: float, ahead: int) -> Array:
-    """What is expected of anything: it stays with the rate at which things move, 1 a slot, or goes anywhere (P,)."""
-    if place < 0 or count == 1:
-        return np.full(count, 1.0 / count)
-    stays_here = math.exp(-rate * ahead)
-    prior = np.full(count, (1.0 - stays_here) / (count - 1))
-    prior[place] = stays_here
-    return prior
+    def _prior(self, base: Array, place: int, ahead: float) -> Array:
+        """What is expected of anything: it stays with the rate at which things move, or goes where `base` (P,) says."""
+        if place < 0 or len(base) == 1:
+            return base
+        prior = base.copy()
+        prior[place] = 0.0
+        stays_here = math.exp(-(self._moves + 1.0) / (self._exposure + self._day) * ahead)
+        prior *= (1.0 - stays_here) / prior.sum()
+        prior[place] = stays_here
+        return prior
 
 
 def _unseen(chance: Array, seen: int, looked: Array, slot: float, stamp: float) -> Array:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from estimation.checks import FloatArray
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.memory.store_file import StoreFile
 from world_model.memory.store_format import StoreClock
 from world_model.memory.store_places import EVENT, NAME, RUN, places_of
 from world_model.memory.store_rows import COLUMNS, Written, decode
-from world_model.state import WorldObject, most_probable
+from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
 REACH = 1.0  # m around a place from which nothing is there more probably than not
@@ -43,20 +40,6 @@ class HistoryEntry:
     event: str
     object: WorldObject
     epoch: int
-
-
-class Note(NamedTuple):
-    """The part of an event that habits are learned from. kind : most probable class. covariance : (3, 3), m²."""
-
-    epoch: int
-    object_id: str
-    stamp: float
-    event: str
-    position: FloatArray
-    covariance: FloatArray
-    lost: bool
-    last_seen: float
-    kind: str
 
 
 class Records:
@@ -179,18 +162,6 @@ class Records:
             "ORDER BY h.stamp, h.row",
             self._epoch if epoch is None else epoch,
         )
-
-    def notes(self) -> Iterator[Note]:
-        """All events of all runs, by run and object, oldest first."""
-        rows = self._execute(
-            "SELECT o.epoch, o.id, h.stamp, h.event, h.numbers, h.lost, h.last_seen, h.attributes "
-            "FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch >= 0 "
-            "ORDER BY o.epoch, o.id, h.stamp, h.row"
-        )
-        for epoch, name, stamp, happened, numbers, lost, last_seen, text in rows:
-            values = np.frombuffer(numbers, "<f8")
-            around = values[6:15].reshape(3, 3)
-            yield Note(epoch, name, stamp, happened, values[:3], around, bool(lost), last_seen, _kind(text))
 
     # For questions: read from the file, also while another process writes to it.
 
@@ -349,12 +320,6 @@ class Records:
 
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
         return self._file.connection.execute(statement, values)
-
-
-@lru_cache(1024)
-def _kind(attributes: str) -> str:
-    """The most probable class in a row's JSON; few rows differ in it."""
-    return most_probable(json.loads(attributes).get("class"))
 
 
 def _aged(item: WorldObject, age: float) -> WorldObject:

@@ -21,8 +21,8 @@ from world_model.questions.naming import (
     spoken,
 )
 from world_model.questions.past import Change, changes_of, since_when, told_change
-from world_model.questions.recall import PERSON, Recall, Trust
-from world_model.state import DAY
+from world_model.questions.recall import Recall, Trust
+from world_model.state import DAY, PERSON
 
 BESIDE = 1.0  # m: who is that close to a piece of furniture is at it
 NOW = 300.0  # s: who was seen within it is taken to be there

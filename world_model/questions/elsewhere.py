@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass
 from datetime import datetime
 
-from world_model.questions.presence import PlaceCourse, course_of
-from world_model.questions.recall import BELIEVED, FOUND_AFTER, PERSON, Recall, Timeline
-from world_model.state import DAY
+from world_model.memory.courses import PlaceCourse
+from world_model.questions.presence import course_of
+from world_model.questions.recall import FOUND_AFTER, Recall, Timeline
+from world_model.state import BELIEVED, DAY, PERSON
 
 WEEKS = 28 * DAY  # s: of the history that says where things go
 OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell

@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
-from world_model.questions.recall import PERSON, Recall, singulars
+from world_model.questions.recall import Recall, singulars
 from world_model.questions.spelling import is_called, respelled
-from world_model.state import WorldObject
+from world_model.state import PERSON, WorldObject
 from world_model.symbols import parse_symbol
 
 LEAST = 0.3  # Probability of class and colours from which on an object is meant

@@ -9,9 +9,9 @@ from world_model.questions.answers import Answer, NothingKnownError, clean, cloc
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, name_of, one_named, place_named, spoken
-from world_model.questions.recall import PERSON, ObjectStay, Recall, Timeline, Trust
+from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
 from world_model.questions.where import evidence_of
-from world_model.state import DAY
+from world_model.state import DAY, PERSON
 
 WEEK = 7 * DAY
 DAYS, ENDS = 3 * DAY, 80

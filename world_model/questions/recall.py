@@ -13,24 +13,21 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from estimation.geometry.places import Place, Places
+from estimation.geometry.places import Places
+from world_model.memory.courses import PlaceWords, is_there, of_all
 from world_model.memory.store import Store
-from world_model.state import DAY, WorldObject
+from world_model.state import BELIEVED, DAY, PERSON, WorldObject
 from world_model.symbols import Symbols, default_symbols, parse_symbol
 
 if TYPE_CHECKING:
     from world_model.world import WorldModel
 
 T = TypeVar("T")
-PERSON = "person"
 APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
-STEP = 0.005  # m: what moves less from row to row rests
 AWAY = 900.0  # s: what was missing for longer and is back began another stay
-BELIEVED = 0.5  # Existence below which something is not told of as being there
 LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
 PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
@@ -160,12 +157,6 @@ class Timeline:
             if long > 0.0:
                 spent[stay.place] = spent.get(stay.place, 0.0) + long
         return spent
-
-
-def of_all(spent: dict[str, float], least: float) -> dict[str, float]:
-    """Shares of their sum, or of `least` s where that is more."""
-    total = max(sum(spent.values()), least)
-    return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
 
 
 class Links:
@@ -449,7 +440,7 @@ class Recall:
         rows = [] if self.store is None else self.store.sights(object_id, run, start, end, most)
         cut = 0 < most <= len(rows)
         stamps = [row[0] for row in rows]
-        here = [row[1] != "gone" and not row[4] and row[3] >= BELIEVED for row in rows]
+        here = [is_there(row) for row in rows]
         seen = [row[5] for row in rows]
         if rows and here[0] and start == -math.inf and not cut:  # believed in only after some looks
             seen[0], stamps[0] = rows[0][6], rows[0][6]
@@ -469,9 +460,7 @@ class Recall:
 
     def words(self, positions: FloatArray) -> list[str]:
         """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
-        # What is said last is said: the smallest furniture.
-        order = lambda: sorted(self.places, key=lambda place: (place.kind != "room", -place.area))  # noqa: E731
-        return _words(self.once("places", lambda: _Ordered(order())), positions)
+        return self.once("places", lambda: PlaceWords(self.places))(positions)
 
     def place_probability(self, item: WorldObject, place: str) -> float:
         """That an object which exists, and is where it was measured, is at a place."""
@@ -547,48 +536,6 @@ def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mappi
     for name in mine.keys() & others.keys():
         product *= sum(math.sqrt(p * others[name].get(value, 0.0)) for value, p in mine[name].items())
     return product
-
-
-class _Ordered:
-    """Places and the edges of their outlines. starts, ends : (P, E, 2) m, shorter outlines filled up with edges without
-    length; lows, highs : (P,) heights, m."""
-
-    def __init__(self, places: list[Place]) -> None:
-        self.names = [*(place.name for place in places), ""]
-        longest = max((len(place.polygon) for place in places), default=1)
-        self.starts = np.zeros((len(places), longest, 2))
-        for index, place in enumerate(places):
-            self.starts[index] = place.polygon[0]
-            self.starts[index, : len(place.polygon)] = place.polygon
-        self.ends = np.roll(self.starts, -1, axis=1)
-        self.lows, self.highs = np.array([place.height for place in places]).reshape(-1, 2).T
-
-    def last_around(self, positions: FloatArray) -> npt.NDArray[np.int64]:
-        """Index (N,) of the last place around each position (N, 3), -1 where there is none."""
-        x, y = positions[:, 0, None, None], positions[:, 1, None, None]
-        ax, ay = self.starts[..., 0], self.starts[..., 1]
-        bx, by = self.ends[..., 0], self.ends[..., 1]
-        rise = np.where(by == ay, 1.0, by - ay)
-        crossed = ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / rise)
-        inside = crossed.sum(2) % 2 == 1
-        height = positions[:, 2, None]
-        inside &= (height >= self.lows) & (height <= self.highs)
-        count = inside.shape[1]
-        last = count - 1 - np.argmax(inside[:, ::-1], axis=1) if count else np.zeros(len(positions), int)
-        return np.where(inside.any(1), last, -1)
-
-
-def _words(ordered: _Ordered, positions: FloatArray) -> list[str]:
-    """Names of the last place around each position; rows that rest share theirs."""
-    if not len(positions):
-        return []
-    steps = np.abs(np.diff(positions, axis=0)).max(1) > STEP
-    group = np.concatenate([[0], np.cumsum(steps)])
-    firsts = positions[np.concatenate([[True], steps])]
-    found = np.concatenate(
-        [ordered.last_around(part) for part in np.array_split(firsts, len(firsts) // 1000 + 1)]
-    )
-    return [ordered.names[index] for index in found[group].tolist()]
 
 
 def _stays(

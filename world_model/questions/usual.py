@@ -1,4 +1,4 @@
-"""What is usually at a place, and what will be needed next: habits and routines read from the history."""
+"""What is usually at a place, and what will be needed next: counts of the history, and the routines it teaches."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 
 from world_model.describing import LIKELY, SURE
-from world_model.memory.routines import FORMAT, VERSION, Routines, RoutinesConfig
+from world_model.memory.courses import routines_of
+from world_model.memory.routines import Routines
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
@@ -15,7 +16,7 @@ from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import is_at, where_usually
 from world_model.state import DAY
 
-WEEKS = 28 * DAY  # s: of the history that habits and routines are read from
+WEEKS = 28 * DAY  # s: of the history that counts
 LEAST_DAYS = 2.0
 USUAL = 0.5
 AHEAD = 2 * 3600.0
@@ -28,9 +29,9 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     """
     where = place_named(world, place)
     shares = {}
-    presence = presence_of(world, world.now - WEEKS)
-    for name in presence.courses:
-        by_place = presence.shares(name, absent=True)
+    start = world.now - WEEKS
+    for name, course in presence_of(world, start).items():
+        by_place = course.shares(start, world.now, absent=True)
         share = sum(part for other, part in by_place.items() if world.contains(where, other))
         if share > 0.02:
             shares[name] = share
@@ -122,37 +123,11 @@ def learned(world: Recall) -> Routines:
 
 
 def _learned(world: Recall) -> Routines:
-    config = RoutinesConfig(days=round(WEEKS / DAY) + 1)
     start = world.now - WEEKS
-    courses = presence_of(world, start).courses
-    begun = min((float(course.stamps[0]) for course in courses.values()), default=world.now)
-    known = world.now - begun
+    courses = presence_of(world, start)
+    known = world.now - min((float(course.stamps[0]) for course in courses.values()), default=world.now)
     if known < LEAST_DAYS * DAY:
         raise NothingKnownError(
             f"I know no routines yet: I remember {duration(known)}, two days at least are needed."
         )
-    first = math.floor(max(start, begun) / config.slot)
-    last = math.floor(world.now / config.slot)
-    names = list(
-        dict.fromkeys(place for course in courses.values() for place in course.places if place is not None)
-    )
-    number = {name: index for index, name in enumerate(names)}
-    moves, things = 0, []
-    for name, course in courses.items():
-        runs = [[first, first, -1, -1]]
-        for stamp, place in zip(course.stamps.tolist(), course.places, strict=True):
-            # What has gone is still there in the slot in which it went.
-            slot = math.floor(stamp / config.slot) + (place is None)
-            before = runs[-1][2] if runs[-1][2] >= 0 else runs[-1][3]
-            row = [max(slot, first), slot, -1 if place is None else number[place], before]
-            moves += place is not None and row[0] > first and row[3] not in (-1, row[2])
-            if runs[-1][0] == row[0]:
-                runs.pop()
-            runs.append(row)
-        things.append({"name": name, "seen": course.seen, "stays": runs})
-    data = {
-        "format": FORMAT, "version": VERSION, "config": config.__dict__, "stamp": world.now, "first": first,
-        "last": last, "moves": float(moves), "exposure": float(len(courses) * (last - first)),
-        "places": dict.fromkeys(names), "objects": things,
-    }  # fmt: skip
-    return Routines.from_dict(data)
+    return routines_of(courses, start, world.now, round(WEEKS / DAY) + 1)

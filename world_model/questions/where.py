@@ -24,8 +24,8 @@ from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.presence import course_of
-from world_model.questions.recall import BELIEVED, PERSON, ObjectStay, Recall, Timeline, Trust
-from world_model.state import DAY
+from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
+from world_model.state import BELIEVED, DAY, PERSON
 
 MONTH = 28 * DAY
 TWIN, SWAPPED = 0.85, 0.5
