@@ -21,7 +21,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_shape, require_positive
 from estimation.errors import InputError
 from estimation.geometry.poses import between
-from loop_closure.places.outline_kernels import CELL, CELLS, RADIUS, mark_free, reach, thin
+from loop_closure.places.outline_kernels import CELLS, RADIUS, mark_free, reach, thin
 from registration.laser.scan import Scan
 
 THIN = 0.2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse.csgraph import dijkstra
 
 from estimation.geometry.poses import (
     between,
@@ -179,3 +180,25 @@ def test_uncertainty_along_a_chain_is_that_of_compounding() -> None:
     assert turn[-1] == pytest.approx(np.sqrt(P[2, 2]), rel=1e-6)
     assert 0.5 * np.sqrt(np.trace(P[:2, :2])) < sigma[-1] < 1.2 * np.sqrt(np.trace(P[:2, :2]))
     assert sigma[0] == 0.0
+
+
+def test_uncertainty_goes_by_the_shortest_path_and_by_the_better_of_two_edges() -> None:
+    """Turn errors aside, the variance of a place is the length of the shortest path, as scipy finds it."""
+    rng = np.random.default_rng(4)
+    count = 40
+    pairs = {(k, k + 1) for k in range(count - 1)}
+    pairs |= {(int(a), int(b)) for a, b in np.sort(rng.integers(0, count, (60, 2)), axis=1) if a < b}
+    edges, weights = [], np.zeros((count, count))
+    for a, b in sorted(pairs, key=lambda pair: (pair[1], pair[0])):
+        variances = rng.uniform(0.01, 1.0, 2)
+        weights[a, b] = variances.min()
+        edges += [Edge(a, b, np.zeros(3), np.diag([v, v, 1e-12]), b > a + 1) for v in variances]
+    uncertainty = Uncertainty()
+    uncertainty.learn(edges, 30)
+    uncertainty.learn(edges)
+    for node in (0, 17, count - 1):
+        sigma, _ = uncertainty.around(np.zeros((count, 3)), node)
+        np.testing.assert_allclose(sigma**2, dijkstra(weights, directed=False, indices=node), rtol=1e-6)
+    sigma, turn = uncertainty.around(np.zeros((count + 1, 3)), 0)
+    assert np.isinf(sigma[count])
+    assert np.isinf(turn[count])
