@@ -79,8 +79,9 @@ def test_every_filter_follows_the_walker_and_all_targets_carry_their_class(
     assert result.exit_code == 0, result.output
     with out.open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0])[-1] == "person"
+    assert list(rows[0])[-2:] == ["person", "label_probability"]
     assert all(0.0 <= float(row["person"]) <= 1.0 for row in rows)
+    assert all(0.0 < float(row["label_probability"]) <= 1.0 for row in rows)
     # In the last scans there is a target where the walker is.
     for k in (45, 49):
         truth = compound(between(DRIVE(0.1 * k), np.zeros(3)), np.array([*PERSON.position(0.1 * k), 0.0]))

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from whereabouts.recorded.people_tracks import TrackedScan
 
 COLUMNS = ("time", "label", "x", "y", "vx", "vy", "weight")
+OF_ALL = ("person", "label_probability")  # columns besides where all targets are written
 
 
 class Filter(StrEnum):
@@ -57,7 +58,7 @@ Out = Annotated[
     typer.Option(
         "--out",
         metavar="tracks.csv",
-        help="Write the tracks: time, label, x, y, vx, vy, weight (and person).",
+        help="Write the tracks: time, label, x, y, vx, vy, weight (of all targets also person, label_probability).",
         callback=target_file,
     ),
 ]
@@ -76,7 +77,8 @@ FilterOption = Annotated[
 TargetsOption = Annotated[
     Targets,
     typer.Option(
-        help="Write people only, or everything that stands free or moves, with its probability of being a person."
+        help="Write people only, or everything that stands free or moves, with its probability of being a person and of "
+        "being who had the label before."
     ),
 ]
 
@@ -114,7 +116,7 @@ def track(
         log.require(len(stamps), "scans")
     elapsed = time.perf_counter() - started
     if out is not None:
-        _write(out, (*COLUMNS, "person") if every else COLUMNS, rows)
+        _write(out, (*COLUMNS, *OF_ALL) if every else COLUMNS, rows)
     scans, labels, most = len(stamps), len({row[1] for row in rows}), max(counts)
     duration = stamps[-1] - stamps[0]
     typer.echo(
@@ -143,7 +145,7 @@ def _tracked(log: LogReading, wheels: bool, tracker: Any, every: bool) -> Iterat
 
 def _row(scan: TrackedScan, target: Any, frame: TrackedFrame, every: bool) -> list[str]:
     state = scan.in_laser(target) if frame is TrackedFrame.laser else target.mean
-    numbers = (*state, target.weight, *((target.person,) if every else ()))
+    numbers = (*state, target.weight, *(getattr(target, name) for name in OF_ALL if every))
     return [f"{scan.stamp:.9f}", str(target.label), *(f"{value:.4f}" for value in numbers)]
 
 
