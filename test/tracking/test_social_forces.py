@@ -56,7 +56,7 @@ def test_nearest_obstacle_is_found_as_by_brute_force() -> None:
     rng = np.random.default_rng(0)
     around = Obstacles(rng.uniform(-5, 5, (400, 2)))
     for place in rng.uniform(-6, 6, (200, 2)):
-        found = nearest_in_cells(*place, around.points, around.cells, around.origin, CELL, around.shape)
+        found = nearest_in_cells(*place, around.walls)
         away = np.hypot(*(around.points - place).T)
         if away.min() < CELL:
             assert found == away.argmin()

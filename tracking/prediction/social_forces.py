@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimation.checks import FloatArray, as_points
-from tracking.prediction.social_forces_kernels import walk
+from tracking.prediction.social_forces_kernels import Repulsion, Walkers, Walls, walk
 
 IntArray = NDArray[np.int64]
 CELL = 1.0
@@ -62,6 +62,11 @@ class Obstacles:
     def __len__(self) -> int:
         return len(self.points)
 
+    @property
+    def walls(self) -> Walls:
+        """The same for compiled functions."""
+        return Walls(self.points, self.cells, self.origin, CELL, self.shape)
+
 
 @dataclass(frozen=True)
 class Walker:
@@ -91,24 +96,11 @@ def simulate(
             lengths[k] = len(walker.way)
             moving[k] = True
     f = forces
-    return np.asarray(
-        walk(
-            np.array([w.state for w in walkers], dtype=np.float64).reshape(-1, 4),
-            np.array([w.speed for w in walkers], dtype=np.float64),
-            ways,
-            lengths,
-            moving,
-            steps,
-            horizon / steps,
-            np.array([f.relaxation if w.relaxation is None else w.relaxation for w in walkers]),
-            np.array([w.arriving for w in walkers]),
-            np.array([f.people_strength, f.people_range, f.hardness, 2.0 * f.radius]),
-            np.array([f.wall_strength, f.wall_range, f.wall_hardness, f.radius]),
-            around.points,
-            around.cells,
-            around.origin,
-            CELL,
-            around.shape,
-            1.0,
-        )
-    )
+    people = Repulsion(f.people_strength, f.people_range, f.hardness, 2.0 * f.radius)
+    wall = Repulsion(f.wall_strength, f.wall_range, f.wall_hardness, f.radius)
+    states = np.array([w.state for w in walkers], dtype=np.float64).reshape(-1, 4)
+    speeds = np.array([w.speed for w in walkers], dtype=np.float64)
+    relaxation = np.array([f.relaxation if w.relaxation is None else w.relaxation for w in walkers])
+    arriving = np.array([w.arriving for w in walkers])
+    everybody = Walkers(states, speeds, ways, lengths, moving, relaxation, arriving)
+    return np.asarray(walk(everybody, steps, horizon / steps, people, wall, around.walls))
