@@ -168,10 +168,14 @@ class Household:
 
         {} where neither it nor any of its class was ever seen to move.
         """
-        alike = [other for other in self.routines.objects if other != name and _kind(other) == kind]
+        alike = self._alike(name, kind)
         if not any(other in self._moved for other in (name, *alike)):
             return {}
         return self._by_place(self.routines.where(name, max(stamp, self._newest), left=True, alike=alike))
+
+    def _alike(self, name: str, kind: str) -> list[str]:
+        """Other things of a class."""
+        return [other for other in self.routines.objects if other != name and _kind(other) == kind]
 
     def odds(
         self, object_id: str, class_name: str, spot: FloatArray, stamp: float, trust: float, area: float
@@ -181,7 +185,11 @@ class Household:
         trust : that it goes where it usually does.
         """
         around = [place for place in self.places if place.contains(spot[:2])]
-        usual = self.gone_to(object_id, class_name, stamp)
+        alike = self._alike(object_id, class_name)
+        usual = {}
+        if any(other in self._moved for other in (object_id, *alike)):
+            # It was seen there: that others had looked there in vain says nothing any more.
+            usual = self._by_place(self.routines.goes(object_id, max(stamp, self._newest), alike))
         if not usual or not around:
             return 1.0 if not usual else 1.0 - trust
         # Furniture says more than the room around it.

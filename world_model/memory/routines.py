@@ -193,29 +193,46 @@ class Routines:
         """
         stamp = self._checked(stamp)
         thing = self._things.get(object)
+        chance = self._expected(object, self._slot(stamp), left, alike)
+        if thing is not None:
+            chance = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
+        return self._named(chance)
+
+    def goes(self, object: str, stamp: float, alike: Iterable[str] = ()) -> dict[str, float]:
+        """Probability of each place for an object that is not where it was seen last, whoever has looked there since.
+
+        alike : as of `where`.
+        """
+        return self._named(self._expected(object, self._slot(self._checked(stamp)), True, alike))
+
+    def _expected(self, object: str, now: int, left: bool, alike: Iterable[str]) -> Array:
+        """Where an object is in slot `now` (P,), by where it was seen last; empty where nothing is known."""
+        thing = self._things.get(object)
         if thing is None:
             like = [name for name in alike if name in self._things]
-            return self._named(self._base(like, self._slot(stamp))) if like else {}
+            return self._base(like, now) if like else np.zeros(0)
         slot, place = self._last_seen(thing)
-        ahead = self._within_reach(self._slot(stamp) - slot)
+        ahead = self._within_reach(now - slot)
         missing = int(self._history.place[self._last % len(self._history.place), thing]) < 0
-        if not (left or missing) and ahead <= 0:
+        if ahead <= 0 and not (left or missing):
             chance = np.zeros(len(self._place_names))
             chance[place] = 1.0
-        else:
-            base = self._base(alike, self._slot(stamp))
-            if place >= 0 and (left or missing):
-                prior = self._next(thing, slot, place, base)
-            else:
-                prior = self._prior(base, place, ahead)
-            chance = prior if ahead <= 0 else self._forecast(thing, slot, place, ahead, prior, moving=False)
-            if left and not missing:
-                chance[place] = 0.0
-        rest = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
-        return self._named(rest)
+            return chance
+        base = self._base(alike, now)
+        if place < 0 or not (left or missing):
+            return self._forecast(thing, slot, place, ahead, self._prior(base, place, ahead), moving=False)
+        away = self._next(thing, slot, place, base)
+        if ahead <= 0:
+            return away
+        chance = self._forecast(thing, slot, place, ahead, away, moving=False)
+        # Where it was it may be back, but has not stayed.
+        stayed = self._forecast(thing, slot, place, ahead, self._prior(base, place, ahead), moving=True)
+        chance[place] = max(chance[place] - stayed[place], 0.0)
+        total = float(chance.sum())
+        return chance / total if total > 0.0 else away
 
     def _named(self, chance: Array) -> dict[str, float]:
-        return dict(zip(self._place_names, chance.tolist(), strict=True))
+        return dict(zip(self._place_names, chance.tolist(), strict=False))
 
     def _next(self, thing: int, slot: int, place: int, base: Array) -> Array:
         """Where it goes when it leaves `place`, whenever that is within a day (P,)."""
