@@ -159,23 +159,30 @@ class Household:
 
     def by_now(self, name: str, stamp: float) -> dict[str, float]:
         """Probability of each place, a room's with that of its furniture; {} for what has no routines yet."""
-        if len(self._moved.get(name, ())) < FEWEST_DAYS or stamp < self._newest:
+        if not self._has_routines(name) or stamp < self._newest:
             return {}
         return self._by_place(self.routines.where(name, stamp))
 
     def gone_to(self, name: str, kind: str, stamp: float) -> dict[str, float]:
         """The same of a thing that is not where it was: where it goes from there, or things of its class are.
 
-        {} where neither it nor any of its class was ever seen to move.
+        {} where neither it nor any of its class has routines yet.
         """
         alike = self._alike(name, kind)
-        if not any(other in self._moved for other in (name, *alike)):
+        if not (alike or self._has_routines(name)):
             return {}
         return self._by_place(self.routines.where(name, max(stamp, self._newest), left=True, alike=alike))
 
     def _alike(self, name: str, kind: str) -> list[str]:
-        """Other things of a class."""
-        return [other for other in self.routines.objects if other != name and _kind(other) == kind]
+        """Other things of a class that have routines."""
+        return [
+            other
+            for other in self._moved
+            if other != name and _kind(other) == kind and self._has_routines(other)
+        ]
+
+    def _has_routines(self, name: str) -> bool:
+        return len(self._moved.get(name, ())) >= FEWEST_DAYS
 
     def odds(
         self, object_id: str, class_name: str, spot: FloatArray, stamp: float, trust: float, area: float
@@ -187,7 +194,7 @@ class Household:
         around = [place for place in self.places if place.contains(spot[:2])]
         alike = self._alike(object_id, class_name)
         usual = {}
-        if any(other in self._moved for other in (object_id, *alike)):
+        if alike or self._has_routines(object_id):
             # It was seen there: that others had looked there in vain says nothing any more.
             usual = self._by_place(self.routines.goes(object_id, max(stamp, self._newest), alike))
         if not usual or not around:

@@ -7,9 +7,9 @@
     routines.explain("mug", stamp)                      # "mug usually goes from table to sink about 20 min after ..."
 
 A forecast is a vote of past moments: those at about the same time of day at which the thing was at the same place. A
-moment counts the more, the closer its time of day is, the fewer things were elsewhere than now or moved lately when now
-they did not, the more alike the thing's own stay is (how long, where it came from), and the more recent it is. What
-came after these moments is the forecast; where few moments speak, it yields to how often things move at all.
+moment counts the more, the closer its time of day is, the fewer things were elsewhere than now, the more alike the
+thing's own stay is (how long, where it came from), and the more recent it is. What came after these moments is the
+forecast; where few moments speak, it yields to how often things move at all.
 
 Time is cut into slots of ten minutes. A moment's neighbours are found by the time that passed, in whole days and some
 minutes, so that no day has to begin anywhere.
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -51,10 +51,9 @@ class RoutinesConfig:
 
     slot : s, resolution of time. days : that are remembered; what is older is gone. half_life : days until a moment
     counts half. window, clock : largest difference and deviation of the time of day, s. differs : log weight of a
-    thing that was elsewhere than now. recent : of one that moved within `moved` s, then or now but not both.
-    stay : deviation of the log of how long the thing itself has been there. origin : log weight of its having come
-    from elsewhere. prior : days that the general rate of moves counts for. threshold : of the probability from which
-    on `moves` tells of a move.
+    thing that was elsewhere than now. stay : deviation of the log of how long the thing itself has been there.
+    origin : log weight of its having come from elsewhere. prior : days that the general rate of moves counts for.
+    threshold : of the probability from which on `moves` tells of a move.
     """
 
     slot: float = 600.0
@@ -63,8 +62,6 @@ class RoutinesConfig:
     window: float = 1800.0
     clock: float = 900.0
     differs: float = 0.8
-    recent: float = 0.0
-    moved: float = 36000.0
     stay: float = 0.7
     origin: float = 1.2
     prior: float = 0.3
@@ -84,8 +81,6 @@ class RoutinesConfig:
             self.clock / self.slot,
             self.half_life,
             self.differs,
-            self.recent,
-            round(self.moved / self.slot),
             self.stay,
             self.origin,
         )
@@ -332,7 +327,9 @@ class Routines:
         if data.get("format") != FORMAT or data.get("version") != VERSION:
             raise InputError(f"not {FORMAT} of version {VERSION}")
         try:
-            return cls(RoutinesConfig(**data["config"]))._restored(data)
+            # Older files name weights that had no effect.
+            config = {each.name: data["config"][each.name] for each in fields(RoutinesConfig)}
+            return cls(RoutinesConfig(**config))._restored(data)
         except (KeyError, TypeError, IndexError, AttributeError) as error:
             raise InputError(f"{FORMAT}: {error!r}") from error
 
