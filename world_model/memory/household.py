@@ -194,7 +194,8 @@ class Household:
         around = [place for place in self.places if place.contains(spot[:2])]
         alike = self._alike(object_id, class_name)
         usual = {}
-        if alike or self._has_routines(object_id):
+        # What is still believed to be where it was is weighed by evidence alone.
+        if object_id not in self._at and (alike or self._has_routines(object_id)):
             # It was seen there: that others had looked there in vain says nothing any more.
             usual = self._by_place(self.routines.goes(object_id, max(stamp, self._newest), alike))
         if not usual or not around:
