@@ -323,3 +323,35 @@ def test_explanation_says_where_when_and_how_often() -> None:
     at([(now, {"mug": "table"})], routines)
     said = "mug usually goes from table to sink about 20 min after it came; 6 of 6 days."
     assert routines.explain("mug", now) == said
+
+
+def test_what_older_versions_kept_is_read() -> None:
+    """They named two more weights, which had no effect."""
+    routines, _ = learned(5)
+    kept = routines.to_dict()
+    older = {**kept, "config": {**kept["config"], "recent": 0.0, "moved": 36000.0}}
+    assert Routines.from_dict(older).to_dict() == kept
+    with pytest.raises(InputError, match="half_life"):
+        Routines.from_dict({**kept, "config": {}} | {"config": {"slot": 600.0, "days": 5}})
+
+
+def test_what_has_left_goes_its_way_and_may_be_back_but_has_not_stayed() -> None:
+    """A mug goes from the table to the sink at eight and back at ten; it is missed at different times."""
+    routines = Routines()
+    for day in range(10):
+        for tick in range(144):
+            place = "sink" if 48 <= tick < 60 else "table"
+            at([(day * DAY + tick * 600.0, {"mug": place})], routines)
+    morning = 10 * DAY + 7.5 * HOUR
+    at([(morning, {"mug": "table"})], routines)
+    assert routines.where("mug", morning)["table"] == 1.0
+    gone = routines.goes("mug", morning)
+    assert max(gone, key=gone.__getitem__) == "sink"
+    assert gone["table"] == 0.0
+    assert routines.goes("mug", morning + HOUR)["sink"] > 0.8
+    assert routines.goes("mug", morning + 4.0 * HOUR)["table"] > 0.8
+    assert sum(routines.where("mug", morning + HOUR, left=True).values()) == pytest.approx(1.0)
+    assert routines.goes("cup", morning) == {}
+    assert routines.goes("cup", morning + HOUR, ["mug"])["sink"] > 0.3
+    routines.know(["shelf"])
+    assert 0.0 <= routines.goes("mug", morning)["shelf"] < 0.1

@@ -159,19 +159,30 @@ class Household:
 
     def by_now(self, name: str, stamp: float) -> dict[str, float]:
         """Probability of each place, a room's with that of its furniture; {} for what has no routines yet."""
-        if len(self._moved.get(name, ())) < FEWEST_DAYS or stamp < self._newest:
+        if not self._has_routines(name) or stamp < self._newest:
             return {}
         return self._by_place(self.routines.where(name, stamp))
 
     def gone_to(self, name: str, kind: str, stamp: float) -> dict[str, float]:
         """The same of a thing that is not where it was: where it goes from there, or things of its class are.
 
-        {} where neither it nor any of its class was ever seen to move.
+        {} where neither it nor any of its class has routines yet.
         """
-        alike = [other for other in self.routines.objects if other != name and _kind(other) == kind]
-        if not any(other in self._moved for other in (name, *alike)):
+        alike = self._alike(name, kind)
+        if not (alike or self._has_routines(name)):
             return {}
         return self._by_place(self.routines.where(name, max(stamp, self._newest), left=True, alike=alike))
+
+    def _alike(self, name: str, kind: str) -> list[str]:
+        """Other things of a class that have routines."""
+        return [
+            other
+            for other in self._moved
+            if other != name and _kind(other) == kind and self._has_routines(other)
+        ]
+
+    def _has_routines(self, name: str) -> bool:
+        return len(self._moved.get(name, ())) >= FEWEST_DAYS
 
     def odds(
         self, object_id: str, class_name: str, spot: FloatArray, stamp: float, trust: float, area: float
@@ -181,7 +192,12 @@ class Household:
         trust : that it goes where it usually does.
         """
         around = [place for place in self.places if place.contains(spot[:2])]
-        usual = self.gone_to(object_id, class_name, stamp)
+        alike = self._alike(object_id, class_name)
+        usual = {}
+        # What is still believed to be where it was is weighed by evidence alone.
+        if object_id not in self._at and (alike or self._has_routines(object_id)):
+            # It was seen there: that others had looked there in vain says nothing any more.
+            usual = self._by_place(self.routines.goes(object_id, max(stamp, self._newest), alike))
         if not usual or not around:
             return 1.0 if not usual else 1.0 - trust
         # Furniture says more than the room around it.

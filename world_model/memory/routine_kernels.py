@@ -32,7 +32,6 @@ class Likeness(NamedTuple):
 
     window : largest difference of the time of day, slots. clock : deviation of its Gaussian, slots.
     half_life : days until a moment counts half. differs : for each thing that is at another place.
-    recent : for each thing that moved within the last `moved` slots at one of the moments only.
     stay : deviation of the log of how long the thing itself has been there. origin : where it came from elsewhere.
     """
 
@@ -40,8 +39,6 @@ class Likeness(NamedTuple):
     clock: float
     half_life: float
     differs: float
-    recent: float
-    moved: int
     stay: float
     origin: float
 
@@ -177,9 +174,6 @@ def moments(history, slot, first, last, day, like):
     here, there = history.place[now], history.place[then]
     both = (here >= 0) & (there >= 0)
     cost += like.differs * (both & (here != there)).sum(1)
-    if like.recent:
-        fresh = slot - history.since[now] < like.moved
-        cost += like.recent * (both & (fresh != (found[:, None] - history.since[then] < like.moved))).sum(1)
     return found, -cost
 
 

@@ -7,9 +7,9 @@
     routines.explain("mug", stamp)                      # "mug usually goes from table to sink about 20 min after ..."
 
 A forecast is a vote of past moments: those at about the same time of day at which the thing was at the same place. A
-moment counts the more, the closer its time of day is, the fewer things were elsewhere than now or moved lately when now
-they did not, the more alike the thing's own stay is (how long, where it came from), and the more recent it is. What
-came after these moments is the forecast; where few moments speak, it yields to how often things move at all.
+moment counts the more, the closer its time of day is, the fewer things were elsewhere than now, the more alike the
+thing's own stay is (how long, where it came from), and the more recent it is. What came after these moments is the
+forecast; where few moments speak, it yields to how often things move at all.
 
 Time is cut into slots of ten minutes. A moment's neighbours are found by the time that passed, in whole days and some
 minutes, so that no day has to begin anywhere.
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -51,10 +51,9 @@ class RoutinesConfig:
 
     slot : s, resolution of time. days : that are remembered; what is older is gone. half_life : days until a moment
     counts half. window, clock : largest difference and deviation of the time of day, s. differs : log weight of a
-    thing that was elsewhere than now. recent : of one that moved within `moved` s, then or now but not both.
-    stay : deviation of the log of how long the thing itself has been there. origin : log weight of its having come
-    from elsewhere. prior : days that the general rate of moves counts for. threshold : of the probability from which
-    on `moves` tells of a move.
+    thing that was elsewhere than now. stay : deviation of the log of how long the thing itself has been there.
+    origin : log weight of its having come from elsewhere. prior : days that the general rate of moves counts for.
+    threshold : of the probability from which on `moves` tells of a move.
     """
 
     slot: float = 600.0
@@ -63,8 +62,6 @@ class RoutinesConfig:
     window: float = 1800.0
     clock: float = 900.0
     differs: float = 0.8
-    recent: float = 0.0
-    moved: float = 36000.0
     stay: float = 0.7
     origin: float = 1.2
     prior: float = 0.3
@@ -84,8 +81,6 @@ class RoutinesConfig:
             self.clock / self.slot,
             self.half_life,
             self.differs,
-            self.recent,
-            round(self.moved / self.slot),
             self.stay,
             self.origin,
         )
@@ -193,29 +188,46 @@ class Routines:
         """
         stamp = self._checked(stamp)
         thing = self._things.get(object)
+        chance = self._expected(object, self._slot(stamp), left, alike)
+        if thing is not None:
+            chance = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
+        return self._named(chance)
+
+    def goes(self, object: str, stamp: float, alike: Iterable[str] = ()) -> dict[str, float]:
+        """Probability of each place for an object that is not where it was seen last, whoever has looked there since.
+
+        alike : as of `where`.
+        """
+        return self._named(self._expected(object, self._slot(self._checked(stamp)), True, alike))
+
+    def _expected(self, object: str, now: int, left: bool, alike: Iterable[str]) -> Array:
+        """Where an object is in slot `now` (P,), by where it was seen last; empty where nothing is known."""
+        thing = self._things.get(object)
         if thing is None:
             like = [name for name in alike if name in self._things]
-            return self._named(self._base(like, self._slot(stamp))) if like else {}
+            return self._base(like, now) if like else np.zeros(0)
         slot, place = self._last_seen(thing)
-        ahead = self._within_reach(self._slot(stamp) - slot)
+        ahead = self._within_reach(now - slot)
         missing = int(self._history.place[self._last % len(self._history.place), thing]) < 0
-        if not (left or missing) and ahead <= 0:
+        if ahead <= 0 and not (left or missing):
             chance = np.zeros(len(self._place_names))
             chance[place] = 1.0
-        else:
-            base = self._base(alike, self._slot(stamp))
-            if place >= 0 and (left or missing):
-                prior = self._next(thing, slot, place, base)
-            else:
-                prior = self._prior(base, place, ahead)
-            chance = prior if ahead <= 0 else self._forecast(thing, slot, place, ahead, prior, moving=False)
-            if left and not missing:
-                chance[place] = 0.0
-        rest = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
-        return self._named(rest)
+            return chance
+        base = self._base(alike, now)
+        if place < 0 or not (left or missing):
+            return self._forecast(thing, slot, place, ahead, self._prior(base, place, ahead), moving=False)
+        away = self._next(thing, slot, place, base)
+        if ahead <= 0:
+            return away
+        chance = self._forecast(thing, slot, place, ahead, away, moving=False)
+        # Where it was it may be back, but has not stayed.
+        stayed = self._forecast(thing, slot, place, ahead, self._prior(base, place, ahead), moving=True)
+        chance[place] = max(chance[place] - stayed[place], 0.0)
+        total = float(chance.sum())
+        return chance / total if total > 0.0 else away
 
     def _named(self, chance: Array) -> dict[str, float]:
-        return dict(zip(self._place_names, chance.tolist(), strict=True))
+        return dict(zip(self._place_names, chance.tolist(), strict=False))
 
     def _next(self, thing: int, slot: int, place: int, base: Array) -> Array:
         """Where it goes when it leaves `place`, whenever that is within a day (P,)."""
@@ -315,7 +327,9 @@ class Routines:
         if data.get("format") != FORMAT or data.get("version") != VERSION:
             raise InputError(f"not {FORMAT} of version {VERSION}")
         try:
-            return cls(RoutinesConfig(**data["config"]))._restored(data)
+            # Older files name weights that had no effect.
+            config = {each.name: data["config"][each.name] for each in fields(RoutinesConfig)}
+            return cls(RoutinesConfig(**config))._restored(data)
         except (KeyError, TypeError, IndexError, AttributeError) as error:
             raise InputError(f"{FORMAT}: {error!r}") from error
 
