@@ -77,8 +77,8 @@ FilterOption = Annotated[
 TargetsOption = Annotated[
     Targets,
     typer.Option(
-        help="Write people only, or everything that stands free or moves, with its probability of being a person and of "
-        "being who had the label before."
+        help="Write people only, or everything that stands free or moves, with the probabilities that it is a person "
+        "and has its own label."
     ),
 ]
 
