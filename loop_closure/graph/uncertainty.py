@@ -21,7 +21,7 @@ ARM = (
     5.0  # metres at which the turn error of an edge is weighed against its position error in choosing a path
 )
 SLACK = 0.1  # metres that guessed steps add to a distance from which on it is asked whether closures say more
-NONE = -1
+NONE = -1  # ends a chain
 WHOLE = 30.0  # metres of path from which on more path adds nothing: odometry bends, and closures hold it
 
 
