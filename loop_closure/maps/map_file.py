@@ -13,6 +13,7 @@ from estimation.archive import header_of, read_archive
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.keyframes import Keyframes
 from loop_closure.maps.map_checks import check_map
 from loop_closure.slam.trajectory import Closure, Slam
@@ -55,7 +56,12 @@ def write_map(slam: Slam, file: BinaryIO) -> None:
     np.savez_compressed(file, about=np.array(about), **arrays)
 
 
-def read_map(path: Path | str, config: SlamConfig | None = None, thin: bool = False) -> Slam:
+def read_map(
+    path: Path | str,
+    config: SlamConfig | None = None,
+    thin: bool = False,
+    aside: SmootherProcess | None = None,
+) -> Slam:
     """A `Slam` as it was saved; its next scan needs `Slam.resume` first, or a `Localizer` is given its keyframes.
 
     Raises
@@ -66,7 +72,7 @@ def read_map(path: Path | str, config: SlamConfig | None = None, thin: bool = Fa
     try:
         _check_kind(data)
         check_map(data)
-        return _restored(data, Slam(config, thin=thin))
+        return _restored(data, Slam(config, thin=thin, aside=aside))
     except KeyError as error:
         raise InputError(f"{path}: not a map that can be read: {error} is missing") from error
     except (ValueError, TypeError, IndexError, ArithmeticError, np.linalg.LinAlgError) as error:

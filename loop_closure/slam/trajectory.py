@@ -18,6 +18,7 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.graph.marginal import renumbered, without
 from loop_closure.graph.pose_graph import Edge, PoseGraph, SmoothedGraph, residuals
+from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.graph.steps import StepDoubt
 from loop_closure.graph.uncertainty import SLACK, Uncertainty, apart
 from loop_closure.keyframes import Keyframes
@@ -96,6 +97,7 @@ class Slam:
         thin: bool = False,
         every_scan: bool | None = None,
         pace: float | None = None,
+        aside: SmootherProcess | None = None,
     ) -> None:
         """`proposals` : what says where a loop may close. "path": the estimate, within its uncertainty. "places": the
         classifier alone, asked about every keyframe against all before it (Paper A, section 4.3). "both": the estimate,
@@ -107,7 +109,7 @@ class Slam:
         pace : what `process` may do with one scan, ms of one core of a desktop computer, about: loops are searched and
         closed in steps, keyframe by keyframe, and what is left over is done with the scans that follow, by `work`
         while none comes, and in `finish`. How much follows from the scans, not from a clock: the same scans give
-        the same map. None: everything at once.
+        the same map. None: everything at once. aside : a process that smooths, where `graph` is not given.
         """
         self.config = config or SlamConfig()
         if thin and not isinstance(graph, SmoothedGraph | None):
@@ -118,12 +120,12 @@ class Slam:
             raise InputError(f"pace: ms above 0 expected, got {pace}")
         self.proposals, self._thins, self.pace = proposals, thin, pace
         self._every_scan = not thin if every_scan is None else every_scan
-        self._new_graph = graph
+        self._new_graph, self._aside = graph, aside
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: the next scan starts a new map."""
-        self.graph: PoseGraph = self._new_graph if self._new_graph is not None else SmoothedGraph()
+        self.graph: PoseGraph = self._new_graph or SmoothedGraph(self._aside)
         self.keyframes = Keyframes()
         self.closures: list[Closure] = []
         self._hypotheses = ClosureHypotheses()

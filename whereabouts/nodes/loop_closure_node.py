@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
+from typing import ClassVar
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -19,6 +20,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
+from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.loop_closure_warm_up import warm_up
 from loop_closure.slam.trajectory import Slam, SlamUpdate
 from registration.laser.mounting import level_pose, seen_from_robot, upright
@@ -43,6 +45,7 @@ from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.navigation.nav2_maps import Nav2Maps
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
+from whereabouts.nodes.ros.footprint import settle
 from whereabouts.parameters.loop_closure import LoopClosureParameters
 from whereabouts_msgs.msg import LoopClosure
 
@@ -52,11 +55,12 @@ SURE_SIGMA = 1.0  # metres, of an initial pose that comes without a covariance
 
 
 class LoopClosureNode(SuiteNode):
-    """A `map` frame that does not drift."""
+    """A `map` frame that does not drift. aside : a process that smooths, if there is one."""
 
     parameters_model = LoopClosureParameters
     node_name = "loop_closure"
     settings: LoopClosureParameters
+    aside: ClassVar[SmootherProcess | None] = None
 
     def setup(self) -> None:
         settings = self.settings
@@ -83,7 +87,7 @@ class LoopClosureNode(SuiteNode):
         self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=sure)
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         maps = MapOutput(self)
-        self._map = MapInUse(self, self._for_tf, maps.forget)
+        self._map = MapInUse(self, self._for_tf, maps.forget, self.aside)
         self._publisher = MapPublisher(self, self._map, maps)
         self._transform = MapTransform(self, self._map)
         files = MapFiles(self, self._map, self.finish_work)
@@ -291,6 +295,8 @@ class LoopClosureNode(SuiteNode):
 
 def main() -> None:
     """Entry point of the executable `loop_closure`."""
+    # Forked here, as long as there are no threads.
+    LoopClosureNode.aside = SmootherProcess(settle)
     exit_with(LoopClosureNode)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
+from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.maps.earlier_map import EarlierMap
 from loop_closure.maps.localization import Localizer
 from loop_closure.maps.map_file import read_map, write_map
@@ -34,11 +35,18 @@ class MapInUse:
     mounting (3,) : of the sensor on the robot. correction (6,) : of the odometry frame of tf. located : whether the
     robot is found. changed : whether anything has to be published anew.
 
-    for_tf : takes a correction of the odometry in use to that of tf. anew : called when another map begins.
+    for_tf : takes a correction of the odometry in use to that of tf. anew : called when another map begins. aside : a
+    process that smooths.
     """
 
-    def __init__(self, node: SuiteNode, for_tf: Callable[[Array], Array], anew: Callable[[], None]) -> None:
-        self._node, self._for_tf, self._anew = node, for_tf, anew
+    def __init__(
+        self,
+        node: SuiteNode,
+        for_tf: Callable[[Array], Array],
+        anew: Callable[[], None],
+        aside: SmootherProcess | None = None,
+    ) -> None:
+        self._node, self._for_tf, self._anew, self._aside = node, for_tf, anew, aside
         self.earlier: EarlierMap | None = None
 
     def start(self) -> None:
@@ -58,7 +66,7 @@ class MapInUse:
 
     def _begin(self) -> None:
         settings = self._node.settings
-        self.slam = Slam(settings.slam, proposals=settings.proposals, thin=True, pace=PACE)
+        self.slam = Slam(settings.slam, proposals=settings.proposals, thin=True, pace=PACE, aside=self._aside)
         self.localizer: Localizer | None = None
         self.extend = True
         self.grid = MapGrid(settings.resolution)
@@ -129,7 +137,7 @@ class MapInUse:
 
     def begin_with(self, path: Path, localization_only: bool, initial: Array | None) -> int:
         """Take a saved map; the robot is looked for in it, around `initial` (3,) of the robot where given."""
-        slam = read_map(path, self._node.settings.slam, thin=True)
+        slam = read_map(path, self._node.settings.slam, thin=True, aside=self._aside)
         slam.pace = PACE
         kind, other = ("clouds", "scans") if self._node.settings.cloud_topic else ("scans", "clouds")
         if not len(slam.keyframes) or (slam.keyframes[0].scan is None) != (kind == "clouds"):
