@@ -108,3 +108,14 @@ def test_wrong_parameters_are_told_as_by_a_process_of_its_own(tmp_path: Path) ->
         supervisor.start(NodeSpec("verifier", parameters={"diagnostics_period": -3.0}))
         with pytest.raises(SuiteError, match=r"(?s)could not start.*diagnostics_period"):
             watch(supervisor, lambda: False)
+
+
+def test_what_a_node_has_made_for_itself_ends_with_it_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    with Supervisor(tmp_path, hosted=True) as supervisor:
+        node = supervisor.start(NodeSpec("loop_closure"))
+        watch(supervisor, lambda: node.was_active)
+        pid = node.process.pid
+        (smoother,) = map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())
+        os.kill(pid, signal.SIGKILL)
+        watch(supervisor, lambda: node.restarts == 1 and not Path(f"/proc/{smoother}").exists())
+        watch(supervisor, lambda: node.running)

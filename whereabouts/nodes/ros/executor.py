@@ -76,6 +76,9 @@ class NodeExecutor(SingleThreadedExecutor):
     node names in `resting` wake nobody up: what they have is taken before anything else is done. With an rclpy that is
     built otherwise it is the plain executor. What a callback raises goes to the node's `report_defect`, where it has
     one, and no further.
+
+    rclpy's events executor takes less for a message (`bench/bench_executors.py`), but calls no timer while nothing else
+    happens, and a coroutine that waits keeps it busy.
     """
 
     def __init__(self, context: Context | None = None) -> None:

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -242,6 +242,7 @@ class Supervisor:
         """
         if not self._has_ended():
             return
+        _reap_orphan()
         for name, node in self.nodes.items():
             if node.running or name in self._given_up:
                 continue
@@ -281,6 +282,17 @@ class Supervisor:
                 node.process.wait()
         self._end_host()
         remove_orphans()
+
+
+def _reap_orphan() -> None:
+    """Forget a process that a node had made for itself and left behind: hosted, it has become a child of this one.
+
+    It is known by its session, which is that node's and neither its own nor this process's.
+    """
+    with suppress(ChildProcessError, ProcessLookupError):
+        ended = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if ended is not None and os.getsid(ended.si_pid) not in (ended.si_pid, os.getsid(0)):
+            os.waitpid(ended.si_pid, 0)
 
 
 @contextmanager
