@@ -15,6 +15,7 @@ from estimation.checks import FloatArray
 from loop_closure.graph.pose_graph import Edge
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import compose, length, motion, planar, positions, turn
+from loop_closure.slam.closure_hypotheses import Guess
 from loop_closure.slam.cloud_closing import lay
 from loop_closure.work import Steps
 from registration.placement.align_submaps import APART, align_submaps, ambiguous
@@ -29,28 +30,6 @@ class Gate:
 
     sigma: FloatArray
     turn: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A candidate that registration found to fit.
-
-    merit : how much speaks for it, metres of outline. fitness : agreeing share of what both saw.
-    certain : whether the estimate was so good beforehand that nothing else could have been meant.
-    alone : no other placement does nearly as well. sigma : metres, standard deviation of the place beforehand.
-    expected : whether it lies where the estimate allows it; what does not can only speak against others.
-    missed : metres between the estimate and the placement.
-    """
-
-    edge: Edge
-    merit: float
-    fitness: float
-    certain: bool
-    alone: bool
-    likelihood: float
-    sigma: float = 0.0
-    expected: bool = True
-    missed: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +59,7 @@ def looking(
     search: Search,
     likely: dict[int, float] | None = None,
     both: bool = False,
-) -> Steps[list[Fit]]:
+) -> Steps[list[Guess]]:
     """Placements of keyframe `k` that can be believed, best first; a step for each that is tried.
 
     likely : likelihood of earlier keyframes by the classifier. both : use the path after `k` too, in hindsight.
@@ -94,7 +73,7 @@ def looking(
     source = keyframes.local_map(
         k, search.back if not both else search.around, search.around if both else 0.0
     )
-    fits: list[Fit] = []
+    fits: list[Guess] = []
     for j in chosen:
         yield LAYING[bool(gate.sigma[j] > search.certain or search.anywhere)]
         target = keyframes.local_map(j, search.around, search.around)
@@ -123,16 +102,16 @@ def looking(
             edge = Edge(j, k, placement.pose, placement.covariance, True)
             likelihood = (likely or {}).get(j, 0.0)
             fits.append(
-                Fit(
+                Guess(
                     edge,
                     placement.merit,
                     placement.fitness,
-                    not loose,
-                    alone,
                     likelihood,
                     sigma,
                     expected,
                     missed,
+                    not loose,
+                    alone,
                 )
             )
     fits.sort(key=lambda fit: -fit.merit)
@@ -197,7 +176,7 @@ def nearer(guess: FloatArray, reach: float) -> FloatArray:
 
 def _look_around(
     k: int, chosen: list[int], keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search
-) -> list[Fit]:
+) -> list[Guess]:
     """The same for clouds, which are rarely mistaken for each other but take long to register: one candidate does."""
     fits = []
     for j in chosen[:1]:
@@ -206,11 +185,11 @@ def _look_around(
         laid = lay(keyframes, j, k, guess, sigma, search.deviations * sigma + 1.0)
         if laid is not None:
             edge, fitness = laid
-            fits.append(Fit(edge, 100.0 * fitness, fitness, sigma <= CERTAIN_IN_SPACE, True, 0.0, sigma))
+            fits.append(Guess(edge, 100.0 * fitness, fitness, 0.0, sigma, certain=sigma <= CERTAIN_IN_SPACE))
     return fits
 
 
-def agree(fits: list[Fit], poses: FloatArray) -> bool:
+def agree(fits: list[Guess], poses: FloatArray) -> bool:
     """Whether all placements put the keyframe at the same place."""
     placed = [compose(poses[fit.edge.a], fit.edge.motion) for fit in fits]
     return all(

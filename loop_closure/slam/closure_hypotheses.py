@@ -37,10 +37,13 @@ Spread = Callable[[int, npt.NDArray[np.int64]], tuple[npt.ArrayLike, npt.ArrayLi
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """A closure that is not decided: the edge, how much outline speaks for it (m), fitness and likelihood.
+    """A candidate for a closure that registration found to fit.
 
-    sigma : metres, standard deviation of the place before. expected : whether the estimate allows it; otherwise it
-    can only be a rival. missed : metres by which the estimate would move.
+    merit : how much speaks for it, metres of outline. fitness : agreeing share of what both saw. likelihood : of the
+    classifier. sigma : metres, standard deviation of the place beforehand. expected : whether the estimate allows it;
+    otherwise it can only be a rival. missed : metres between the estimate and the placement. certain : whether the
+    estimate was so good beforehand that nothing else could have been meant. alone : no other placement does nearly as
+    well.
     """
 
     edge: Edge
@@ -50,6 +53,8 @@ class Guess:
     sigma: float = 0.0
     expected: bool = True
     missed: float = 0.0
+    certain: bool = False
+    alone: bool = True
 
 
 class ClosureHypotheses:

@@ -66,11 +66,18 @@ def polished_step(keyframes: Keyframes, points: FloatArray, step: FloatArray) ->
     target = local_cloud(keyframes, len(keyframes) - 1, BACK, 0.0)
     if min(len(points), len(target)) < LEAST_POINTS:
         return None
-    found, settled = polish(points, target, step, LEAF, 1.5)
-    found, settled = polish(points, target, found, LEAF, 0.5) if settled else (found, False)
-    found = orthonormal(found)
+    found = _settled(points, target, step)
+    if found is None:
+        return None
     off = motion(step, found)
-    return found if settled and length(off) < 0.8 and turn(off) < 0.2 else None
+    return found if length(off) < 0.8 and turn(off) < 0.2 else None
+
+
+def _settled(source: FloatArray, target: FloatArray, guess: FloatArray) -> FloatArray | None:
+    """`guess` (4, 4) refined, from far and then from near; None where that does not settle."""
+    found, settled = polish(source, target, guess, LEAF, 1.5)
+    found, settled = polish(source, target, found, LEAF, CLOSE) if settled else (found, False)
+    return orthonormal(found) if settled and np.isfinite(found).all() else None
 
 
 def lay(
@@ -130,11 +137,9 @@ def nearby(source: FloatArray, target: FloatArray, guess: FloatArray) -> tuple[F
     """Pose (4, 4) of cloud `source` in the frame of `target`, from one about a metre off, and how well both agree."""
     if min(len(source), len(target)) < LEAST_POINTS:
         return None
-    found, settled = polish(source, target, guess, LEAF, 1.5)
-    found, settled = polish(source, target, found, LEAF, 0.5) if settled else (found, False)
-    if not settled or not np.isfinite(found).all():
+    found = _settled(source, target, guess)
+    if found is None:
         return None
-    found = orthonormal(found)
     everything, upright = common(source, target, found), common_standing(source, target, found)
     return (found, upright) if everything >= SURE and upright >= SURE_STANDING else None
 

@@ -46,7 +46,8 @@ def _insert(  # type: ignore[no-untyped-def]
         if tilt[k] < math.inf:
             m = nearest(x, y, nx, ny, spacing, agree, True, element, element_normal, heads, following)
         else:
-            m = _nearest_bare(x, y, 0.5 * spacing, element, heads, following)
+            # Without a line of its own it goes with any element.
+            m = nearest(x, y, nx, ny, 0.5 * spacing, -2.0, True, element, element_normal, heads, following)
         if m >= 0:
             w = hits[m]
             mx, my = element_normal[m, 0], element_normal[m, 1]
@@ -77,21 +78,6 @@ def _insert(  # type: ignore[no-untyped-def]
             following[m] = heads[cell]
             heads[cell] = m
     return count
-
-
-@njit(cache=True)
-def _nearest_bare(x, y, reach, points, heads, following):  # type: ignore[no-untyped-def]
-    mask = len(heads) - 1
-    best, found = reach * reach, EMPTY
-    for i in range(math.floor((x - reach) / CELL), math.floor((x + reach) / CELL) + 1):
-        for j in range(math.floor((y - reach) / CELL), math.floor((y + reach) / CELL) + 1):
-            k = heads[bucket_of(i, j, mask)]
-            while k != EMPTY:
-                dx, dy = x - points[k, 0], y - points[k, 1]
-                if dx * dx + dy * dy < best:
-                    best, found = dx * dx + dy * dy, k
-                k = following[k]
-    return found
 
 
 @njit(cache=True)

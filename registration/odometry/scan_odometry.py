@@ -7,8 +7,6 @@ prediction; where that fails too, the prediction is kept and said to be one, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from estimation.checks import FloatArray
@@ -19,6 +17,7 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface, swept_surface
 from registration.odometry.habit import Habit
 from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match
+from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
 from registration.placement.refine import EFFICIENCY, Refined
@@ -28,30 +27,15 @@ MAP_NOISE = (
 )
 OUT_OF_VIEW = 2.0  # metres without a sure pose after which a sensor that never stops begins a new map
 RIVAL = (0.25, 0.2)  # metres, radians between wheels and the last motion from which both are tried
+DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
 LEAST_LINED = 15  # points on lines below which a scan is not registered
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """Settings of `ScanTracker`; metres and radians. `OdometryConfig` says what they mean."""
-
-    max_range: float = 80.0
-    map_radius: float = 30.0
-    map_memory: float = 100.0
-    key_distance: float = 0.15
-    key_turn: float = 0.1
-    doubt: float = 0.3
-    tolerance: float = 0.08
-    patience: int = 8
-    learn_offset: bool = True
-    drift: float = 0.1
 
 
 class ScanTracker:
     """Follows scans against a map of line elements."""
 
-    def __init__(self, tuning: Tuning | None = None) -> None:
-        self.tuning = tuning or Tuning()
+    def __init__(self, config: OdometryConfig | None = None) -> None:
+        self.config = config or OdometryConfig()
         self.map, self._matcher = self._empty()
         # Of the scans since the map was lost; takes its place if it is not found again.
         self._spare, self._spare_matcher = self._empty()
@@ -66,8 +50,8 @@ class ScanTracker:
         self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
 
     def _empty(self) -> tuple[LineMap, MapMatcher]:
-        made = LineMap(self.tuning.map_radius, self.tuning.map_memory)
-        return made, MapMatcher(made, self.tuning.doubt, self.tuning.tolerance)
+        made = LineMap(self.config.map_radius, self.config.map_memory)
+        return made, MapMatcher(made, self.config.doubt, self.config.tolerance)
 
     def step(self, scan: Scan, stamp: float, guess: FloatArray | None) -> Step:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
@@ -119,8 +103,8 @@ class ScanTracker:
     def _surface(self, scan: Scan, motion: FloatArray, elapsed: float) -> Surface:
         """Surface of a scan as seen from where the sensor was at its first beam."""
         if scan.time_increment == 0.0 or not 0.0 < elapsed < 1.0:
-            return scan_surface(scan, NOISE, self.tuning.max_range, self.offset.value)
-        keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.tuning.max_range)
+            return scan_surface(scan, NOISE, self.config.max_range, self.offset.value)
+        keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.config.max_range)
         beams = np.flatnonzero(keep)
         share = beams * scan.time_increment / elapsed
         yaw = scan.angle_min + scan.angle_increment * beams + share * motion[2]
@@ -179,7 +163,7 @@ class ScanTracker:
     def _change_map(self, wheels: bool) -> None:
         """Give the map up where it was not found for long."""
         gone = float(np.hypot(*(self.pose[:2] - self._sure[:2])))
-        if self._lost >= self.tuning.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
+        if self._lost >= self.config.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
             self.map, self._spare = self._spare, self.map
             self._matcher, self._spare_matcher = self._spare_matcher, self._matcher
             self._spare.clear()
@@ -191,7 +175,7 @@ class ScanTracker:
         # Without wheels, a sensor that is lost is taken to come to rest.
         self._last = motion if wheels or self._habit.steady else 0.5 * motion
         doubt = prediction_covariance(motion)
-        if self._lost >= self.tuning.patience and not len(self._spare):
+        if self._lost >= self.config.patience and not len(self._spare):
             self.map.clear()
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
@@ -214,11 +198,11 @@ class ScanTracker:
         drift = np.zeros((3, 3))
         turned = abs(wrap_angle(float(self.pose[2] - self._key[2])))
         moved = float(np.hypot(*(self.pose[:2] - self._key[:2])))
-        if moved > self.tuning.key_distance or turned > self.tuning.key_turn:
-            if self.tuning.learn_offset:
+        if moved > self.config.key_distance or turned > self.config.key_turn:
+            if self.config.learn_offset:
                 self.offset.learn(scan.surface, refined, self.map.target, self.map.facing)
             self._insert(scan)
-            drift = self.tuning.drift * in_frame(noise, float(before[2]))
+            drift = DRIFT * in_frame(noise, float(before[2]))
         self._sure = self.pose
         self._matcher.saw(scan.view, self.pose)
         static = scan.surface.points[match.agreement.labels == 0]
