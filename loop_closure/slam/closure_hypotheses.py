@@ -16,6 +16,7 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.uncertainty import DEVIATIONS
 from loop_closure.motions import compose, invert, length, motion, positions, turn, turns
 from registration.placement.align_submaps import APART
 
@@ -243,7 +244,7 @@ def consistent(
     off = motion(motion(poses[first.a], poses[a]), back)
     away_b, turn_b = spread(first.b, b)
     away_a, turn_a = spread(first.a, a)
-    loose = 0.2 + 2.5 * np.hypot(away_a, away_b) + 0.02 * np.linalg.norm(positions(along), axis=-1)
+    loose = 0.2 + DEVIATIONS * np.hypot(away_a, away_b) + 0.02 * np.linalg.norm(positions(along), axis=-1)
     near = np.linalg.norm(positions(off), axis=-1) < loose
-    alike = turns(off) < 0.06 + 2.5 * np.hypot(turn_a, turn_b)
+    alike = turns(off) < 0.06 + DEVIATIONS * np.hypot(turn_a, turn_b)
     return np.asarray(near & alike & (np.maximum(away_a, away_b) <= MOST_SPREAD))

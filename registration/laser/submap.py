@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from registration.laser.buckets import any_near, index
-from registration.laser.local_map import LineMap
+from registration.laser.local_map import SPACING, LineMap
 from registration.laser.prepared import NOISE, PreparedScan
 from registration.laser.surface import Surface
 from registration.laser.target_lines import TargetLines
@@ -27,7 +27,6 @@ FAR = (
 )
 MARGIN = 0.2  # metres in front of what a beam hit
 RADIUS = 60.0  # metres around the last scan's sensor that are kept
-SPACING = 0.06  # metres between points of a fused outline
 
 
 @dataclass(frozen=True)

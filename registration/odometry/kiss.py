@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from registration.clouds.cloud_registration import OPEN_VARIANCE
 from registration.odometry.odometry_step import Step
 
 MINIMUM_POINTS = 10
 NEIGHBOURS = 8
-OPEN_VARIANCE = 1.0  # m² and rad²: a direction the points say nothing about
 COVARIANCE_POINTS = 700
 
 
