@@ -63,27 +63,12 @@ def fuse(scans: Sequence[PreparedScan], poses: FloatArray, workspace: LineMap | 
     for rank, (item, pose) in enumerate(zip(scans, poses, strict=True)):
         travelled += 0.0 if rank == 0 else float(np.hypot(*(pose[:2] - poses[rank - 1][:2])))
         local.add(item.surface, item.view, np.ascontiguousarray(pose), travelled)
-    count = len(local)
-    lines = local.target
-    points, normals, tilt = (
-        lines.points[:count].copy(),
-        lines.normals[:count].copy(),
-        lines.tilt[:count].copy(),
-    )
+    count, lines = len(local), local.target
+    points, normals, tilt = (kept[:count].copy() for kept in (lines.points, lines.normals, lines.tilt))
     heads, following = index(points, normals)
     target = TargetLines(points, normals, tilt, heads, following)
-    surface = Surface(
-        points,
-        points,
-        normals,
-        tilt,
-        np.full(count, SPACING),
-        np.full(count, SPACING),
-        np.zeros(count, dtype=np.int64),
-        NOISE,
-        0.1,
-        np.ones(count),
-    )
+    spacing, pieces = np.full(count, SPACING), np.zeros(count, dtype=np.int64)
+    surface = Surface(points, points, normals, tilt, spacing, spacing, pieces, NOISE, 0.0)
     seen, origin = _seen_space(scans, poses)
     return Submap(surface, target, seen, origin, np.array(poses))
 

@@ -25,8 +25,8 @@ KERNEL = 0.012  # metres, noise the kernel narrows to
 LEAST_SPREAD = 0.002  # metres; residuals of a scan on itself are nothing, its noise is not
 TRAIL = 8  # iterations that tell whether one that never settles wavers about a place or slides
 SLIDE = 0.003  # metres between the means of the two halves of these from which on it slides
-EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
 AGREE = 0.6  # cosine between normals that may correspond
+EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def _residuals(points, pose, target, target_normals, matched, residuals):  # typ
 
 @njit(cache=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    points, trust, pose, target_normals, target_tilt, matched, residuals, width, robust_start
+    points, pose, target_normals, target_tilt, matched, residuals, width, robust_start
 ):
     """Information, its share that is only noise of the normals, gradient, weight and squares; per unit variance."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -94,7 +94,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]
         if m < 0:
             continue
         r = residuals[k]
-        u = trust[k] * (r / width) * (r / width)
+        u = (r / width) * (r / width)
         w = 0.0
         if robust_start:
             w = 1.0 / ((1.0 + u) * (1.0 + u))
@@ -102,7 +102,6 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             w = (1.0 - u) * (1.0 - u)
         if w == 0.0:
             continue
-        w *= trust[k]
         nx, ny = target_normals[m, 0], target_normals[m, 1]
         rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
         J[0], J[1], J[2] = nx, ny, nx * -ry + ny * rx
@@ -113,7 +112,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             for b in range(3):
                 H[a, b] += w * J[a] * J[b]
                 slack[a, b] += w * v * T[a] * T[b]
-        total += w / trust[k]
+        total += w
         squares += w * r * r
     return H, slack, g, total, squares
 
@@ -209,7 +208,7 @@ def _straighten(information, arm, target_normals, target_tilt, matched):  # type
 
 @njit(cache=True)
 def _refine(  # type: ignore[no-untyped-def]
-    points, normals, tilt, spacing, trust, target, target_normals, target_tilt, heads, following, signed,
+    points, normals, tilt, spacing, target, target_normals, target_tilt, heads, following, signed,
     guess, doubt, finest, noise, floor, most,
 ):  # fmt: skip
     n = len(points)
@@ -240,7 +239,7 @@ def _refine(  # type: ignore[no-untyped-def]
             information[:, :] = 0.0
             break
         H, slack, g, total, squares = _normal_equations(
-            points, trust, pose, target_normals, target_tilt, matched, residuals, width, not final
+            points, pose, target_normals, target_tilt, matched, residuals, width, not final
         )
         if total <= 0.0:
             opened = 3
@@ -284,7 +283,7 @@ def refine(
     most : iterations.
     """
     pose, information, opened, spread, matched, settled, turns, trail = _refine(
-        source.points, source.normals, source.tilt, source.spacing, source.trust,
+        source.points, source.normals, source.tilt, source.spacing,
         target.points, target.normals, target.tilt, target.heads, target.following,
         source.signed and target.signed, guess, doubt, finest, noise, floor, most,
     )  # fmt: skip
