@@ -125,11 +125,6 @@ class Verdict:
     unknown: float
     labels: NDArray[np.int8]
 
-    @property
-    def share(self) -> float:
-        """Agreeing share of what was looked at."""
-        return self.agreeing / max(self.agreeing + self.standing, 1e-9)
-
 
 def judge(source: Submap, target: Submap, pose: FloatArray, near: float = 0.12) -> Verdict:
     """Outline of `source`, at `pose` (3,) in the target's frame, against the target.

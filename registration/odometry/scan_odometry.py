@@ -25,7 +25,6 @@ from registration.placement.refine import EFFICIENCY, Refined
 MAP_NOISE = (
     1.2  # variance of a scan's pose, map and scan noise together, over that from the scan's noise alone
 )
-OUT_OF_VIEW = 2.0  # metres without a sure pose after which a sensor that never stops begins a new map
 RIVAL = (0.25, 0.2)  # metres, radians between wheels and the last motion from which both are tried
 DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
 LEAST_LINED = 15  # points on lines below which a scan is not registered
@@ -144,7 +143,7 @@ class ScanTracker:
         step = self._predict(motion, wheels, reason, match.share)
         self._spare.clear()
         self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
-        self._change_map(wheels)
+        self._change_map()
         return step
 
     def _follow(self, scan: PreparedScan, motion: FloatArray, refined: Refined, share: float) -> Step:
@@ -156,14 +155,13 @@ class ScanTracker:
         noise = in_frame(scan_covariance(refined, motion, float(before[2])), float(before[2]))
         self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
         self._spare_matcher.saw(scan.view, self.pose)
-        self._change_map(wheels=False)
+        self._change_map()
         reason = "the map is lost: the scan is laid on those before it"
         return Step(self._last, noise, True, reason, share, np.zeros((0, 2)), noise)
 
-    def _change_map(self, wheels: bool) -> None:
+    def _change_map(self) -> None:
         """Give the map up where it was not found for long."""
-        gone = float(np.hypot(*(self.pose[:2] - self._sure[:2])))
-        if self._lost >= self.config.patience or (not wheels and self._habit.steady and gone > OUT_OF_VIEW):
+        if self._lost >= self.config.patience:
             self.map, self._spare = self._spare, self.map
             self._matcher, self._spare_matcher = self._spare_matcher, self._matcher
             self._spare.clear()
