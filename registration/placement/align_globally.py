@@ -39,7 +39,7 @@ from registration.result import Registration
 REACH = 6.0  # metres between the two sensors in x and in y
 CANDIDATES = 24
 KEEP = 0.55  # share of the best candidate's correlation that another needs: seen from elsewhere, little fits
-AGAINST = 3.0  # metres of agreeing outline that one in seen space outweighs: in one place at two times little contradicts
+AGAINST = 3.0  # metres of agreeing outline that one in seen space outweighs: where places are one, little contradicts
 RIVAL = 0.93  # share of the best merit at which another place is as good
 # What was out of view speaks for no place. A room laid on itself after half a turn agrees along all of its walls, while
 # the true place, of which both scans saw little, only has nothing against it: share of the best merit, and of what can
