@@ -17,6 +17,7 @@ from registration.laser.scan import Scan
 from registration.laser.submap import RADIUS, Submap, fuse
 
 MOST = 24  # scans in one direction from the anchor: a robot that turns on the spot keeps many
+AROUND = 4.0  # metres of path to either side that a local map shows
 CACHED = 100  # local maps kept for the next who asks; few are asked for again later than that
 
 

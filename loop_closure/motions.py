@@ -117,19 +117,26 @@ def row(pose: FloatArray) -> FloatArray:
     return pose if planar(pose) else pose_from_matrix(pose)
 
 
+def lever(offset: FloatArray) -> FloatArray:
+    """J, (3, 3) or (6, 6): how a start that is off displaces and turns what lies at `offset` (2,) or (3,) from it."""
+    if len(offset) == 2:
+        J = np.eye(3)
+        J[:2, 2] = [-offset[1], offset[0]]
+        return J
+    x, y, z = offset
+    J = np.eye(6)
+    J[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return J
+
+
 def grown(start: FloatArray, step: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
     """Covariance of `step` from `start`, in the frame of `start`, by how the pose's grew from `before` to `after`.
 
     The covariances are of accumulated poses in the odometry frame; what is not positive in the difference is dropped.
     """
     R = rotation(start)
-    J = np.eye(len(before))
-    offset = R[:2, :2] @ step[:2] if planar(step) else start[:3, :3] @ step[:3, 3]
-    if planar(step):
-        J[:2, 2] = [-offset[1], offset[0]]
-    else:
-        x, y, z = offset
-        J[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    size = 2 if planar(step) else 3
+    J = lever(R[:size, :size] @ positions(step))
     more = R.T @ (after - J @ before @ J.T) @ R
     values, vectors = np.linalg.eigh(0.5 * (more + more.T))
     return np.asarray((vectors * np.clip(values, 0.0, MOST)) @ vectors.T)

@@ -25,6 +25,9 @@ from evaluation.loops.loops_data import Reading, read_recording
 from evaluation.loops.loops_features import informative_features, repetitive_structure, training_rounds
 from evaluation.loops.loops_judging import Judgement, draw_curves
 from evaluation.loops.loops_retrieval import retrieval
+from evaluation.loops.place_evaluation import Validation, balanced, k_fold
+from evaluation.loops.place_training import Recording
+from evaluation.loops.roc import roc
 from evaluation.report import Figure, Part, Report, RunOptions, Table
 from loop_closure import (
     AdaBoost,
@@ -36,9 +39,6 @@ from loop_closure import (
 )
 from loop_closure.places.matching import match_pairs
 from loop_closure.places.pairs import PairRule, Pairs, compare_pairs
-from loop_closure.training.place_evaluation import Validation, balanced, k_fold
-from loop_closure.training.place_training import Recording
-from loop_closure.training.roc import roc
 from registration.laser.scan import Scan
 from whereabouts.killian import bag_directory
 from whereabouts.system.progress import track

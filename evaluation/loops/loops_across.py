@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.loops.place_evaluation import balanced, cross_environment
+from evaluation.loops.place_training import Recording
+from evaluation.loops.roc import roc
 from evaluation.report import Figure, Report, RunOptions, Table
 from loop_closure import AdaBoost, shipped_model
 from loop_closure.places.pairs import PairRule, compare_pairs
 from loop_closure.places.shipped import NAMES
-from loop_closure.training.place_evaluation import balanced, cross_environment
-from loop_closure.training.place_training import Recording
-from loop_closure.training.roc import roc
 
 UNSEEN = "csail"  # which had no part in any choice
 RuleOf = Callable[[Recording, float], PairRule]

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from evaluation.loops.loops_data import MAX_RANGE
+from evaluation.loops.place_training import Recording
 from evaluation.report import Report, RunOptions, Table
 from loop_closure import PlaceFeatures, PlaceModel, features_2d, pair_features, shipped_model
-from loop_closure.training.place_training import Recording
 from whereabouts.simulation import Lidar, crowd, joined, outlines, random_room
 from whereabouts.simulation.scenes.scan_pairs import free_pose
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from estimation.errors import InputError
 from estimation.geometry.poses import between, compound
+from evaluation.loops.place_training import Recording
 from loop_closure.places.features import BIN_WIDTHS, PlaceFeatures, features_2d
 from loop_closure.places.outlines import LocalMap, outline_of_scan
 from loop_closure.places.pairs import path_lengths
-from loop_closure.training.place_training import Recording
 from registration.laser.scan import Scan
 from whereabouts.logs import open_log
 from whereabouts.simulation import Drive, Lidar, random_floor

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from evaluation.loops.place_evaluation import first_features, removal_errors, repetitiveness, round_curve
+from evaluation.loops.place_training import Recording
 from evaluation.report import Report, RunOptions, Table
 from loop_closure.places.pairs import PairRule, compare_pairs
-from loop_closure.training.place_evaluation import first_features, removal_errors, repetitiveness, round_curve
-from loop_closure.training.place_training import Recording
 from whereabouts.system.progress import track
 
 RuleOf = Callable[[Recording, float], PairRule]

@@ -13,9 +13,7 @@ import numpy as np
 
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
-from loop_closure.places.pairs import PairRule, compare_pairs
-from loop_closure.places.place_model import PlaceModel
-from loop_closure.training.place_evaluation import (
+from evaluation.loops.place_evaluation import (
     Validation,
     balanced,
     first_features,
@@ -24,8 +22,10 @@ from loop_closure.training.place_evaluation import (
     repetitiveness,
     round_curve,
 )
-from loop_closure.training.place_training import CascadeConfig, Recording, train_cascade, train_plain
-from loop_closure.training.roc import Roc, roc
+from evaluation.loops.place_training import CascadeConfig, Recording, train_cascade, train_plain
+from evaluation.loops.roc import Roc, roc
+from loop_closure.places.pairs import PairRule, compare_pairs
+from loop_closure.places.place_model import PlaceModel
 from whereabouts.system.parallel import each
 
 PROTOCOLS = ("model", "cross", "k-fold")

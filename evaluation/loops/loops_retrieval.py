@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from evaluation.loops.place_training import Recording
 from evaluation.report import Report, RunOptions, Table
 from loop_closure import shipped_model
 from loop_closure.places.retrieval import NearestPlaces
-from loop_closure.training.place_training import Recording
 
 COUNTS = (250, 500, 1000, 2000)
 

@@ -11,9 +11,7 @@ import numpy as np
 
 from estimation.errors import InputError
 from evaluation.loops.loops_data import Reading, read_recording, simulated
-from loop_closure.places.pairs import PairRule, Pairs
-from loop_closure.places.place_model import PlaceModel
-from loop_closure.training.place_training import (
+from evaluation.loops.place_training import (
     CascadeConfig,
     Examples,
     Recording,
@@ -21,8 +19,10 @@ from loop_closure.training.place_training import (
     fit_cascade,
     train_plain,
 )
-from loop_closure.training.roc import Roc, roc
-from loop_closure.training.training_clouds import judge_by_node, judge_by_place, train_clouds
+from evaluation.loops.roc import Roc, roc
+from evaluation.loops.training_clouds import judge_by_node, judge_by_place, train_clouds
+from loop_closure.places.pairs import PairRule, Pairs
+from loop_closure.places.place_model import PlaceModel
 from whereabouts.system.parallel import each
 
 Say = Callable[[str], None]

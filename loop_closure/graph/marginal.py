@@ -18,23 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from estimation.checks import FloatArray
 from loop_closure.graph.pose_graph import Edge
-from loop_closure.motions import compose, invert, planar, positions, rotation
+from loop_closure.motions import compose, invert, lever, planar, positions, rotation
 
 FLOOR = (0.005, 0.001)  # metres and radians: what no number of looks takes away
 DISAGREE = 25.0  # squared deviations at which two edges of the same nodes are not averaged
 DEGREE = 6  # edges per node that are kept
-
-
-def lever(offset: FloatArray) -> FloatArray:
-    """J, (3, 3) or (6, 6): how a start that is off displaces and turns what lies at `offset` (2,) or (3,) from it."""
-    if len(offset) == 2:
-        J = np.eye(3)
-        J[:2, 2] = [-offset[1], offset[0]]
-        return J
-    x, y, z = offset
-    J = np.eye(6)
-    J[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    return J
 
 
 def turned_round(edge: Edge) -> Edge:

@@ -22,7 +22,14 @@ ARM = (
 )
 SLACK = 0.1  # metres that guessed steps add to a distance from which on it is asked whether closures say more
 NONE = -1  # ends a chain
+DEVIATIONS = 2.5  # within which something is looked for, and may be off
+NEAR, TURNED = 0.3, 0.1  # metres and radians that are added: local maps and scans are not exact
 WHOLE = 30.0  # metres of path from which on more path adds nothing: odometry bends, and closures hold it
+
+
+def window(sigma: float, turn: float) -> tuple[float, float]:
+    """Metres and radians within which a place is that is known to `sigma` m and `turn` rad."""
+    return DEVIATIONS * sigma + NEAR, DEVIATIONS * turn + TURNED
 
 
 class Uncertainty:

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.keyframes import Keyframes
-from loop_closure.maps.map_search import BACK, PlanarMap, SpatialMap
+from loop_closure.keyframes import AROUND, Keyframes
+from loop_closure.maps.map_search import PlanarMap, SpatialMap
 from loop_closure.motions import as_pose, compose, invert, length, motion, planar, turn
 from registration.laser.scan import Scan
 
@@ -23,7 +23,7 @@ AGREE = (0.4, 0.1)  # metres and radians between placements that say the same
 VOTES = 3  # keyframes that have to agree before a lost robot believes it
 # Metres of path over which they have to: local maps of neighbouring keyframes are nearly the same, and one place that
 # looks like another does so again 0.3 m on. Half of what they show is new then.
-SPAN = 0.5 * BACK
+SPAN = 0.5 * AROUND
 MEMORY = 60  # keyframes for which a vote counts
 LOST_AFTER = 8.0  # metres of standard deviation beyond which the place is given up
 UNPROVEN = (

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.checks import FloatArray
-from loop_closure.keyframes import Keyframes
+from loop_closure.graph.uncertainty import window
+from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import compose, length, motion, planar, turn
 from loop_closure.places.context import PREDECESSORS, context_features
 from loop_closure.places.features import features_3d
@@ -23,7 +24,6 @@ from registration.laser.scan import Scan
 from registration.laser.submap import Submap
 from registration.placement.align_submaps import Placement, align_submaps, ambiguous
 
-BACK, AROUND = 4.0, 4.0  # metres of path in the local maps of the robot and of the map
 SPACING = 3.0  # metres between places of the map that are tried
 NEAR = 4.0  # metres from a place at which its local map shows the robot's surroundings
 MOST_TRIED = 40  # places that a scan is laid on per keyframe when lost
@@ -66,7 +66,7 @@ class PlanarMap:
             tried.append(j)
             target = self._places.local_map(j, AROUND, AROUND)
             guess = motion(self._poses[j], expected)
-            fits = align_submaps(source, target, guess, 2.5 * sigma + 0.3, 2.5 * turn + 0.1)
+            fits = align_submaps(source, target, guess, *window(sigma, turn))
             if not fits or not fits[0].sure or ambiguous(fits):
                 continue
             if best is None or fits[0].merit > best[0].merit:
@@ -84,7 +84,7 @@ class PlanarMap:
         return found
 
     def _seen(self, recent: Keyframes) -> Submap:
-        return recent.local_map(len(recent) - 1, BACK, 0.0)
+        return recent.local_map(len(recent) - 1, AROUND, 0.0)
 
     def _turns(self, most: int) -> list[int]:
         count = min(most, len(self._parts))
@@ -153,7 +153,7 @@ class SpatialMap:
         return found
 
     def _seen(self, recent: Keyframes) -> FloatArray:
-        return local_cloud(recent, len(recent) - 1, BACK, 0.0)
+        return local_cloud(recent, len(recent) - 1, AROUND, 0.0)
 
     def _turns(self, recent: Keyframes) -> list[int]:
         """Places that look like the robot's, and the next of all, so that none is left out for ever."""
@@ -206,4 +206,5 @@ def spread(where: FloatArray) -> list[int]:
 
 def _within(guess: FloatArray, found: FloatArray, sigma: float, turn_: float) -> bool:
     off = motion(guess, found)
-    return length(off) <= 2.5 * sigma + 0.3 and turn(off) <= 2.5 * turn_ + 0.1
+    reach, angle = window(sigma, turn_)
+    return length(off) <= reach and turn(off) <= angle

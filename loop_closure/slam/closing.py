@@ -13,8 +13,10 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from loop_closure.graph.pose_graph import Edge
-from loop_closure.keyframes import Keyframes
+from loop_closure.graph.uncertainty import DEVIATIONS, NEAR
+from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import compose, length, motion, planar, positions, turn
+from loop_closure.slam.closure_hypotheses import Guess
 from loop_closure.slam.cloud_closing import lay
 from loop_closure.work import Steps
 from registration.placement.align_submaps import APART, align_submaps, ambiguous
@@ -31,45 +33,21 @@ class Gate:
     turn: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A candidate that registration found to fit.
-
-    merit : how much speaks for it, metres of outline. fitness : agreeing share of what both saw.
-    certain : whether the estimate was so good beforehand that nothing else could have been meant.
-    alone : no other placement does nearly as well. sigma : metres, standard deviation of the place beforehand.
-    expected : whether it lies where the estimate allows it; what does not can only speak against others.
-    missed : metres between the estimate and the placement.
-    """
-
-    edge: Edge
-    merit: float
-    fitness: float
-    certain: bool
-    alone: bool
-    likelihood: float
-    sigma: float = 0.0
-    expected: bool = True
-    missed: float = 0.0
-
-
 @dataclass(frozen=True)
 class Search:
     """How candidates are looked for; metres."""
 
-    apart: float = 10.0  # path between a place and its revisit
+    apart: float  # path between a place and its revisit
+    certain: float  # standard deviation below which a placement within the gate needs no second opinion
+    farthest: float  # standard deviation beyond which only what looks alike is laid on the map
+    anywhere: bool = False  # only what looks alike is laid on the map, wherever it is
+    only_certain: bool = False  # leave out what would have to wait
     near: float = 3.0  # distance at which two local maps have something in common
-    back: float = 6.0  # of the newer local map
-    around: float = 4.0  # of the older one, to either side
-    certain: float = 0.4  # standard deviation below which a placement within the gate needs no second opinion
+    back: float = 6.0  # of path in the newer local map
     spread: float = 3.0  # path between candidates
     few: int = 3  # candidates where the place is known well
     many: int = 10  # where it is not
-    deviations: float = 2.5
-    only_certain: bool = False  # leave out what would have to wait
-    farthest: float = 25.0  # standard deviation beyond which only what looks alike is laid on the map
     alike: int = 5  # candidates that look alike
-    anywhere: bool = False  # only what looks alike is laid on the map, wherever it is
 
 
 def looking(
@@ -80,7 +58,7 @@ def looking(
     search: Search,
     likely: dict[int, float] | None = None,
     both: bool = False,
-) -> Steps[list[Fit]]:
+) -> Steps[list[Guess]]:
     """Placements of keyframe `k` that can be believed, best first; a step for each that is tried.
 
     likely : likelihood of earlier keyframes by the classifier. both : use the path after `k` too, in hindsight.
@@ -91,20 +69,18 @@ def looking(
     if not planar(poses):
         yield LAYING_CLOUD
         return _look_around(k, chosen, keyframes, poses, gate, search)
-    source = keyframes.local_map(
-        k, search.back if not both else search.around, search.around if both else 0.0
-    )
-    fits: list[Fit] = []
+    source = keyframes.local_map(k, search.back if not both else AROUND, AROUND if both else 0.0)
+    fits: list[Guess] = []
     for j in chosen:
         yield LAYING[bool(gate.sigma[j] > search.certain or search.anywhere)]
-        target = keyframes.local_map(j, search.around, search.around)
+        target = keyframes.local_map(j, AROUND, AROUND)
         guess = motion(poses[j], poses[k])
         # What looks alike far from the estimate makes that as doubtful as it is far off.
-        outside = search.anywhere and length(guess) > search.near + search.deviations * gate.sigma[j]
-        sigma = max(float(gate.sigma[j]), length(guess) / search.deviations if outside else 0.0)
+        outside = search.anywhere and length(guess) > search.near + DEVIATIONS * gate.sigma[j]
+        sigma = max(float(gate.sigma[j]), length(guess) / DEVIATIONS if outside else 0.0)
         loose = sigma > search.certain
-        reach = search.deviations * sigma + 0.3
-        window = np.pi if outside else min(search.deviations * float(gate.turn[j]) + 0.12, np.pi)
+        reach = DEVIATIONS * sigma + NEAR
+        window = np.pi if outside else min(DEVIATIONS * float(gate.turn[j]) + 0.12, np.pi)
         if loose:
             # As far as corridors repeat, even where less would do: odometry that slipped by a door is sure of itself.
             reach = search.near + search.spread
@@ -117,22 +93,22 @@ def looking(
         for placement in placements if loose else placements[:1]:
             missed = length(motion(motion(poses[j], poses[k]), placement.pose))
             weighty = placement.merit > 0.5 * placements[0].merit
-            expected = missed <= search.deviations * sigma + 0.5
+            expected = missed <= DEVIATIONS * sigma + 0.5
             if not placement.sure or not weighty or not (expected or loose):
                 continue
             edge = Edge(j, k, placement.pose, placement.covariance, True)
             likelihood = (likely or {}).get(j, 0.0)
             fits.append(
-                Fit(
+                Guess(
                     edge,
                     placement.merit,
                     placement.fitness,
-                    not loose,
-                    alone,
                     likelihood,
                     sigma,
                     expected,
                     missed,
+                    not loose,
+                    alone,
                 )
             )
     fits.sort(key=lambda fit: -fit.merit)
@@ -148,7 +124,7 @@ def candidates_of(
         return _spread([], sorted(likely, key=lambda j: -likely[j]), paths, search.spread, search.alike)
     where = positions(poses)
     away = np.linalg.norm(where - where[k], axis=1)
-    reach = search.near + search.deviations * gate.sigma
+    reach = search.near + DEVIATIONS * gate.sigma
     allowed = (paths <= paths[k] - search.apart) & (away <= reach) & (gate.sigma <= search.farthest)
     allowed[k:] = False
     if search.only_certain:
@@ -171,7 +147,7 @@ def lost(k: int, keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Se
     """Whether keyframe `k` may be at places that are not known well, and at none that is: looks matter then."""
     away = np.linalg.norm(positions(poses) - positions(poses)[k], axis=1)
     near = keyframes.paths[: len(poses)] <= keyframes.paths[k] - search.apart
-    near &= away <= search.near + search.deviations * gate.sigma
+    near &= away <= search.near + DEVIATIONS * gate.sigma
     return bool(near.any() and gate.sigma[near].min() > search.certain)
 
 
@@ -197,20 +173,20 @@ def nearer(guess: FloatArray, reach: float) -> FloatArray:
 
 def _look_around(
     k: int, chosen: list[int], keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search
-) -> list[Fit]:
+) -> list[Guess]:
     """The same for clouds, which are rarely mistaken for each other but take long to register: one candidate does."""
     fits = []
     for j in chosen[:1]:
         sigma = float(gate.sigma[j])
         guess = motion(poses[j], poses[k])
-        laid = lay(keyframes, j, k, guess, sigma, search.deviations * sigma + 1.0)
+        laid = lay(keyframes, j, k, guess, sigma, DEVIATIONS * sigma + 1.0)
         if laid is not None:
             edge, fitness = laid
-            fits.append(Fit(edge, 100.0 * fitness, fitness, sigma <= CERTAIN_IN_SPACE, True, 0.0, sigma))
+            fits.append(Guess(edge, 100.0 * fitness, fitness, 0.0, sigma, certain=sigma <= CERTAIN_IN_SPACE))
     return fits
 
 
-def agree(fits: list[Fit], poses: FloatArray) -> bool:
+def agree(fits: list[Guess], poses: FloatArray) -> bool:
     """Whether all placements put the keyframe at the same place."""
     placed = [compose(poses[fit.edge.a], fit.edge.motion) for fit in fits]
     return all(

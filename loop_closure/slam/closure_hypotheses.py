@@ -16,6 +16,7 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.uncertainty import DEVIATIONS
 from loop_closure.motions import compose, invert, length, motion, positions, turn, turns
 from registration.placement.align_submaps import APART
 
@@ -37,10 +38,13 @@ Spread = Callable[[int, npt.NDArray[np.int64]], tuple[npt.ArrayLike, npt.ArrayLi
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """A closure that is not decided: the edge, how much outline speaks for it (m), fitness and likelihood.
+    """A candidate for a closure that registration found to fit.
 
-    sigma : metres, standard deviation of the place before. expected : whether the estimate allows it; otherwise it
-    can only be a rival. missed : metres by which the estimate would move.
+    merit : how much speaks for it, metres of outline. fitness : agreeing share of what both saw. likelihood : of the
+    classifier. sigma : metres, standard deviation of the place beforehand. expected : whether the estimate allows it;
+    otherwise it can only be a rival. missed : metres between the estimate and the placement. certain : whether the
+    estimate was so good beforehand that nothing else could have been meant. alone : no other placement does nearly as
+    well.
     """
 
     edge: Edge
@@ -50,6 +54,8 @@ class Guess:
     sigma: float = 0.0
     expected: bool = True
     missed: float = 0.0
+    certain: bool = False
+    alone: bool = True
 
 
 class ClosureHypotheses:
@@ -238,7 +244,7 @@ def consistent(
     off = motion(motion(poses[first.a], poses[a]), back)
     away_b, turn_b = spread(first.b, b)
     away_a, turn_a = spread(first.a, a)
-    loose = 0.2 + 2.5 * np.hypot(away_a, away_b) + 0.02 * np.linalg.norm(positions(along), axis=-1)
+    loose = 0.2 + DEVIATIONS * np.hypot(away_a, away_b) + 0.02 * np.linalg.norm(positions(along), axis=-1)
     near = np.linalg.norm(positions(off), axis=-1) < loose
-    alike = turns(off) < 0.06 + 2.5 * np.hypot(turn_a, turn_b)
+    alike = turns(off) < 0.06 + DEVIATIONS * np.hypot(turn_a, turn_b)
     return np.asarray(near & alike & (np.maximum(away_a, away_b) <= MOST_SPREAD))

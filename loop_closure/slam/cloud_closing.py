@@ -12,14 +12,13 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.graph.pose_graph import Edge
-from loop_closure.keyframes import Keyframes
+from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import invert, length, motion, orthonormal, turn
 from registration.clouds.cloud_registration import align_clouds, overlap, polish
 from registration.clouds.feature_matching import match_features
 from registration.placement.align_globally import align_globally
 from registration.result import Registration
 
-BACK, AROUND = 4.0, 4.0  # metres of path in the newer and to either side in the older local cloud
 NEAR_ENOUGH = 1.5  # metres of standard deviation up to which a refinement finds its way
 LEAST_FITNESS = 0.75  # share of the lesser overlap
 CLOSE = 0.5  # metres within which points agree
@@ -63,14 +62,21 @@ def polished_step(keyframes: Keyframes, points: FloatArray, step: FloatArray) ->
 
     Odometry of sparse clouds starts slowly and slips where it turns; None where the clouds do not say more.
     """
-    target = local_cloud(keyframes, len(keyframes) - 1, BACK, 0.0)
+    target = local_cloud(keyframes, len(keyframes) - 1, AROUND, 0.0)
     if min(len(points), len(target)) < LEAST_POINTS:
         return None
-    found, settled = polish(points, target, step, LEAF, 1.5)
-    found, settled = polish(points, target, found, LEAF, 0.5) if settled else (found, False)
-    found = orthonormal(found)
+    found = _settled(points, target, step)
+    if found is None:
+        return None
     off = motion(step, found)
-    return found if settled and length(off) < 0.8 and turn(off) < 0.2 else None
+    return found if length(off) < 0.8 and turn(off) < 0.2 else None
+
+
+def _settled(source: FloatArray, target: FloatArray, guess: FloatArray) -> FloatArray | None:
+    """`guess` (4, 4) refined, from far and then from near; None where that does not settle."""
+    found, settled = polish(source, target, guess, LEAF, 1.5)
+    found, settled = polish(source, target, found, LEAF, CLOSE) if settled else (found, False)
+    return orthonormal(found) if settled and np.isfinite(found).all() else None
 
 
 def lay(
@@ -80,7 +86,7 @@ def lay(
 
     guess : (4, 4) of k in the frame of j. sigma : metres, how far it may be off. allowed : metres from the guess.
     """
-    source = local_cloud(keyframes, k, BACK, 0.0)
+    source = local_cloud(keyframes, k, AROUND, 0.0)
     target = local_cloud(keyframes, j, AROUND, AROUND)
     if min(len(source), len(target)) < LEAST_POINTS:
         return None
@@ -130,11 +136,9 @@ def nearby(source: FloatArray, target: FloatArray, guess: FloatArray) -> tuple[F
     """Pose (4, 4) of cloud `source` in the frame of `target`, from one about a metre off, and how well both agree."""
     if min(len(source), len(target)) < LEAST_POINTS:
         return None
-    found, settled = polish(source, target, guess, LEAF, 1.5)
-    found, settled = polish(source, target, found, LEAF, 0.5) if settled else (found, False)
-    if not settled or not np.isfinite(found).all():
+    found = _settled(source, target, guess)
+    if found is None:
         return None
-    found = orthonormal(found)
     everything, upright = common(source, target, found), common_standing(source, target, found)
     return (found, upright) if everything >= SURE and upright >= SURE_STANDING else None
 

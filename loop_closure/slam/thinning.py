@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.checks import FloatArray
-from loop_closure.keyframes import Keyframes
+from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import invert, length, motion, planar, positions, turn
 from loop_closure.slam.closing import Gate
 from loop_closure.slam.closure_hypotheses import MEMORY
@@ -25,7 +25,6 @@ from registration.placement.align_submaps import place
 
 BEHIND = MEMORY + 10.0  # metres of path after which a keyframe is looked at
 BATCH = 20  # keyframes that are taken out at once
-AROUND = 4.0  # metres of path around the older keyframe that it is judged with
 KNOWN = 0.15  # metres of standard deviation up to which a relative pose is known; and of a placement off it
 SHARE = 0.75  # of the newer one's outline that the older one's surroundings have to explain
 CHANGED = 0.4  # metres of outline that is new, or gone

@@ -30,9 +30,8 @@ from loop_closure.motions import (
     motion,
     orthonormal,
     planar,
-    positions,
 )
-from loop_closure.slam.closing import Fit, Gate, Search, agree, looking, lost, off
+from loop_closure.slam.closing import Gate, Search, agree, looking, lost, off
 from loop_closure.slam.closure_hypotheses import ClosureHypotheses, Guess
 from loop_closure.slam.cloud_closing import LEAF, as_cloud, polished_step, thinned
 from loop_closure.slam.editing import Refused, same_revisit
@@ -238,10 +237,6 @@ class Slam:
         """Pose of every processed scan by the current estimate; between keyframes corrections are blended."""
         return self._visits.poses(self.graph.poses, self.keyframes)
 
-    def visited_positions(self) -> FloatArray:
-        """(N, 2 | 3) metres, of every processed scan by the current estimate."""
-        return positions(np.array(self.visited()))
-
     def first_visits(self) -> dict[int, int]:
         """Number of the scan that each keyframe is."""
         return self._visits.first()
@@ -390,7 +385,7 @@ class Slam:
         if accepted or fits:
             self._dirty = True
 
-    def _look(self, k: int, both: bool = False, only_certain: bool = True) -> Steps[list[Fit]]:
+    def _look(self, k: int, both: bool = False, only_certain: bool = True) -> Steps[list[Guess]]:
         yield from self._learning()
         poses = self.graph.poses
         gate = Gate(*self._uncertainty.around(poses, k))
@@ -411,18 +406,15 @@ class Slam:
             self._uncertainty.learn(self.graph.edges, LEARNT)
         yield AROUND * len(self.keyframes)
 
-    def _take(self, fits: list[Fit], waiting: ClosureHypotheses) -> Steps[list[Closure]]:
+    def _take(self, fits: list[Guess], waiting: ClosureHypotheses) -> Steps[list[Closure]]:
         """Accept what is certain, let the rest wait."""
         poses = self.graph.poses
         certain = [fit for fit in fits if fit.certain and fit.alone]
         if certain and agree(certain, poses):
-            return (yield from self._accept([(fit.edge, fit) for fit in certain], "at the expected place"))
+            return (yield from self._accept(certain, "at the expected place"))
         for fit in fits:
-            guess = Guess(
-                fit.edge, fit.merit, fit.fitness, fit.likelihood, fit.sigma, fit.expected, fit.missed
-            )
             yield 2.0 * AROUND * len(self.keyframes)
-            waiting.add(guess, self.graph.poses, self._spread)
+            waiting.add(fit, self.graph.poses, self._spread)
         return []
 
     def _decide(self, waiting: ClosureHypotheses) -> Steps[list[Closure]]:
@@ -434,8 +426,7 @@ class Slam:
             return []
         recent = {guess.edge.b for guess in won}
         self._again |= waited - recent
-        edges = [(guess.edge, guess) for guess in won]
-        accepted = yield from self._accept(edges, f"{len(won)} closures along the path agree")
+        accepted = yield from self._accept(won, f"{len(won)} closures along the path agree")
         accepted += yield from self._second_look(
             [k for k in sorted(self._again) if paths[k] >= paths[min(recent)] - 30.0]
         )
@@ -459,9 +450,7 @@ class Slam:
                 if fit.certain and fit.alone and not self._near_path(fit.edge.a, earlier[k])
             ]
             if fits and agree(fits, self.graph.poses):
-                accepted += yield from self._accept(
-                    [(fit.edge, fit) for fit in fits], "at the expected place, found on a second look"
-                )
+                accepted += yield from self._accept(fits, "at the expected place, found on a second look")
         return accepted
 
     def _look_back(self, keys: list[int], waiting: ClosureHypotheses) -> Steps[list[Closure]]:
@@ -480,30 +469,22 @@ class Slam:
         paths = self.keyframes.paths
         return any(abs(paths[k] - paths[other]) < self._search.spread for other in others)
 
-    def _accept(self, edges: Sequence[tuple[Edge, Fit | Guess]], reason: str) -> Steps[list[Closure]]:
-        edges = [item for item in edges if not self._refused.holds(item[0], self.keyframes.paths)]
-        if not edges:
+    def _accept(self, fits: Sequence[Guess], reason: str) -> Steps[list[Closure]]:
+        fits = [fit for fit in fits if not self._refused.holds(fit.edge, self.keyframes.paths)]
+        if not fits:
             return []
-        closures = [edge for edge, _ in edges]
+        closures = [fit.edge for fit in fits]
         if isinstance(self.graph, SmoothedGraph):
             yield from self.graph.closing(closures)
         else:
             self.graph.close(closures)
-        made = []
-        for edge, why in edges:
-            made.append(
-                Closure(
-                    edge.a,
-                    edge.b,
-                    self.keyframes[edge.a].stamp,
-                    self.keyframes[edge.b].stamp,
-                    edge.motion,
-                    edge.covariance,
-                    why.likelihood,
-                    why.fitness,
-                    reason,
-                )
+        made = [
+            Closure(
+                edge.a, edge.b, self.keyframes[edge.a].stamp, self.keyframes[edge.b].stamp, edge.motion,
+                edge.covariance, fit.likelihood, fit.fitness, reason,
             )
+            for edge, fit in zip(closures, fits, strict=True)
+        ]  # fmt: skip
         self.closures += made
         self._accepted += made
         return made

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from registration.laser.buckets import any_near, index
-from registration.laser.local_map import LineMap
+from registration.laser.local_map import SPACING, LineMap
 from registration.laser.prepared import NOISE, PreparedScan
 from registration.laser.surface import Surface
 from registration.laser.target_lines import TargetLines
@@ -27,7 +27,6 @@ FAR = (
 )
 MARGIN = 0.2  # metres in front of what a beam hit
 RADIUS = 60.0  # metres around the last scan's sensor that are kept
-SPACING = 0.06  # metres between points of a fused outline
 
 
 @dataclass(frozen=True)
@@ -64,27 +63,12 @@ def fuse(scans: Sequence[PreparedScan], poses: FloatArray, workspace: LineMap | 
     for rank, (item, pose) in enumerate(zip(scans, poses, strict=True)):
         travelled += 0.0 if rank == 0 else float(np.hypot(*(pose[:2] - poses[rank - 1][:2])))
         local.add(item.surface, item.view, np.ascontiguousarray(pose), travelled)
-    count = len(local)
-    lines = local.target
-    points, normals, tilt = (
-        lines.points[:count].copy(),
-        lines.normals[:count].copy(),
-        lines.tilt[:count].copy(),
-    )
+    count, lines = len(local), local.target
+    points, normals, tilt = (kept[:count].copy() for kept in (lines.points, lines.normals, lines.tilt))
     heads, following = index(points, normals)
     target = TargetLines(points, normals, tilt, heads, following)
-    surface = Surface(
-        points,
-        points,
-        normals,
-        tilt,
-        np.full(count, SPACING),
-        np.full(count, SPACING),
-        np.zeros(count, dtype=np.int64),
-        NOISE,
-        0.1,
-        np.ones(count),
-    )
+    spacing, pieces = np.full(count, SPACING), np.zeros(count, dtype=np.int64)
+    surface = Surface(points, points, normals, tilt, spacing, spacing, pieces, NOISE, 0.0)
     seen, origin = _seen_space(scans, poses)
     return Submap(surface, target, seen, origin, np.array(poses))
 
@@ -140,11 +124,6 @@ class Verdict:
     standing: float
     unknown: float
     labels: NDArray[np.int8]
-
-    @property
-    def share(self) -> float:
-        """Agreeing share of what was looked at."""
-        return self.agreeing / max(self.agreeing + self.standing, 1e-9)
 
 
 def judge(source: Submap, target: Submap, pose: FloatArray, near: float = 0.12) -> Verdict:

@@ -33,7 +33,7 @@ class Surface:
     spacing : (N,) metres to the farther neighbour. length : (N,) metres of outline a point stands for, at most
     `LONGEST`. pieces : (N,) number of the connected piece a point is on.
     noise : metres, how far points lie off their own lines. leverage : mean variance of a foot, in units of a
-    point's. trust : (N,) weight of each point in (0, 1], from the variance of its distance off its line.
+    point's.
     signed : whether normals are known to point towards the sensor.
     """
 
@@ -46,7 +46,6 @@ class Surface:
     pieces: NDArray[np.int64]
     noise: float
     leverage: float
-    trust: FloatArray
     signed: bool = True
 
     def __len__(self) -> int:
@@ -181,13 +180,10 @@ def _lines(x, y, beams, step, noise):  # type: ignore[no-untyped-def]
     return feet, normals, tilt, spacing, pieces, rough, leverage / max(lined, 1)
 
 
-def scan_surface(
-    scan: Scan, noise: float, max_range: float = np.inf, offset: float = 0.0, beam_sigma: float = 0.0
-) -> Surface:
+def scan_surface(scan: Scan, noise: float, max_range: float = np.inf, offset: float = 0.0) -> Surface:
     """Surface of a scan.
 
     noise : standard deviation of a range. max_range : the farthest used. offset : what ranges read too long; metres.
-    beam_sigma : standard deviation of where within its width a beam is answered, radians.
     """
     keep = scan.valid
     if np.isfinite(max_range):
@@ -198,18 +194,15 @@ def scan_surface(
     points = np.empty((len(beams), 2))
     points[:, 0] = ranges * np.cos(bearings)
     points[:, 1] = ranges * np.sin(bearings)
-    return swept_surface(points, beams, abs(scan.angle_increment), noise, beam_sigma)
+    return swept_surface(points, beams, abs(scan.angle_increment), noise)
 
 
-def swept_surface(
-    points: FloatArray, beams: NDArray[np.int64], step: float, noise: float, beam_sigma: float = 0.0
-) -> Surface:
+def swept_surface(points: FloatArray, beams: NDArray[np.int64], step: float, noise: float) -> Surface:
     """Surface of points (N, 2) in the order of their beams, `step` radians apart."""
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     feet, normals, tilt, spacing, pieces, rough, leverage = _lines(x, y, beams, step, noise)
-    trust = _trust(points, normals, noise, beam_sigma)
     length = _lengths(points, normals, spacing, step)
-    return Surface(points, feet, normals, tilt, spacing, length, pieces, rough, leverage, trust)
+    return Surface(points, feet, normals, tilt, spacing, length, pieces, rough, leverage)
 
 
 @njit(cache=True)
@@ -230,23 +223,6 @@ def _lengths(points, normals, spacing, step):  # type: ignore[no-untyped-def]
     return length
 
 
-@njit(cache=True)
-def _trust(points, normals, noise, beam_sigma):  # type: ignore[no-untyped-def]
-    """Variance of a head-on range over that of each point's distance off its line.
-
-    Range noise counts by the cosine of the incidence; the beam's width counts by distance and the sine.
-    """
-    trust = np.ones(len(points))
-    if beam_sigma == 0.0:
-        return trust
-    for k in range(len(points)):
-        x, y = points[k, 0], points[k, 1]
-        across = normals[k, 0] * y - normals[k, 1] * x  # range times the sine of the incidence
-        spread = beam_sigma * across / noise
-        trust[k] = 1.0 / (1.0 + spread * spread)
-    return trust
-
-
 def points_surface(points: FloatArray, noise: float) -> Surface:
     """Surface of points (N, 2) in any order: the line of each through its neighbours within `REACH`."""
     n = len(points)
@@ -254,9 +230,7 @@ def points_surface(points: FloatArray, noise: float) -> Surface:
     feet, normals = points.copy(), np.zeros((n, 2))
     pieces = np.zeros(n, dtype=np.int64)
     if n < 3:
-        return Surface(
-            points, feet, normals, tilt, spacing, spacing.copy(), pieces, noise, 1.0, np.ones(n), False
-        )
+        return Surface(points, feet, normals, tilt, spacing, spacing.copy(), pieces, noise, 1.0, False)
     tree = cKDTree(points)
     distance, index = tree.query(points, k=min(n, 30))
     reach = np.maximum(REACH, 1.01 * distance[:, 2])
@@ -280,4 +254,4 @@ def points_surface(points: FloatArray, noise: float) -> Surface:
         leverage = float(np.mean(1.0 / count[good] + beside**2 / along[good]))
         noise = float(np.sqrt(np.median(square[good])))
     length = np.minimum(spacing, LONGEST)
-    return Surface(points, feet, normals, tilt, spacing, length, pieces, noise, leverage, np.ones(n), False)
+    return Surface(points, feet, normals, tilt, spacing, length, pieces, noise, leverage, False)

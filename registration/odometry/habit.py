@@ -51,7 +51,10 @@ class Habit:
 
     @property
     def regular(self) -> bool:
-        """Whether the typical motion tells more about the next than the last motion does."""
+        """Whether the typical motion tells more about the next than the last motion does.
+
+        Never: 20 m error in an infinite corridor 1.25 -> 1.36 %.
+        """
         if len(self._errors) < FEWEST:
             return False
         habit, before = np.median(self._errors, axis=0)
@@ -62,7 +65,10 @@ class Habit:
         return self._typical.copy() if self.steady and (lost or self.regular) else last
 
     def plausible(self, motion: FloatArray, scans: int) -> bool:
-        """Whether a motion (3,) over some scans is no longer, no further back and no sharper a turn than any known."""
+        """Whether a motion (3,) over some scans is no longer, no further back and no sharper a turn than any known.
+
+        Always: one of five runs of an infinite corridor ends 121 instead of 19 m off.
+        """
         known = self._motions[: self._count]
         distances, turns = np.hypot(known[:, 0], known[:, 1]), np.abs(known[:, 2])
         most = scans * (BEYOND * float(np.quantile(distances, 0.98)) + SLACK)

@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from registration.clouds.cloud_registration import OPEN_VARIANCE
 from registration.odometry.odometry_step import Step
 
 MINIMUM_POINTS = 10
 NEIGHBOURS = 8
-OPEN_VARIANCE = 1.0  # m² and rad²: a direction the points say nothing about
 COVARIANCE_POINTS = 700
 
 
@@ -30,9 +30,7 @@ class KissTracker:
     static_distance : a point this close to the previous cloud is static, metres.
     """
 
-    def __init__(
-        self, max_range: float, voxel_size: float, noise: float, static_distance: float, deskew: bool = True
-    ) -> None:
+    def __init__(self, max_range: float, voxel_size: float, noise: float, static_distance: float) -> None:
         # Imported here: a user of planar scans needs neither the library nor the time to load it.
         from kiss_icp.config import KISSConfig
         from kiss_icp.config.config import DataConfig, MappingConfig
@@ -40,7 +38,7 @@ class KissTracker:
 
         self._engine = KissICP(
             KISSConfig(
-                data=DataConfig(max_range=max_range, min_range=0.0, deskew=deskew),
+                data=DataConfig(max_range=max_range, min_range=0.0, deskew=True),
                 mapping=MappingConfig(voxel_size=voxel_size),
             )
         )

@@ -27,7 +27,7 @@ from registration.clouds.cloud_registration import (
 from registration.clouds.feature_matching import match_features
 from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
-from registration.placement.align import agreements, is_cloud, keep_open, settle
+from registration.placement.align import agreements, is_cloud, keep_open, merit, settle
 from registration.placement.classic import icp
 from registration.placement.consistency import Agreement
 from registration.placement.correlative import candidates
@@ -39,11 +39,12 @@ from registration.result import Registration
 REACH = 6.0  # metres between the two sensors in x and in y
 CANDIDATES = 24
 KEEP = 0.55  # share of the best candidate's correlation that another needs: seen from elsewhere, little fits
-AGAINST = 3.0  # metres of agreeing outline that one in seen space outweighs
+AGAINST = 3.0  # metres of agreeing outline that one in seen space outweighs: where places are one, little contradicts
 RIVAL = 0.93  # share of the best merit at which another place is as good
 # What was out of view speaks for no place. A room laid on itself after half a turn agrees along all of its walls, while
 # the true place, of which both scans saw little, only has nothing against it: share of the best merit, and of what can
-# be judged, from which such a place is one.
+# be judged, from which such a place is one. Without: 2 of 700 simulated pairs accepted and wrong, 80 instead of 76 %
+# accepted with 270°.
 POSSIBLE, UNDISPUTED = 0.5, 0.95
 TURNED = 0.3  # rad by which that place has to be turned; along a wall, places next to each other are alike
 # Without a guess there are as many wrong places as there are candidates.
@@ -105,7 +106,7 @@ def _outlines(
     ranked: list[tuple[float, Refined, tuple[Agreement, Agreement]]] = []
     for refined in found(moving, still):
         views = agreements(moving, still, refined.pose)
-        ranked.append((_merit(views), refined, views))
+        ranked.append((merit(views, AGAINST), refined, views))
     if not ranked:
         return judged(moving, still, None, start, None)
     ranked.sort(key=lambda entry: -entry[0])
@@ -119,13 +120,13 @@ def _outlines(
         return outcome
     if refined.open_directions:
         return _refused(outcome, outcome.reason + " and there is no guess")
-    for merit, rival, views in ranked[1:]:
+    for score, rival, views in ranked[1:]:
         away = between(refined.pose, rival.pose)
         if np.hypot(*away[:2]) < 0.3 and abs(away[2]) < 0.15:
             continue
-        if merit > RIVAL * best:
+        if score > RIVAL * best:
             return _refused(outcome, "another pose fits as well")
-        if merit > POSSIBLE * best and abs(away[2]) > TURNED and _undisputed(views):
+        if score > POSSIBLE * best and abs(away[2]) > TURNED and _undisputed(views):
             return _refused(outcome, "another pose cannot be ruled out: no view contradicts it")
     return outcome
 
@@ -138,11 +139,6 @@ def _undisputed(views: tuple[Agreement, Agreement]) -> bool:
 def _refused(outcome: Registration, reason: str) -> Registration:
     covariance = outcome.covariance + np.diag(GUESS_SIGMA**2)
     return replace(outcome, covariance=covariance, converged=False, reason=reason)
-
-
-def _merit(views: tuple[Agreement, Agreement]) -> float:
-    """Agreeing less contradicting outline, metres; in one place at two times, little contradicts."""
-    return sum(view.agreeing - AGAINST * view.standing for view in views)
 
 
 def _clouds(source: FloatArray, target: FloatArray) -> Registration:

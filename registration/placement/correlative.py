@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 
+CELL = 0.1  # metres, of the finest raster
 PEAK = 16  # score of a point that falls on a target point's cell
 FARTHEST = 25.0  # metres from the target's sensor; beyond it, points are too sparse to search by
 DONE = 1 << 40  # above all scores
@@ -207,7 +208,8 @@ def thinned(points, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _candidates(source, target, centre, reach, turn, cell, levels, keep, most, count):  # type: ignore[no-untyped-def]
+def _candidates(source, target, centre, reach, turn, levels, keep, most, count):  # type: ignore[no-untyped-def]
+    cell = CELL
     thin = thinned(source, count)
     far = np.empty(len(thin))
     for k in range(len(thin)):
@@ -248,7 +250,6 @@ def candidates(
     centre: FloatArray,
     reach: float,
     turn: float,
-    cell: float = 0.1,
     levels: int = 2,
     keep: float = 0.85,
     most: int = 4,
@@ -257,7 +258,7 @@ def candidates(
     """Motions that lay `source` (N, 2) on `target` (M, 2), sensor frames, points in beam order.
 
     centre : (3,) x, y, yaw the search is centred on. reach : metres to either side in x and y.
-    turn : radians to either side. cell : metres. keep : share of the best score another candidate needs.
+    turn : radians to either side. keep : share of the best score another candidate needs.
     most : candidates. points : of the source that are used.
 
     Returns
@@ -266,4 +267,4 @@ def candidates(
     """
     if len(source) < 5 or len(target) < 5:
         return np.zeros((0, 4))
-    return np.asarray(_candidates(source, target, centre, reach, turn, cell, levels, keep, most, points))
+    return np.asarray(_candidates(source, target, centre, reach, turn, levels, keep, most, points))

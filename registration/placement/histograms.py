@@ -35,10 +35,10 @@ def orientations(surface: Surface) -> FloatArray:
     return np.asarray(gaussian_filter1d(histogram, BLUR, mode="wrap"))
 
 
-def turns(source: FloatArray, target: FloatArray, most: int = TURNS) -> FloatArray:
+def turns(source: FloatArray, target: FloatArray) -> FloatArray:
     """(k,) radians by which `source` (BINS,) has to be turned to be most alike `target` (BINS,), best first."""
     alike = np.fft.irfft(np.conj(np.fft.rfft(source)) * np.fft.rfft(target), BINS)
-    peaks = _peaks(alike, most, APART)
+    peaks = _peaks(alike, TURNS, APART)
     return np.asarray(wrap_angle(peaks * 2.0 * np.pi / BINS))
 
 
@@ -51,9 +51,7 @@ def facing(histogram: FloatArray) -> FloatArray:
     return np.array([[np.cos(each), np.sin(each)] for each in (first, second)])
 
 
-def shifts(
-    source: Surface, target: Surface, turn: float, way: FloatArray, most: int = SHIFTS
-) -> tuple[FloatArray, FloatArray]:
+def shifts(source: Surface, target: Surface, turn: float, way: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(k,) metres along `way` (2,) that may lay `source`, turned, on `target`, best first, and their correlations."""
     alike = np.zeros(2 * CELLS)
     for sign in (1.0, -1.0):
@@ -61,7 +59,7 @@ def shifts(
         there = np.fft.rfft(profile(target, 0.0, way, sign), 2 * CELLS)
         alike += np.fft.irfft(np.conj(here) * there, 2 * CELLS)
     alike = np.roll(alike, CELLS)
-    peaks = _peaks(alike, most, 2)
+    peaks = _peaks(alike, SHIFTS, 2)
     return (peaks - CELLS) * CELL, alike[np.round(peaks).astype(np.int64)]
 
 

@@ -15,11 +15,9 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from registration.laser.surface import Surface
-from registration.placement.refine import TUKEY, Refined
+from registration.placement.refine import ARM, FLOOR, TUKEY, Refined
 
 SMALL = 2.0  # metres of connected outline that something that moves may have
-ARM = 3.0  # metres, what a radian is worth
-FLOOR = 4.0  # information (1/m²) below which a direction is open, as in `refine`
 LEAST_SHARE = 0.2  # share of some direction's information below which a piece cannot matter
 GROWTH = 8.0  # times the stated variance that leaving a piece out has to add for the answer to hang on it
 

@@ -25,8 +25,11 @@ KERNEL = 0.012  # metres, noise the kernel narrows to
 LEAST_SPREAD = 0.002  # metres; residuals of a scan on itself are nothing, its noise is not
 TRAIL = 8  # iterations that tell whether one that never settles wavers about a place or slides
 SLIDE = 0.003  # metres between the means of the two halves of these from which on it slides
-EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
+FINEST = 0.15  # metres, correspondences are looked for at least this far
+ARM = 3.0  # metres, what a radian is worth in a room
+FLOOR = 4.0  # information (1/m²) below which a direction is open whatever the normals' noise
 AGREE = 0.6  # cosine between normals that may correspond
+EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def _residuals(points, pose, target, target_normals, matched, residuals):  # typ
 
 @njit(cache=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    points, trust, pose, target_normals, target_tilt, matched, residuals, width, robust_start
+    points, pose, target_normals, target_tilt, matched, residuals, width, robust_start
 ):
     """Information, its share that is only noise of the normals, gradient, weight and squares; per unit variance."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -94,7 +97,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]
         if m < 0:
             continue
         r = residuals[k]
-        u = trust[k] * (r / width) * (r / width)
+        u = (r / width) * (r / width)
         w = 0.0
         if robust_start:
             w = 1.0 / ((1.0 + u) * (1.0 + u))
@@ -102,7 +105,6 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             w = (1.0 - u) * (1.0 - u)
         if w == 0.0:
             continue
-        w *= trust[k]
         nx, ny = target_normals[m, 0], target_normals[m, 1]
         rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
         J[0], J[1], J[2] = nx, ny, nx * -ry + ny * rx
@@ -113,13 +115,13 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             for b in range(3):
                 H[a, b] += w * J[a] * J[b]
                 slack[a, b] += w * v * T[a] * T[b]
-        total += w / trust[k]
+        total += w
         squares += w * r * r
     return H, slack, g, total, squares
 
 
 @njit(cache=True)
-def _open(H, slack, variance, arm, floor):  # type: ignore[no-untyped-def]
+def _open(H, slack, variance, arm):  # type: ignore[no-untyped-def]
     """Eigenvectors of the debiased information in units of metres (yaw times `arm`), and which are open."""
     scaled, noise = H.copy(), slack.copy()
     for a in range(3):
@@ -134,14 +136,14 @@ def _open(H, slack, variance, arm, floor):  # type: ignore[no-untyped-def]
         for b in range(3):
             for d in range(3):
                 false += vectors[b, a] * noise[b, d] * vectors[d, a] / variance
-        closed[a] = values[a] > max(floor, 2.0 * false)
+        closed[a] = values[a] > max(FLOOR, 2.0 * false)
     return values, vectors, closed
 
 
 @njit(cache=True)
-def _newton(H, slack, g, variance, arm, floor, information, step):  # type: ignore[no-untyped-def]
+def _newton(H, slack, g, variance, arm, information, step):  # type: ignore[no-untyped-def]
     """Step in the directions the lines determine; writes information and step, returns how many stay open."""
-    values, vectors, closed = _open(H, slack, variance, arm, floor)
+    values, vectors, closed = _open(H, slack, variance, arm)
     information[:, :] = 0.0
     step[:] = 0.0
     opened = 0
@@ -209,8 +211,8 @@ def _straighten(information, arm, target_normals, target_tilt, matched):  # type
 
 @njit(cache=True)
 def _refine(  # type: ignore[no-untyped-def]
-    points, normals, tilt, spacing, trust, target, target_normals, target_tilt, heads, following, signed,
-    guess, doubt, finest, noise, floor, most,
+    points, normals, tilt, spacing, target, target_normals, target_tilt, heads, following, signed,
+    guess, doubt, noise, most,
 ):  # fmt: skip
     n = len(points)
     usable = tilt < math.inf
@@ -228,7 +230,7 @@ def _refine(  # type: ignore[no-untyped-def]
     for turns in range(most):
         final = width <= finest_width
         if not final or moved > 0.002 or turns == 0:
-            radius = max(2.0 * width, finest)
+            radius = max(2.0 * width, FINEST)
             _match(
                 points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed,
                 matched,
@@ -240,14 +242,14 @@ def _refine(  # type: ignore[no-untyped-def]
             information[:, :] = 0.0
             break
         H, slack, g, total, squares = _normal_equations(
-            points, trust, pose, target_normals, target_tilt, matched, residuals, width, not final
+            points, pose, target_normals, target_tilt, matched, residuals, width, not final
         )
         if total <= 0.0:
             opened = 3
             information[:, :] = 0.0
             break
         spread = _spread(squares / total, width)
-        opened = _newton(H, slack, g, spread * spread, arm, floor, information, step)
+        opened = _newton(H, slack, g, spread * spread, arm, information, step)
         for b in range(3):
             pose[b] += step[b]
         change = abs(step[0]) + abs(step[1]) + arm * abs(step[2])
@@ -271,22 +273,18 @@ def refine(
     guess: FloatArray,
     doubt: float = 0.3,
     noise: float = KERNEL,
-    finest: float = 0.15,
-    floor: float = 4.0,
     most: int = 40,
 ) -> Refined:
     """Move `source` onto the lines of `target` from `guess` (3,) x, y, yaw.
 
     doubt : metres, how far points may be off at first; the kernel narrows from there to `noise`.
     noise : metres, standard deviation to expect of a point off its line.
-    finest : metres, correspondences are looked for at least this far.
-    floor : information (1/m²) below which a direction is open whatever the normals' noise.
     most : iterations.
     """
     pose, information, opened, spread, matched, settled, turns, trail = _refine(
-        source.points, source.normals, source.tilt, source.spacing, source.trust,
+        source.points, source.normals, source.tilt, source.spacing,
         target.points, target.normals, target.tilt, target.heads, target.following,
-        source.signed and target.signed, guess, doubt, finest, noise, floor, most,
+        source.signed and target.signed, guess, doubt, noise, most,
     )  # fmt: skip
     pose[2] = math.atan2(math.sin(pose[2]), math.cos(pose[2]))
     wavering = 0.0 if settled else _wavering(np.roll(trail, -(turns + 1) % TRAIL, axis=0))

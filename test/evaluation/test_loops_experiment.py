@@ -15,9 +15,9 @@ from evaluation.loops.loops_changes import dynamic_objects
 from evaluation.loops.loops_data import Reading, every, simulated
 from evaluation.loops.loops_features import repetitive_structure, training_rounds
 from evaluation.loops.loops_training import _curves
+from evaluation.loops.place_training import CascadeConfig, Recording, train_plain
 from evaluation.report import Report, RunOptions
 from loop_closure.places.pairs import PairRule
-from loop_closure.training.place_training import CascadeConfig, Recording, train_plain
 
 
 @pytest.fixture(scope="module")

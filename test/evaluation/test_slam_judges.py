@@ -9,6 +9,7 @@ import pytest
 
 from estimation.geometry.poses import between, compound
 from evaluation.loops.loops_data import Reading, simulated
+from evaluation.loops.place_training import train_plain
 from evaluation.report import RunOptions
 from evaluation.slam import slam_places, slam_proximity
 from evaluation.slam.slam_as_node import false_closures
@@ -17,7 +18,6 @@ from evaluation.slam.slam_judging import Followed
 from loop_closure.places import recognizer
 from loop_closure.places.pairs import PairRule
 from loop_closure.places.place_model import PlaceModel
-from loop_closure.training.place_training import train_plain
 from registration import Scan
 from whereabouts.logs import ScanRecord
 from whereabouts.simulation import Drive, Lidar, random_floor, random_room

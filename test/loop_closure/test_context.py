@@ -7,11 +7,11 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.loops.place_training import Recording
+from evaluation.loops.training_clouds import pairs_among, tiles, train_clouds
 from loop_closure import PlaceDatabase, PlaceFeatures, PlaceModel, PlaceRecognizer
 from loop_closure.places.context import CONTEXT_FEATURES, GAP, PREDECESSORS, context_features, contexts
 from loop_closure.places.pairs import PairRule, path_lengths
-from loop_closure.training.place_training import Recording
-from loop_closure.training.training_clouds import pairs_among, tiles, train_clouds
 
 
 def odds_of_a_second_visit(reverse: bool) -> np.ndarray:

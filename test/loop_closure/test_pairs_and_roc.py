@@ -9,8 +9,8 @@ import pytest
 from sklearn.metrics import average_precision_score, roc_auc_score
 
 from estimation.errors import InputError
+from evaluation.loops.roc import roc
 from loop_closure.places.pairs import PairRule, path_lengths, sample_pairs
-from loop_closure.training.roc import roc
 
 
 def round_trip(count: int = 120) -> np.ndarray:

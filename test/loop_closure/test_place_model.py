@@ -11,6 +11,15 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
+from evaluation.loops.place_training import (
+    NEGATIVE_SHARE,
+    CascadeConfig,
+    Recording,
+    plain_share,
+    train_cascade,
+    train_plain,
+)
+from evaluation.loops.roc import roc
 from loop_closure import (
     PlaceDatabase,
     PlaceModel,
@@ -22,15 +31,6 @@ from loop_closure import (
 )
 from loop_closure.places.pairs import PairRule, path_lengths, sample_pairs
 from loop_closure.places.shipped import NAMES
-from loop_closure.training.place_training import (
-    NEGATIVE_SHARE,
-    CascadeConfig,
-    Recording,
-    plain_share,
-    train_cascade,
-    train_plain,
-)
-from loop_closure.training.roc import roc
 from whereabouts.simulation import Lidar, random_floor
 from whereabouts.simulation.robot import Drive
 

@@ -17,7 +17,7 @@ from loop_closure.maps.localization import Localizer
 from loop_closure.maps.map_file import read_map, write_map
 from loop_closure.maps.merging import merge
 from loop_closure.slam import closing
-from loop_closure.slam.closing import Fit
+from loop_closure.slam.closure_hypotheses import Guess
 from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import SlamConfig
 from loop_closure.work import Steps
@@ -122,7 +122,7 @@ def test_proposals_are_one_of_three_words() -> None:
 def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
     """Placements found on the way can only speak against others here: the path on both sides has to do it."""
 
-    def undecided(*given: Any) -> Steps[list[Fit]]:
+    def undecided(*given: Any) -> Steps[list[Guess]]:
         in_hindsight = given[-1]
         fits = yield from closing.looking(*given)
         return [replace(fit, certain=False, expected=in_hindsight and fit.expected) for fit in fits]
@@ -139,7 +139,7 @@ def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.Monke
 def test_a_group_that_has_won_is_closed_with_other_passes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """On the way placements on the first round alone are found, and have to wait; in hindsight others follow."""
 
-    def first_round_only(*given: Any) -> Steps[list[Fit]]:
+    def first_round_only(*given: Any) -> Steps[list[Guess]]:
         frames, in_hindsight = given[1], given[-1]
         fits = yield from closing.looking(*given)
         if in_hindsight:
@@ -190,7 +190,7 @@ def test_a_saved_map_is_the_same_and_the_robot_is_found_in_it(
     found = [k for k, item in enumerate(located) if item.pose is not None]
     assert found, "never found"
     assert found[0] * 0.25 * 0.7 < 12.0, "metres until it was found"
-    lag = align_points(slam.visited_positions(), truth[:, :2])
+    lag = align_points(np.array(slam.visited())[:, :2], truth[:, :2])
     for k in found:
         pose = located[k].pose
         assert pose is not None

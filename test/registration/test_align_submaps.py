@@ -123,7 +123,7 @@ def test_a_wall_in_seen_space_stands_and_what_was_not_seen_is_unknown() -> None:
     verdict = judge(new, seen, np.zeros(3))
     assert verdict.standing > 0.6
     assert verdict.agreeing > 5.0
-    assert judge(seen, seen, np.zeros(3)).share == 1.0
+    assert judge(seen, seen, np.zeros(3)).standing == 0.0
     far = judge(new, seen, np.array([60.0, 0.0, 0.0]))
     assert far.agreeing == 0.0
     assert far.standing == 0.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from registration.odometry.follower import Odometry
-from registration.registration_warm_up import _room_scan, warm_up
+from registration.registration_warm_up import room_scan, warm_up
 
 
-def test_room_scans_are_of_a_room() -> None:
-    points = _room_scan(-1.0).points() + np.array([-1.0, 0.5])
+def testroom_scans_are_of_a_room() -> None:
+    points = room_scan(-1.0).points() + np.array([-1.0, 0.0])
     on_wall = np.minimum(np.abs(points[:, 0] - 4.0), np.abs(np.abs(points[:, 1]) - 3.0))
     assert on_wall.max() < 1e-6
 
@@ -22,7 +22,7 @@ def test_after_it_nothing_is_compiled_for_the_first_scans() -> None:
     before = {id(item): len(item.signatures) for item in dispatchers}
     odometry = Odometry()
     for step in range(3):
-        odometry.register(_room_scan(0.2 * step), float(step))
+        odometry.register(room_scan(0.2 * step), float(step))
     assert {id(item): len(item.signatures) for item in dispatchers} == before
 
 

@@ -11,10 +11,10 @@ import typer
 from whereabouts.cli.common import Dask, Jobs, JsonFile, target_file, write_figures
 
 if TYPE_CHECKING:
+    from evaluation.loops.place_training import Recording
+    from evaluation.loops.roc import Roc
     from loop_closure.places.pairs import PairRule
     from loop_closure.places.place_model import PlaceModel
-    from loop_closure.training.place_training import Recording
-    from loop_closure.training.roc import Roc
 
 app = typer.Typer(help="Train, evaluate and inspect the loop-closure classifier.", no_args_is_help=True)
 

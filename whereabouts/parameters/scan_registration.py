@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import field_validator
 
 from registration.crf.online import SegmenterConfig
-from registration.odometry.follower import OdometryConfig
+from registration.odometry.odometry_config import OdometryConfig
 from whereabouts.parameters.parameter_base import BaseFrame, OdomFrame, setting, setting_of
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound, inverse, pose_to_matrix, transform_points
-from registration.odometry.follower import Odometry, OdometryConfig
+from registration.odometry.follower import Odometry
+from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
 from whereabouts.logs import CloudRecord, Log, OdometryRecord, ScanRecord
 

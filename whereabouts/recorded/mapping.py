@@ -18,7 +18,7 @@ from loop_closure.maps.localization import Localizer
 from loop_closure.maps.map_file import write_map
 from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import Proposals, SlamConfig
-from registration.odometry.follower import OdometryConfig
+from registration.odometry.odometry_config import OdometryConfig
 from whereabouts.logs import CloudRecord, Log
 from whereabouts.recorded.follow import FollowedPose, follow
 from whereabouts.system.atomic import atomic_path

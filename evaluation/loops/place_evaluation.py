@@ -16,7 +16,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_points, require_count
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
-from loop_closure.training.roc import FALSE_ALARMS, Roc, roc
+from evaluation.loops.roc import FALSE_ALARMS, Roc, roc
 
 
 class Classifier(Protocol):

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
-from loop_closure.training.place_evaluation import (
+from evaluation.loops.place_evaluation import (
     balanced,
     cross_environment,
     first_features,

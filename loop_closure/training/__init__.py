@@ -1,1 +1,0 @@
-"""How place models are learned and judged (Paper A, section 5)."""
