@@ -43,15 +43,33 @@ from whereabouts.simulation.scenes.scan_pairs import EASY, random_pair
 KEPT = Path(__file__).with_suffix(".json")
 TURNS = 15
 Work = Callable[[], object]
+Pair = tuple[str, Work, str, Work]
+"""Name, our work, name of the other, its work."""
 
 
-def pairs() -> Iterator[tuple[str, Work, str, Work]]:
-    """Name, our work, name of the other, its work; each does once what it is measured at."""
-    lidar = Lidar(361, 2.0 * np.pi * 360 / 361)
-    rng = np.random.default_rng(0)
+def pairs() -> Iterator[Pair]:
+    """All pairs; each does once what it is measured at."""
+    lidar, rng = Lidar(361, 2.0 * np.pi * 360 / 361), np.random.default_rng(0)
+    yield of_scans(rng, lidar)
+    yield of_odometry(lidar)
+    yield from of_clouds(rng)
+    yield from of_learning()
+    yield from of_targets()
+    yield of_people(rng)
+    costs = rng.uniform(0.0, 10.0, (20, 20))
+    yield (
+        "100 best assignments of 20 × 20",
+        lambda: k_best(costs, 100),
+        "Murty on scipy's assignment",
+        lambda: murty_by_scipy(costs, 100),
+    )
+
+
+def of_scans(rng: np.random.Generator, lidar: Lidar) -> Pair:
+    """Laying scans on each other."""
     laid = [random_pair(rng, lidar, EASY) for _ in range(20)]
     trees = [cKDTree(pair.target.scan.points()) for pair in laid]
-    yield (
+    return (
         "lay a scan of 361 beams on another, 20 pairs",
         lambda: [align(pair.source.scan, pair.target.scan) for pair in laid],
         "trimmed point-to-line ICP on scipy's tree",
@@ -60,14 +78,25 @@ def pairs() -> Iterator[tuple[str, Work, str, Work]]:
         ],
     )
 
+
+def of_odometry(lidar: Lidar) -> Pair:
+    """Following a scanner through a floor."""
     records = simulated_floor(0, 3, lidar)[0][:150]
 
     def followed(odometry: Odometry | PointToLine) -> None:
         for record in records:
             odometry.register(record.scan, record.stamp)
 
-    yield "odometry, 150 scans", lambda: followed(Odometry()), "the same ICP", lambda: followed(PointToLine())
+    return (
+        "odometry, 150 scans",
+        lambda: followed(Odometry()),
+        "the same ICP",
+        lambda: followed(PointToLine()),
+    )
 
+
+def of_clouds(rng: np.random.Generator) -> Iterator[Pair]:
+    """Laying clouds on each other, where small_gicp is installed."""
     cloud = np.column_stack((rng.uniform(-30.0, 30.0, (20_000, 2)), np.zeros(20_000)))
     cloud[::2, 2], cloud[::4, 0] = rng.uniform(0.0, 5.0, 10_000), 12.0
     moved = cloud + np.array([0.1, -0.05, 0.0]) + rng.normal(0.0, 0.01, cloud.shape)
@@ -81,12 +110,15 @@ def pairs() -> Iterator[tuple[str, Work, str, Work]]:
             lambda: small_gicp.align(cloud, moved, num_threads=1),
         )
 
-    features, labels = training_pairs(200)
-    boosted = AdaBoost(rounds=50).fit(features, labels)
-    many = np.tile(features, (25, 1))
+
+def of_learning() -> Iterator[Pair]:
+    """What boosted classifiers say, of stumps and, where LightGBM is installed, of trees."""
     from sklearn.ensemble import AdaBoostClassifier
     from sklearn.tree import DecisionTreeClassifier
 
+    features, labels = training_pairs(200)
+    many = np.tile(features, (25, 1))
+    boosted = AdaBoost(rounds=50).fit(features, labels)
     theirs = AdaBoostClassifier(DecisionTreeClassifier(max_depth=1), n_estimators=50).fit(features, labels)
     yield (
         "classify 10,000 pairs of places, 50 stumps",
@@ -107,6 +139,9 @@ def pairs() -> Iterator[tuple[str, Work, str, Work]]:
             lambda: light.booster_.predict(many, raw_score=True),
         )
 
+
+def of_targets() -> Iterator[Pair]:
+    """The extended-target filter, where Stone Soup is installed."""
     config, scans = scene(10, 20, 10, 40, 1000.0)
 
     def tracked(tracker: ExtendedTargetPhd | StoneSoupPhd) -> None:
@@ -121,25 +156,20 @@ def pairs() -> Iterator[tuple[str, Work, str, Work]]:
             lambda: tracked(StoneSoupPhd(config)),
         )
 
+
+def of_people(rng: np.random.Generator) -> Pair:
+    """Following people in scans."""
     room = list(crowded_room(rng, 4, moving=True, duration=5.0).scans(rng))
 
     def watched(tracker: PeopleTracker | NearestNeighbour) -> None:
         for seen in room:
             tracker.step(seen.scan, seen.pose, seen.scan.stamp)
 
-    yield (
+    return (
         "4 people, 5 s of scans",
         lambda: watched(PeopleTracker()),
         "nearest neighbours on scipy's assignment",
         lambda: watched(NearestNeighbour()),
-    )
-
-    costs = rng.uniform(0.0, 10.0, (20, 20))
-    yield (
-        "100 best assignments of 20 × 20",
-        lambda: k_best(costs, 100),
-        "Murty on scipy's assignment",
-        lambda: murty_by_scipy(costs, 100),
     )
 
 

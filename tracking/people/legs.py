@@ -165,38 +165,7 @@ def _features(ranges, bearings, labels, count, step):  # type: ignore[no-untyped
         row[0] = n
         row[1] = width
         row[2] = n / (last - first + 1)
-        # Along and across the line of sight.
-        ux, uy = mx / away, my / away
-        near, far, middle = math.inf, 0.0, 0.0
-        length, rough = 0.0, 0.0
-        for i in range(n):
-            along = x[i] * ux + y[i] * uy
-            near, far = min(near, along), max(far, along)
-            if i > 0:
-                length += math.hypot(x[i] - x[i - 1], y[i] - y[i - 1])
-        row[3] = far - near
-        xx, xy, yy = 0.0, 0.0, 0.0
-        for i in range(n):
-            xx += (x[i] - mx) ** 2 / n
-            xy += (x[i] - mx) * (y[i] - my) / n
-            yy += (y[i] - my) ** 2 / n
-        half = math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-        big, small = 0.5 * (xx + yy) + half, max(0.5 * (xx + yy) - half, 0.0)
-        row[4] = math.sqrt(small / max(big, 1e-8))
-        # How far the middle stands out of the chord towards the sensor, in widths.
-        if n >= 3 and width > 1e-3:
-            ends_along = 0.5 * ((x[0] + x[n - 1]) * ux + (y[0] + y[n - 1]) * uy)
-            for i in range(1, n - 1):
-                middle += x[i] * ux + y[i] * uy
-            row[5] = (ends_along - middle / (n - 2)) / width
-        radius, error = _circle(x, y)
-        row[6], row[7] = radius, error
-        if n >= 3:
-            for i in range(1, n - 1):
-                bx, by = x[i] - 0.5 * (x[i - 1] + x[i + 1]), y[i] - 0.5 * (y[i - 1] + y[i + 1])
-                rough += math.hypot(bx, by) / (n - 2)
-        row[8] = rough
-        row[9] = length / max(width, 0.01)
+        _shape(x, y, mx, my, width, row)
         left = _neighbour(ranges, labels, first, -1, step)
         right = _neighbour(ranges, labels, last, 1, step)
         row[10] = max(-FAR, min(FAR, left - ranges[first]))
@@ -206,6 +175,43 @@ def _features(ranges, bearings, labels, count, step):  # type: ignore[no-untyped
         row[15] = spacing
         start = stop
     return centres, counts, widths, ends, features
+
+
+@njit(cache=True)
+def _shape(x, y, mx, my, width, row):  # type: ignore[no-untyped-def]
+    """Columns 3 to 9 of a cluster's row: its depth, flatness, bulge, circle, roughness and length."""
+    n, away = len(x), math.sqrt(mx * mx + my * my)
+    # Along and across the line of sight.
+    ux, uy = mx / away, my / away
+    near, far, middle = math.inf, 0.0, 0.0
+    length, rough = 0.0, 0.0
+    for i in range(n):
+        along = x[i] * ux + y[i] * uy
+        near, far = min(near, along), max(far, along)
+        if i > 0:
+            length += math.hypot(x[i] - x[i - 1], y[i] - y[i - 1])
+    row[3] = far - near
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(n):
+        xx += (x[i] - mx) ** 2 / n
+        xy += (x[i] - mx) * (y[i] - my) / n
+        yy += (y[i] - my) ** 2 / n
+    half = math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    big, small = 0.5 * (xx + yy) + half, max(0.5 * (xx + yy) - half, 0.0)
+    row[4] = math.sqrt(small / max(big, 1e-8))
+    # How far the middle stands out of the chord towards the sensor, in widths.
+    if n >= 3 and width > 1e-3:
+        ends_along = 0.5 * ((x[0] + x[n - 1]) * ux + (y[0] + y[n - 1]) * uy)
+        for i in range(1, n - 1):
+            middle += x[i] * ux + y[i] * uy
+        row[5] = (ends_along - middle / (n - 2)) / width
+    row[6], row[7] = _circle(x, y)
+    if n >= 3:
+        for i in range(1, n - 1):
+            bx, by = x[i] - 0.5 * (x[i - 1] + x[i + 1]), y[i] - 0.5 * (y[i - 1] + y[i + 1])
+            rough += math.hypot(bx, by) / (n - 2)
+    row[8] = rough
+    row[9] = length / max(width, 0.01)
 
 
 @njit(cache=True)
