@@ -177,7 +177,7 @@ class ReturningPeople:
                 self.people[label] = _seen(person, stamp, known.get(person.label, 1.0))
         return left
 
-    def look(self, targets: Sequence[Target], known: Mapping[int, float], stamp: float) -> None:
+    def follow(self, targets: Sequence[Target], known: Mapping[int, float], stamp: float) -> None:
         """Takes in targets that are seen but not told of as people; known : how probably each is one, by label."""
         oldest = stamp - FORGOTTEN * self.walking.turning
         self.others = {label: one for label, one in self.others.items() if one.stamp >= oldest}

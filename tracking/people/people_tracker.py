@@ -209,7 +209,7 @@ class PeopleTracker:
         unseen = {target.label: self.evidence[target.label].unseen for target in self.targets}
         looked = {target.label: self._person_alone(target.label) for target in self.targets}
         others = [one for one in self.targets if one.person <= self.config.report and not one.occluded]
-        self.identities.look(others, looked, stamp)
+        self.identities.follow(others, looked, stamp)
         left = self.identities.update(self._people(), seen, unseen, living, stamp, labels, looked)
         self.recursion.forget(left - {target.label for target in self.targets}, {})
         for k, target in enumerate(self.targets):
