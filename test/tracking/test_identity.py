@@ -140,3 +140,18 @@ def test_who_has_been_away_for_long_is_forgotten() -> None:
     step(kept, [person(0, 0.0, 0.0)], 0.0, labels)
     assert step(kept, [person(1, 0.0, 0.0)], 100.0, labels) == [1]
     assert 0 not in kept.people
+
+
+def test_one_new_where_a_person_went_is_rather_a_person_and_where_a_thing_went_rather_a_thing() -> None:
+    def odds(known: float, x: float = 0.0, told: frozenset[int] = frozenset()) -> float:
+        kept = ReturningPeople()
+        kept.people[3] = AwayPerson(np.array([0.0, 0.0, 0.0, 0.0]), 0.01, 0.0, 0.0, known)
+        origin = kept.origin(np.array([x, 0.0]), 0.0, 0.5, set(), 1.0)
+        assert origin is not None
+        return origin.log_odds(set(told))
+
+    assert odds(0.99) > 2.0
+    assert odds(0.01) < -2.0
+    assert odds(0.5) == pytest.approx(0.0, abs=1e-9)
+    assert odds(0.99, x=50.0) == pytest.approx(0.0, abs=1e-6)
+    assert odds(0.99, told=frozenset({3})) == 0.0

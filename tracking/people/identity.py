@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -67,12 +68,19 @@ class Walking:
 @dataclass(frozen=True)
 class AwayPerson:
     """Somebody when he was seen last: mean (4,) m and m/s, variance of his place, m², and velocity, m²/s², per axis,
-    stamp, s."""
+    stamp, s; person : probability that it was one."""
 
     mean: FloatArray
     variance: float
     drift: float
     stamp: float
+    person: float = 1.0
+
+
+def _seen(target: Target, stamp: float, person: float) -> AwayPerson:
+    """A target as it is now."""
+    xx, yy, uu, vv = target.covariance.diagonal().tolist()
+    return AwayPerson(target.mean, 0.5 * (xx + yy), 0.5 * (uu + vv), stamp, person)
 
 
 @dataclass(frozen=True)
@@ -83,6 +91,32 @@ class Name:
     probability: float = 1.0
 
 
+@dataclass(frozen=True)
+class Origin:
+    """Whom a target may be that came up.
+
+    known : by told label, the density, 1/m², of who was told of coming into view there, and how probably he is a
+    person. strangers, things : the densities of people and of things that nobody knew, 1/m². persons, others : of what
+    was not told of and is gone, as people and as things.
+    """
+
+    known: dict[int, tuple[float, float]]
+    strangers: float
+    things: float
+    persons: float
+    others: float
+
+    def log_odds(self, others: set[int]) -> float:
+        """How much more probably it is a person than without history, nat, if it is none of the `others`.
+
+        Who is known is again what he was.
+        """
+        back = [item for label, item in self.known.items() if label not in others]
+        persons = self.persons + sum(density * person for density, person in back)
+        things = self.others + sum(density * (1.0 - person) for density, person in back)
+        return math.log1p(persons / self.strangers) - math.log1p(things / max(self.things, 1e-12))
+
+
 class ReturningPeople:
     """Labels of people over the targets of a tracker, which are lost where somebody is out of sight for long."""
 
@@ -90,14 +124,18 @@ class ReturningPeople:
         self.walking = walking or Walking()
         self.names: dict[int, Name] = {}  # by label of the target
         self.people: dict[int, AwayPerson] = {}  # by told label, whoever was told of as a person
+        self.others: dict[
+            int, AwayPerson
+        ] = {}  # by label of the target, all that was followed and is not told of
 
     def shift(self, motion: FloatArray) -> None:
         """Takes everybody along with the frame, which moved by (3,) x, y, yaw."""
         c, s = math.cos(motion[2]), math.sin(motion[2])
         turn = np.array([[c, -s], [s, c]])
-        for label, away in self.people.items():
-            place = compound(motion, np.array([*away.mean[:2], 0.0]))[:2]
-            self.people[label] = replace(away, mean=np.concatenate([place, turn @ away.mean[2:]]))
+        for known in (self.people, self.others):
+            for label, away in known.items():
+                place = compound(motion, np.array([*away.mean[:2], 0.0]))[:2]
+                known[label] = replace(away, mean=np.concatenate([place, turn @ away.mean[2:]]))
 
     def name(self, target: int) -> Name:
         """What a target is told of by."""
@@ -111,12 +149,13 @@ class ReturningPeople:
         living: set[int],
         stamp: float,
         labels: PublicLabels,
+        known: Mapping[int, float] = MappingProxyType({}),
     ) -> set[int]:
         """Gives everybody a label of whom nothing was told yet.
 
         people : the targets that are people now; seen : labels of targets that the scan shows; unseen : by label, the
         share of the place where a target came up that nobody had looked at; living : labels of all targets; labels :
-        gives new numbers.
+        gives new numbers; known : by label, how probably it is a person by its own looks, else surely.
         Returns the targets whose label went over to somebody else.
         """
         self.names = {target: name for target, name in self.names.items() if target in living}
@@ -135,10 +174,34 @@ class ReturningPeople:
         for person in people:
             label = self.name(person.label).label
             if person.label in seen or label not in self.people:
-                xx, yy, uu, vv = person.covariance.diagonal().tolist()
-                place, velocity = 0.5 * (xx + yy), 0.5 * (uu + vv)
-                self.people[label] = AwayPerson(person.mean, place, velocity, stamp)
+                self.people[label] = _seen(person, stamp, known.get(person.label, 1.0))
         return left
+
+    def follow(self, targets: Sequence[Target], known: Mapping[int, float], stamp: float) -> None:
+        """Takes in targets that are seen but not told of as people; known : how probably each is one, by label."""
+        oldest = stamp - FORGOTTEN * self.walking.turning
+        self.others = {label: one for label, one in self.others.items() if one.stamp >= oldest}
+        for target in targets:
+            self.others[target.label] = _seen(target, stamp, known[target.label])
+
+    def origin(
+        self, place: FloatArray, unseen: float, birth_class: float, living: set[int], stamp: float
+    ) -> Origin | None:
+        """Whom one new at a place (2,) may be; of strangers, `birth_class` are people. None for nobody known."""
+        others = [one for label, one in self.others.items() if label not in living]
+        away = [*self.people.values(), *others]
+        if not away or birth_class <= 0.0:
+            return None
+        back = np.exp(self.walking.log_intensities(away, place, stamp)).tolist()
+        people, rest = back[: len(self.people)], back[len(self.people) :]
+        known = {
+            label: (density, one.person)
+            for (label, one), density in zip(self.people.items(), people, strict=True)
+        }
+        strangers = math.exp(self.walking.log_strangers(unseen))
+        persons = sum(density * one.person for density, one in zip(rest, others, strict=True))
+        things = strangers * (1.0 - birth_class) / birth_class
+        return Origin(known, strangers, things, persons, sum(rest) - persons)
 
     def _who(self, person: Target, told: set[int], unseen: float, stamp: float) -> Name:
         """The likeliest of those who are away and a stranger."""

@@ -21,6 +21,7 @@ from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.poses import between, compound, inverse
 from registration.laser.scan import Scan
+from tracking.mixture.components import IntArray
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Detection
 from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks, State
@@ -33,7 +34,7 @@ from tracking.people.people_config import PeopleConfig
 from tracking.people.people_middle import WIDE
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
-from tracking.people.person_class import ClassEvidence, ClassModel, class_model, rows_of
+from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, class_model, rows_of
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
@@ -206,7 +207,10 @@ class PeopleTracker:
         seen = {target.label for target in self.targets if not target.occluded}
         stamp, labels = float(self.stamp or 0.0), self.recursion.extractor.labels
         unseen = {target.label: self.evidence[target.label].unseen for target in self.targets}
-        left = self.identities.update(self._people(), seen, unseen, living, stamp, labels)
+        looked = {target.label: self._person_alone(target.label) for target in self.targets}
+        others = [one for one in self.targets if one.person <= self.config.report and not one.occluded]
+        self.identities.follow(others, looked, stamp)
+        left = self.identities.update(self._people(), seen, unseen, living, stamp, labels, looked)
         self.recursion.forget(left - {target.label for target in self.targets}, {})
         for k, target in enumerate(self.targets):
             name = self.identities.names.get(target.label)
@@ -322,17 +326,20 @@ class PeopleTracker:
         nearer = nearest == np.arange(len(found))[:, None]
         around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
         mine = nearer & (gaps < BELONGS)
+        living = {target.label for target in found}
         for t, target in enumerate(found):
             whose = np.flatnonzero(mine[t])
             evidence = self.evidence.get(target.label)
             if evidence is None:
-                unseen = float(seen.kinds[whose, UNSEEN].max(initial=0.0))
-                evidence = self.evidence[target.label] = ClassEvidence(target.mean[:2].copy(), unseen)
+                evidence = self.evidence[target.label] = self._newcomer(target.mean[:2], whose, seen, living)
             evidence.look(seen, rows, whose, target, pose, around[t], dt, stamp, posed)
-        present = {target.label for target in found}
-        self.evidence = {label: item for label, item in self.evidence.items() if label in present}
+        self.evidence = {label: item for label, item in self.evidence.items() if label in living}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
-        people = (1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0)))).tolist()
+        for target, own in zip(found, _probabilities(odds), strict=True):
+            if self.evidence[target.label].looks > SHORT:
+                self.evidence[target.label].own = own
+        odds += self._known_before(found)
+        people = _probabilities(odds)
         self.recursion.classify({target.label: p for target, p in zip(found, people, strict=True)})
         self.targets = []
         for target, person in zip(found, people, strict=True):
@@ -342,6 +349,31 @@ class PeopleTracker:
                 known = vars(target) | self._located(target)
                 known["rate"] = self.evidence[target.label].returns
                 self.targets.append(Person(**known, person=person, occluded=last < stamp, last_seen=last))
+
+    def _newcomer(
+        self, place: FloatArray, whose: IntArray, seen: ClusterScan, living: set[int]
+    ) -> ClassEvidence:
+        """What is known of a target before it is looked at: where it is (2,), and who it may be."""
+        unseen = float(seen.kinds[whose, UNSEEN].max(initial=0.0))
+        birth_class = float(seen.birth_class[whose].max(initial=0.0))
+        before = self.identities.origin(place, unseen, birth_class, living, float(self.stamp or 0.0))
+        return ClassEvidence(place.copy(), unseen, before, birth_class)
+
+    def _person_alone(self, label: int) -> float:
+        """Probability that a target is a person by its own looks; before it has shown any, of who it seems to be."""
+        evidence, known = self.evidence[label], self.identities.people.get(self.identities.name(label).label)
+        return evidence.own if known is None or evidence.looks > SHORT else known.person
+
+    def _known_before(self, found: list[Target]) -> list[float]:
+        """Log-odds (T,) from who each target may be that was known, but for those whom others are told of as."""
+        told = {person.label for person in self._people()}
+        names = [self.identities.name(target.label).label for target in found]
+        told &= set(names)
+        origins = [self.evidence[target.label].before for target in found]
+        return [
+            0.0 if origin is None else origin.log_odds(told - {name})
+            for origin, name in zip(origins, names, strict=True)
+        ]
 
     def _located(self, target: Target) -> dict[str, FloatArray]:
         """Mean and covariance of a target in the frame of the poses, with the error of the robot's own."""
@@ -354,6 +386,11 @@ class PeopleTracker:
 
     def _people(self) -> list[Person]:
         return [target for target in self.targets if target.person > self.config.report]
+
+
+def _probabilities(odds: FloatArray) -> list[float]:
+    """Of log-odds (T,)."""
+    return list((1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0)))).tolist())
 
 
 def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:

@@ -24,6 +24,7 @@ from tracking.people.legs import FEATURES
 if TYPE_CHECKING:
     from tracking.mixture.components import IntArray
     from tracking.people.cluster_model import ClusterScan
+    from tracking.people.identity import Origin
 
 MODEL = "person_class.json"
 CARD = "person_class_card.json"
@@ -85,7 +86,9 @@ _CLUSTER = [
 class ClassEvidence:
     """What was seen of one target: means over the time it was looked at, and its course.
 
-    origin (2,) : where it was first, m. unseen : share of it where nobody had looked by then. last_seen : stamp, s.
+    origin (2,) : where it was first, m. unseen : share of it where nobody had looked by then. before : who it may be
+    that was known before. own : probability that it is a person by its own looks,
+    from `SHORT` on, and of any newcomer there before. last_seen : stamp, s.
     looks : s it was seen for. means (len(AVERAGED),); squares (2,) : means of width² and shape². pairs (3,) : seconds
     with two clusters, and their gap and gap² by them. place, spread : means of where its clusters were and of that
     squared, m from the origin and m². now, fresh, returns : of the last half second. behind (2,) : where it was a
@@ -96,6 +99,8 @@ class ClassEvidence:
 
     origin: FloatArray
     unseen: float = 0.0
+    before: Origin | None = None
+    own: float = 1.0
     last_seen: float = 0.0
     looks: float = 0.0
     means: FloatArray = field(default_factory=lambda: np.zeros(len(AVERAGED)))
