@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from pathlib import Path
 
 from whereabouts.cli.run import NODES
 from whereabouts.nodes.runtime.suite_run import prepare_environment
+from whereabouts.system.process_usage import family
 
 RESULT = Path(__file__).with_suffix(".txt")
 SETTLE = 3.0
@@ -38,9 +40,12 @@ class ProcessMemory:
 
 
 def memory(pid: int) -> ProcessMemory:
-    """Read from the kernel's own account."""
-    text = Path(f"/proc/{pid}/smaps_rollup").read_text()
-    found = {name: int(size) / MIB for name, size in re.findall(r"^(\w+):\s+(\d+) kB", text, re.MULTILINE)}
+    """Of a process and those that it made for itself, from the kernel's own account."""
+    found: dict[str, float] = defaultdict(float)
+    for own in family(pid):
+        text = Path(f"/proc/{own}/smaps_rollup").read_text()
+        for name, size in re.findall(r"^(\w+):\s+(\d+) kB", text, re.MULTILINE):
+            found[name] += int(size) / MIB
     return ProcessMemory(found["Rss"], found["Pss"], found["Private_Clean"] + found["Private_Dirty"])
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 @dataclass
 class Usage:
-    """Of one process.
+    """Of one process and those that it made for itself.
 
     resident, proportional : most MiB, shared pages counted in full, and by share. seconds : of processor.
     """
@@ -55,14 +55,29 @@ class UsageMeter:
             entry.proportional = max(entry.proportional, proportional)
 
 
+def family(process: int) -> list[int]:
+    """A process and its children. Raises OSError where it has ended."""
+    tasks = Path(f"/proc/{process}/task").iterdir()
+    return [process, *(int(child) for task in tasks for child in (task / "children").read_text().split())]
+
+
 def processor_seconds(process: int) -> float:
-    """User and system time of a process, all its threads. Raises OSError where it has ended."""
+    """User and system time of a process and its children, all their threads. Raises OSError where it has ended."""
+    return sum(map(_own_seconds, family(process)))
+
+
+def memory(process: int) -> tuple[float, float]:
+    """Resident and proportional set size of a process and its children, MiB. Raises OSError where it has ended."""
+    sizes = [_own_memory(one) for one in family(process)]
+    return sum(size[0] for size in sizes), sum(size[1] for size in sizes)
+
+
+def _own_seconds(process: int) -> float:
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
 
 
-def memory(process: int) -> tuple[float, float]:
-    """Resident and proportional set size in MiB. Raises OSError where it has ended."""
+def _own_memory(process: int) -> tuple[float, float]:
     text = Path(f"/proc/{process}/smaps_rollup").read_text()
     sizes = {
         name: int(size) / 1024.0 for name, size in re.findall(r"^(Rss|Pss):\s+(\d+) kB", text, re.MULTILINE)
