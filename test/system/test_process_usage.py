@@ -18,16 +18,19 @@ def test_a_child_counts_with_its_parent() -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    assert parent.stdin is not None and parent.stdout is not None
+    assert parent.stdin is not None
+    assert parent.stdout is not None
     assert parent.stdout.readline() == "ready\n"
     with_child, seconds, both = memory(parent.pid), processor_seconds(parent.pid), family(parent.pid)
     parent.stdin.write("\n")
     parent.stdin.flush()
     assert parent.stdout.readline() == "over\n"
     alone = memory(parent.pid)
-    assert len(both) == 2 and family(parent.pid) == [parent.pid]
-    assert with_child[0] > alone[0] + 32.0 and with_child[1] > alone[1] + 32.0
+    assert len(both) == 2
+    assert family(parent.pid) == [parent.pid]
+    assert with_child[0] > alone[0] + 32.0
+    assert with_child[1] > alone[1] + 32.0
     assert seconds > processor_seconds(parent.pid)
     parent.communicate("\n")
-    with pytest.raises(OSError):
+    with pytest.raises(FileNotFoundError):
         memory(parent.pid)
