@@ -1,11 +1,11 @@
 """What closing loops and drawing the map cost each scan: at a pace, and everything at once.
 
-    python bench/bench_loop_closure_pace.py LOG.. >> bench/bench_loop_closure_pace.txt
+    python bench/bench_loop_closure_pace.py LOG.. > bench/bench_loop_closure_pace.txt
 
 Logs are CARMEN logs, or `killian`. As the node does it: keyframes are taken out on the way, and the grid is drawn after
 each keyframe; at once it is brought up to date every 80 scans, two seconds at 40 Hz. Odometry is worked out before.
-At a pace smoothing has a process of its own, as in the node. Behind: keyframes that are still to be worked on. Times
-are those of a clock: nothing else may run on the machine.
+At a pace scans come at 40 Hz and smoothing has a process of its own, as in the node. Behind: keyframes that still are
+to be worked on. Times are those of a clock: nothing else may run on the machine.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from whereabouts.recorded.mapping import MapGrid
 
 # Made before there are threads.
 ASIDE = SmootherProcess()
+PERIOD = 0.025  # s between scans at a pace
 EVERY = 80  # scans between maps that are drawn at once
 
 
@@ -43,7 +44,10 @@ def drive(log: Followed, pace: float | None, scans: int | None) -> str:
             grid.update(slam, DRAWN)
         elif pace is None and number % EVERY == EVERY - 1:
             grid.update(slam)
-        spent.append(1e3 * (time.perf_counter() - begun))
+        taken = time.perf_counter() - begun
+        spent.append(1e3 * taken)
+        if pace is not None:
+            time.sleep(max(0.0, PERIOD - taken))
         behind.append(update.behind)
         made += len(update.closures)
     estimate = slam.trajectory()[:, 1:3]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from loop_closure.graph.pose_graph import Edge, SmoothedGraph
-from loop_closure.graph.smoother_process import RemoteSmoother, SmootherProcess
+from loop_closure.graph.smoother_process import FORGET, RemoteSmoother, SmootherProcess
 
 
 @pytest.fixture
@@ -81,12 +81,23 @@ def test_it_ends_with_those_who_give_orders() -> None:
         os.kill(process.pid, 0)
 
 
-def test_smoothers_that_nobody_holds_any_more_are_forgotten(aside: SmootherProcess) -> None:
+def test_smoothers_that_nobody_holds_any_more_are_forgotten(
+    aside: SmootherProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tell = aside.tell
+    forgotten: list[int] = []
+
+    def listen(smoother: int, order: str, *given: object) -> None:
+        if order == FORGET:
+            forgotten.append(smoother)
+        tell(smoother, order, *given)
+
+    monkeypatch.setattr(aside, "tell", listen)
     graph = SmoothedGraph(aside)
     drive(graph, 50)
-    before = graph._smoother
+    assert forgotten == []
     graph.settle()
-    assert graph._smoother is not before
-    del before
+    assert forgotten == [1]
     drive(graph, 60)
+    assert forgotten == [1, 2]
     assert aside.alive
