@@ -29,6 +29,9 @@ DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the er
 # Metres, radians between wheels and the last motion from which both are tried: what saves a run where wheels jump.
 RIVAL = (0.25, 0.2)
 LEAST_LINED = 15  # points on lines below which a scan is not registered
+# Share of the last motion that is expected next where nothing has told of it but itself, without wheels: a sensor that
+# has stopped meanwhile must not be driven on for ever.
+FADE = 0.5
 
 
 class ScanTracker:
@@ -69,7 +72,7 @@ class ScanTracker:
             return self._begin(prepared, motion, poor)
         start = compound(self.pose, motion)
         if poor:
-            return self._predict(motion, poor, 0.0)
+            return self._predict(motion, guess is not None, poor, 0.0)
         # Wheels may jump after a gap, but not often: a place far from where they put the sensor needs a second look.
         astray = self._lost >= 2
         far = FAR if guess is None else SURE if astray else NEVER
@@ -141,7 +144,7 @@ class ScanTracker:
         if not wheels and self._matcher.outdoes_prediction(match, scan, start):
             motion = between(self.pose, match.refined.pose)
             reason = f"only {match.share:.0%} of the scan agrees with the map, but more than where it was predicted"
-        step = self._predict(motion, reason, match.share)
+        step = self._predict(motion, wheels, reason, match.share)
         self._spare.clear()
         self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
         self._change_map()
@@ -168,10 +171,10 @@ class ScanTracker:
             self._spare.clear()
             self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
 
-    def _predict(self, motion: FloatArray, reason: str, fitness: float) -> Step:
+    def _predict(self, motion: FloatArray, wheels: bool, reason: str, fitness: float) -> Step:
         self._lost += 1
         self.pose = compound(self.pose, motion)
-        self._last = motion
+        self._last = motion if wheels or self._habit.steady else FADE * motion
         doubt = prediction_covariance(motion)
         if self._lost >= self.config.patience and not len(self._spare):
             self.map.clear()
@@ -187,7 +190,7 @@ class ScanTracker:
         increment = between(before, self.pose)
         if not wheels and found_before and match.share >= SURE and not refined.open_directions:
             self._habit.learn(increment, self._last)
-        self._last = increment
+        self._last = FADE * increment if refined.open_directions and not wheels else increment
         self._travelled += float(np.hypot(*increment[:2]))
         noise = scan_covariance(refined, motion, float(before[2]))
         covariance = in_frame(noise + self._noise, float(before[2]))

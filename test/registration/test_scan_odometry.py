@@ -1,5 +1,6 @@
 """Scan odometry on simulated floors: drift, gaps, lying wheels, corridors, movers, deskewing, range offset."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -121,6 +122,34 @@ def test_a_corridor_is_filled_from_the_wheels_and_open_without() -> None:
     sigma = np.sqrt(np.diag(guided.increment_covariance))
     assert sigma[0] > 5.0 * sigma[1]
     assert "open" in guided.reason
+
+
+def test_a_sensor_without_wheels_that_stops_where_nothing_tells_is_not_driven_on() -> None:
+    rng = np.random.default_rng(12)
+    lidar, odometry, x = Lidar(181, range_max=8.0), Odometry(), -11.0
+    hall = joined([corridor(), box(0.5, 0.4, (-9.0, 1.0, 0.0)), box(0.4, 0.4, (-8.0, -1.0, 0.0))])
+    for k in range(75):
+        scan = lidar.scan(hall, (x, 0.2, 0.0), rng, 0.2 * k).scan
+        odometry.register(scan, scan.stamp)
+        if k < 25:
+            x += 0.12
+    passed = odometry.pose[0]
+    assert "open" in odometry.reason
+    for k in range(75, 150):
+        scan = lidar.scan(hall, (x, 0.2, 0.0), rng, 0.2 * k).scan
+        odometry.register(scan, scan.stamp)
+    assert abs(odometry.pose[0] - passed) < 2.0
+
+
+def test_a_scanner_that_is_covered_while_it_turns_is_not_turned_on() -> None:
+    rng, room = np.random.default_rng(13), joined([box(9.0, 7.0), box(1.0, 0.5, (2.0, 1.0, 0.3))])
+    odometry = Odometry()
+    for k in range(70):
+        seen = LIDAR.scan(room, (0.0, 0.0, 0.1 * min(k, 20)), rng, 0.2 * k).scan
+        covered = replace(seen, ranges=np.full_like(seen.ranges, np.nan)) if 20 < k < 60 else seen
+        odometry.register(covered, seen.stamp)
+        assert odometry.unsure or not 20 < k < 60
+    assert abs(odometry.pose[2] - 2.0) < 0.25
 
 
 def test_people_around_are_neither_followed_nor_static() -> None:
