@@ -73,15 +73,16 @@ def test_every_question_whose_time_is_taken_is_understood(tmp_path: Path, kind: 
     costs.close()
 
 
-@pytest.mark.parametrize("since", ["2026-11-03", "2026-11-20", "2026-11-30", "yesterday"])
 def test_what_has_left_is_the_same_however_much_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, since: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    since = ["2026-11-03", "2026-11-20", "2026-11-30", "yesterday"]
+    asked = [f"what has left the {place} since {day}" for day in since for place in ("desk", "sofa")]
     told = []
     with experiment.year(tmp_path / "days.sqlite", np.random.default_rng(3), 30) as store:
         for first in (0.5 * DAY, np.inf):
             monkeypatch.setattr(during, "AT_FIRST", first)
             store.recalled = None
-            told += [[ask(store, f"what has left the {place} since {since}") for place in ("desk", "sofa")]]
+            told.append([ask(store, question) for question in asked])
     assert told[0] == told[1]
     assert all(answer.kind == "what_left" and answer.value for answer in told[0])

@@ -99,11 +99,10 @@ def test_small_steps_add_up(corridor: Any) -> None:
         corridor.graph.poses = corridor.graph.poses + np.array([0.004, 0.0, 0.0])
         grid.update(corridor)
     # Never more than half a cell behind.
-    behind = [corridor.graph.poses - np.array([0.004 * k, 0.0, 0.0]) for k in range(7)]
-    shown = [
+    shown = (
         at_once(SimpleNamespace(keyframes=corridor.keyframes, graph=SimpleNamespace(poses=poses)))
-        for poses in behind
-    ]
+        for poses in (corridor.graph.poses - np.array([0.004 * k, 0.0, 0.0]) for k in range(7))
+    )
     assert any(same(grid, other) for other in shown)
 
 
