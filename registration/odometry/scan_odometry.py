@@ -3,14 +3,20 @@
 Prediction by the wheels, or by the last motion again (logs have stamps that jitter and run backwards, so no velocity
 is made of them); refinement on lines; where that does not agree with the map, a correlative search around the
 prediction; where that fails too, the prediction is kept and said to be one, and after a while a new map is begun.
+
+A scan is laid on the map as seen from where the sensor was in the middle of its sweep: there an error of the motion
+that is taken out of the sweep pulls one half as far forwards as the other backwards. From the first beam it would pull
+all one way, come back as an error of the next motion, and without wheels grow from scan to scan.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.geometry.poses import between, compound, wrap_angle
+from estimation.geometry.poses import between, compound, inverse, transform_points, wrap_angle
 from registration.laser.local_map import LineMap
 from registration.laser.prepared import NOISE, PreparedScan, view_of
 from registration.laser.scan import Scan
@@ -48,6 +54,7 @@ class ScanTracker:
         self._key, self._sure = np.zeros(3), np.zeros(3)
         self._last = np.zeros(3)  # motion of the last step
         self._stamp: float | None = None
+        self._ahead = np.zeros(3)  # motion from the first beam of the last scan to the middle of its sweep
         self._travelled = 0.0
         self._lost = 0
         self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
@@ -59,11 +66,28 @@ class ScanTracker:
     def step(self, scan: Scan, stamp: float, guess: FloatArray | None) -> Step:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
         elapsed = self._elapsed(stamp)
+        sweep = abs(scan.time_increment) * (len(scan) - 1)
+        half = 0.5 * sweep / elapsed if 0.0 < elapsed < 1.0 else 0.0
+        return self._from_first_beam(self._from_middle(scan, guess, elapsed, half), half)
+
+    def _from_first_beam(self, step: Step, half: float) -> Step:
+        """A step between the middles of two sweeps as one between their first beams, where scans are stamped.
+
+        half : of a sweep, as a share of the time since the last scan.
+        """
+        before, self._ahead = self._ahead, half * step.increment
+        if not np.any(before) and not np.any(self._ahead):
+            return step
+        increment = compound(compound(before, step.increment), inverse(self._ahead))
+        points = transform_points(self._ahead, step.static_points)
+        return replace(step, increment=increment, static_points=points)
+
+    def _from_middle(self, scan: Scan, guess: FloatArray | None, elapsed: float, half: float) -> Step:
         motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
         if guess is None and abs(motion[2]) > NEAR_SEARCH[1]:
             # Who turned so far between two scans has turned where he wanted.
             motion = np.array([motion[0], motion[1], 0.0])
-        prepared = PreparedScan(self._surface(scan, motion, elapsed), view_of(scan))
+        prepared = PreparedScan(self._surface(scan, motion, elapsed, half), view_of(scan))
         lined = int(prepared.surface.lined.sum())
         poor = (
             "" if lined >= LEAST_LINED else f"only {lined} points on lines; at least {LEAST_LINED} are needed"
@@ -103,13 +127,13 @@ class ScanTracker:
         self._stamp = stamp
         return elapsed
 
-    def _surface(self, scan: Scan, motion: FloatArray, elapsed: float) -> Surface:
-        """Surface of a scan as seen from where the sensor was at its first beam."""
-        if scan.time_increment == 0.0 or not 0.0 < elapsed < 1.0:
+    def _surface(self, scan: Scan, motion: FloatArray, elapsed: float, half: float) -> Surface:
+        """Surface of a scan as seen from where the sensor was in the middle of its sweep."""
+        if half == 0.0:
             return scan_surface(scan, NOISE, self.config.max_range, self.offset.value)
         keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.config.max_range)
         beams = np.flatnonzero(keep)
-        share = beams * scan.time_increment / elapsed
+        share = beams * scan.time_increment / elapsed - half
         yaw = scan.angle_min + scan.angle_increment * beams + share * motion[2]
         ranges = scan.ranges[beams] - self.offset.value
         points = ranges[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw))) + share[:, None] * motion[:2]
