@@ -259,7 +259,9 @@ def _small(options: RunOptions, report: Report) -> None:
         floor, waypoints = random_floor(np.random.default_rng([options.seed, 5, run]), 2)
         drives = {"flat": (flat(), way()), "floor": (floor, Drive(waypoints, speed=0.22, turn_rate=0.8))}
         for place, (shapes, drive) in drives.items():
-            records, truth = drive_through(shapes, drive, lidar, np.random.default_rng([options.seed, 6, run]))
+            records, truth = drive_through(
+                shapes, drive, lidar, np.random.default_rng([options.seed, 6, run])
+            )
             for method, outcome in _methods(records, True):
                 cells = errors(outcome, outcome.poses, truth)
                 found.setdefault((place, method), []).append(cells)

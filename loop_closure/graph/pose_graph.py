@@ -177,7 +177,11 @@ class SmoothedGraph:
         if without:
             self.edges = [edge for number, edge in enumerate(self.edges) if number not in without]
         self._set(self._settled())
-        self._restart()
+        try:
+            self._restart()
+        except RuntimeError:
+            # So badly determined that steps fail from here as well: with the next closure it is told everything again.
+            self._start(self.poses[0])
 
     def _settled(self) -> FloatArray:
         if isinstance(self._smoother, RemoteSmoother):

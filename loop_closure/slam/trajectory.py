@@ -41,6 +41,7 @@ from loop_closure.slam.visits import Visits
 from loop_closure.slam_config import Proposals, SlamConfig
 from loop_closure.work import Allowance, Job, Steps, at_once
 from registration.laser.scan import Scan
+from registration.laser.sweep import at_first_beam
 
 PER_KEYFRAME = 2  # keyframes looked at again with each new one
 NEW_RUN = 1000.0  # metres of path that stand for a restart
@@ -305,6 +306,9 @@ class Slam:
     ) -> int:
         before = self.keyframes[-1].odometry if len(self.keyframes) else None
         if isinstance(scan, Scan):
+            if self._visits and not self._new_run:
+                last = self._visits.last
+                scan = at_first_beam(scan, motion(last.odometry, here), when - last.stamp)
             self.keyframes.add_scan(scan, here, self.config.max_range)
         else:
             points = thinned(as_cloud(scan), 0.5 * LEAF)

@@ -16,6 +16,7 @@ from estimation.geometry.poses import (
 )
 from loop_closure.graph.esdf import EsdfGraph
 from loop_closure.graph.pose_graph import Edge, SmoothedGraph, residuals
+from loop_closure.graph.smoother import News, Smoother
 from loop_closure.graph.uncertainty import Uncertainty
 
 
@@ -202,3 +203,29 @@ def test_uncertainty_goes_by_the_shortest_path_and_by_the_better_of_two_edges() 
     sigma, turn = uncertainty.around(np.zeros((count + 1, 3)), 0)
     assert np.isinf(sigma[count])
     assert np.isinf(turn[count])
+
+
+def test_what_cannot_be_smoothed_in_steps_is_settled_and_smoothed_with_the_next_closure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    truth, steps = circle(np.random.default_rng(5), 40)
+    failing, sound = SmoothedGraph(), SmoothedGraph()
+    learn, failures = Smoother.learn, []
+
+    def fails_twice(smoother: Smoother, news: News) -> None:
+        if failing._smoother is smoother and len(failures) < 2:
+            failures.append(len(news.edges))
+            raise RuntimeError("Indeterminate linear system")
+        learn(smoother, news)
+
+    monkeypatch.setattr(Smoother, "learn", fails_twice)
+    for graph in (failing, sound):
+        graph.begin(truth[0])
+        for k, (step, covariance) in enumerate(steps, start=1):
+            graph.extend(step, covariance)
+            if k >= 20 and k % 10 == 0:
+                relative = between(truth[k - 20], truth[k])
+                graph.close([Edge(k - 20, k, relative, 1e-4 * np.eye(3), True)])
+        graph.settle()
+    assert len(failures) == 2
+    np.testing.assert_allclose(failing.poses, sound.poses, atol=1e-3)

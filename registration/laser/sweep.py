@@ -1,0 +1,43 @@
+"""A scan that was taken on the way, as it would look from where its first beam was sent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.checks import FloatArray
+from registration.laser.scan import TURN, Scan
+
+
+def at_first_beam(scan: Scan, motion: FloatArray, elapsed: float) -> Scan:
+    """Move what each beam met to where the sensor was at the scan's stamp.
+
+    motion : (3,) x, y, yaw of the sensor, m and rad, over the `elapsed` s before; it is taken to go on like that.
+
+    The result has the bearings of `scan` and one time for all beams; of two returns at one bearing the nearer counts,
+    and where none is any more its range is NaN. A scan whose beams have no times of their own, or that came first or
+    after a gap of a second, is returned as it is.
+    """
+    if scan.time_increment == 0.0 or not 0.0 < elapsed < 1.0:
+        return scan
+    share = scan.time_increment / elapsed * np.arange(len(scan))
+    bearings = scan.bearings + share * motion[2]
+    valid = scan.valid
+    ends = scan.ranges[valid, None] * np.column_stack((np.cos(bearings[valid]), np.sin(bearings[valid])))
+    ends += share[valid, None] * motion[:2]
+    ranges = np.full(len(scan), np.nan)
+    beams, inside = _beams(scan, bearings[~valid])
+    ranges[beams] = scan.ranges[~valid][inside]
+    nearest = np.full(len(scan), np.inf)
+    beams, inside = _beams(scan, np.arctan2(ends[:, 1], ends[:, 0]))
+    np.minimum.at(nearest, beams, np.hypot(*ends.T)[inside])
+    return replace(scan, ranges=np.where(np.isfinite(nearest), nearest, ranges), time_increment=0.0)
+
+
+def _beams(scan: Scan, bearings: FloatArray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the beams at bearings (N,) rad, and which of these are in view, (N,) bool."""
+    turn = round(TURN / abs(scan.angle_increment))
+    beams = np.rint((bearings - scan.angle_min) / scan.angle_increment).astype(np.int64) % turn
+    inside = beams < len(scan)
+    return beams[inside], inside
