@@ -21,6 +21,8 @@ from loop_closure.work import Steps, at_once
 
 SMOOTHING, TELLING = 0.01, 0.04  # ms per node of one round of smoothing; per edge that is told
 ROUNDS = 3  # of smoothing after each closure
+# Nodes for each of which one scan more is taken in before a process of its own is asked for its answer.
+PER_SCAN = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +136,9 @@ class SmoothedGraph:
             for _ in range(1, ROUNDS):
                 yield SMOOTHING * len(self._keys)
                 self._smoother.smooth()
-            # A process of its own has until the next scan.
-            yield SMOOTHING * len(self._keys)
+            # A process of its own has until then.
+            for _ in range(1 + len(self._keys) // PER_SCAN):
+                yield SMOOTHING * len(self._keys)
             self._take(self._smoother.estimate())
         except RuntimeError:
             # Rounding made the increment singular; everything at once is slower and sound.

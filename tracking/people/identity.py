@@ -124,9 +124,8 @@ class ReturningPeople:
         self.walking = walking or Walking()
         self.names: dict[int, Name] = {}  # by label of the target
         self.people: dict[int, AwayPerson] = {}  # by told label, whoever was told of as a person
-        self.others: dict[
-            int, AwayPerson
-        ] = {}  # by label of the target, all that was followed and is not told of
+        # By label of the target, all that was followed and is not told of.
+        self.others: dict[int, AwayPerson] = {}
 
     def shift(self, motion: FloatArray) -> None:
         """Takes everybody along with the frame, which moved by (3,) x, y, yaw."""
