@@ -250,9 +250,6 @@ def drive_through(
 
 def _small(options: RunOptions, report: Report) -> None:
     """The cheapest robots have a scanner that sees 3.5 m, and turns as slowly as it is asked."""
-    lidar = Lidar(
-        360, np.deg2rad(359.0), range_min=0.12, range_max=3.5, sigma=0.015, dropout=0.03, sweep_time=0.199
-    )
     runs = options.share(10, 3)
     found: dict[tuple[str, str], list[list[Any]]] = {}
     for run in track(range(runs), "short ranges"):

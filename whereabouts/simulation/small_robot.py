@@ -21,6 +21,10 @@ SCAN_RATE, WHEEL_RATE = 5.0, 30.0
 MOUNT = np.array([-0.032, 0.0, 0.0])
 WHEELS_AT = np.array([1.3, -0.6, 0.7])
 BEGIN = 1_700_000_000.0
+# All that the cheapest scanners are: short-sighted, noisy, and as slow as the scans come.
+SHORT_RANGE = Lidar(
+    360, np.deg2rad(359.0), range_min=0.12, range_max=3.5, sigma=0.015, dropout=0.03, sweep_time=0.199
+)
 
 
 @dataclass(frozen=True)
