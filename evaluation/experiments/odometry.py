@@ -257,7 +257,7 @@ def _small(options: RunOptions, report: Report) -> None:
         drives = {"flat": (flat(), way()), "floor": (floor, Drive(waypoints, speed=0.22, turn_rate=0.8))}
         for place, (shapes, drive) in drives.items():
             records, truth = drive_through(
-                shapes, drive, lidar, np.random.default_rng([options.seed, 6, run])
+                shapes, drive, SHORT_RANGE, np.random.default_rng([options.seed, 6, run])
             )
             for method, outcome in _methods(records, True):
                 cells = errors(outcome, outcome.poses, truth)
