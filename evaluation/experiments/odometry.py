@@ -25,7 +25,7 @@ from evaluation.report import Part, Report, RunOptions, Table
 from registration import Odometry, OdometryConfig, Scan
 from whereabouts.logs import ScanRecord, open_log
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, random_floor
-from whereabouts.simulation.small_robot import flat, way
+from whereabouts.simulation.small_robot import SHORT_RANGE, flat, way
 from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]
