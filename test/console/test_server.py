@@ -159,7 +159,7 @@ def test_all_who_look_are_told_what_is_new(client: TestClient, source: ScriptedS
 def test_a_viewer_that_takes_nothing_is_given_up_and_others_are_told(
     source: ScriptedSource, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(whereabouts.console.console_server, "STALLED", 0.2)
+    monkeypatch.setattr(whereabouts.console.console_server, "STALLED", 3.0)
     # More than what lies between two sockets.
     source.now = {**empty(), "things": [{"id": "x" * 1000}] * 8000}
     console = Console(source, TOKEN)

@@ -107,10 +107,17 @@ def test_watching_brings_up_again_what_was_started_again(graph: Graph) -> None:
         "object_search",
     ]
     # As a shell starts what is to run in the background.
-    process = subprocess.Popen(command, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    process = subprocess.Popen(
+        command,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     try:
         for spec in specs:
             graph.until(lambda s=spec: graph.state(s) == ACTIVE, f"{spec.executable} is active")  # type: ignore[misc]
+        assert process.stdout is not None
+        assert any("object_search was started again" in line for line in process.stdout)
         # What a person takes down, to set a parameter, stays down; what died comes back.
         graph.change(specs[1], Transition.TRANSITION_DEACTIVATE)
         graph.kill(specs[0])
