@@ -1,4 +1,4 @@
-"""A scan that was taken on the way, as it would look from where its first beam was sent."""
+"""When the beams of a scan were sent, and how it would look from where its first beam was."""
 
 from __future__ import annotations
 
@@ -9,6 +9,20 @@ import numpy as np
 from estimation.checks import FloatArray
 from registration.laser.scan import TURN, Scan
 
+BUNCHED, GAP = 0.01, 1.0  # s between two scans within which their motion tells of the motion in a sweep
+
+
+def beam_shares(scan: Scan, elapsed: float) -> FloatArray:
+    """When each beam was sent, (N,), after the scan's stamp, as a share of the `elapsed` s since the scan before.
+
+    Zeros where that cannot be believed: after a gap, between stamps that bunch, and where the sweep would take two
+    periods, as with drivers that give the time of a scan for that of a beam.
+    """
+    whole = abs(scan.time_increment) * len(scan)
+    if not BUNCHED < elapsed < GAP or whole >= 2.0 * elapsed:
+        return np.zeros(len(scan))
+    return scan.time_increment / elapsed * np.arange(len(scan))
+
 
 def at_first_beam(scan: Scan, motion: FloatArray, elapsed: float) -> Scan:
     """Move what each beam met to where the sensor was at the scan's stamp.
@@ -16,12 +30,11 @@ def at_first_beam(scan: Scan, motion: FloatArray, elapsed: float) -> Scan:
     motion : (3,) x, y, yaw of the sensor, m and rad, over the `elapsed` s before; it is taken to go on like that.
 
     The result has the bearings of `scan` and one time for all beams; of two returns at one bearing the nearer counts,
-    and where none is any more its range is NaN. A scan whose beams have no times of their own, or that came first or
-    after a gap of a second, is returned as it is.
+    and where none is any more its range is NaN. A scan whose beams have no times of their own is returned as it is.
     """
-    if scan.time_increment == 0.0 or not 0.0 < elapsed < 1.0:
+    share = beam_shares(scan, elapsed)
+    if not share.any():
         return scan
-    share = scan.time_increment / elapsed * np.arange(len(scan))
     bearings = scan.bearings + share * motion[2]
     valid = scan.valid
     ends = scan.ranges[valid, None] * np.column_stack((np.cos(bearings[valid]), np.sin(bearings[valid])))

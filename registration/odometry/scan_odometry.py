@@ -21,6 +21,7 @@ from registration.laser.local_map import LineMap
 from registration.laser.prepared import NOISE, PreparedScan, view_of
 from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface, swept_surface
+from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
 from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match
 from registration.odometry.odometry_config import OdometryConfig
@@ -65,10 +66,11 @@ class ScanTracker:
 
     def step(self, scan: Scan, stamp: float, guess: FloatArray | None) -> Step:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
-        elapsed = self._elapsed(stamp)
-        sweep = abs(scan.time_increment) * (len(scan) - 1)
-        half = 0.5 * sweep / elapsed if 0.0 < elapsed < 1.0 else 0.0
-        return self._from_first_beam(self._from_middle(scan, guess, elapsed, half), half)
+        elapsed = 0.0 if self._stamp is None else stamp - self._stamp
+        self._stamp = stamp
+        share = beam_shares(scan, elapsed)
+        half = 0.5 * float(share[-1]) if len(share) else 0.0
+        return self._from_first_beam(self._from_middle(scan, guess, share - half), half)
 
     def _from_first_beam(self, step: Step, half: float) -> Step:
         """A step between the middles of two sweeps as one between their first beams, where scans are stamped.
@@ -82,12 +84,13 @@ class ScanTracker:
         points = transform_points(self._ahead, step.static_points)
         return replace(step, increment=increment, static_points=points)
 
-    def _from_middle(self, scan: Scan, guess: FloatArray | None, elapsed: float, half: float) -> Step:
+    def _from_middle(self, scan: Scan, guess: FloatArray | None, share: FloatArray) -> Step:
+        """share : (N,) when each beam was sent after the middle of the sweep, of the time since the last scan."""
         motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
         if guess is None and abs(motion[2]) > NEAR_SEARCH[1]:
             # Who turned so far between two scans has turned where he wanted.
             motion = np.array([motion[0], motion[1], 0.0])
-        prepared = PreparedScan(self._surface(scan, motion, elapsed, half), view_of(scan))
+        prepared = PreparedScan(self._surface(scan, motion, share), view_of(scan))
         lined = int(prepared.surface.lined.sum())
         poor = (
             "" if lined >= LEAST_LINED else f"only {lined} points on lines; at least {LEAST_LINED} are needed"
@@ -122,18 +125,13 @@ class ScanTracker:
             return None
         return compound(self.pose, self._last)
 
-    def _elapsed(self, stamp: float) -> float:
-        elapsed = 0.0 if self._stamp is None else stamp - self._stamp
-        self._stamp = stamp
-        return elapsed
-
-    def _surface(self, scan: Scan, motion: FloatArray, elapsed: float, half: float) -> Surface:
+    def _surface(self, scan: Scan, motion: FloatArray, share: FloatArray) -> Surface:
         """Surface of a scan as seen from where the sensor was in the middle of its sweep."""
-        if half == 0.0:
+        if not share.any():
             return scan_surface(scan, NOISE, self.config.max_range, self.offset.value)
         keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.config.max_range)
         beams = np.flatnonzero(keep)
-        share = beams * scan.time_increment / elapsed - half
+        share = share[beams]
         yaw = scan.angle_min + scan.angle_increment * beams + share * motion[2]
         ranges = scan.ranges[beams] - self.offset.value
         points = ranges[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw))) + share[:, None] * motion[:2]

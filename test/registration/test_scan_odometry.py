@@ -185,6 +185,17 @@ def test_motion_during_the_sweep_is_undone() -> None:
     np.testing.assert_allclose(odometry.pose, between(turning(0.0), turning(stamps[-1])), atol=0.02)
 
 
+@pytest.mark.parametrize("increment", [0.15, -0.15])
+def test_a_period_given_as_the_time_of_a_beam_is_not_believed(increment: float) -> None:
+    """A driver's mistake that would put each beam a minute after the one before."""
+    rng, room, stamps = np.random.default_rng(8), box(8.0, 6.0), 0.15 * np.arange(30)
+    odometry = Odometry()
+    for stamp in stamps:
+        scan = Lidar(361, 1.5 * np.pi).scan(room, turning(stamp), rng, stamp).scan
+        odometry.register(replace(scan, time_increment=increment), stamp)
+    np.testing.assert_allclose(odometry.pose, between(turning(0.0), turning(stamps[-1])), atol=0.02)
+
+
 def test_a_range_offset_is_learned() -> None:
     rng = np.random.default_rng(9)
     shapes, waypoints = random_floor(rng, rooms=2)

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.geometry.poses import compound
 from registration.laser.scan import Scan
-from registration.laser.sweep import at_first_beam
+from registration.laser.sweep import at_first_beam, beam_shares
 from whereabouts.simulation import Lidar, Shapes, box, joined
 
 ROOM = joined([box(6.0, 5.0), box(0.8, 0.5, (1.5, 1.0, 0.4))])
@@ -53,3 +53,18 @@ def test_without_a_motion_it_is_left_alone(elapsed: float) -> None:
     moving, still = sweep(Lidar(360, np.deg2rad(359.0), sweep_time=0.199))
     assert at_first_beam(moving, MOTION, elapsed) is moving
     assert at_first_beam(still, MOTION, 0.2) is still
+
+
+@pytest.mark.parametrize("increment", [0.2, -0.2, 0.002])
+def test_a_time_that_no_beam_can_take_is_not_believed(increment: float) -> None:
+    """As from a driver that gives the scan's time for the beam's; half a sweep more than a period is jitter."""
+    _, still = sweep(Lidar(360, np.deg2rad(359.0)))
+    assert at_first_beam(replace(still, time_increment=increment), MOTION, 0.2).time_increment == increment
+    late = beam_shares(replace(still, time_increment=0.3 / 360), 0.2)
+    assert late[-1] == pytest.approx(1.5, rel=0.01)
+
+
+def test_beams_may_come_in_the_order_of_their_times_or_against_it() -> None:
+    moving, _ = sweep(Lidar(360, np.deg2rad(359.0)))
+    against = replace(moving, time_increment=-moving.time_increment)
+    np.testing.assert_allclose(beam_shares(against, 0.2), -beam_shares(moving, 0.2))

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.geometry.poses import wrap_angle
 from registration.laser.scan import Scan
+from registration.laser.sweep import beam_shares
 
 FASTEST = 3.0  # m/s and rad/s; a pose that changes faster has jumped
 
@@ -31,18 +32,15 @@ class Sweep:
     @classmethod
     def of(cls, scan: Scan, pose: FloatArray, before: FloatArray | None, dt: float) -> Sweep:
         """The sweep of a scanner at `pose` (3,) that was at `before` `dt` seconds ago and goes on like that."""
-        times = scan.time_increment * np.arange(len(scan))
-        rate = np.zeros(3)
-        # Stamps that bunch would make a fast robot of a slow one; so would a sweep longer than the scan's period.
-        if before is not None and 0.01 < dt < 1.0 and 0.0 < scan.time_increment * len(scan) < 2.0 * dt:
-            motion = pose - before
-            motion[2] = wrap_angle(motion[2])
-            if np.hypot(motion[0], motion[1]) < FASTEST * dt and abs(motion[2]) < FASTEST * dt:
-                rate = motion / dt
+        share = np.zeros(len(scan))
+        motion = np.zeros(3) if before is None else pose - before
+        motion[2] = wrap_angle(motion[2])
+        if np.hypot(motion[0], motion[1]) < FASTEST * dt and abs(motion[2]) < FASTEST * dt:
+            share = beam_shares(scan, dt)
         ranges = np.where(scan.valid, scan.ranges, np.inf)
         return cls(
-            pose[:2] + times[:, None] * rate[:2],
-            scan.bearings + pose[2] + times * rate[2],
+            pose[:2] + share[:, None] * motion[:2],
+            scan.bearings + pose[2] + share * motion[2],
             ranges,
             scan.bearings,
             np.where(scan.valid, scan.ranges, np.where(scan.ranges >= scan.range_max, scan.range_max, 0.0)),
