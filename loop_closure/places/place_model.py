@@ -94,7 +94,7 @@ class PlaceModel:
         """What the first stage sees, (K, n), of all places or those of `rows`."""
         if self.first.feature_count > PLAIN_WIDTH[self.dimension]:
             return database.compare_wide(query, rows)
-        return database.compare(query) if rows is None else database.compare_some(query, rows)
+        return database.compare(query, rows)
 
     def likelihoods(
         self,
@@ -226,6 +226,3 @@ class PlaceModel:
 def second_features(F: FloatArray, likelihood: FloatArray, laid: FloatArray, dimension: int) -> FloatArray:
     """What the second stage sees, (K, 44 + 1 + 28): the text's features, the first stage's verdict, the placement."""
     return np.column_stack((F[:, : PLAIN_WIDTH[dimension]], likelihood, laid))
-
-
-SECOND_WIDTH = PLAIN_WIDTH[2] + 1 + MATCH_FEATURES
