@@ -9,7 +9,8 @@ from loop_closure.places.outlines import LocalMap, Outline
 from loop_closure.places.place_model import PlaceModel
 from loop_closure.places.recognizer import PlaceRecognizer
 from loop_closure.places.shipped import shipped_model
-from loop_closure.slam.trajectory import Closure, Slam, SlamUpdate
+from loop_closure.slam.loop_closer import Closure
+from loop_closure.slam.trajectory import Slam, SlamUpdate
 from loop_closure.slam_config import SlamConfig
 
 __all__ = [
