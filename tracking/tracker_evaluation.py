@@ -68,11 +68,6 @@ class Score:
         """Mean of the expected number less the true one."""
         return float(np.mean(np.array(self.expected) - np.array(self.true_count)))
 
-    @property
-    def count_error(self) -> float:
-        """Mean absolute difference of reported and true numbers."""
-        return float(np.mean(np.abs(np.array(self.count) - np.array(self.true_count))))
-
 
 def clear_mot(
     score: Score, truth: list[FloatArray], identities: list[IntArray], gate: float
