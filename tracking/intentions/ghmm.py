@@ -20,8 +20,6 @@ from tracking.prediction.topological_map import MapChanges, TopologicalMap
 IntArray = NDArray[np.int64]
 # Manifolds whose goal explains the end of a trajectory this much worse than the best are left out of its update.
 GOAL_MARGIN = 25.0
-# Numbers of places that are gone are kept up to this many beyond those that are there.
-SPARE = 64
 
 
 class GrowingHmm:
@@ -73,10 +71,8 @@ class GrowingHmm:
     # Belief, (4.11) and (4.12).
 
     def log_observations(self, points: FloatArray) -> FloatArray:
-        """log p(O_k | S) per node of the map, (T, nodes); -inf for nodes that are gone."""
-        logs = log_observation(points, self._means(), self._precisions)
-        logs[:, ~np.isfinite(self.places.positions[:, 0])] = -np.inf
-        return np.asarray(logs)
+        """log p(O_k | S) per node of the map, (T, nodes)."""
+        return np.asarray(log_observation(points, self.places.positions, self._precisions))
 
     def start(self, point: FloatArray) -> FloatArray:
         """Belief (S,) after the first observation (2,)."""
@@ -173,8 +169,8 @@ class GrowingHmm:
         self._index_states()
 
     def _renumber(self) -> None:
-        """Give the numbers of places that are gone free again once they are the most."""
-        if self.places.size < 2 * len(self.places) + SPARE:
+        """Give the numbers of places that are gone free again."""
+        if self.places.size == len(self.places):
             return
         number = self.places.compact()
         kept = np.flatnonzero(number >= 0)
@@ -240,10 +236,6 @@ class GrowingHmm:
         self.successors[i, free], self.transitions[i, free] = j, self.config.initial_transition
 
     # Observation probabilities, section 4.4.2.
-
-    def _means(self) -> FloatArray:
-        positions = self.places.positions
-        return np.where(np.isfinite(positions), positions, 0.0)
 
     def _observe_anew(self, nodes: IntArray) -> None:
         missing = self.places.size - len(self._precisions)
