@@ -275,8 +275,8 @@ class IntentionModel:
             pace += c.pace_weight * (motion.pace - motion.speed)
         # One who stands goes on standing; nobody is drawn to a goal harder than the goal is sure.
         trust = float(person.belief.probabilities[rank]) if c.method == "routes" else 1.0
-        relaxation = self.forces.relaxation / max(trust * (1.0 - person.belief.novelty), 0.02)
-        return Walker(person.state(now), person.ways[rank], pace, relaxation, max(trust**ARRIVAL, 1e-3))
+        relaxation = self.forces.relaxation / max(trust * (1.0 - person.belief.novelty), 1e-6)
+        return Walker(person.state(now), person.ways[rank], pace, relaxation, max(trust**ARRIVAL, 1e-6))
 
     def _told(self, person: _Person, runs: list[FloatArray], horizon: float, now: float) -> Prediction:
         belief = person.belief
