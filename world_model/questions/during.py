@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from world_model.questions.answers import Answer, clean, clock, duration, iso, listed, told
+from world_model.questions.answers import (
+    Answer,
+    clean,
+    clock,
+    duration,
+    iso,
+    listed,
+    objects_at,
+    ranked,
+    stated,
+)
 from world_model.questions.moments import Span
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
-from world_model.questions.past import Change, changes_of, since_when, told_change
+from world_model.questions.past import Change, When, changes_of, moves_at, since_when, told_change
 from world_model.questions.recall import Recall, Timeline, Trust
 from world_model.questions.where import evidence_of, within
 from world_model.state import DAY
@@ -22,8 +32,7 @@ def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None =
     names = world.things() if ids is None else ids
     found = {}
     for name in names:
-        by_place = world.window(name, span.start, span.end).spent(span.start, span.end)
-        seconds = sum(long for each, long in by_place.items() if world.contains(place, each))
+        seconds = world.inside(place, world.window(name, span.start, span.end).spent(span.start, span.end))
         if seconds > 0.0:
             found[name] = seconds / max(span.end - span.start, 1.0)
     return found
@@ -36,15 +45,14 @@ def what_was_at(world: Recall, place: str, when: Span) -> Answer:
     """
     where, span = place_named(world, place), within(world, when)
     shares = shares_at(world, where, span)
-    there = sorted(shares, key=lambda name: -shares[name])
+    there = ranked(shares)
     named = [described(world, name) + _part(shares[name]) for name in there]
-    then = f"between {clock(span.start)} and {clock(span.end)}"
     verb = "was" if len(there) == 1 else "were"
     probability = Trust.SEEN * Trust.EACH ** len(there) if there else NOT_FOUND
     told_of = f"{listed(named, 20)} {verb}" if there else "Nothing that I know of was"
-    sentence = f"{told_of} {spoken(world, where)} {then}, {told(probability)}."
-    options = tuple({"object": name, "place": where, "share": shares[name]} for name in there)
-    return Answer(sentence, "what_is_at", probability, iso(span.start), there, (), options)
+    sentence = f"{told_of} {spoken(world, where)} {span.between}"
+    options = objects_at(where, {name: shares[name] for name in there}, "share")
+    return stated(sentence, "what_is_at", probability, span.start, there, (), options)
 
 
 def _part(share: float) -> str:
@@ -59,21 +67,17 @@ def was_at(world: Recall, what: str, place: str, when: Span) -> Answer:
     where, span = place_named(world, place), within(world, when)
     meant = things_named(world, what, past=True)
     shares = shares_at(world, where, span, meant.ids)
-    then = f"between {clock(span.start)} and {clock(span.end)}"
     if shares:
         names = [
             f"{described(world, name)} was {spoken(world, where)}{_part(shares[name])}"
-            for name in sorted(shares, key=lambda name: -shares[name])
+            for name in ranked(shares)
         ]
-        sentence = f"Yes, {listed(names)} {then}"
+        sentence = f"Yes, {listed(names)} {span.between}"
     else:
-        sentence = f"No, I know of no {clean(plain(what))} that was {spoken(world, where)} {then}"
-    probability = FOUND if shares else NOT_FOUND
+        sentence = f"No, I know of no {clean(plain(what))} that was {spoken(world, where)} {span.between}"
     best = max(shares, key=shares.__getitem__, default=meant.ids[0])
     evidence = evidence_of(world, world.window(best, span.start, span.end), span.start, span.end)
-    return Answer(
-        f"{sentence}, {told(probability)}.", "is_at", probability, iso(span.start), bool(shares), evidence
-    )
+    return stated(sentence, "is_at", FOUND if shares else NOT_FOUND, span.start, bool(shares), evidence)
 
 
 def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
@@ -86,16 +90,14 @@ def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
     line = world.window(name, span.start, span.end)
     by_place = line.spent(span.start, span.end)
     if where:
-        long = sum(seconds for each, seconds in by_place.items() if world.contains(where, each)) + 0.0
+        long = world.inside(where, by_place) + 0.0
         said = f"{described(world, name)} was {spoken(world, where)} for {duration(long)}"
     else:
         long = sum(by_place.values())
         parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
         said = f"{described(world, name)} was {listed(parts) or 'not seen'}"
-    then = f"between {clock(span.start)} and {clock(span.end)}"
     evidence = evidence_of(world, line, span.start, span.end)
-    sentence, p = f"{said} {then}, {told(Trust.NOT_SEEN)}.", Trust.NOT_SEEN
-    return Answer(sentence, "how_long_there", p, iso(span.start), long, evidence)
+    return stated(f"{said} {span.between}", "how_long_there", Trust.NOT_SEEN, span.start, long, evidence)
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
@@ -107,55 +109,43 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     stays = [stay for stay in line.stays if world.contains(where, stay.place)]
     if not stays:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
-        sentence = (
-            f"{described(world, name)} was never {spoken(world, where)} since {first}, {told(NOT_FOUND)}."
-        )
-        return Answer(sentence, "when_last_seen", NOT_FOUND, iso(world.now))
+        sentence = f"{described(world, name)} was never {spoken(world, where)} since {first}"
+        return stated(sentence, "when_last_seen", NOT_FOUND, world.now, None)
     last = stays[-1]
     is_there = last is line.stays[-1] and not line.lost
     until = f"is {spoken(world, where)} since" if is_there else f"was {spoken(world, where)} last until"
     stamp = last.since if is_there else last.until
-    sentence = f"{described(world, name)} {until} {clock(stamp)}, {told(FOUND)}."
     seen = iso(world.now if is_there else stamp)
     evidence = evidence_of(world, line, last.since, last.until)
-    return Answer(sentence, "when_last_seen", FOUND, iso(stamp), seen, evidence)
+    sentence = f"{described(world, name)} {until} {clock(stamp)}"
+    return stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
 
 
-def what_moved(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
+def what_moved(world: Recall, since: When = None, place: str = "") -> Answer:
     """Every move within a span, or of the last day, also of what is back where it was; to or from a place.
 
     value : [[object, from, to, stamp], ...], None for nowhere. Raises NothingKnownError, AmbiguousError, InputError.
     """
     where = place_named(world, place) if place else ""
-    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
-    moves = []
-    for name in world.heads(world.active(span.start, span.end)):
-        for change in changes_of(world.since(name, span.start), span.start, span.end):
-            ends = [end for end in (change.before, change.after) if end is not None]
-            if change.before not in (None, change.after) and (
-                not where or any(world.contains(where, end) for end in ends)
-            ):
-                moves.append(change)
-    moves.sort(key=lambda change: change.end)
+    span = since_when(world, since, DAY)
+    moves = sorted(moves_at(world, where, span), key=lambda change: change.end)
     at = f" {spoken(world, where)}" if where else ""
-    period = f"between {clock(span.start)} and {clock(span.end)}"
-    probability = Trust.SEEN * Trust.EACH ** len(moves)
     before = f"{len(moves) - 12} moves before; " if len(moves) > 12 else ""
     parts = "; ".join(told_change(world, move) for move in moves[-12:])
-    told_of = (
-        f"Moved{at} {period}: {before}{parts}" if moves else f"Nothing that I know of was moved{at} {period}"
-    )
+    told_of = f"Moved{at} {span.between}: {before}{parts}"
+    if not moves:
+        told_of = f"Nothing that I know of was moved{at} {span.between}"
     value = [[move.object, move.before, move.after, iso(move.end)] for move in moves]
-    return Answer(f"{told_of}, {told(probability)}.", "what_moved", probability, iso(span.start), value)
+    return stated(told_of, "what_moved", Trust.SEEN * Trust.EACH ** len(moves), span.start, value)
 
 
-def what_left(world: Recall, place: str, since: str | float | Span | None = None) -> Answer:
+def what_left(world: Recall, place: str, since: When = None) -> Answer:
     """What was at a place at the beginning of a span, or at any time of the last day, and is no longer there.
 
     value : {id: place where it is, None where nobody knows}. Raises NothingKnownError, AmbiguousError.
     """
     where = place_named(world, place)
-    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
+    span = since_when(world, since, DAY)
     parts, value = [], {}
     for name in world.heads(world.active(span.start, span.end)):
         line, last = _last_leaving(world, name, where, span)
@@ -171,7 +161,7 @@ def what_left(world: Recall, place: str, since: str | float | Span | None = None
         if parts
         else f"Nothing that I know of has left the place {spoken(world, where)} {period}"
     )
-    return Answer(f"{sentence}, {told(probability)}.", "what_left", probability, iso(span.start), value)
+    return stated(sentence, "what_left", probability, span.start, value)
 
 
 def _last_leaving(world: Recall, name: str, where: str, span: Span) -> tuple[Timeline, Change | None]:

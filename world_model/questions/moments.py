@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from estimation.errors import InputError
-from world_model.questions.answers import clean
+from world_model.questions.answers import clean, clock
 
 PARTS = {
     "morning": (6, 12), "breakfast": (7, 9), "breakfast time": (7, 9), "lunch": (12, 14), "lunchtime": (12, 14),
@@ -101,6 +101,11 @@ class Span:
     def middle(self) -> float:
         """s."""
         return 0.5 * (self.start + self.end)
+
+    @property
+    def between(self) -> str:
+        """ "between 2026-11-21 09:12 and 2026-11-21 10:00"."""
+        return f"between {clock(self.start)} and {clock(self.end)}"
 
 
 def moment(words: str | float, now: float) -> Span:

@@ -5,7 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
+from world_model.questions.answers import (
+    Answer,
+    NothingKnownError,
+    clean,
+    clock,
+    duration,
+    iso,
+    listed,
+    stated,
+    told,
+)
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, name_of, one_named, place_named, spoken
@@ -13,6 +23,7 @@ from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
 from world_model.questions.where import evidence_of
 from world_model.state import DAY, PERSON
 
+When = str | float | Span | None  # What "since" can be: words, s, or a span
 WEEK = 7 * DAY
 DAYS, ENDS = 3 * DAY, 80
 """Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
@@ -32,11 +43,16 @@ class Change:
     end: float
 
 
-def since_when(world: Recall, when: str | float | Span | None) -> Span:
-    """The span that "since" or a time stands for; from the beginning of memory where there is none."""
+def since_when(world: Recall, when: When, usual: float = math.inf) -> Span:
+    """The span that "since" or a time stands for; the last `usual` s where there is none."""
     if when is None:
-        return Span(-math.inf, world.now)
+        return Span(world.now - usual, world.now)
     return when if isinstance(when, Span) else Span(moment(when, world.now).start, world.now)
+
+
+def period_of(world: Recall, span: Span) -> str:
+    """ "since 2026-11-21 09:12" of a span that ends now, else when it began and ended."""
+    return f"since {clock(span.start)}" if span.end >= world.now - 1.0 else span.between
 
 
 def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
@@ -54,7 +70,23 @@ def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
     return [change for change in found if start < change.end <= end]
 
 
-def how_often(world: Recall, what: str, place: str = "", since: str | float | Span | None = None) -> Answer:
+def is_about(world: Recall, change: Change, place: str) -> bool:
+    """Whether an object left a place, or came to it; of no place in particular everything is."""
+    ends = [end for end in (change.before, change.after) if end is not None]
+    return not place or any(world.contains(place, end) for end in ends)
+
+
+def moves_at(world: Recall, place: str, span: Span) -> list[Change]:
+    """What left, or went from one place to another, within a span; from or to a place, where one is said."""
+    return [
+        change
+        for name in world.heads(world.active(span.start, span.end))
+        for change in changes_of(world.window(name, span.start, span.end), span.start, span.end)
+        if change.before not in (None, change.after) and is_about(world, change, place)
+    ]
+
+
+def how_often(world: Recall, what: str, place: str = "", since: When = None) -> Answer:
     """How often an object was moved, or came to a place. value : number. Raises NothingKnownError, AmbiguousError."""
     name = one_named(world, what)
     where = place_named(world, place) if place else ""
@@ -163,12 +195,17 @@ def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
     """
     name = one_named(world, what)
     if during is not None:
-        return _moved_during(world, name, during)
-    line = world.latest(name)
-    moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
+        line = world.since(name, during.start)
+        moves = _left(line, during)
+        if not moves:
+            sentence = f"{described(world, name)} was not moved {during.between}, {told(Trust.NOT_SEEN)}."
+            return Answer(sentence, "when_moved", Trust.NOT_SEEN)
+        return _moved(world, line, moves)
+    line, span = world.latest(name), Span(-math.inf, world.now)
+    moves = _left(line, span)
     if not moves and line.cut:
         line = world.timeline(name)
-        moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
+        moves = _left(line, span)
     if not moves:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
         sentence = f"{described(world, name)} was not moved since it was first seen at {first}."
@@ -176,22 +213,16 @@ def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
     return _moved(world, line, moves[-1:])
 
 
+def _left(line: Timeline, span: Span) -> list[Change]:
+    """When an object left where it was, within a span."""
+    return [each for each in changes_of(line, span.start, span.end) if each.before is not None]
+
+
 def _moved(world: Recall, line: Timeline, moves: list[Change]) -> Answer:
     last = moves[-1]
     parts = "; ".join(told_change(world, each) for each in moves[-8:])
     evidence = evidence_of(world, line, last.start, last.end)
-    at = iso(last.end)
-    return Answer(f"{parts}, {told(Trust.STORY)}.", "when_moved", Trust.STORY, at, at, evidence)
-
-
-def _moved_during(world: Recall, name: str, span: Span) -> Answer:
-    line = world.since(name, span.start)
-    moves = [each for each in changes_of(line, span.start, span.end) if each.before is not None]
-    then = f"between {clock(span.start)} and {clock(span.end)}"
-    if not moves:
-        sentence = f"{described(world, name)} was not moved {then}, {told(Trust.NOT_SEEN)}."
-        return Answer(sentence, "when_moved", Trust.NOT_SEEN)
-    return _moved(world, line, moves)
+    return stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
 
 
 def told_change(world: Recall, change: Change) -> str:
@@ -200,9 +231,9 @@ def told_change(world: Recall, change: Change) -> str:
         return f"{name} is new {spoken(world, change.after or '')}, seen there first at {clock(change.end)}"
     if change.after is None:
         return f"{name} is no longer {spoken(world, change.before)}; it went by {clock(change.end)}"
-    between = f"between {clock(change.start)} and {clock(change.end)}"
-    if change.end - change.start < 60.0:
-        between = f"at {clock(change.end)}"
+    between = f"at {clock(change.end)}"
+    if change.end - change.start >= 60.0:
+        between = Span(change.start, change.end).between
     return f"{name} went from {_end(world, change.before)} to {_end(world, change.after)} {between}"
 
 
@@ -211,33 +242,25 @@ def _end(world: Recall, place: str) -> str:
     return f"the {name_of(place)}" if place in world.places else spoken(world, place)
 
 
-def what_changed(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
+def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     """What is elsewhere, new or gone since a moment. value : {id: [place before, place after]}. Raises InputError."""
-    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
+    span = since_when(world, since, DAY)
     where = place_named(world, place) if place else ""
     found, certain = _net_changes(world, span)
-    if where:
-        found = [
-            change for change in found
-            if any(other is not None and world.contains(where, other) for other in (change.before, change.after))
-        ]  # fmt: skip
-    begin = clock(span.start)
-    until = "" if span.end >= world.now - 1.0 else f" and {clock(span.end)}"
-    period = f"between {begin}{until}" if until else f"since {begin}"
+    found = [change for change in found if is_about(world, change, where)]
     at = f" {spoken(world, where)}" if where else ""
     probability = Trust.CHANGED * Trust.EACH ** len(found) * certain
-    if not found:
-        sentence = f"Nothing that I know of has changed{at} {period}, {told(probability)}."
-    else:
+    sentence = f"Nothing that I know of has changed{at} {period_of(world, span)}"
+    if found:
         parts = "; ".join(told_change(world, each) for each in found[:12])
-        sentence = f"Changed{at} {period}: {parts}, {told(probability)}."
+        sentence = f"Changed{at} {period_of(world, span)}: {parts}"
     value = {change.object: [change.before, change.after] for change in found}
     evidence = tuple(
         entry
         for change in found[:8]
         for entry in evidence_of(world, _ends(world, change.object, span), change.start, change.end)
     )
-    return Answer(sentence, "what_changed", probability, iso(span.start), value, evidence)
+    return stated(sentence, "what_changed", probability, span.start, value, evidence)
 
 
 def _ends(world: Recall, name: str, span: Span) -> Timeline:
@@ -285,9 +308,9 @@ def _is_false(world: Recall, line: Timeline) -> bool:
     return not line.stays or (line.lost and sum(stay.until - stay.since for stay in line.stays) < CONFIRMED)
 
 
-def what_is_missing(world: Recall, since: str | float | Span | None = None) -> Answer:
+def what_is_missing(world: Recall, since: When = None) -> Answer:
     """What was there and is no longer, in the last week or since a moment. value : ids."""
-    span = since_when(world, since if since is not None else Span(world.now - WEEK, world.now))
+    span = since_when(world, since, WEEK)
     missing: list[tuple[float, str, ObjectStay]] = []
     certain = 1.0
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
@@ -315,12 +338,10 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
         for entry in evidence_of(world, world.latest(name), stay.since, world.now)
     )
     value = [name for _, name, _ in missing]
-    return Answer(
-        f"{sentence}, {told(probability)}.", "what_is_missing", probability, iso(world.now), value, evidence
-    )
+    return stated(sentence, "what_is_missing", probability, world.now, value, evidence)
 
 
-def history(world: Recall, what: str, since: str | float | Span | None = None) -> Answer:
+def history(world: Recall, what: str, since: When = None) -> Answer:
     """Where an object was, and since when. value : [[place, since, until], ...].
 
     Raises NothingKnownError, AmbiguousError.

@@ -479,6 +479,10 @@ class Recall:
             return False
         return bool(around.contains(within.center))
 
+    def inside(self, outer: str, by_place: Mapping[str, float]) -> float:
+        """Sum of what is told of places that are, or lie in, another."""
+        return sum(value for place, value in by_place.items() if self.contains(outer, place))
+
     def alike(self, object_id: str) -> list[str]:
         """Other present objects that cannot be told from one by what they look like."""
         mine = self.present.get(object_id)
