@@ -15,7 +15,7 @@ from world_model import WorldObject, WorldState, ask
 from world_model.memory.store import Store
 from world_model.questions import moment
 from world_model.questions.moments import ahead
-from world_model.questions.spelling import slip_of
+from world_model.questions.wording import slip_of
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 SPOTS = {

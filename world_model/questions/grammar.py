@@ -14,7 +14,7 @@ from pathlib import Path
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.memory.store import Store
-from world_model.questions import company, during, past, usual, where
+from world_model.questions import company, past, usual, where
 from world_model.questions.answers import (
     AmbiguousError,
     Answer,
@@ -27,8 +27,7 @@ from world_model.questions.answers import (
 from world_model.questions.moments import Span, ahead, extract
 from world_model.questions.naming import PREPOSITIONS, is_person, phrases
 from world_model.questions.recall import Recall, Trust, recall
-from world_model.questions.spelling import respelled
-from world_model.questions.wording import plainly
+from world_model.questions.wording import plainly, respelled
 from world_model.symbols import Symbols
 
 LONGEST = 500  # Characters of a question
@@ -132,13 +131,13 @@ def _where(q: ParsedQuestion) -> Answer:
 
 def _last_at(q: ParsedQuestion) -> Answer:
     if q.since is not None:
-        return during.was_at(q.world, q.what, q.place, q.since)
-    return during.when_last_at(q.world, q.what, q.place)
+        return past.was_at(q.world, q.what, q.place, q.since)
+    return past.when_last_at(q.world, q.what, q.place)
 
 
 def _long(q: ParsedQuestion) -> Answer:
     if q.past and q.since is not None:
-        return during.how_long_at(q.world, q.what, q.place, q.since)
+        return past.how_long_at(q.world, q.what, q.place, q.since)
     return past.how_long_there(q.world, q.what, q.place)
 
 
@@ -157,14 +156,14 @@ def _next(q: ParsedQuestion) -> Answer:
 
 def _what_at(q: ParsedQuestion) -> Answer:
     if q.during is not None:
-        return during.what_was_at(q.world, q.place, q.during)
+        return past.what_was_at(q.world, q.place, q.during)
     was = q.said.get("verb") in ("was", "were", "lay", "stood") or q.past
     return where.what_is_at(q.world, q.place, q.when if was else None)
 
 
 def _is_at(q: ParsedQuestion) -> Answer:
     if q.during is not None:
-        return during.was_at(q.world, q.what, q.place, q.during)
+        return past.was_at(q.world, q.what, q.place, q.during)
     return where.is_at(q.world, q.what, q.place, q.then)
 
 
@@ -201,9 +200,9 @@ _CALLS: dict[str, Call] = {
     "moved": lambda q: past.when_moved(q.world, q.what, q.since),
     "often": lambda q: past.how_often(q.world, q.what, q.place, q.since),
     "changed": lambda q: past.what_changed(q.world, q.since, q.place),
-    "all_moved": lambda q: during.what_moved(q.world, q.since, q.place),
+    "all_moved": lambda q: past.what_moved(q.world, q.since, q.place),
     "missing": lambda q: past.what_is_missing(q.world, q.since),
-    "left": lambda q: during.what_left(q.world, q.place, q.since),
+    "left": lambda q: past.what_left(q.world, q.place, q.since),
     "usually_here": lambda q: usual.what_is_usually_here(q.always, q.place),
     "who_moved": lambda q: company.who_moved(q.world, q.what, q.since, q.who),
     "carried": lambda q: company.what_was_carried(q.world, q.who, q.since),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
 from world_model.questions.recall import Recall, singulars
-from world_model.questions.spelling import is_called, respelled
+from world_model.questions.wording import is_called, respelled
 from world_model.state import PERSON, WorldObject
 from world_model.symbols import parse_symbol
 

@@ -22,9 +22,9 @@ from world_model.questions.answers import (
     stated,
     told,
 )
+from world_model.questions.elsewhere import presence_of
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
-from world_model.questions.presence import presence_of
 from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import is_at, where_usually
 from world_model.state import DAY

@@ -24,10 +24,9 @@ from world_model.questions.answers import (
     stated,
     told,
 )
-from world_model.questions.elsewhere import elsewhere
+from world_model.questions.elsewhere import course_of, elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
-from world_model.questions.presence import course_of
 from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
 from world_model.state import BELIEVED, DAY, PERSON
 
