@@ -19,17 +19,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
-from estimation.checks import require_count, require_positive
 from estimation.errors import InputError
 from world_model.memory.routine_kernels import (
     History,
-    Likeness,
     Remembered,
+    RoutinesConfig,
     fill,
     likely_slot,
     moments,
@@ -38,52 +37,13 @@ from world_model.memory.routine_kernels import (
 )
 from world_model.state import DAY, HOUR
 
+__all__ = ["FEWEST_DAYS", "FORMAT", "VERSION", "Routines", "RoutinesConfig"]
+
 Array = np.ndarray
 FORMAT = "whereabouts.routines"
 VERSION = 1
 FEWEST_DAYS = 3  # on which a thing left a place, before it usually does anything
 EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
-
-
-@dataclass(frozen=True)
-class RoutinesConfig:
-    """What past moments count.
-
-    slot : s, resolution of time. days : that are remembered; what is older is gone. half_life : days until a moment
-    counts half. window, clock : largest difference and deviation of the time of day, s. differs : log weight of a
-    thing that was elsewhere than now. stay : deviation of the log of how long the thing itself has been there.
-    origin : log weight of its having come from elsewhere. prior : days that the general rate of moves counts for.
-    threshold : of the probability from which on `moves` tells of a move.
-    """
-
-    slot: float = 600.0
-    days: int = 120
-    half_life: float = 60.0
-    window: float = 1800.0
-    clock: float = 900.0
-    differs: float = 0.8
-    stay: float = 0.7
-    origin: float = 1.2
-    prior: float = 0.3
-    threshold: float = 0.35
-
-    def __post_init__(self) -> None:
-        for name in ("slot", "half_life", "clock", "stay", "prior"):
-            require_positive(name, getattr(self, name))
-        require_count("days", self.days)
-        if DAY % self.slot:
-            raise InputError(f"slot must divide a day of {DAY:g} s, not {self.slot}")
-
-    def likeness(self) -> Likeness:
-        """The same in slots, for the kernels."""
-        return Likeness(
-            round(self.window / self.slot),
-            self.clock / self.slot,
-            self.half_life,
-            self.differs,
-            self.stay,
-            self.origin,
-        )
 
 
 class Routines:
@@ -96,7 +56,6 @@ class Routines:
 
     def __init__(self, config: RoutinesConfig | None = None) -> None:
         self.config = config or RoutinesConfig()
-        self._like = self.config.likeness()
         self._day = round(DAY / self.config.slot)
         self._places: dict[str, int] = {}
         self._place_names: list[str] = []
@@ -247,7 +206,7 @@ class Routines:
 
     def _shares(self, thing: int, slot: int) -> Array:
         """Share of the time that it was at each place at about this time of day (P,); anywhere where it never was."""
-        count, window = len(self._place_names), self._like.window
+        count, window = len(self._place_names), self.config.reach
         days = slot - self._day * np.arange(self.config.days + 2)
         slots = (days[:, None] + np.arange(-window, window + 1)).ravel()
         slots = slots[(slots >= self._oldest(self._last)) & (slots <= self._last)]
@@ -403,10 +362,12 @@ class Routines:
         seen = max(self._slot(self._seen[thing]), self._last - self._day, self._first)
         looked = self._looked[place]
         absent = max(seen, self._slot(looked)) if math.isfinite(looked) else seen
-        start, spread = self._oldest(self._last), self.config.clock / self.config.slot
+        start = self._oldest(self._last)
 
         def choose(was: int, low: int, high: int) -> int:
-            return int(likely_slot(self._history, thing, was, place, low, high, start, self._day, spread))
+            return int(
+                likely_slot(self._history, thing, was, place, low, high, start, self._day, self.config.spread)
+            )
 
         self._known.amend(thing, place, self._last, seen, absent, choose)
 
@@ -427,7 +388,7 @@ class Routines:
         key = (slot, self._version)
         if self._alike is None or self._alike[0] != key:
             newest = max(slot, self._last)
-            found = moments(self._history, slot, self._oldest(newest), self._last, self._day, self._like)
+            found = moments(self._history, slot, self._oldest(newest), self._last, self._day, self.config)
             self._alike = key, found
         return self._alike[1]
 
@@ -435,11 +396,11 @@ class Routines:
         """Probabilities (P,) of where the thing is, or first moves to, `ahead` slots after it was at a place."""
         if place < 0:
             return prior
-        like, count = self._like, len(self._place_names)
         found, weights = self._moments(slot)
         votes, days = outcomes(
-            self._history, thing, slot, found, weights, self._last, ahead, self._day, moving, like, count
-        )
+            self._history, thing, slot, found, weights, self._last, ahead, self._day, moving, self.config,
+            len(self._place_names),
+        )  # fmt: skip
         if days <= 0.0:
             return prior
         chance: Array = (votes / votes.sum() * days + self.config.prior * prior) / (days + self.config.prior)
