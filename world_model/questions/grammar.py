@@ -55,24 +55,16 @@ _USUALLY = r"(?:usually|normally|mostly|often|generally|most of the time)"
 
 @dataclass(frozen=True)
 class ParsedQuestion:
-    """What a pattern found in a question. said : words by group. span, word : the time in it, and how it was put."""
+    """What a pattern found in a question. span, word : the time in it, and how it was put; then the words by group."""
 
     world: Recall
-    said: dict[str, str]
     span: Span | None
     word: str
-
-    @property
-    def what(self) -> str:
-        return self.said.get("what", "")
-
-    @property
-    def place(self) -> str:
-        return self.said.get("place", "")
-
-    @property
-    def who(self) -> str:
-        return self.said.get("who", "")
+    what: str = ""
+    place: str = ""
+    who: str = ""
+    verb: str = ""
+    ahead: str = ""
 
     @property
     def past(self) -> bool:
@@ -125,7 +117,7 @@ def _where(q: ParsedQuestion) -> Answer:
         if is_person(q.world, q.what):
             return company.where_was_person(q.world, q.what, q.when)
         return where.where_was(q.world, q.what, q.when)
-    was = q.said.get("verb", "is") in ("was", "were", "had been", "did", "has been", "have been")
+    was = q.verb in ("was", "were", "had been", "did", "has been", "have been")
     return (where.where_was if was and q.span is None else where.where_is)(q.world, q.what)
 
 
@@ -142,22 +134,19 @@ def _long(q: ParsedQuestion) -> Answer:
 
 
 def _who(q: ParsedQuestion) -> Answer:
-    if q.said.get("verb") in ("is", "are") and not q.past:
+    if q.verb in ("is", "are") and not q.past:
         return company.who_is_here(q.world, q.place)
     return company.who_was_here(q.world, q.place, q.since, q.who)
 
 
 def _next(q: ParsedQuestion) -> Answer:
-    ahead_of = q.said.get("ahead")
-    return usual.what_is_needed_next(
-        q.always, extract(f"in the last {ahead_of}", 0.0)[1] if ahead_of else None
-    )
+    return usual.what_is_needed_next(q.always, extract(f"in the last {q.ahead}", 0.0)[1] if q.ahead else None)
 
 
 def _what_at(q: ParsedQuestion) -> Answer:
     if q.during is not None:
         return past.what_was_at(q.world, q.place, q.during)
-    was = q.said.get("verb") in ("was", "were", "lay", "stood") or q.past
+    was = q.verb in ("was", "were", "lay", "stood") or q.past
     return where.what_is_at(q.world, q.place, q.when if was else None)
 
 
@@ -173,7 +162,7 @@ def _listed(q: ParsedQuestion) -> Answer:
     if not q.past:
         return where.where_is(q.world, what)
     if q.place:
-        return _is_at(replace(q, said={"what": what.removesuffix(q.place).strip(), "place": q.place}))
+        return _is_at(replace(q, what=what.removesuffix(q.place).strip()))
     return where.where_was(q.world, what, q.when)
 
 
@@ -376,9 +365,10 @@ def _matched(world: Recall, text: str, question: str) -> Answer:
                 found = pattern.fullmatch(form)
                 if found is None:
                     continue
-                said = {name: value for name, value in found.groupdict().items() if value is not None}
                 try:
-                    return call(ParsedQuestion(world, said, then, word if then is not None else ""))
+                    return call(
+                        ParsedQuestion(world, then, word if then is not None else "", **found.groupdict(""))
+                    )
                 except (NothingKnownError, NotUnderstoodError) as error:
                     tried.append(error)
         if span is None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
@@ -124,13 +126,7 @@ def is_person(world: Recall, words: str) -> bool:
 def phrases(world: Recall) -> list[str]:
     """Everything by which something is called: classes, places and their types, people, predicates."""
     placed = [plain(text) for place in world.places for text in (place.name, place.type or "")]
-    values = {
-        value.lower()
-        for item in world.present.values()
-        for name, known in item.attributes.items()
-        if name != "class"
-        for value in known
-    }
+    values = {value.lower() for value in _attribute_values(world)}
     named = [name.lower() for name in people(world)]
     return [*classes(world), *placed, *named, *world.symbols.predicates, *sorted(values)]
 
@@ -258,7 +254,8 @@ def sort_of(world: Recall, words: str) -> Sort | None:
             predicates = tuple(parts[: len(parts) - count])
             if (kind is None and not general) or not (said or predicates):
                 continue
-            if all(_is_predicate(world, word) for word in predicates):
+            others = set(predicates) - world.symbols.predicates.keys()
+            if not others or others <= _attribute_values(world):
                 return Sort(kind, predicates, single != said or (general and not predicates))
     return None
 
@@ -285,15 +282,15 @@ def _classes(world: Recall) -> dict[str, str]:
     return {plain(name): name for name in names}
 
 
-def _is_predicate(world: Recall, word: str) -> bool:
-    if word in world.symbols.predicates:
-        return True
-    return any(
-        word in values
+def _attribute_values(world: Recall) -> set[str]:
+    """What attributes of present objects, but for their class, can be."""
+    return {
+        value
         for item in world.present.values()
         for name, values in item.attributes.items()
         if name != "class"
-    )
+        for value in values
+    }
 
 
 def _of(world: Recall, kind: str | None, predicates: list[str], past: bool) -> list[str]:
@@ -301,16 +298,19 @@ def _of(world: Recall, kind: str | None, predicates: list[str], past: bool) -> l
     found: list[tuple[float, str]] = []
     for item in world.present.values():
         p = 1.0 if kind is None else float(item.attributes.get("class", {}).get(kind, 0.0))
-        if kind is None and item.most_probable("class") == PERSON:
-            continue
-        for word in predicates:
-            p *= world.symbols.probability(word, item.attributes, item.quantities)
-        if p >= LEAST:
+        p = _meets(world, item, predicates, p)
+        if p >= LEAST and (kind or item.most_probable("class") != PERSON):
             found.append((-p * (0.5 if item.lost else 1.0), item.id))
     known = [name for _, name in sorted(found)]
     if past or not known:
         known += [name for name in _of_before(world, kind, predicates) if name not in known]
     return known if kind == PERSON else world.heads(known)
+
+
+def _meets(world: Recall, item: WorldObject, predicates: Iterable[str], p: float = 1.0) -> float:
+    """Probability that all predicates hold of an object, which is meant with probability p."""
+    holds = (world.symbols.probability(word, item.attributes, item.quantities) for word in predicates)
+    return math.prod(holds, start=p)
 
 
 def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[str]:
@@ -320,10 +320,7 @@ def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[s
         item = world.item(name)
         if item is None or item.last_seen - item.first_seen < 1.0:
             continue
-        p = 1.0
-        for word in predicates:
-            p *= world.symbols.probability(word, item.attributes, item.quantities)
-        if p >= LEAST:
+        if _meets(world, item, predicates) >= LEAST:
             found.append((-item.last_seen, name))
     return [name for _, name in sorted(found)[:20]]
 

@@ -494,10 +494,7 @@ class Recall:
         return [item.id for item in others if likeness(mine.attributes, item.attributes) >= LOOKS_ALIKE]
 
 
-@lru_cache(4096)
-def _attributes(text: str) -> Mapping[str, Mapping[str, float]]:
-    found: dict[str, Any] = json.loads(text)
-    return found
+_attributes = lru_cache(4096)(json.loads)
 
 
 def _linked(lives: list[Life]) -> dict[str, tuple[str, float]]:
