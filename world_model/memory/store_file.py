@@ -11,7 +11,7 @@ import struct
 import threading
 import time
 import zlib
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 from estimation.errors import WhereaboutsError
@@ -33,6 +33,7 @@ from world_model.memory.store_repair import (
     make,
     rebuild,
     rebuild_beside,
+    synchronised,
     version_of,
 )
 
@@ -134,16 +135,12 @@ class StoreFile:
 
     def _note_whole(self, pages: Pages) -> None:
         """Remember beside the file that it is whole as it is; not where that cannot be written."""
-        try:
+        with suppress(OSError):
             beside = os.open(f"{self.path}.lock", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        except OSError:
-            return
-        try:
-            os.pwrite(beside, pages.digest, _WHOLE)
-        except OSError:
-            return
-        finally:
-            os.close(beside)
+            try:
+                os.pwrite(beside, pages.digest, _WHOLE)
+            finally:
+                os.close(beside)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -350,8 +347,7 @@ def copy_store(connection: sqlite3.Connection, target: Path) -> None:
         connection.execute("VACUUM INTO ?", (str(part),))
         expected = connection.execute("SELECT * FROM clock").fetchone()
         _compare(part, expected)
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
+        synchronised(part)
         for suffix in COMPANIONS[1:]:
             Path(f"{target}{suffix}").unlink(missing_ok=True)
         part.replace(target)
@@ -490,8 +486,7 @@ class Keeper:
         if found:
             part.unlink()
             raise OSError(found[0])
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
+        synchronised(part)
         for newer, older in zip(self._snapshots[-2::-1], self._snapshots[::-1], strict=False):
             if newer.exists():
                 newer.replace(older)
