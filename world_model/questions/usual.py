@@ -22,14 +22,13 @@ from world_model.questions.answers import (
     stated,
     told,
 )
-from world_model.questions.elsewhere import presence_of
+from world_model.questions.elsewhere import WEEKS, presence_of
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
 from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import is_at, where_usually
 from world_model.state import DAY
 
-WEEKS = 28 * DAY  # s: of the history that counts
 LEAST_DAYS = 2.0
 USUAL = 0.5
 AHEAD = 2 * 3600.0

@@ -24,13 +24,12 @@ from world_model.questions.answers import (
     stated,
     told,
 )
-from world_model.questions.elsewhere import course_of, elsewhere
+from world_model.questions.elsewhere import WEEKS, course_of, elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
 from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
-from world_model.state import BELIEVED, DAY, PERSON
+from world_model.state import BELIEVED, PERSON
 
-MONTH = 28 * DAY
 TWIN, SWAPPED = 0.85, 0.5
 """That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
 both moved, and where they were."""
@@ -267,7 +266,7 @@ def _began(world: Recall, name: str) -> float:
 
 def usual_places(world: Recall, name: str) -> dict[str, float]:
     """Share of the time of the last weeks by place."""
-    start = world.now - MONTH
+    start = world.now - WEEKS
     course = course_of(world, world.individual(name)[0], start)
     return {} if course is None else course.shares(start, world.now)
 
