@@ -50,6 +50,21 @@ class Answer:
     alternatives: tuple[Mapping[str, Any], ...] = ()
     choices: tuple[str, ...] = ()
 
+    @classmethod
+    def stated(
+        cls,
+        sentence: str,
+        kind: str,
+        probability: float,
+        stamp: float,
+        value: Any,
+        evidence: tuple[Mapping[str, Any], ...] = (),
+        alternatives: tuple[Mapping[str, Any], ...] = (),
+    ) -> Answer:
+        """One whose sentence ends with its probability. stamp : s since 1970."""
+        said = f"{sentence}, {told(probability)}."
+        return cls(said, kind, probability, iso(stamp), value, evidence, alternatives)
+
     @property
     def understood(self) -> bool:
         """Whether the question is one that can be asked."""
@@ -111,34 +126,3 @@ def listed(parts: Iterable[str], most: int = 12, final: str = "and") -> str:
 def told(probability: float) -> str:
     """ "p = 0.97"."""
     return f"p = {min(probability, 0.99):.2f}"
-
-
-def stated(
-    sentence: str,
-    kind: str,
-    probability: float,
-    stamp: float,
-    value: Any,
-    evidence: tuple[Mapping[str, Any], ...] = (),
-    alternatives: tuple[Mapping[str, Any], ...] = (),
-) -> Answer:
-    """An answer whose sentence ends with its probability. stamp : s since 1970."""
-    said = f"{sentence}, {told(probability)}."
-    return Answer(said, kind, probability, iso(stamp), value, evidence, alternatives)
-
-
-def ranked(shares: Mapping[str, float]) -> list[str]:
-    """Names, that of the largest value first."""
-    return sorted(shares, key=lambda name: -shares[name])
-
-
-def objects_at(
-    place: str, chances: Mapping[str, float], what: str = "probability"
-) -> tuple[dict[str, Any], ...]:
-    """Alternatives of an answer: objects that may be at a place."""
-    return tuple({"object": name, "place": place, what: p} for name, p in chances.items())
-
-
-def places_of(name: str, chances: Mapping[str, float], order: Iterable[str]) -> tuple[dict[str, Any], ...]:
-    """Alternatives of an answer: places, in this order, at which an object may be."""
-    return tuple({"object": name, "place": place, "probability": chances[place]} for place in order)

@@ -9,16 +9,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.geometry.places import Place
-from world_model.questions.answers import (
-    Answer,
-    NothingKnownError,
-    clean,
-    clock,
-    duration,
-    iso,
-    listed,
-    stated,
-)
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed
 from world_model.questions.moments import Span
 from world_model.questions.naming import (
     described,
@@ -85,7 +76,7 @@ def who_was_here(world: Recall, place: str = "", since: When = None, person: str
     else:
         nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
         sentence = f"I have {nobody} {at} {period}"
-    return stated(sentence, "who_was_here", probability, span.start, value, tuple(evidence[-8:]))
+    return Answer.stated(sentence, "who_was_here", probability, span.start, value, tuple(evidence[-8:]))
 
 
 def who_is_here(world: Recall, place: str = "") -> Answer:
@@ -101,7 +92,7 @@ def who_is_here(world: Recall, place: str = "") -> Answer:
     if names:
         sentence = f"{listed(names)} {'is' if len(names) == 1 else 'are'} {at}"
     value = [[visit.person, iso(visit.start), iso(visit.end), []] for visit in visits]
-    return stated(sentence, "who_was_here", Trust.NOT_SEEN, world.now, value)
+    return Answer.stated(sentence, "who_was_here", Trust.NOT_SEEN, world.now, value)
 
 
 def who_moved(world: Recall, what: str, since: When = None, person: str = "") -> Answer:
@@ -125,7 +116,7 @@ def who_moved(world: Recall, what: str, since: When = None, person: str = "") ->
         said = f"{listed(described(world, each) for each in there)} was there" if there else nobody
         parts.append(f"{said} when {told_change(world, move)}")
     probability = Trust.NEAR_BY if value else Trust.NOBODY
-    return stated("; ".join(parts[-8:]), "who_moved", probability, moves[-1].end, value)
+    return Answer.stated("; ".join(parts[-8:]), "who_moved", probability, moves[-1].end, value)
 
 
 def what_was_carried(world: Recall, person: str, since: When = None) -> Answer:
@@ -143,7 +134,7 @@ def what_was_carried(world: Recall, person: str, since: When = None) -> Answer:
         sentence = f"Where {called} was {span.between}: {told_of}"
     value = list(dict.fromkeys(move.object for move in moves))
     probability = Trust.NEAR_BY if moves else Trust.NOBODY
-    return stated(sentence, "what_was_carried", probability, span.start, value)
+    return Answer.stated(sentence, "what_was_carried", probability, span.start, value)
 
 
 def where_was_person(world: Recall, person: str, when: Span) -> Answer:

@@ -6,19 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from world_model.questions.answers import (
-    Answer,
-    NothingKnownError,
-    clean,
-    clock,
-    duration,
-    iso,
-    listed,
-    objects_at,
-    ranked,
-    stated,
-    told,
-)
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import (
@@ -30,8 +18,8 @@ from world_model.questions.naming import (
     spoken,
     things_named,
 )
-from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
-from world_model.questions.where import evidence_of, within
+from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
+from world_model.questions.where import evidence_of, objects_at, within
 from world_model.state import DAY, PERSON
 
 When = str | float | Span | None  # What "since" can be: words, s, or a span
@@ -236,7 +224,7 @@ def _moved(world: Recall, line: Timeline, moves: list[Change]) -> Answer:
     last = moves[-1]
     parts = "; ".join(told_change(world, each) for each in moves[-8:])
     evidence = evidence_of(world, line, last.start, last.end)
-    return stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
+    return Answer.stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
 
 
 def told_change(world: Recall, change: Change) -> str:
@@ -274,7 +262,7 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
         for change in found[:8]
         for entry in evidence_of(world, _ends(world, change.object, span), change.start, change.end)
     )
-    return stated(sentence, "what_changed", probability, span.start, value, evidence)
+    return Answer.stated(sentence, "what_changed", probability, span.start, value, evidence)
 
 
 def _ends(world: Recall, name: str, span: Span) -> Timeline:
@@ -352,7 +340,7 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
         for entry in evidence_of(world, world.latest(name), stay.since, world.now)
     )
     value = [name for _, name, _ in missing]
-    return stated(sentence, "what_is_missing", probability, world.now, value, evidence)
+    return Answer.stated(sentence, "what_is_missing", probability, world.now, value, evidence)
 
 
 def history(world: Recall, what: str, since: When = None) -> Answer:
@@ -403,7 +391,7 @@ def what_was_at(world: Recall, place: str, when: Span) -> Answer:
     told_of = f"{listed(named, 20)} {verb}" if there else "Nothing that I know of was"
     sentence = f"{told_of} {spoken(world, where)} {span.between}"
     options = objects_at(where, {name: shares[name] for name in there}, "share")
-    return stated(sentence, "what_is_at", probability, span.start, there, (), options)
+    return Answer.stated(sentence, "what_is_at", probability, span.start, there, (), options)
 
 
 def _part(share: float) -> str:
@@ -428,7 +416,9 @@ def was_at(world: Recall, what: str, place: str, when: Span) -> Answer:
         sentence = f"No, I know of no {clean(plain(what))} that was {spoken(world, where)} {span.between}"
     best = max(shares, key=shares.__getitem__, default=meant.ids[0])
     evidence = evidence_of(world, world.window(best, span.start, span.end), span.start, span.end)
-    return stated(sentence, "is_at", FOUND if shares else NOT_FOUND, span.start, bool(shares), evidence)
+    return Answer.stated(
+        sentence, "is_at", FOUND if shares else NOT_FOUND, span.start, bool(shares), evidence
+    )
 
 
 def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
@@ -448,7 +438,9 @@ def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
         parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
         said = f"{described(world, name)} was {listed(parts) or 'not seen'}"
     evidence = evidence_of(world, line, span.start, span.end)
-    return stated(f"{said} {span.between}", "how_long_there", Trust.NOT_SEEN, span.start, long, evidence)
+    return Answer.stated(
+        f"{said} {span.between}", "how_long_there", Trust.NOT_SEEN, span.start, long, evidence
+    )
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
@@ -461,7 +453,7 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     if not stays:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
         sentence = f"{described(world, name)} was never {spoken(world, where)} since {first}"
-        return stated(sentence, "when_last_seen", NOT_FOUND, world.now, None)
+        return Answer.stated(sentence, "when_last_seen", NOT_FOUND, world.now, None)
     last = stays[-1]
     is_there = last is line.stays[-1] and not line.lost
     until = f"is {spoken(world, where)} since" if is_there else f"was {spoken(world, where)} last until"
@@ -469,7 +461,7 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     seen = iso(world.now if is_there else stamp)
     evidence = evidence_of(world, line, last.since, last.until)
     sentence = f"{described(world, name)} {until} {clock(stamp)}"
-    return stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
+    return Answer.stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
 
 
 def what_moved(world: Recall, since: When = None, place: str = "") -> Answer:
@@ -487,7 +479,7 @@ def what_moved(world: Recall, since: When = None, place: str = "") -> Answer:
     if not moves:
         told_of = f"Nothing that I know of was moved{at} {span.between}"
     value = [[move.object, move.before, move.after, iso(move.end)] for move in moves]
-    return stated(told_of, "what_moved", Trust.SEEN * Trust.EACH ** len(moves), span.start, value)
+    return Answer.stated(told_of, "what_moved", Trust.SEEN * Trust.EACH ** len(moves), span.start, value)
 
 
 def what_left(world: Recall, place: str, since: When = None) -> Answer:
@@ -512,7 +504,7 @@ def what_left(world: Recall, place: str, since: When = None) -> Answer:
         if parts
         else f"Nothing that I know of has left the place {spoken(world, where)} {period}"
     )
-    return stated(sentence, "what_left", probability, span.start, value)
+    return Answer.stated(sentence, "what_left", probability, span.start, value)
 
 
 def _last_leaving(world: Recall, name: str, where: str, span: Span) -> tuple[Timeline, Change | None]:

@@ -531,6 +531,11 @@ def _joined(before: Timeline, line: Timeline) -> Timeline:
     return replace(line, stays=(*before.stays[:-1], last, first, *line.stays[1:]))
 
 
+def ranked(shares: Mapping[str, float]) -> list[str]:
+    """Names, that of the largest value first."""
+    return sorted(shares, key=lambda name: -shares[name])
+
+
 def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mapping[str, float]]) -> float:
     """Product over the attributes both have of the overlap (Bhattacharyya) of their distributions, in [0, 1]."""
     product = 1.0

@@ -8,25 +8,12 @@ from dataclasses import replace
 from world_model.describing import LIKELY, SURE
 from world_model.memory.courses import routines_of
 from world_model.memory.routines import Routines
-from world_model.questions.answers import (
-    Answer,
-    NothingKnownError,
-    clean,
-    clock,
-    duration,
-    iso,
-    listed,
-    objects_at,
-    places_of,
-    ranked,
-    stated,
-    told,
-)
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import WEEKS, presence_of
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
-from world_model.questions.recall import Recall, Trust
-from world_model.questions.where import is_at, where_usually
+from world_model.questions.recall import Recall, Trust, ranked
+from world_model.questions.where import is_at, objects_at, places_of, where_usually
 from world_model.state import DAY
 
 LEAST_DAYS = 2.0
@@ -55,7 +42,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
     probability = Trust.CHANGED * math.prod(_certain(share) for share in shares.values())
-    return stated(
+    return Answer.stated(
         sentence, "what_is_usually_here", probability, world.now, usual, (), objects_at(where, shares)
     )
 

@@ -18,16 +18,12 @@ from world_model.questions.answers import (
     hedged,
     iso,
     listed,
-    objects_at,
-    places_of,
-    ranked,
-    stated,
     told,
 )
 from world_model.questions.elsewhere import WEEKS, course_of, elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
-from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
+from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
 from world_model.state import BELIEVED, PERSON
 
 TWIN, SWAPPED = 0.85, 0.5
@@ -120,7 +116,7 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
     sentence += f" most of the time; also {listed(others)}" if others else ""
     evidence = evidence_of(world, line, span.start, span.end)
     options = places_of(name, shares, order[1:])
-    return stated(sentence, "where_was", probability, span.start, best, evidence, options)
+    return Answer.stated(sentence, "where_was", probability, span.start, best, evidence, options)
 
 
 def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> Answer:
@@ -377,6 +373,18 @@ def evidence_of(world: Recall, line: Timeline, start: float, end: float) -> tupl
     return tuple(found[-8:])
 
 
+def objects_at(
+    place: str, chances: Mapping[str, float], what: str = "probability"
+) -> tuple[dict[str, Any], ...]:
+    """Alternatives of an answer: objects that may be at a place."""
+    return tuple({"object": name, "place": place, what: p} for name, p in chances.items())
+
+
+def places_of(name: str, chances: Mapping[str, float], order: Sequence[str]) -> tuple[dict[str, Any], ...]:
+    """Alternatives of an answer: places, in this order, at which an object may be."""
+    return tuple({"object": name, "place": place, "probability": chances[place]} for place in order)
+
+
 def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None = None) -> dict[str, float]:
     """Probability by object that it is at a place at a moment; people are left out where `ids` is None."""
     found = {}
@@ -425,7 +433,9 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     evidence = tuple(
         entry for name in there[:4] for entry in evidence_of(world, world.glimpse(name, stamp), stamp, stamp)
     )
-    return stated(sentence, "what_is_at", probability, stamp, there, evidence, objects_at(where, chances))
+    return Answer.stated(
+        sentence, "what_is_at", probability, stamp, there, evidence, objects_at(where, chances)
+    )
 
 
 def _doubtful(p: float) -> str:
@@ -468,7 +478,7 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
         )
         sentence = f"{found} {spoken(world, where)}{then}{f': {listed(known)}' if known else ''}"
     evidence = evidence_of(world, world.glimpse(meant.ids[0], stamp), stamp, stamp)
-    return stated(sentence, "is_at", max(p, 1.0 - p), stamp, yes, evidence, objects_at(where, chances))
+    return Answer.stated(sentence, "is_at", max(p, 1.0 - p), stamp, yes, evidence, objects_at(where, chances))
 
 
 def _elsewhere(world: Recall, name: str, stamp: float) -> str:
@@ -503,7 +513,7 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
         verb = verb.replace("was", "were").replace("is", "are")
     shown = f": {listed([described(world, name) for name in there])}" if there else ""
     sentence = f"{verb} {len(there)} of these{at}{then}{shown}"
-    return stated(sentence, "how_many", probability, stamp, len(there), (), objects_at(where, chances))
+    return Answer.stated(sentence, "how_many", probability, stamp, len(there), (), objects_at(where, chances))
 
 
 def where_to_look(world: Recall, what: str) -> Answer:
