@@ -86,11 +86,6 @@ class Maintenance:
         self.idle_reason = ""
 
     @property
-    def pending(self) -> VerificationTask | None:
-        """The task handed out last that nobody has reported on."""
-        return self._pending
-
-    @property
     def tour(self) -> frozenset[str]:
         """Objects that are still to be looked at on the present tour."""
         return frozenset(self._tour)

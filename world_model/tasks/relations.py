@@ -50,7 +50,6 @@ class Relations:
         self._frames: dict[str | None, float] = {None: 0.0}
         self._pairs: dict[str | None, FloatArray] = {None: np.zeros((0, 0))}
         self._scale = 1.0  # what one new frame counts: fading old counts by growing new ones
-        self._cache: FloatArray | None = None
 
     @classmethod
     def from_frames(
@@ -150,7 +149,6 @@ class Relations:
         if not (math.isfinite(count) and count >= 0.0):
             raise InputError(f"count: a number of at least 0 expected, got {count!r}")
         seen = sorted({self.unified(name) for name in names if name.strip()})
-        self._cache = None
         self._scale /= self.fading
         if self._scale > 1e12:
             self._settle()
@@ -177,10 +175,8 @@ class Relations:
 
     def matrix(self) -> FloatArray:
         """(n, n) of p(row | column) over `names`, (5.1)."""
-        if self._cache is None:
-            every = np.arange(len(self._index))
-            self._cache = self.block(every, every)
-        return self._cache
+        every = np.arange(len(self._index))
+        return self.block(every, every)
 
     def _pairs_in(self, room: str | None) -> FloatArray:
         """Counts of pairs (n, n) in rooms of a type; of single names on the diagonal."""
@@ -193,27 +189,22 @@ class Relations:
 
         room : type of room; what was seen in others counts as the prior there, with the weight that (5.1) gives it.
         """
+        # Pairs are symmetric: of the two ways to cut them out, the one along rows is read in one go.
+        few, known = len(rows) < len(columns), self._pairs[None]
+        prior = known[rows][:, columns] if few else known[columns][:, rows].T
+        prior = prior / self._scale
+        if self.minimum > 0.0:
+            prior[prior < self.minimum] = 0.0
+        base = known.diagonal()[columns] / self._scale + self.smoothing * max(len(self._index), 1)
+        prior += self.smoothing
+        prior /= np.maximum(base, 1e-300)[None, :]
         if room not in self._pairs:
-            return self._everywhere(rows, columns)
+            return prior
         pairs = self._pairs_in(room)[np.ix_([*rows, *columns], columns)] / self._scale
         weight = self.smoothing * len(self._index)
         base = pairs[len(rows) :].diagonal() + weight
-        joint = pairs[: len(rows)] + weight * self._everywhere(rows, columns)
-        return np.where(base > 0.0, joint / np.maximum(base, 1e-300), self._everywhere(rows, columns))
-
-    def _everywhere(self, rows: IntArray, columns: IntArray) -> FloatArray:
-        if self._cache is not None:
-            return self._cache[np.ix_(rows, columns)]
-        # Pairs are symmetric: of the two ways to cut them out, the one along rows is read in one go.
-        few, known = len(rows) < len(columns), self._pairs[None]
-        pairs = known[rows][:, columns] if few else known[columns][:, rows].T
-        pairs = pairs / self._scale
-        if self.minimum > 0.0:
-            pairs[pairs < self.minimum] = 0.0
-        base = known.diagonal()[columns] / self._scale + self.smoothing * max(len(self._index), 1)
-        pairs += self.smoothing
-        pairs /= np.maximum(base, 1e-300)[None, :]
-        return pairs
+        joint = pairs[: len(rows)] + weight * prior
+        return np.where(base > 0.0, joint / np.maximum(base, 1e-300), prior)
 
     def ubiquity(self, room: str = "") -> FloatArray:
         """(n,) share of all frames that show each of `names`; what is in view everywhere says nothing about where.
