@@ -262,40 +262,26 @@ def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, con
     return np.bincount(where, weight, count), float(strongest.sum())
 
 
-@njit(cache=True)
 def stays(history, thing, place, first, last):
     """Stays of one thing at a place that ended: rows (slot it came, slot it was gone, place it went to, or -1)."""
-    rows = len(history.place)
-    found = np.empty((last - first + 1, 3), np.int64)
-    number = 0
-    came = -1
-    for slot in range(first, last + 1):
-        where = history.place[slot % rows, thing]
-        if where == place:
-            if came < 0:
-                came = slot
-        elif came >= 0:
-            gone = slot
-            to = where
-            ahead = slot
-            while to < 0 and ahead < last:
-                ahead += 1
-                to = history.place[ahead % rows, thing]
-            found[number, 0], found[number, 1], found[number, 2] = came, gone, to
-            number += 1
-            came = -1
-    return found[:number]
+    slots = np.arange(first, last + 1)
+    where = history.place[slots % len(history.place), thing].astype(np.int64)
+    here = np.concatenate(([False], where == place))
+    came, gone = np.flatnonzero(here[1:] & ~here[:-1]), np.flatnonzero(here[:-1] & ~here[1:])
+    # Where it was seen next, which is behind the end where it never was.
+    known = np.append(np.flatnonzero(where >= 0), len(where))
+    to = np.append(where, -1)[known[np.searchsorted(known, gone)]]
+    return np.column_stack([slots[came[: len(gone)]], slots[gone], to])
 
 
 @njit(cache=True)
-def likely_slot(history, thing, place, to, low, high, first, day, spread):
-    """In which slot of low < slot ≤ high the thing went from `place` to `to`: when it usually does, or in the middle.
+def likely_slot(ended, to, low, high, day, spread):
+    """In which slot of low < slot ≤ high a thing went to `to`: when it usually does, or in the middle.
 
-    spread : deviation of its times of day, slots.
+    ended : (M, 3) its stays where it was, as of `stays`. spread : deviation of its times of day, slots.
     """
     if high - low <= 1:
         return high
-    ended = stays(history, thing, place, first, low)
     middle = 0.5 * (low + 1 + high)
     best, chosen = -1.0, high
     for slot in range(low + 1, high + 1):

@@ -365,9 +365,8 @@ class Routines:
         start = self._oldest(self._last)
 
         def choose(was: int, low: int, high: int) -> int:
-            return int(
-                likely_slot(self._history, thing, was, place, low, high, start, self._day, self.config.spread)
-            )
+            ended = stays(self._history, thing, was, start, low)
+            return int(likely_slot(ended, place, low, high, self._day, self.config.spread))
 
         self._known.amend(thing, place, self._last, seen, absent, choose)
 

@@ -166,14 +166,15 @@ def make(path: Path) -> None:
     part = Path(f"{path}.part")
     part.unlink(missing_ok=True)
     with closing(connect(part, "rwc")) as connection:
-        _Rebuilt(connection).finish([])
+        _Rebuilt(connection, Salvage([])).finish([])
     synchronised(part)
     part.replace(path)
 
 
 def rebuild(path: Path, why: Examined, snapshots: Iterable[Path], target: sqlite3.Connection) -> Salvage:
     """Take everything that is whole into an empty database."""
-    made, salvage = _Rebuilt(target), Salvage([*why.problems])
+    salvage = Salvage([*why.problems])
+    made = _Rebuilt(target, salvage)
     if why.readable:
         made.take_all_but(path, why.rows)
     elif version_of(pages := Pages(path)) == FIRST_VERSION:
@@ -181,8 +182,6 @@ def rebuild(path: Path, why: Examined, snapshots: Iterable[Path], target: sqlite
     else:
         made.take(pages)
     made.finish(snapshots)
-    salvage.kept, salvage.missing, salvage.from_snapshots = made.kept, made.missing, made.filled
-    salvage.lost_rows = made.lost_rows
     return salvage
 
 
@@ -206,12 +205,10 @@ def synchronised(path: Path) -> None:
 class _Rebuilt:
     """A new store that rows are put into."""
 
-    def __init__(self, target: sqlite3.Connection) -> None:
+    def __init__(self, target: sqlite3.Connection, salvage: Salvage) -> None:
         self._target = target
         self._small: dict[str, dict[int, Row]] = {table.name: {} for table in TABLES}
-        self.kept = self.filled = 0
-        self.missing: int | None = None
-        self.lost_rows: list[str] = []
+        self._salvage = salvage
         for pragma in (
             f"page_size = {PAGE}",
             "secure_delete = ON",
@@ -238,7 +235,7 @@ class _Rebuilt:
                 elif table is not None:
                     self._keep(table, _texts(row, table))
                 elif any(len(row) == len(other.kinds) + 1 for other in TABLES):
-                    self.lost_rows.append(f"page {number}, key {row[0]}: not as it was written")
+                    self._salvage.lost_rows.append(f"page {number}, key {row[0]}: not as it was written")
             if len(past) > 1000:
                 self._put(past)
         self._put(past)
@@ -286,7 +283,7 @@ class _Rebuilt:
                 decode("", text[-8:])
             row = _marked(table, text)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-            self.lost_rows.append(f"{table.name}, key {values[0]}: {error}")
+            self._salvage.lost_rows.append(f"{table.name}, key {values[0]}: {error}")
             return
         if table is HISTORY:
             self._target.execute(HISTORY.insert, row)
@@ -308,7 +305,7 @@ class _Rebuilt:
         self._run(INDICES)
         self._work_out(old, lacks[3] > 0)
         self._write()
-        self.missing = None if before is None else sum(self._lacks(before))
+        self._salvage.missing = None if before is None else sum(self._lacks(before))
 
     def _lacks(self, before: StoreClock) -> list[int]:
         """How many rows of each table are missing."""
@@ -334,7 +331,7 @@ class _Rebuilt:
             for row in connection.execute(f"SELECT * FROM {table.name}"):
                 if row[0] not in known and table.is_whole(row):
                     known[row[0]] = row
-                    self.filled += 1
+                    self._salvage.from_snapshots += 1
         known_rows = {row for (row,) in self._target.execute("SELECT row FROM history")}
         rows = (
             row
@@ -343,7 +340,7 @@ class _Rebuilt:
         )
         before = self._target.total_changes
         self._target.executemany(HISTORY.insert.replace("REPLACE", "IGNORE"), rows)
-        self.filled += self._target.total_changes - before
+        self._salvage.from_snapshots += self._target.total_changes - before
 
     def _work_out(self, old: Row | None, present: bool) -> None:
         """Runs from what happened in them, names once each, and, where asked, who is present."""
@@ -395,7 +392,7 @@ class _Rebuilt:
             target.executemany(table.insert, small[table.name].values())
         marks = [[mark for (mark,) in target.execute(f"SELECT mark FROM {table.name}")] for table in COUNTED]
         runs, names, _, present, past = map(len, marks)
-        self.kept = sum(map(len, marks))
+        self._salvage.kept = sum(map(len, marks))
         clock = replace(StoreClock.of(small["clock"][1]), runs=runs, names=names, present=present, past=past)
         total = summed(itertools.chain.from_iterable(marks))
         clock = replace(clock, total=total, sequence=clock.sequence + 1)
