@@ -154,11 +154,7 @@ class StoreFile:
             if not path.exists():
                 self._clear_companions()
                 make(path)
-            pages = Pages(path)
-            why = Examined(self._judged(pages))
-            connection = None
-            if not why.problems:
-                connection, why = self._checked("rw", pages)
+            connection, why = self._checked()
             if connection is None:
                 self._put_right(why)
                 connection = connect(path, "rw")
@@ -174,13 +170,7 @@ class StoreFile:
     def _for_reading(self) -> sqlite3.Connection:
         path = self.path
         try:
-            pages = Pages(path)
-            # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
-            rests = not _is_being_written(path)
-            why = Examined(self._judged(pages) if rests else [])
-            connection = None
-            if not why.problems:
-                connection, why = self._checked("ro", pages if rests else None)
+            connection, why = self._checked()
             if connection is None:
                 connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
                 salvage = rebuild(path, why, self.snapshots, connection)
@@ -217,18 +207,23 @@ class StoreFile:
             return False
         return has_our_rows(pages)
 
-    def _checked(self, mode: str, pages: Pages | None) -> tuple[sqlite3.Connection | None, Examined]:
-        """A connection to a file that is whole, or what is damaged. pages : of a file that nobody writes."""
-        connection = None
+    def _checked(self) -> tuple[sqlite3.Connection | None, Examined]:
+        """A connection to a file that is whole, or what is damaged."""
+        pages = Pages(self.path)
+        # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
+        rests = self._lock is not None or not _is_being_written(self.path)
+        found, connection = Examined(self._judged(pages) if rests else []), None
+        if found.problems:
+            return None, found
         try:
-            connection = connect(self.path, mode)
+            connection = connect(self.path, "ro" if self._lock is None else "rw")
             connection.execute("PRAGMA secure_delete = ON").fetchall()
-            if pages is not None and self._known(pages):
-                return connection, Examined()
+            if rests and self._known(pages):
+                return connection, found
             found = examine(connection)
         except READING_ERRORS as error:
             found = Examined([str(error)])
-        if not found.problems and pages is not None and self._is_still(pages):
+        if not found.problems and rests and self._is_still(pages):
             self._note_whole(pages)
         if found.problems and connection is not None:
             connection.close()
