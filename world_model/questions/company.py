@@ -157,8 +157,7 @@ def where_was_person(world: Recall, person: str, when: Span) -> Answer:
 
 def _called(world: Recall, person: str) -> str:
     """A person's name as it is written."""
-    item = world.item(_ids(world, person)[0])
-    return clean((item is not None and name_of_person(item)) or person)
+    return clean(name_of_person(world.item(_ids(world, person)[0])) or person)
 
 
 def _ids(world: Recall, person: str) -> list[str]:
@@ -188,10 +187,7 @@ def present_at(world: Recall, move: Change) -> list[str]:
 
 def _people(world: Recall, visits: list[Visit]) -> str:
     """How many: one with a name is one under all ids."""
-    names = set()
-    for visit in visits:
-        item = world.item(visit.person)
-        names.add((item is not None and name_of_person(item)) or visit.person)
+    names = {name_of_person(world.item(visit.person)) or visit.person for visit in visits}
     count = len(names)
     return f"{count} {'person was' if count == 1 else 'people were'}"
 

@@ -65,7 +65,7 @@ def name_of(place: str) -> str:
 def described(world: Recall, object_id: str) -> str:
     """ "cup-3 (red)", of a person whose name is known "Anna (person-3)"."""
     item = world.item(object_id)
-    called = "" if item is None else name_of_person(item)
+    called = name_of_person(item)
     if called:
         return f"{clean(called)} ({clean(object_id)})"
     colors = item.attributes.get("color", {}) if item is not None else {}
@@ -73,9 +73,9 @@ def described(world: Recall, object_id: str) -> str:
     return f"{clean(object_id)} ({clean(best)})" if best and colors[best] >= 0.5 else clean(object_id)
 
 
-def name_of_person(item: WorldObject) -> str:
+def name_of_person(item: WorldObject | None) -> str:
     """What a person is called, as an attribute says, "" where nothing does."""
-    if item.most_probable("class") != PERSON:
+    if item is None or item.most_probable("class") != PERSON:
         return ""
     for attribute in NAMES:
         values = item.attributes.get(attribute, {})
@@ -95,8 +95,7 @@ def _people(world: Recall) -> dict[str, list[str]]:
     numbered = sorted(ids, key=lambda name: -(parse_symbol(name) or ("", 0))[1])
     found: dict[str, list[str]] = {}
     for name in sorted(numbered[:MOST_PEOPLE], key=lambda name: name not in world.present):
-        item = world.item(name)
-        called = "" if item is None else name_of_person(item)
+        called = name_of_person(world.item(name))
         if called:
             found.setdefault(called, []).append(name)
     return found

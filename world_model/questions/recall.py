@@ -276,14 +276,8 @@ class Recall:
 
     def kind(self, object_id: str) -> str:
         """Most probable class of an object, also of one that is no longer there."""
-        item = self.present.get(object_id)
-        if item is not None:
-            return item.most_probable("class")
-        parsed = parse_symbol(object_id)
-        if parsed is not None:
-            return parsed[0]
-        seen = self.item(object_id)
-        return seen.most_probable("class") if seen is not None else ""
+        parsed = None if object_id in self.present else parse_symbol(object_id)
+        return self.likely_kind(object_id) if parsed is None else parsed[0]
 
     def likely_kind(self, object_id: str) -> str:
         """Most probable class of an object as it was known last, whatever its id says."""
