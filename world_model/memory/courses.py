@@ -30,6 +30,11 @@ class PlaceWords:
         # What is found last is said: the smallest furniture.
         self._ordered = sorted(places, key=lambda place: (place.kind != "room", -place.area))
         self._names = ["", *(place.name for place in self._ordered)]
+        boxes = [
+            (*place.polygon.min(0), place.height[0], *place.polygon.max(0), place.height[1])
+            for place in self._ordered
+        ]
+        self._lows, self._highs = np.hsplit(np.array(boxes).reshape(-1, 6), 2)
 
     def __call__(self, positions: FloatArray) -> list[str]:
         """Of each position (N, 3), m; rows that rest share theirs."""
@@ -38,8 +43,10 @@ class PlaceWords:
         steps = np.concatenate([[True], np.abs(np.diff(positions, axis=0)).max(1) > STEP])
         firsts = positions[steps]
         last = np.zeros(len(firsts), np.int64)
-        for number, place in enumerate(self._ordered, 1):
-            last[place.contains(firsts)] = number
+        near = ((firsts[:, None] >= self._lows) & (firsts[:, None] <= self._highs)).all(2)
+        for number in np.flatnonzero(near.any(0)).tolist():
+            rows = np.flatnonzero(near[:, number])
+            last[rows[self._ordered[number].contains(firsts[rows])]] = number + 1
         return [self._names[index] for index in last[np.cumsum(steps) - 1].tolist()]
 
 
