@@ -280,8 +280,6 @@ def likely_slot(ended, to, low, high, day, spread):
 
     ended : (M, 3) its stays where it was, as of `stays`. spread : deviation of its times of day, slots.
     """
-    if high - low <= 1:
-        return high
     middle = 0.5 * (low + 1 + high)
     best, chosen = -1.0, high
     for slot in range(low + 1, high + 1):

@@ -365,6 +365,8 @@ class Routines:
         start = self._oldest(self._last)
 
         def choose(was: int, low: int, high: int) -> int:
+            if high - low <= 1:
+                return high
             ended = stays(self._history, thing, was, start, low)
             return int(likely_slot(ended, place, low, high, self._day, self.config.spread))
 
