@@ -1,8 +1,8 @@
 """The state of anchoring: leaves, tracks, clusters of hypotheses, and what is shown of them (Θ of section 2.5).
 
 Parts act on it: `associate` (which detection is of which anchor), `beliefs` (what is believed in and how it is called),
-`recall` (what was known and was carried), `guidance` (where movers go), `single` (what is said about one object) and
-`present` (what others get to see). None of them keeps anything of its own about an anchor.
+`recognition` (what was known and was carried), `guidance` (where movers go), `single` (what is said about one object)
+and `present` (what others get to see). None of them keeps anything of its own about an anchor.
 """
 
 from __future__ import annotations

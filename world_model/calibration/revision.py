@@ -17,12 +17,23 @@ from scipy.sparse.linalg import spsolve
 from estimation.checks import FloatArray
 from estimation.filters.assignment import cheapest
 from world_model.anchoring.loops.leaves import IntArray
-from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW, STEPS, UNKNOWN
-from world_model.calibration.sensor_bias import ASIDE, CONSTANT, PRIOR, depth_share, within
+from world_model.calibration.sensor_bias import (
+    ASIDE,
+    CONSTANT,
+    JITTER,
+    PRIOR,
+    QUICK,
+    SECONDS,
+    SLOW,
+    STEPS,
+    depth_share,
+    within,
+)
 
 ROUNDS = 12
 SHAKEN = 3  # Times that what was found is tried to be left for something better
 SOME = 50  # Looks that are explained first, when those before come in later
+UNKNOWN = 25.0  # Squared Mahalanobis distance from which a detection is of nothing that is known
 
 
 @dataclass(frozen=True)
