@@ -12,6 +12,16 @@ execute_process(COMMAND "${Python3_EXECUTABLE}" -c "import sys; print(sys.prefix
 list(APPEND CMAKE_PREFIX_PATH "${environment}")
 set(ENV{AMENT_PREFIX_PATH} "$ENV{AMENT_PREFIX_PATH}:${environment}")
 
+# rclpy over Fast DDS, the only middleware of the wheels, asks for one type support in C. The others, and all of C++,
+# take more than half of a build and nobody would load them.
+set(STATIC_ROSIDL_TYPESUPPORT_C rosidl_typesupport_fastrtps_c)
+find_package(ament_cmake_core REQUIRED)
+macro(ament_register_extension point package file)
+  if(NOT "${package}" MATCHES "^rosidl_(generator_cpp|typesupport_(cpp|introspection_c|introspection_cpp|fastrtps_cpp))$")
+    list(APPEND AMENT_EXTENSIONS_${point} "${package}:${file}")
+  endif()
+endmacro()
+
 # The wheels' exported targets name the Python headers of the machine that built them (/opt/python/...), and
 # CMake refuses imported targets whose include directories do not exist. Drop those once all are imported.
 function(drop_missing_include_directories)
@@ -32,14 +42,17 @@ function(drop_missing_include_directories)
 endfunction()
 cmake_language(DEFER CALL drop_missing_include_directories)
 
-# Nearly all build time goes into the C++ headers that each message's type support includes again; compiling a
-# target's sources together reads them once. Sources that clash with each other (plain C, C++ introspection) stay apart.
-function(compile_type_support_together)
+# Nearly all build time goes into headers that each message's sources include again; compiling a target's sources
+# together reads them once. Type descriptions clash with each other and stay apart.
+function(compile_sources_together)
   get_property(targets DIRECTORY PROPERTY BUILDSYSTEM_TARGETS)
   foreach(target IN LISTS targets)
-    if(target MATCHES "__rosidl_typesupport_(fastrtps_c|fastrtps_cpp|c|cpp)$")
+    if(target MATCHES "__rosidl_(typesupport_fastrtps_c|typesupport_c|generator_c|generator_py)$")
       set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 20)
+      get_target_property(sources ${target} SOURCES)
+      list(FILTER sources INCLUDE REGEX "__description\\.c$")
+      set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
     endif()
   endforeach()
 endfunction()
-cmake_language(DEFER CALL compile_type_support_together)
+cmake_language(DEFER CALL compile_sources_together)

@@ -1,112 +1,15 @@
-"""How well a tracker does against known targets: OSPA and GOSPA over time, cardinality error, CLEAR MOT."""
+"""Targets as what trackers are judged by."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.metrics.statistics import gospa_parts, ospa
-from tracking.mixture.components import IntArray
 from tracking.mixture.target import Target
 
 
 def positions(targets: Sequence[Target]) -> FloatArray:
     """Positions (N, 2) of reported targets."""
     return np.array([target.mean[:2] for target in targets], dtype=np.float64).reshape(-1, 2)
-
-
-@dataclass
-class Score:
-    """Scan by scan: OSPA, GOSPA with its parts, numbers of true and reported targets, and the expected number.
-
-    `localisation`, `missed` and `false` are p-th powers that add up to GOSPA's.
-    """
-
-    cut_off: float
-    order: float = 2.0
-    ospa: list[float] = field(default_factory=list)
-    gospa: list[float] = field(default_factory=list)
-    localisation: list[float] = field(default_factory=list)
-    missed: list[float] = field(default_factory=list)
-    false: list[float] = field(default_factory=list)
-    true_count: list[int] = field(default_factory=list)
-    count: list[int] = field(default_factory=list)
-    expected: list[float] = field(default_factory=list)
-    labels: list[list[int]] = field(default_factory=list)
-    found: list[FloatArray] = field(default_factory=list)
-
-    def add(self, targets: Sequence[Target], truth: FloatArray, expected_count: float = float("nan")) -> None:
-        """One scan's reported targets against true positions (n, 2)."""
-        found = positions(targets)
-        parts = gospa_parts(found, truth, self.cut_off, self.order)
-        self.ospa.append(ospa(found, truth, self.cut_off, self.order))
-        self.gospa.append(parts.value)
-        self.localisation.append(parts.localisation)
-        self.missed.append(parts.missed)
-        self.false.append(parts.false)
-        self.true_count.append(len(truth))
-        self.count.append(len(found))
-        self.expected.append(expected_count)
-        self.labels.append([target.label for target in targets])
-        self.found.append(found)
-
-    @property
-    def mean_ospa(self) -> float:
-        """Over all scans."""
-        return float(np.mean(self.ospa))
-
-    @property
-    def count_bias(self) -> float:
-        """Mean of reported less true targets."""
-        return float(np.mean(np.array(self.count) - np.array(self.true_count)))
-
-    @property
-    def expected_bias(self) -> float:
-        """Mean of the expected number less the true one."""
-        return float(np.mean(np.array(self.expected) - np.array(self.true_count)))
-
-    @property
-    def count_error(self) -> float:
-        """Mean absolute difference of reported and true numbers."""
-        return float(np.mean(np.abs(np.array(self.count) - np.array(self.true_count))))
-
-
-def clear_mot(
-    score: Score, truth: list[FloatArray], identities: list[IntArray], gate: float
-) -> dict[str, float]:
-    """CLEAR MOT and IDF1 of a scored run: mota, motp (m), idf1, num_switches, num_misses, num_false_positives.
-
-    truth, identities : positions (n, 2) and numbers (n,) per scan; gate : m within which a report may be a target.
-    Needs `motmetrics` (requirements/evaluation.txt).
-    """
-    import motmetrics
-
-    events = motmetrics.MOTAccumulator(auto_id=True)
-    for found, labels, true, names in zip(score.found, score.labels, truth, identities, strict=True):
-        squares = (
-            ((true[:, None] - found[None]) ** 2).sum(-1)
-            if len(true) and len(found)
-            else np.zeros((len(true), 0))
-        )
-        distances = np.sqrt(squares)
-        distances[distances > gate] = np.nan
-        events.update(names.tolist(), labels if distances.shape[1] else [], distances)
-        if len(true) == 0 and labels:
-            events.update([], labels, [])
-    wanted = ["mota", "motp", "idf1", "num_switches", "num_misses", "num_false_positives"]
-    row = motmetrics.metrics.create().compute(events, metrics=wanted, name="run").iloc[0]
-    return {name: float(row[name]) for name in wanted}
-
-
-def labels_kept(score: Score, truth: list[FloatArray], before: int, after: int) -> bool:
-    """Whether the target nearest to each true one carries the same label at the scans `before` and `after`."""
-
-    def nearest(k: int) -> list[int]:
-        away = np.linalg.norm(truth[k][:, None] - score.found[k][None], axis=-1)
-        return [score.labels[k][j] for j in away.argmin(1)] if away.shape[1] else []
-
-    first = nearest(before)
-    return len(first) > 0 and first == nearest(after)

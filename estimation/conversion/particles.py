@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from estimation.checks import FloatArray, as_floats, as_points
 from estimation.errors import InputError
@@ -176,25 +175,3 @@ class Particles:
         self.states = chosen
         self.log_weights = np.full(count, -np.log(count))
         return True
-
-
-def particle_entropy(
-    log_likelihood: npt.ArrayLike, log_transition: npt.ArrayLike, log_weights_before: npt.ArrayLike
-) -> float:
-    """Entropy, nat, of a particle filter's posterior density: (3.4) (Boers et al. 2010).
-
-    log_likelihood : (N,), log p(z | q_i) of the predicted particles. log_transition : (N, N), entry [i, j]
-    log p(q_i | q_j of the step before). log_weights_before : (N,). The posterior weights are
-    w_i ∝ p(z | q_i) w_i,before. The text calls the unit bits; its logarithm is the natural one, as here.
-    """
-    likelihood = as_floats("log_likelihood", log_likelihood)
-    before = normalise_log(log_weights_before)
-    transition = as_floats("log_transition", log_transition)
-    if likelihood.shape != before.shape or transition.shape != (before.size, before.size):
-        raise InputError("log_likelihood and log_transition must have shapes (N,) and (N, N)")
-    joint = likelihood + before
-    evidence = log_total(joint)
-    after = np.exp(joint - evidence)
-    density = likelihood + logsumexp(transition + before, axis=1)
-    used = after > 0
-    return float(evidence - after[used] @ density[used])

@@ -25,7 +25,7 @@ Where it differs from the text:
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,22 @@ REACH = 3.5
 RESAMPLE_BELOW = 0.8
 # Additive recurrence on the plastic number: each new point falls into the largest gap of those before it.
 _STRIDES = 1.324717957244746 ** np.array([-1.0, -2.0])
+
+
+class _Seen(NamedTuple):
+    """One measurement z (2,) with R (2, 2), taken from a robot pose (3,) with P (3, 3)."""
+
+    pose: FloatArray
+    P: FloatArray
+    z: FloatArray
+    R: FloatArray
+
+    def converted(self, direction: tuple[float, float] = (0.0, 0.0)) -> tuple[FloatArray, FloatArray]:
+        """Position (2,) and covariance (2, 2) in the map, as the Kalman mode takes it; along a direction."""
+        pose, P, z, R = self
+        sr, sb = math.sqrt(R[0, 0]), math.sqrt(R[1, 1])
+        x, y, xx, xy, yy, _ = to_map_ucm(pose, P, z[0], z[1], sr, sb, False, *direction)
+        return np.array([x, y]), np.array([[xx, xy], [xy, yy]])
 
 
 class _ParticleTarget:
@@ -180,28 +196,29 @@ class SwitchingBank:
             P = repair_covariance(P, "robot_covariance", definite=False)
         elif problem:
             raise InputError(kernels.PROBLEMS[problem])
-        K = np.empty(len(chosen))
-        kernels.update_kalman(
-            self._means,
-            self._covariances,
-            self._kalman,
-            chosen,
-            pose,
-            P,
-            z,
-            R,
-            self._limit,
-            self._position_in_ratio,
-            self._decorrelated,
-            K,
-        )
-        self.ratio[chosen] = K
+        self.ratio[chosen] = K = self._update_kalman(chosen, pose, P, z, R, self._limit)
         self._updates += 1
         if not self._targets and (self._limit >= np.inf or not (self._limit <= K).any()):
             return
         for row, index in enumerate(chosen.tolist()):
             if not self._kalman[index] or K[row] >= self._limit:
-                self._update_particles(index, pose, P, z[row], R[row % len(R)], bool(K[row] < self._limit))
+                seen = _Seen(pose, P, z[row], R[row % len(R)])
+                self._update_particles(index, seen, bool(K[row] < self._limit))
+
+    def _update_kalman(
+        self,
+        chosen: npt.NDArray[np.int64],
+        pose: FloatArray,
+        P: FloatArray,
+        z: FloatArray,
+        R: FloatArray,
+        limit: float,
+    ) -> FloatArray:
+        """Update those of the chosen that are in Kalman mode and have K below a limit; K (m,) of all."""
+        K = np.empty(len(chosen))
+        targets = self._means, self._covariances, self._kalman, chosen
+        kernels.update_kalman(*targets, pose, P, z, R, limit, self._position_in_ratio, self._decorrelated, K)
+        return K
 
     def _chosen(self, targets: npt.ArrayLike) -> npt.NDArray[np.int64]:
         chosen = np.asarray(targets, dtype=np.int64)
@@ -211,16 +228,14 @@ class SwitchingBank:
             raise InputError(f"targets must be from 0 to {len(self) - 1}")
         return chosen
 
-    def _update_particles(
-        self, index: int, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray, gaussian: bool
-    ) -> None:
+    def _update_particles(self, index: int, seen: _Seen, gaussian: bool) -> None:
         if self._kalman[index]:
             self._to_particles(index)
         target, rng = self._targets[index], self._rngs[index]
-        samples, direction = None, self._direction(target.particles, pose, P, z, R)
-        bends = not gaussian and self._bends(target.particles, pose, P, z, R)
+        samples, direction = None, self._direction(target.particles, seen)
+        bends = not gaussian and self._bends(target.particles, seen)
         if target.straight and not bends:
-            self._move(target.particles, pose, P, z, R, direction)
+            target.particles.move(*seen.converted(direction))
             self._test_in_time(index, gaussian, bends)
             return
         target.straight = False
@@ -228,21 +243,21 @@ class SwitchingBank:
             samples = np.empty((self._samples, 6))
             # Inverse transform sampling of an evenly filled square, shifted at random.
             uniform = np.clip((self._lattice + rng.uniform(size=2)) % 1.0, 1e-12, 1 - 1e-12)
-            kernels.measurement_samples(ndtri(uniform), SAMPLE_WIDTH, pose, P, z, R, samples)
+            kernels.measurement_samples(ndtri(uniform), SAMPLE_WIDTH, *seen, samples)
 
         def log_likelihood(states: FloatArray) -> FloatArray:
             values = np.empty(len(states))
             if samples is None:
-                kernels.gaussian_log_likelihood(states, pose, P, z, R, *direction, values)
+                kernels.gaussian_log_likelihood(states, *seen, *direction, values)
             else:
                 kernels.sampled_log_likelihood(states, samples, self._scratch, values)
             return values
 
         stages = target.particles.assimilate(log_likelihood, rng, stages=1)
-        if stages == 0 and self._within_reach(target.particles, pose, P, z, R):
+        if stages == 0 and self._within_reach(target.particles, seen):
             stages = target.particles.assimilate(log_likelihood, rng)
         if stages == 0:
-            self._restart(index, pose, P, z, R)
+            self._restart(index, seen)
         elif stages == 1:
             target.particles.resample(rng, below=RESAMPLE_BELOW, smooth=1.0)
         else:
@@ -258,71 +273,37 @@ class SwitchingBank:
             target.last_test = self._updates
             self._try_kalman(index, gaussian)
 
-    def _bends(
-        self, particles: Particles, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray
-    ) -> bool:
+    def _bends(self, particles: Particles, seen: _Seen) -> bool:
         """Whether the arc of the measurement bends within the places where the target may be."""
         m, C = particles.mean, particles.covariance
-        ratio = kernels.ratio_where_expected(m[0], m[1], C[:2, :2], pose, P, z, R, self._position_in_ratio)
-        return bool(ratio >= self._limit)
-
-    @staticmethod
-    def _move(
-        particles: Particles,
-        pose: FloatArray,
-        P: FloatArray,
-        z: FloatArray,
-        R: FloatArray,
-        direction: tuple[float, float],
-    ) -> None:
-        """Update with the measurement as the Gaussian that the Kalman mode takes it for."""
-        x, y, xx, xy, yy, _ = to_map_ucm(
-            pose, P, z[0], z[1], math.sqrt(R[0, 0]), math.sqrt(R[1, 1]), False, *direction
+        return bool(
+            kernels.ratio_where_expected(m[0], m[1], C[:2, :2], *seen, self._position_in_ratio) >= self._limit
         )
-        particles.move(np.array([x, y]), np.array([[xx, xy], [xy, yy]]))
 
-    def _direction(
-        self, particles: Particles, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray
-    ) -> tuple[float, float]:
+    def _direction(self, particles: Particles, seen: _Seen) -> tuple[float, float]:
         """Where the measurement's covariance points, as in Kalman mode."""
         if not self._decorrelated:
             return 0.0, 0.0
         m, C = particles.mean, particles.covariance
-        dx, dy = kernels.predicted_direction(m[0], m[1], C[0, 0], C[0, 1], C[1, 1], pose, P, z[0], R[1, 1])
+        place = m[0], m[1], C[0, 0], C[0, 1], C[1, 1]
+        dx, dy = kernels.predicted_direction(*place, seen.pose, seen.P, seen.z[0], seen.R[1, 1])
         return dx, dy
 
     @staticmethod
-    def _within_reach(
-        particles: Particles, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray
-    ) -> bool:
+    def _within_reach(particles: Particles, seen: _Seen) -> bool:
         """Whether the measurement lies among the particles, so that stages can concentrate them there."""
-        sr, sb = math.sqrt(R[0, 0]), math.sqrt(R[1, 1])
-        x, y, xx, xy, yy, _ = to_map_ucm(pose, P, z[0], z[1], sr, sb, False, 0.0, 0.0)
-        S = particles.covariance[:2, :2] + [[xx, xy], [xy, yy]]
-        offset = particles.mean[:2] - [x, y]
+        position, spread = seen.converted()
+        S = particles.covariance[:2, :2] + spread
+        offset = particles.mean[:2] - position
         return bool(offset @ np.linalg.solve(S, offset) <= REACH**2)
 
-    def _restart(self, index: int, pose: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray) -> None:
+    def _restart(self, index: int, seen: _Seen) -> None:
         """Kalman update of the particles' Gaussian, sampled anew: for measurements far from every particle."""
         particles = self._targets[index].particles
         self._means[index] = particles.mean
         self._covariances[index] = repair_covariance(particles.covariance)
         self._kalman[index] = True
-        one, K = np.array([index]), np.empty(1)
-        kernels.update_kalman(
-            self._means,
-            self._covariances,
-            self._kalman,
-            one,
-            pose,
-            P,
-            z[None],
-            R[None],
-            np.inf,
-            True,
-            self._decorrelated,
-            K,
-        )
+        self._update_kalman(np.array([index]), seen.pose, seen.P, seen.z[None], seen.R[None], np.inf)
         self._to_particles(index)
         self.switches -= 1
 

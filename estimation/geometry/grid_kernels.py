@@ -22,6 +22,14 @@ def _setup(x, d):  # type: ignore[no-untyped-def]
     return i, 0, math.inf, math.inf
 
 
+@njit(cache=True, inline="always")
+def _next(i, step_i, next_i, per_i, j, step_j, next_j, per_j):  # type: ignore[no-untyped-def]
+    """The cell over the nearer border and its next borders along both axes, and how far the one crossed is."""
+    if next_i < next_j:
+        return i + step_i, next_i + per_i, j, next_j, next_i
+    return i, next_i, j + step_j, next_j + per_j, next_j
+
+
 @njit(cache=True)
 def _mark_ray(table, tiles, marks, count, x, y, ex, ey):  # type: ignore[no-untyped-def]
     """Mark the cells from (x, y) up to, without, that of (ex, ey); returns the number of tiles there are then."""
@@ -34,12 +42,7 @@ def _mark_ray(table, tiles, marks, count, x, y, ex, ey):  # type: ignore[no-unty
             here_j, here_i = j // TILE, i // TILE
             at, count = _tile(table, tiles, count, here_j, here_i)
         marks[at, j % TILE, i % TILE] = 1
-        if next_i < next_j:
-            i += step_i
-            next_i += per_i
-        else:
-            j += step_j
-            next_j += per_j
+        i, next_i, j, next_j, _ = _next(i, step_i, next_i, per_i, j, step_j, next_j, per_j)
         if i < 0 or j < 0 or i >= width or j >= height:
             break
     return count
@@ -154,14 +157,7 @@ def cast_rays(log_odds, start, angles, reach, occupied, free, through):  # type:
                 or (j >= height and step_j >= 0)
             ):
                 break
-            if next_i < next_j:
-                away = next_i
-                i += step_i
-                next_i += per_i
-            else:
-                away = next_j
-                j += step_j
-                next_j += per_j
+            i, next_i, j, next_j, away = _next(i, step_i, next_i, per_i, j, step_j, next_j, per_j)
     return found
 
 
@@ -178,11 +174,4 @@ def mark_visible(log_odds, seen, start, angles, reach, free, margin):  # type: i
                 seen[j, i] = True
             if log_odds[j, i] >= free and away > 0.0:
                 break
-            if next_i < next_j:
-                away = next_i
-                i += step_i
-                next_i += per_i
-            else:
-                away = next_j
-                j += step_j
-                next_j += per_j
+            i, next_i, j, next_j, away = _next(i, step_i, next_i, per_i, j, step_j, next_j, per_j)

@@ -34,7 +34,6 @@ from estimation.geometry.rotations import (
 
 __all__ = [
     "between",
-    "between_covariance",
     "between_jacobians",
     "compound",
     "compound_covariance",
@@ -50,7 +49,6 @@ __all__ = [
     "pose_to_quaternion",
     "quaternion_from_euler",
     "quaternion_from_rotation",
-    "rotate_covariance",
     "rotation_2d",
     "rotation_from_euler",
     "rotation_from_quaternion",
@@ -205,33 +203,16 @@ def between_jacobians(a: npt.ArrayLike, b: npt.ArrayLike) -> tuple[FloatArray, F
     return J1 @ inverse_jacobian(a), J2
 
 
-def _propagate(
-    J1: FloatArray,
-    a_covariance: npt.ArrayLike,
-    J2: FloatArray,
-    b_covariance: npt.ArrayLike,
-    cross: npt.ArrayLike | None,
+def compound_covariance(
+    a: npt.ArrayLike, a_covariance: npt.ArrayLike, b: npt.ArrayLike, b_covariance: npt.ArrayLike
 ) -> FloatArray:
+    """First-order covariance (..., d, d) of `compound(a, b)` of independent a and b."""
+    J1, J2 = compound_jacobians(a, b)
     size = J1.shape[-1]
     P = as_square("a_covariance", a_covariance, size)
     Q = as_square("b_covariance", b_covariance, size)
     out = J1 @ P @ np.swapaxes(J1, -1, -2) + J2 @ Q @ np.swapaxes(J2, -1, -2)
-    if cross is not None:
-        mixed = J1 @ as_square("cross", cross, size) @ np.swapaxes(J2, -1, -2)
-        out = out + mixed + np.swapaxes(mixed, -1, -2)
     return 0.5 * (out + np.swapaxes(out, -1, -2))
-
-
-def compound_covariance(
-    a: npt.ArrayLike,
-    a_covariance: npt.ArrayLike,
-    b: npt.ArrayLike,
-    b_covariance: npt.ArrayLike,
-    cross: npt.ArrayLike | None = None,
-) -> FloatArray:
-    """First-order covariance (..., d, d) of `compound(a, b)`; `cross` is cov(a, b), zero where None."""
-    J1, J2 = compound_jacobians(a, b)
-    return _propagate(J1, a_covariance, J2, b_covariance, cross)
 
 
 def inverse_covariance(a: npt.ArrayLike, covariance: npt.ArrayLike) -> FloatArray:
@@ -239,39 +220,6 @@ def inverse_covariance(a: npt.ArrayLike, covariance: npt.ArrayLike) -> FloatArra
     J = inverse_jacobian(a)
     P = as_square("covariance", covariance, J.shape[-1])
     out = J @ P @ np.swapaxes(J, -1, -2)
-    return 0.5 * (out + np.swapaxes(out, -1, -2))
-
-
-def between_covariance(
-    a: npt.ArrayLike,
-    a_covariance: npt.ArrayLike,
-    b: npt.ArrayLike,
-    b_covariance: npt.ArrayLike,
-    cross: npt.ArrayLike | None = None,
-) -> FloatArray:
-    """First-order covariance (..., d, d) of `between(a, b)`; `cross` is cov(a, b), zero where None."""
-    Ja, Jb = between_jacobians(a, b)
-    return _propagate(Ja, a_covariance, Jb, b_covariance, cross)
-
-
-def rotate_covariance(rotation: npt.ArrayLike, covariance: npt.ArrayLike) -> FloatArray:
-    """Covariance expressed in a frame that `rotation` turns it into: B P Bᵀ.
-
-    rotation : (..., 2, 2) with covariance (..., 2, 2) of a position or (..., 3, 3) of [x, y, yaw];
-    rotation : (..., 3, 3) with covariance (..., 3, 3) of a position or (..., 6, 6) of position and rotation
-    about fixed axes (what ROS messages carry; to first order the same as Euler angles at roll = pitch = 0).
-    """
-    R = as_square("rotation", rotation, 2, 3)
-    size = R.shape[-1]
-    P = as_square("covariance", covariance, size, 3 if size == 2 else 6)
-    full = P.shape[-1]
-    B = np.zeros((*R.shape[:-2], full, full))
-    B[..., :size, :size] = R
-    if full == 6:
-        B[..., 3:, 3:] = R
-    elif full > size:
-        B[..., 2, 2] = 1.0
-    out = B @ P @ np.swapaxes(B, -1, -2)
     return 0.5 * (out + np.swapaxes(out, -1, -2))
 
 

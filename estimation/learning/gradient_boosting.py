@@ -22,7 +22,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_finite, as_points, require_count, require_positive
 from estimation.errors import InputError
 from estimation.learning.boosting import as_labels, read_json
-from estimation.learning.gradient_boosting_kernels import add_tree, grow, sum_trees
+from estimation.learning.gradient_boosting_kernels import grow, sum_trees
 
 FORMAT = "whereabouts.gradient_boosting"
 VERSION = 1
@@ -109,21 +109,18 @@ class GradientBoosting:
                 [edges[f][c] if c >= 0 else _NO_SPLIT for f, c in zip(split, cuts, strict=True)]
             )
             # A leaf that few fell into must not run away where the rest is already certain.
-            leaves = self.learning_rate * np.clip(leaves, -4.0, 4.0)
-            leaves = _single(leaves)
-            add_tree(features, split, thresholds, leaves, self.depth, odds)
+            leaves = _single(self.learning_rate * np.clip(leaves, -4.0, 4.0))
+            odds += sum_trees(features, split[None], thresholds[None], leaves[None], self.depth)
             trees.append((split, thresholds, leaves))
         self.feature_count = features.shape[1]
-        self._features = np.array([tree[0] for tree in trees])
-        self._thresholds = np.array([tree[1] for tree in trees])
-        self._leaves = np.array([tree[2] for tree in trees])
+        self._features, self._thresholds, self._leaves = map(np.array, zip(*trees, strict=True))
         return self
 
     def decision(self, F: npt.ArrayLike) -> FloatArray:
         """Log odds of class 1, (M,), for features (M, n); InputError as `score`."""
         self._require_fitted()
         values = np.ascontiguousarray(as_points("F", F, self.feature_count))
-        return np.asarray(sum_trees(values, self._features, self._thresholds, self._leaves, self.depth, 0.0))
+        return np.asarray(sum_trees(values, self._features, self._thresholds, self._leaves, self.depth))
 
     def score(self, F: npt.ArrayLike) -> FloatArray:
         """Likelihood of class 1, (M,) in [0, 1], for features (M, n).

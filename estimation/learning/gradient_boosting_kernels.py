@@ -66,23 +66,12 @@ def grow(bins, chosen, gradient, curvature, depth, bin_count, least_curvature, l
 
 
 @numba.njit(cache=True)
-def add_tree(F, features, thresholds, leaves, depth, sums):  # type: ignore[no-untyped-def]
-    """Add one tree's leaf values to `sums` (M,) for rows of F (M, n)."""
-    inner = len(features)
-    for i in range(len(F)):
-        k = 0
-        for _ in range(depth):
-            k = 2 * k + (1 if F[i, features[k]] <= thresholds[k] else 2)
-        sums[i] += leaves[k - inner]
-
-
-@numba.njit(cache=True)
-def sum_trees(F, features, thresholds, leaves, depth, start):  # type: ignore[no-untyped-def]
-    """Log odds (M,): `start` and the leaf values of all trees, features (T, 2^D - 1), leaves (T, 2^D)."""
+def sum_trees(F, features, thresholds, leaves, depth):  # type: ignore[no-untyped-def]
+    """Log odds (M,), the leaf values of all trees, for rows of F (M, n): features (T, 2^D - 1), leaves (T, 2^D)."""
     sums = np.empty(len(F))
     inner = features.shape[1]
     for i in range(len(F)):
-        total = start
+        total = 0.0
         for t in range(len(features)):
             k = 0
             for _ in range(depth):

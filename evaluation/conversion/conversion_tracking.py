@@ -12,8 +12,8 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.conversion.switching import ConstantVelocity, SwitchingFilter
-from estimation.conversion.switching_printed import PrintedSwitchingFilter
 from estimation.metrics.statistics import nees
+from evaluation.conversion.switching_printed import PrintedSwitchingFilter
 from whereabouts.system.parallel import each
 
 RATE = 40.0  # Hz

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from evaluation.intentions import intentions_days as elsewhere
 from evaluation.intentions import intentions_pictures as pictures
 from evaluation.intentions import intentions_protocol as protocol
+from evaluation.intentions.social_forces_fit import fit_forces
 from evaluation.report import Figure, Part, Report, RunOptions, Table
 from tracking.intentions import IntentionConfig, IntentionModel
-from tracking.intentions.social_forces_fit import fit_forces
 from tracking.prediction.social_forces import Forces
 from whereabouts.logs.formats.trajectories import read_trajectories
 from whereabouts.system.progress import track

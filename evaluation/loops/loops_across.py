@@ -16,7 +16,7 @@ from evaluation.loops.roc import roc
 from evaluation.report import Figure, Report, RunOptions, Table
 from loop_closure import AdaBoost, shipped_model
 from loop_closure.places.pairs import PairRule, compare_pairs
-from loop_closure.places.shipped import NAMES
+from loop_closure.places.place_model import NAMES
 
 UNSEEN = "csail"  # which had no part in any choice
 RuleOf = Callable[[Recording, float], PairRule]

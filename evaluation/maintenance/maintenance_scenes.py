@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.distance import cdist
+from scipy.special import logsumexp
 
-from estimation.checks import FloatArray
-from estimation.conversion.particles import normalise_log, particle_entropy, systematic_resample
+from estimation.checks import FloatArray, as_floats
+from estimation.conversion.particles import log_total, normalise_log, systematic_resample
+from estimation.errors import InputError
 from estimation.filters import kalman
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
@@ -121,6 +124,28 @@ def _asked(rule: Maintenance, position: FloatArray, P: FloatArray, R: FloatArray
 def _turned(P: FloatArray) -> FloatArray:
     """From the camera's axes to those of a robot that looks along x."""
     return np.asarray(P[np.ix_([2, 0, 1], [2, 0, 1])])
+
+
+def particle_entropy(
+    log_likelihood: npt.ArrayLike, log_transition: npt.ArrayLike, log_weights_before: npt.ArrayLike
+) -> float:
+    """Entropy, nat, of a particle filter's posterior density: (3.4) (Boers et al. 2010).
+
+    log_likelihood : (N,), log p(z | q_i) of the predicted particles. log_transition : (N, N), entry [i, j]
+    log p(q_i | q_j of the step before). log_weights_before : (N,). The posterior weights are
+    w_i ∝ p(z | q_i) w_i,before. The text calls the unit bits; its logarithm is the natural one, as here.
+    """
+    likelihood = as_floats("log_likelihood", log_likelihood)
+    before = normalise_log(log_weights_before)
+    transition = as_floats("log_transition", log_transition)
+    if likelihood.shape != before.shape or transition.shape != (before.size, before.size):
+        raise InputError("log_likelihood and log_transition must have shapes (N,) and (N, N)")
+    joint = likelihood + before
+    evidence = log_total(joint)
+    after = np.exp(joint - evidence)
+    density = likelihood + logsumexp(transition + before, axis=1)
+    used = after > 0
+    return float(evidence - after[used] @ density[used])
 
 
 def watch_with_particles(scene: Film, seed: int) -> Watched:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from evaluation.phd.target_scores import Score, labels_kept
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
 from tracking.mixture.target import Target
-from tracking.tracker_evaluation import Score, labels_kept
 from whereabouts.simulation.scenes.targets import (
     TargetScene,
     TargetSensor,

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from evaluation.phd.target_scores import Score
 from tracking import ExtendedTargetPhd, PhdConfig
-from tracking.tracker_evaluation import Score
 
 SCENES = ("cross_spawn", "parallel", "six", "six_pd09")
 PUBLISHED = "extended_targets, published with the scans"

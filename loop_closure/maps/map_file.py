@@ -16,7 +16,8 @@ from loop_closure.graph.pose_graph import Edge
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.keyframes import Keyframes
 from loop_closure.maps.map_checks import check_map
-from loop_closure.slam.trajectory import Closure, Slam
+from loop_closure.slam.loop_closer import Closure
+from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import SlamConfig
 from registration.laser.scan import Scan
 

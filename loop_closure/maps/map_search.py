@@ -18,7 +18,7 @@ from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import compose, length, motion, planar, turn
 from loop_closure.places.context import PREDECESSORS, context_features
 from loop_closure.places.features import features_3d
-from loop_closure.places.shipped import shipped_model
+from loop_closure.places.place_model import shipped_model
 from loop_closure.slam.cloud_closing import LEAF, anywhere, as_cloud, local_cloud, nearby, thinned
 from registration.laser.scan import Scan
 from registration.laser.submap import Submap

@@ -1,6 +1,8 @@
-"""Two saved maps made one: the second session is found in the first, and its scans go into the same graph."""
+"""A session found in the map of an earlier one, and its scans in the same graph: live, or two saved maps made one."""
 
 from __future__ import annotations
+
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
@@ -8,10 +10,33 @@ from loop_closure.keyframes import Keyframe
 from loop_closure.maps.localization import Localizer
 from loop_closure.motions import compose, invert, planar
 from loop_closure.slam.trajectory import Slam
+from registration.laser.scan import Scan
 
 FOLLOWED = (
     10  # keyframes over which the second session is followed once it is found: the place is then known better
 )
+
+
+class EarlierMap:
+    """Looks for the robot in the map of an earlier run, whose odometry frame has nothing to do with today's.
+
+    slam : that map, with one keyframe at least.
+    """
+
+    def __init__(self, slam: Slam) -> None:
+        self.slam = slam
+        self._localizer = Localizer(slam.keyframes, slam.graph.poses)
+
+    def found(self, scan: Scan | npt.ArrayLike, odometry: npt.ArrayLike, stamp: float) -> bool:
+        """Take the next scan, or cloud, with the sensor's pose by odometry, at `stamp`, s.
+
+        True once the robot is found: `slam` then goes on with this scan.
+        """
+        if not self._localizer.process(scan, odometry).sure or self._localizer.correction is None:
+            return False
+        self.slam.resume(self._localizer.correction)
+        self.slam.process(scan, odometry, None, stamp)
+        return True
 
 
 def merge(first: Slam, second: Slam) -> int:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from loop_closure.growing_array import GrowingArray
 from loop_closure.places.features import PlaceFeatures
 from loop_closure.places.outlines import Outline
 
@@ -36,34 +37,31 @@ class PlaceDatabase:
     """
 
     def __init__(self, places: Iterable[PlaceFeatures] = (), wide: bool = False) -> None:
-        self._size = 0
         self.wide = wide
-        self._signatures = np.empty((0, 0), dtype=np.float32)
         self._outlines: list[Outline | None] = []
         self._first: PlaceFeatures | None = None
-        self._values = np.empty((0, 0))
-        self._profiles = np.empty((0, 0), dtype=np.float32)
-        self._starts = np.zeros(1, dtype=np.int64)
+        self._values, self._starts = GrowingArray((0,)), np.zeros(1, dtype=np.int64)
+        self._profiles, self._signatures = GrowingArray((0,), np.float32), GrowingArray((0,), np.float32)
         for place in places:
             self.append(place)
 
     def __len__(self) -> int:
-        return self._size
+        return len(self._values)
 
     @property
     def values(self) -> FloatArray:
         """Scalar features of all places, (M, 35 | 32)."""
-        return self._values[: self._size]
+        return self._values.rows
 
     @property
     def profiles(self) -> npt.NDArray[np.float32]:
         """Standardised histograms of all places (`PlaceFeatures.profile`), (M, W)."""
-        return self._profiles[: self._size]
+        return self._profiles.rows
 
     @property
     def signatures(self) -> npt.NDArray[np.float32]:
         """Signatures of all places (`PlaceFeatures.signature`), (M, S); (0, 0) unless `wide`."""
-        return self._signatures[: self._size]
+        return self._signatures.rows
 
     def outline(self, index: int) -> Outline | None:
         """The outline of a place, None where it has none or the database is not `wide`."""
@@ -79,76 +77,61 @@ class PlaceDatabase:
         """Add a place; returns its index. InputError where it does not match those already there."""
         if self._first is None:
             self._first = place
-            self._values = np.empty((8, len(place.values)))
-            self._profiles = np.empty((8, len(place.profile)), dtype=np.float32)
+            self._values = GrowingArray(place.values.shape)
+            self._profiles = GrowingArray(place.profile.shape, np.float32)
             self._starts = _starts(place)
             if self.wide:
-                self._signatures = np.empty((8, len(place.signature)), dtype=np.float32)
+                self._signatures = GrowingArray(place.signature.shape, np.float32)
         require_comparable(self._first, place, self.wide)
-        if self._size == len(self._values):
-            self._values = _doubled(self._values)
-            self._profiles = _doubled(self._profiles)
-            if self.wide:
-                self._signatures = _doubled(self._signatures)
         if self.wide:
-            self._signatures[self._size] = place.signature
+            self._signatures.append(place.signature)
             self._outlines.append(place.outline)
-        self._values[self._size] = place.values
-        self._profiles[self._size] = place.profile
-        self._size += 1
-        return self._size - 1
+        self._values.append(place.values)
+        self._profiles.append(place.profile)
+        return len(self) - 1
 
     def keep(self, rows: npt.NDArray[np.int64]) -> None:
         """Forget all places but those of these indices (K,), ascending; they are counted anew."""
         self._require_rows(rows)
-        for name in ("_values", "_profiles", "_signatures"):
-            array = getattr(self, name)
-            if len(array):
-                kept = np.empty((max(2 * len(rows), 8), array.shape[1]), dtype=array.dtype)
-                kept[: len(rows)] = array[rows]
-                setattr(self, name, kept)
+        self._values, self._profiles = (
+            GrowingArray.of(kept.rows[rows]) for kept in (self._values, self._profiles)
+        )
         if self.wide:
+            self._signatures = GrowingArray.of(self.signatures[rows])
             self._outlines = [self._outlines[row] for row in rows]
-        self._size = len(rows)
 
-    def compare(self, query: PlaceFeatures) -> FloatArray:
-        """Pair features of `query` with every place, (M, n). InputError where they cannot be compared."""
-        return self.compare_some(query, np.arange(self._size))
-
-    def compare_some(self, query: PlaceFeatures, rows: npt.NDArray[np.integer]) -> FloatArray:
-        """Pair features of `query` with the places of these indices (K,), (K, n); InputError as `compare`."""
-        width = len(query.values) + len(query.histograms)
-        if self._first is None:
-            return np.empty((0, width))
-        require_comparable(self._first, query)
-        self._require_rows(rows)
-        pairs = np.empty((len(rows), width))
-        _compare(query.values, query.profile, self.values, self.profiles, self._starts, rows, pairs)
-        return pairs
-
-    def compare_wide(self, query: PlaceFeatures, rows: npt.NDArray[np.integer] | None = None) -> FloatArray:
-        """`compare` and absolute differences of signatures, (K, n + S), with all places or those of `rows`.
+    def compare(self, query: PlaceFeatures, rows: npt.NDArray[np.integer] | None = None) -> FloatArray:
+        """Pair features of `query` with all places or those of `rows`, (K, n).
 
         Raises
         ------
-        InputError : a database that is not `wide`, places that cannot be compared, or rows that do not exist.
+        InputError : places that cannot be compared, or rows that do not exist.
         """
+        return self._compared(query, rows, False)
+
+    def compare_wide(self, query: PlaceFeatures, rows: npt.NDArray[np.integer] | None = None) -> FloatArray:
+        """`compare` and absolute differences of signatures, (K, n + S). InputError also where this is not `wide`."""
         if not self.wide:
             raise InputError("places: a wider model needs PlaceDatabase(places, wide=True)")
-        if self._first is None:
-            return np.empty((0, len(query.values) + len(query.histograms) + len(query.signature)))
-        require_comparable(self._first, query, True)
-        rows = np.arange(self._size) if rows is None else rows
-        self._require_rows(rows)
+        return self._compared(query, rows, True)
+
+    def _compared(self, query: PlaceFeatures, rows: npt.NDArray[np.integer] | None, wide: bool) -> FloatArray:
         narrow = len(query.values) + len(query.histograms)
-        wide = np.empty((len(rows), narrow + len(query.signature)))
-        _compare(query.values, query.profile, self.values, self.profiles, self._starts, rows, wide)
-        _differ(query.signature, self._signatures, rows, wide, narrow)
-        return wide
+        width = narrow + (len(query.signature) if wide else 0)
+        if self._first is None:
+            return np.empty((0, width))
+        require_comparable(self._first, query, wide)
+        rows = np.arange(len(self)) if rows is None else rows
+        self._require_rows(rows)
+        pairs = np.empty((len(rows), width))
+        _compare(query.values, query.profile, self.values, self.profiles, self._starts, rows, pairs)
+        if wide:
+            _differ(query.signature, self.signatures, rows, pairs, narrow)
+        return pairs
 
     def _require_rows(self, rows: npt.NDArray[np.integer]) -> None:
-        if len(rows) and not 0 <= rows.min() <= rows.max() < self._size:
-            raise InputError(f"rows: indices from 0 to {self._size - 1} expected")
+        if len(rows) and not 0 <= rows.min() <= rows.max() < len(self):
+            raise InputError(f"rows: indices from 0 to {len(self) - 1} expected")
 
 
 def require_comparable(a: PlaceFeatures, b: PlaceFeatures, wide: bool = False) -> None:
@@ -190,12 +173,6 @@ def pair_features_many(query: PlaceFeatures, database: PlaceDatabase | Sequence[
 def _starts(place: PlaceFeatures) -> npt.NDArray[np.int64]:
     """Where each histogram begins in a profile, (H + 1,)."""
     return np.concatenate(([0], np.cumsum([len(h) + 1 for h in place.histograms]))).astype(np.int64)
-
-
-def _doubled(array: npt.NDArray[np.floating]) -> npt.NDArray:
-    grown = np.empty((2 * len(array), array.shape[1]), dtype=array.dtype)
-    grown[: len(array)] = array
-    return grown
 
 
 # Reordered sums vectorise, and only over slices: an index counted from elsewhere might be negative. Every sum is

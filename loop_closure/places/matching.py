@@ -10,8 +10,8 @@ of candidates, no verification: `registration.placement.align_globally` finds th
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -79,14 +79,10 @@ def match_pairs(
     outlines: Sequence[Outline], pairs: Pairs, cached: int = 4000
 ) -> tuple[FloatArray, FloatArray]:
     """`match_features` of pairs of places: features (M, 28) and poses (M, 3), in the order of the pairs."""
-    made: OrderedDict[int, Grids] = OrderedDict()
 
+    @lru_cache(cached)
     def grids_of(place: int) -> Grids:
-        if place not in made:
-            if len(made) >= cached:
-                made.popitem(last=False)
-            made[place] = Grids(outlines[place])
-        return made[place]
+        return Grids(outlines[place])
 
     F, poses = np.empty((len(pairs), MATCH_FEATURES)), np.empty((len(pairs), 3))
     for row, (i, j) in enumerate(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)):

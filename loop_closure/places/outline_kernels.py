@@ -16,18 +16,7 @@ CELL = 0.25
 CELLS = 128
 MARGIN = 16
 # Obstacles once more, finer: what tells one corridor from another is a few centimetres deep.
-SHARP, SHARP_CELLS = 0.125, 256
-# Values of a cell at each offset from an obstacle: a Gaussian of 0.3 m, cut at 3 cells.
-_OFFSETS = [(a, b) for a in range(-3, 4) for b in range(-3, 4) if a * a + b * b <= 9]
-_A = np.array([offset[0] for offset in _OFFSETS], dtype=np.int64)
-_B = np.array([offset[1] for offset in _OFFSETS], dtype=np.int64)
-_V = np.array(
-    [round(100.0 * math.exp(-(a * a + b * b) * CELL**2 / 0.18)) for a, b in _OFFSETS], dtype=np.int64
-)
-_SHARP_OFFSETS = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if a * a + b * b <= 5]
-_SA = np.array([offset[0] for offset in _SHARP_OFFSETS], dtype=np.int64)
-_SB = np.array([offset[1] for offset in _SHARP_OFFSETS], dtype=np.int64)
-_SV = np.array([round(100.0 * math.exp(-(a * a + b * b) * SHARP**2 / 0.032)) for a, b in _SHARP_OFFSETS])
+SHARP, SHARP_CELLS, SHARP_MARGIN = 0.125, 256, 2
 # A wall where the other saw free floor counts this much against a hit of 100.
 VIOLATION = 40
 
@@ -119,6 +108,34 @@ def mark_free(free, seen, x, y, yaw):  # type: ignore[no-untyped-def]
                 free[i, j] = 1
 
 
+def _stamp(reach, square, cell, spread):  # type: ignore[no-untyped-def]
+    """Offsets in cells around an obstacle, (K,) and (K,), and values there: a Gaussian, cut at √`square` cells."""
+    offsets = [
+        (a, b) for a in range(-reach, reach + 1) for b in range(-reach, reach + 1) if a * a + b * b <= square
+    ]
+    values = [round(100.0 * math.exp(-(a * a + b * b) * cell**2 / spread)) for a, b in offsets]
+    return (*np.array(offsets, dtype=np.int64).T.copy(), np.array(values, dtype=np.int64))
+
+
+# Deviations of 0.3 m and of 0.126 m.
+WIDE, NARROW = _stamp(3, 9, CELL, 0.18), _stamp(2, 5, SHARP, 0.032)
+
+
+@numba.njit(cache=True)
+def _mark(grid, points, cell, margin, stamp):  # type: ignore[no-untyped-def]
+    """Raise the cells around points (K, 2) to the values of a stamp; points outside of RADIUS are left out."""
+    rows, columns, values = stamp
+    for p in range(len(points)):
+        if not (abs(points[p, 0]) < RADIUS and abs(points[p, 1]) < RADIUS):
+            continue
+        i = int((points[p, 0] + RADIUS) / cell) + margin
+        j = int((points[p, 1] + RADIUS) / cell) + margin
+        for k in range(len(values)):
+            a, b = i + rows[k], j + columns[k]
+            if grid[a, b] < values[k]:
+                grid[a, b] = values[k]
+
+
 @numba.njit(cache=True)
 def grids(points, packed):  # type: ignore[no-untyped-def]
     """Fine grid (CELLS + 2 MARGIN, ..) and one of double cells, of outline points (K, 2) and packed free cells.
@@ -133,15 +150,7 @@ def grids(points, packed):  # type: ignore[no-untyped-def]
             k = i * CELLS + j
             if (packed[k >> 3] >> (7 - (k & 7))) & 1:
                 fine[i + MARGIN, j + MARGIN] = -1
-    for p in range(len(points)):
-        if not (abs(points[p, 0]) < RADIUS and abs(points[p, 1]) < RADIUS):
-            continue
-        i = int((points[p, 0] + RADIUS) / CELL) + MARGIN
-        j = int((points[p, 1] + RADIUS) / CELL) + MARGIN
-        for k in range(len(_A)):
-            a, b = i + _A[k], j + _B[k]
-            if fine[a, b] < _V[k]:
-                fine[a, b] = _V[k]
+    _mark(fine, points, CELL, MARGIN, WIDE)
     half = CELLS // 2
     coarse = np.zeros((half + 2 * MARGIN, half + 2 * MARGIN), dtype=np.int8)
     for i in range(-1, half + 1):
@@ -161,47 +170,35 @@ def grids(points, packed):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def sharp_grid(points):  # type: ignore[no-untyped-def]
-    """Obstacles of outline points (K, 2) in cells of SHARP, margin of two cells: up to 100 on a point, else 0."""
-    sharp = np.zeros((SHARP_CELLS + 4, SHARP_CELLS + 4), dtype=np.int8)
-    for p in range(len(points)):
-        if not (abs(points[p, 0]) < RADIUS and abs(points[p, 1]) < RADIUS):
-            continue
-        i, j = int((points[p, 0] + RADIUS) / SHARP) + 2, int((points[p, 1] + RADIUS) / SHARP) + 2
-        for k in range(len(_SA)):
-            a, b = i + _SA[k], j + _SB[k]
-            if sharp[a, b] < _SV[k]:
-                sharp[a, b] = _SV[k]
+    """Obstacles of outline points (K, 2) in cells of SHARP, with its margin: up to 100 on a point, else 0."""
+    sharp = np.zeros((SHARP_CELLS + 2 * SHARP_MARGIN, SHARP_CELLS + 2 * SHARP_MARGIN), dtype=np.int8)
+    _mark(sharp, points, SHARP, SHARP_MARGIN, NARROW)
     return sharp
 
 
 @numba.njit(cache=True, fastmath=True)
-def overlay_sharp(points, sharp, x, y, c, s):  # type: ignore[no-untyped-def]
-    """Mean closeness of all points, turned by (c, s) and moved by (x, y), to obstacles, in [0, 1]."""
-    total = 0
-    ox, oy = (x + RADIUS) / SHARP + 2.0, (y + RADIUS) / SHARP + 2.0
-    c, s = c / SHARP, s / SHARP
-    for k in range(len(points)):
-        a = int(c * points[k, 0] - s * points[k, 1] + ox)
-        b = int(s * points[k, 0] + c * points[k, 1] + oy)
-        if 0 <= a < SHARP_CELLS + 4 and 0 <= b < SHARP_CELLS + 4:
-            total += sharp[a, b]
-    return 0.01 * total / max(len(points), 1)
+def _overlay(points, count, grid, cell, margin, unit, x, y, c, s):  # type: ignore[no-untyped-def]
+    """Mean of a grid's cells, times `unit`, under the first `count` points, turned by (c, s) and moved by (x, y).
 
-
-@numba.njit(cache=True, fastmath=True)
-def overlay(points, count, fine, x, y, c, s):  # type: ignore[no-untyped-def]
-    """Mean agreement of the first `count` points, turned by (c, s) and moved by (x, y), with a fine grid."""
+    Free floor counts against.
+    """
     total = 0
-    side = CELLS + 2 * MARGIN
-    ox, oy = (x + RADIUS) / CELL + MARGIN, (y + RADIUS) / CELL + MARGIN
-    c, s = c / CELL, s / CELL
+    side = len(grid)
+    ox, oy = (x + RADIUS) / cell + margin, (y + RADIUS) / cell + margin
+    c, s = c / cell, s / cell
     for k in range(count):
         a = int(c * points[k, 0] - s * points[k, 1] + ox)
         b = int(s * points[k, 0] + c * points[k, 1] + oy)
         if 0 <= a < side and 0 <= b < side:
-            value = fine[a, b]
+            value = grid[a, b]
             total += value if value >= 0 else -VIOLATION
-    return total / max(count, 1)
+    return unit * total / max(count, 1)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _closeness(points, sharp, x, y, c, s):  # type: ignore[no-untyped-def]
+    """Mean closeness of all points, turned by (c, s) and moved by (x, y), to obstacles, in [0, 1]."""
+    return _overlay(points, len(points), sharp, SHARP, SHARP_MARGIN, 0.01, x, y, c, s)
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -240,32 +237,30 @@ def _coarse_search(points, count, coarse, poses, scores):  # type: ignore[no-unt
 
 
 @numba.njit(cache=True, fastmath=True)
-def _refine(points, count, fine, pose):  # type: ignore[no-untyped-def]
-    """Improve a coarse pose in place; returns its score."""
-    best = -1e9
+def _climb(points, count, grid, cell, margin, unit, pose, best, sides, step, turning):  # type: ignore[no-untyped-def]
+    """Move `pose` to the best within `sides` steps of metres and radians, if above `best`; returns its `_overlay`."""
     x0, y0, t0 = pose[0], pose[1], pose[2]
-    for turn in range(-2, 3):
-        angle = t0 + turn * (math.pi / ROTATIONS / 2.0)
+    for turn in range(-sides, sides + 1):
+        angle = t0 + turn * turning
         c, s = math.cos(angle), math.sin(angle)
-        for i in range(-2, 3):
-            for j in range(-2, 3):
-                value = overlay(points, count, fine, x0 + i * CELL, y0 + j * CELL, c, s)
+        for i in range(-sides, sides + 1):
+            for j in range(-sides, sides + 1):
+                x, y = x0 + i * step, y0 + j * step
+                value = _overlay(points, count, grid, cell, margin, unit, x, y, c, s)
                 if value > best:
                     best = value
-                    pose[0], pose[1], pose[2] = x0 + i * CELL, y0 + j * CELL, angle
-    step, turning = 0.5 * CELL, math.pi / ROTATIONS / 4.0
+                    pose[0], pose[1], pose[2] = x, y, angle
+    return best
+
+
+@numba.njit(cache=True, fastmath=True)
+def _refine(points, count, fine, pose):  # type: ignore[no-untyped-def]
+    """Improve a coarse pose in place; returns its score."""
+    step, turning = CELL, math.pi / ROTATIONS / 2.0
+    best = _climb(points, count, fine, CELL, MARGIN, 1.0, pose, -1e9, 2, step, turning)
     for _ in range(2):
-        x0, y0, t0 = pose[0], pose[1], pose[2]
-        for turn in range(-1, 2):
-            angle = t0 + turn * turning
-            c, s = math.cos(angle), math.sin(angle)
-            for i in range(-1, 2):
-                for j in range(-1, 2):
-                    value = overlay(points, count, fine, x0 + i * step, y0 + j * step, c, s)
-                    if value > best:
-                        best = value
-                        pose[0], pose[1], pose[2] = x0 + i * step, y0 + j * step, angle
         step, turning = 0.5 * step, 0.5 * turning
+        best = _climb(points, count, fine, CELL, MARGIN, 1.0, pose, best, 1, step, turning)
     return best
 
 
@@ -293,19 +288,9 @@ def _agreement(points, fine, x, y, c, s, out):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, fastmath=True)
 def _sharpen(points, sharp, pose):  # type: ignore[no-untyped-def]
     """Improve a pose in place by closeness in the sharp grid; returns it."""
-    best = -1.0
-    step, turning = 0.1, math.radians(1.0)
+    best, step, turning = -1.0, 0.1, math.radians(1.0)
     for _ in range(3):
-        x0, y0, t0 = pose[0], pose[1], pose[2]
-        for turn in range(-1, 2):
-            angle = t0 + turn * turning
-            c, s = math.cos(angle), math.sin(angle)
-            for i in range(-1, 2):
-                for j in range(-1, 2):
-                    value = overlay_sharp(points, sharp, x0 + i * step, y0 + j * step, c, s)
-                    if value > best:
-                        best = value
-                        pose[0], pose[1], pose[2] = x0 + i * step, y0 + j * step, angle
+        best = _climb(points, len(points), sharp, SHARP, SHARP_MARGIN, 0.01, pose, best, 1, step, turning)
         step, turning = 0.6 * step, 0.6 * turning
     return best
 
@@ -350,12 +335,12 @@ def match(pa, fa, sa, pb, fb, cb, sb, out, pose):  # type: ignore[no-untyped-def
         for k in range(8):
             dx, dy = math.cos(math.pi * k / 8.0), math.sin(math.pi * k / 8.0)
             if far:
-                ahead = overlay(pa, count, fb, x + dx, y + dy, c, s)
-                behind = overlay(pa, count, fb, x - dx, y - dy, c, s)
+                ahead = _overlay(pa, count, fb, CELL, MARGIN, 1.0, x + dx, y + dy, c, s)
+                behind = _overlay(pa, count, fb, CELL, MARGIN, 1.0, x - dx, y - dy, c, s)
                 lost = scores[best] - 0.5 * (ahead + behind)
             else:
-                ahead = overlay_sharp(pa, sb, x + 0.4 * dx, y + 0.4 * dy, c, s)
-                behind = overlay_sharp(pa, sb, x - 0.4 * dx, y - 0.4 * dy, c, s)
+                ahead = _closeness(pa, sb, x + 0.4 * dx, y + 0.4 * dy, c, s)
+                behind = _closeness(pa, sb, x - 0.4 * dx, y - 0.4 * dy, c, s)
                 lost = close - max(ahead, behind)
             least, most = min(least, lost), max(most, lost)
         out[13 + 2 * far], out[14 + 2 * far] = least, most
@@ -363,6 +348,6 @@ def match(pa, fa, sa, pb, fb, cb, sb, out, pose):  # type: ignore[no-untyped-def
     out[19], out[20] = out[3] / (out[5] + 1e-3), out[7] / (out[9] + 1e-3)
     out[21], out[22] = out[4] / (out[5] + 1e-3), out[8] / (out[9] + 1e-3)
     out[23] = abs(t)
-    other = overlay_sharp(pb, sa, -(c * x + s * y), s * x - c * y, c, -s)
+    other = _closeness(pb, sa, -(c * x + s * y), s * x - c * y, c, -s)
     out[24], out[25] = close, other
     out[26], out[27] = close / (out[5] + 1e-3), other / (out[9] + 1e-3)

@@ -166,5 +166,5 @@ def compare_pairs(places: Sequence[PlaceFeatures], pairs: Pairs) -> FloatArray:
     width = len(places[0].values) + len(places[0].histograms)
     F = np.empty((len(pairs), width))
     for query, rows in pairs.by_first():
-        F[rows] = database.compare_some(places[query], pairs.second[rows])
+        F[rows] = database.compare(places[query], pairs.second[rows])
     return F

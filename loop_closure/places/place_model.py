@@ -15,6 +15,8 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +43,8 @@ VERSION = 2
 # Pairs that did not pass the gate stay in the order of the first stage, below those that were looked at closely.
 REJECTED = 0.01
 PLAIN_WIDTH = {2: 44, 3: 41}
+# What comes with the package; `docs/loop_closure_models.md` says on what they were trained and how good they are.
+NAMES = ("plain_2d", "best_2d", "plain_3d", "best_3d")
 COMPARING, MATCHING = 0.0015, 0.4  # ms for each pair, in the first stage and in the second
 TOGETHER = 10  # pairs of the second stage that are one step
 
@@ -94,7 +98,7 @@ class PlaceModel:
         """What the first stage sees, (K, n), of all places or those of `rows`."""
         if self.first.feature_count > PLAIN_WIDTH[self.dimension]:
             return database.compare_wide(query, rows)
-        return database.compare(query) if rows is None else database.compare_some(query, rows)
+        return database.compare(query, rows)
 
     def likelihoods(
         self,
@@ -228,4 +232,10 @@ def second_features(F: FloatArray, likelihood: FloatArray, laid: FloatArray, dim
     return np.column_stack((F[:, : PLAIN_WIDTH[dimension]], likelihood, laid))
 
 
-SECOND_WIDTH = PLAIN_WIDTH[2] + 1 + MATCH_FEATURES
+@cache
+def shipped_model(name: str) -> PlaceModel:
+    """One of NAMES: the text's plain method or the best there is, for scans or clouds. InputError for another name."""
+    if name not in NAMES:
+        raise InputError(f"name: one of {', '.join(NAMES)} expected, got {name!r}")
+    with as_file(files("loop_closure.places").joinpath("models", f"{name}.json")) as path:
+        return PlaceModel.load(path)

@@ -23,9 +23,8 @@ from estimation.errors import InputError
 from loop_closure.places.comparison import PlaceDatabase, pair_features_many
 from loop_closure.places.context import GAP, PREDECESSORS, UNKNOWN, context_features, usual_odds
 from loop_closure.places.features import SCALARS_2D, PlaceFeatures
-from loop_closure.places.place_model import PlaceModel
+from loop_closure.places.place_model import PlaceModel, shipped_model
 from loop_closure.places.retrieval import Embedding, NearestPlaces
-from loop_closure.places.shipped import shipped_model
 from loop_closure.work import Steps, at_once
 
 # Places that must be known before how a place resembles them says how it resembles others.

@@ -22,6 +22,7 @@ from scipy.linalg import eigh
 
 from estimation.checks import FloatArray, as_finite, as_points, require_count
 from estimation.errors import InputError
+from loop_closure.growing_array import GrowingArray
 
 Vectors = npt.NDArray[np.float32]
 
@@ -96,43 +97,37 @@ class NearestPlaces:
     def __init__(self, dimension: int, probed: int = 32, smallest: int = 2000) -> None:
         self.dimension = require_count("dimension", dimension)
         self.probed, self.smallest = require_count("probed", probed), require_count("smallest", smallest)
-        self._vectors = np.empty((16, dimension), dtype=np.float32)
-        self._size, self._built = 0, 0
+        self._vectors, self._built = GrowingArray((dimension,), np.float32), 0
         self._centres = np.empty((0, dimension), dtype=np.float32)
         self._cells: list[list[int]] = []
 
     def __len__(self) -> int:
-        return self._size
+        return len(self._vectors)
 
     @property
     def nbytes(self) -> int:
         """Memory of the stored vectors and their places in the cells, in bytes."""
-        return self._size * (4 * self.dimension + 8) + int(self._centres.nbytes)
+        return len(self) * (4 * self.dimension + 8) + int(self._centres.nbytes)
 
     def add(self, vector: npt.ArrayLike) -> int:
         """Remember a vector (d,); returns its id, counted from 0. InputError for another shape."""
         vector = np.asarray(vector, dtype=np.float32)
         if vector.shape != (self.dimension,):
             raise InputError(f"vector must have shape ({self.dimension},), not {vector.shape}")
-        if self._size == len(self._vectors):
-            self._vectors = np.concatenate((self._vectors, np.empty_like(self._vectors)))
-        self._vectors[self._size] = vector
-        self._size += 1
-        if self._size >= max(self.smallest, 2 * self._built):
+        self._vectors.append(vector)
+        if len(self) >= max(self.smallest, 2 * self._built):
             self._build()
         elif self._built:
-            self._cells[int(_squares(self._centres, vector).argmin())].append(self._size - 1)
-        return self._size - 1
+            self._cells[int(_squares(self._centres, vector).argmin())].append(len(self) - 1)
+        return len(self) - 1
 
     def of(self, rows: npt.NDArray[np.int64]) -> NearestPlaces:
         """An index of the vectors of these ids (K,) alone, counted anew."""
         made = NearestPlaces(self.dimension, self.probed, self.smallest)
-        made._vectors = np.empty((max(2 * len(rows), 16), self.dimension), dtype=np.float32)
-        made._vectors[: len(rows)] = self._vectors[rows]
-        made._size = len(rows)
+        made._vectors = GrowingArray.of(self._vectors.rows[rows])
         if self._built:
             made._centres, made._built = self._centres, self._built
-            number = np.full(self._size, -1)
+            number = np.full(len(self), -1)
             number[rows] = np.arange(len(rows))
             made._cells = [[int(k) for k in number[cell] if k >= 0] for cell in self._cells]
         return made
@@ -140,9 +135,9 @@ class NearestPlaces:
     def query(self, vector: npt.ArrayLike, count: int) -> npt.NDArray[np.int64]:
         """Ids of about the `count` nearest vectors, nearest first; all of them where there are fewer."""
         vector = np.asarray(vector, dtype=np.float32)
-        few = not self._built or count >= self._size
-        rows = np.arange(self._size) if few else self._near(vector, count)
-        squares = _squares(self._vectors[rows], vector)
+        few = not self._built or count >= len(self)
+        rows = np.arange(len(self)) if few else self._near(vector, count)
+        squares = _squares(self._vectors.rows[rows], vector)
         if count < len(rows):
             kept = np.argpartition(squares, count)[:count]
             rows, squares = rows[kept], squares[kept]
@@ -160,9 +155,9 @@ class NearestPlaces:
 
     def _build(self) -> None:
         """Centres by a few rounds of k-means on a sample, from evenly drawn vectors: no chance in it."""
-        vectors = self._vectors[: self._size]
-        cells = max(1, math.isqrt(self._size))
-        sample = vectors[:: max(1, self._size // (40 * cells))]
+        vectors = self._vectors.rows
+        cells = max(1, math.isqrt(len(self)))
+        sample = vectors[:: max(1, len(self) // (40 * cells))]
         centres = sample[np.linspace(0, len(sample) - 1, cells).astype(np.int64)].copy()
         for _ in range(6):
             nearest = _nearest(centres, sample)
@@ -170,7 +165,7 @@ class NearestPlaces:
             np.add.at(sums, nearest, sample)
             members = np.bincount(nearest, minlength=cells)
             centres[members > 0] = (sums[members > 0] / members[members > 0, None]).astype(np.float32)
-        self._centres, self._built = centres, self._size
+        self._centres, self._built = centres, len(self)
         self._cells = [[] for _ in range(cells)]
         for identity, cell in enumerate(_nearest(centres, vectors)):
             self._cells[cell].append(identity)

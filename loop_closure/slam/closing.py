@@ -7,7 +7,7 @@ on local map.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from loop_closure.motions import compose, length, motion, planar, positions, tur
 from loop_closure.slam.closure_hypotheses import Guess
 from loop_closure.slam.cloud_closing import lay
 from loop_closure.work import Steps
-from registration.placement.align_submaps import APART, align_submaps, ambiguous
+from registration.placement.align_submaps import APART, Placement, align_submaps, ambiguous
 
 CERTAIN_IN_SPACE = 2.0  # metres: a cloud of a street has far more to tell than a scan
 LAYING, LAYING_CLOUD = (4.0, 8.0), 60.0  # ms of laying a local map on another, known well and not; of a cloud
@@ -56,14 +56,14 @@ def looking(
     poses: FloatArray,
     gate: Gate,
     search: Search,
-    likely: dict[int, float] | None = None,
-    both: bool = False,
+    likely: dict[int, float],
+    both: bool,
 ) -> Steps[list[Guess]]:
     """Placements of keyframe `k` that can be believed, best first; a step for each that is tried.
 
     likely : likelihood of earlier keyframes by the classifier. both : use the path after `k` too, in hindsight.
     """
-    chosen = candidates_of(k, keyframes, poses, gate, search, likely or {})
+    chosen = candidates_of(k, keyframes, poses, gate, search, likely)
     if not chosen:
         return []
     if not planar(poses):
@@ -74,7 +74,7 @@ def looking(
     for j in chosen:
         yield LAYING[bool(gate.sigma[j] > search.certain or search.anywhere)]
         target = keyframes.local_map(j, AROUND, AROUND)
-        guess = motion(poses[j], poses[k])
+        expected = guess = motion(poses[j], poses[k])
         # What looks alike far from the estimate makes that as doubtful as it is far off.
         outside = search.anywhere and length(guess) > search.near + DEVIATIONS * gate.sigma[j]
         sigma = max(float(gate.sigma[j]), length(guess) / DEVIATIONS if outside else 0.0)
@@ -86,32 +86,30 @@ def looking(
             reach = search.near + search.spread
             guess = nearer(guess, reach)
         placements = align_submaps(source, target, guess, reach, window)
-        if not placements or not placements[0].sure:
-            continue
-        alone = not ambiguous(placements)
-        # Where the place is not known well, what fits half as well elsewhere waits as a rival.
-        for placement in placements if loose else placements[:1]:
-            missed = length(motion(motion(poses[j], poses[k]), placement.pose))
-            weighty = placement.merit > 0.5 * placements[0].merit
-            expected = missed <= DEVIATIONS * sigma + 0.5
-            if not placement.sure or not weighty or not (expected or loose):
-                continue
-            edge = Edge(j, k, placement.pose, placement.covariance, True)
-            likelihood = (likely or {}).get(j, 0.0)
-            fits.append(
-                Guess(
-                    edge,
-                    placement.merit,
-                    placement.fitness,
-                    likelihood,
-                    sigma,
-                    expected,
-                    missed,
-                    not loose,
-                    alone,
-                )
-            )
+        fits += _believed(placements, Edge(j, k, expected, np.eye(3), True), sigma, loose, likely.get(j, 0.0))
     fits.sort(key=lambda fit: -fit.merit)
+    return fits
+
+
+def _believed(
+    placements: list[Placement], expected: Edge, sigma: float, loose: bool, likelihood: float
+) -> list[Guess]:
+    """Placements that fit, best first; where the place is not known well, what fits half as well waits as a rival.
+
+    expected : closure by the estimate, whose place is known to `sigma` metres, not well where `loose`.
+    """
+    if not placements or not placements[0].sure:
+        return []
+    alone = not ambiguous(placements)
+    fits = []
+    for placement in placements if loose else placements[:1]:
+        missed = length(motion(expected.motion, placement.pose))
+        allowed = missed <= DEVIATIONS * sigma + 0.5
+        weighty = placement.merit > 0.5 * placements[0].merit
+        if placement.sure and weighty and (allowed or loose):
+            edge = replace(expected, motion=placement.pose, covariance=placement.covariance)
+            merit, fitness = placement.merit, placement.fitness
+            fits.append(Guess(edge, merit, fitness, likelihood, sigma, allowed, missed, not loose, alone))
     return fits
 
 

@@ -90,7 +90,7 @@ class ClosureHypotheses:
         """Keyframes that something waits for."""
         return {node for guess in self.waiting for node in (guess.edge.a, guess.edge.b)}
 
-    def renumber(self, number: FloatArray) -> None:
+    def renumber(self, number: npt.NDArray[np.int64]) -> None:
         """Keyframes have new numbers (N,); none of the `needed` went."""
         self.waiting = [
             replace(guess, edge=replace(guess.edge, a=int(number[guess.edge.a]), b=int(number[guess.edge.b])))

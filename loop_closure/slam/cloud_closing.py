@@ -14,7 +14,7 @@ from estimation.errors import InputError
 from loop_closure.graph.pose_graph import Edge
 from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import invert, length, motion, orthonormal, turn
-from registration.clouds.cloud_registration import align_clouds, overlap, polish
+from registration.clouds.cloud_registration import align_clouds, overlap, polish, thin
 from registration.clouds.feature_matching import match_features
 from registration.placement.align_globally import align_globally
 from registration.result import Registration
@@ -38,11 +38,7 @@ LEAF = 0.25  # metres, voxel of a local cloud
 
 def thinned(points: FloatArray, leaf: float = LEAF) -> FloatArray:
     """One point per voxel of `leaf` metres, (M, 3); what is not finite is dropped."""
-    finite = points[np.isfinite(points).all(axis=1)]
-    if not len(finite):
-        return finite
-    _, first = np.unique(np.floor(finite / leaf).astype(np.int64), axis=0, return_index=True)
-    return np.ascontiguousarray(finite[np.sort(first)])
+    return np.ascontiguousarray(thin(points[np.isfinite(points).all(axis=1)], leaf))
 
 
 def local_cloud(keyframes: Keyframes, k: int, back: float, fore: float) -> FloatArray:

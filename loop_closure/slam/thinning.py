@@ -20,8 +20,9 @@ from loop_closure.slam.closing import Gate
 from loop_closure.slam.closure_hypotheses import MEMORY
 from loop_closure.slam.cloud_closing import CLOSE, local_cloud
 from registration.clouds.cloud_registration import overlap
-from registration.laser.submap import Submap, fuse, judge
+from registration.laser.submap import Submap, fuse
 from registration.placement.align_submaps import place
+from registration.placement.consistency import judge
 
 BEHIND = MEMORY + 10.0  # metres of path after which a keyframe is looked at
 BATCH = 20  # keyframes that are taken out at once

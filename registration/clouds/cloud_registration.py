@@ -81,7 +81,7 @@ def align_clouds_ndt(source: FloatArray, target: FloatArray, start: FloatArray) 
         return refusal
     leaf = leaf_size(still)
     edge = EVEN * leaf
-    transform, settled = ndt_clouds(_thin(moving, edge), _thin(still, edge), start, leaf)
+    transform, settled = ndt_clouds(thin(moving, edge), thin(still, edge), start, leaf)
     # One look at the surfaces around the outcome gives its information; the pose stays what the method found.
     look = _gicp(moving, still, transform, leaf, 1.0, most=1)
     return _judged(moving, still, look, leaf, settled, transform)
@@ -143,7 +143,7 @@ def polish(
 
 def overlap(source: FloatArray, target: FloatArray, transform: FloatArray, near: float) -> float:
     """Share of the source's voxels within `near` metres of the target, of those inside the target's extent."""
-    placed = _thin(source, near) @ transform[:3, :3].T + transform[:3, 3]
+    placed = thin(source, near) @ transform[:3, :3].T + transform[:3, 3]
     low, high = target.min(axis=0) - near, target.max(axis=0) + near
     inside = placed[((placed >= low) & (placed <= high)).all(axis=1)]
     if len(inside) < 0.1 * len(placed):
@@ -159,8 +159,8 @@ def _distance(source: FloatArray, target: FloatArray, transform: FloatArray, mos
     return float(np.minimum(distance, most).mean())
 
 
-def _thin(cloud: FloatArray, leaf: float) -> FloatArray:
-    """One point per voxel."""
+def thin(cloud: FloatArray, leaf: float) -> FloatArray:
+    """One point per voxel of `leaf` metres, (M, 3), of points (N, 3)."""
     _, first = np.unique(np.floor(cloud / leaf).astype(np.int64), axis=0, return_index=True)
     return cloud[np.sort(first)]
 

@@ -21,19 +21,11 @@ def bucket_of(i, j, mask):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fill(points, heads, following):  # type: ignore[no-untyped-def]
-    """Chain points (N, 2) into their buckets; `heads` (power of two,) and `following` (N,) are written."""
-    heads[:] = EMPTY
-    mask = len(heads) - 1
-    for k in range(len(points)):
-        cell = bucket_of(math.floor(points[k, 0] / CELL), math.floor(points[k, 1] / CELL), mask)
-        following[k] = heads[cell]
-        heads[cell] = k
+def fill(points, normals, apart, heads, following):  # type: ignore[no-untyped-def]
+    """Chain points (N, 2) into their buckets; `heads` (power of two,) and `following` (N,) are written.
 
-
-@njit(cache=True)
-def fill_thinned(points, normals, apart, heads, following):  # type: ignore[no-untyped-def]
-    """As `fill`, without points of a line closer than `apart` metres to the last one taken: their line is known."""
+    Points of a line closer than `apart` metres to the last one taken are left out: their line is known.
+    """
     heads[:] = EMPTY
     mask = len(heads) - 1
     taken = EMPTY
@@ -99,5 +91,5 @@ def index(
         size *= 2
     heads = np.empty(size, dtype=np.int32)
     following = np.empty(len(points), dtype=np.int32)
-    fill_thinned(points, normals, APART, heads, following)
+    fill(points, normals, APART, heads, following)
     return heads, following

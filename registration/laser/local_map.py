@@ -168,4 +168,4 @@ class LineMap:
                 break
             memory, radius = 0.7 * memory, 0.9 * radius
         # Elements move by fusing, and out of their cell: chained anew each time.
-        fill(self._points[: self._count], self._heads, self._following)
+        fill(self._points[: self._count], self._normals, 0.0, self._heads, self._following)

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from registration.laser.buckets import any_near, index
+from registration.laser.buckets import index
 from registration.laser.local_map import SPACING, LineMap
 from registration.laser.prepared import NOISE, PreparedScan
 from registration.laser.surface import Surface
@@ -34,14 +34,13 @@ class Submap:
     """Fused outline of several scans, in the frame of an anchor pose.
 
     surface : points (N, 2) and normals. target : the same, hashed. seen : (H, W) whether a cell of CELL metres was
-    seen through; origin : (2,) metres, lower left corner of cell (0, 0). sensors : (K, 3) poses of the scans.
+    seen through; origin : (2,) metres, lower left corner of cell (0, 0).
     """
 
     surface: Surface
     target: TargetLines
     seen: NDArray[np.bool_]
     origin: FloatArray
-    sensors: FloatArray
 
     def __len__(self) -> int:
         return len(self.surface)
@@ -70,7 +69,7 @@ def fuse(scans: Sequence[PreparedScan], poses: FloatArray, workspace: LineMap | 
     spacing, pieces = np.full(count, SPACING), np.zeros(count, dtype=np.int64)
     surface = Surface(points, points, normals, tilt, spacing, spacing, pieces, NOISE, 0.0)
     seen, origin = _seen_space(scans, poses)
-    return Submap(surface, target, seen, origin, np.array(poses))
+    return Submap(surface, target, seen, origin)
 
 
 def _seen_space(scans: Sequence[PreparedScan], poses: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
@@ -111,47 +110,3 @@ def _see(seen, origin, cell, pose, ranges, angle_min, step, far, margin):  # typ
                 seen[np.uint64(y), np.uint64(x)] = True
             x += dx
             y += dy
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What of a local map's outline another one confirms, contradicts, or did not look at; metres.
-
-    labels : (N,) 0 agrees, 1 stands in space the other saw through, -1 was not looked at.
-    """
-
-    agreeing: float
-    standing: float
-    unknown: float
-    labels: NDArray[np.int8]
-
-
-def judge(source: Submap, target: Submap, pose: FloatArray, near: float = 0.12) -> Verdict:
-    """Outline of `source`, at `pose` (3,) in the target's frame, against the target.
-
-    near : metres between outlines that agree; a point stands in seen space only beyond twice that.
-    """
-    labels = np.empty(len(source), dtype=np.int8)
-    _label(
-        source.points, pose, target.points, target.target.heads, target.target.following, target.seen,
-        target.origin, CELL, near, labels,
-    )  # fmt: skip
-    counts = np.bincount(labels + 1, minlength=3) * SPACING
-    return Verdict(float(counts[1]), float(counts[2]), float(counts[0]), labels)
-
-
-@njit(cache=True)
-def _label(source, pose, points, heads, following, seen, origin, cell, near, labels):  # type: ignore[no-untyped-def]
-    height, width = seen.shape
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    for k in range(len(source)):
-        x = pose[0] + c * source[k, 0] - s * source[k, 1]
-        y = pose[1] + s * source[k, 0] + c * source[k, 1]
-        if any_near(x, y, near, points, heads, following):
-            labels[k] = 0
-            continue
-        labels[k] = -1
-        i, j = math.floor((x - origin[0]) / cell), math.floor((y - origin[1]) / cell)
-        inside = 0 <= i < width and 0 <= j < height
-        if inside and seen[j, i] and not any_near(x, y, 2.0 * near, points, heads, following):
-            labels[k] = 1

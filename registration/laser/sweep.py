@@ -21,7 +21,7 @@ def beam_shares(scan: Scan, elapsed: float) -> FloatArray:
     whole = abs(scan.time_increment) * len(scan)
     if not BUNCHED < elapsed < GAP or whole >= 2.0 * elapsed:
         return np.zeros(len(scan))
-    return scan.time_increment / elapsed * np.arange(len(scan))
+    return scan.time_increment / elapsed * np.arange(len(scan), dtype=np.float64)
 
 
 def at_first_beam(scan: Scan, motion: FloatArray, elapsed: float) -> Scan:

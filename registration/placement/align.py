@@ -59,9 +59,7 @@ def align(
     """
     if method not in METHODS:
         raise InputError(f"method: one of {', '.join(METHODS)} expected, got {method!r}")
-    if is_cloud(source) or is_cloud(target):
-        if not (is_cloud(source) and is_cloud(target)):
-            raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
+    if both_clouds(source, target):
         if method not in CLOUDS:
             raise InputError(f"method: clouds are registered by {' or '.join(CLOUDS)}, got {method!r}")
         return CLOUDS[method](np.asarray(source), np.asarray(target), as_guess(guess, (4, 4), np.eye(4)))
@@ -79,6 +77,14 @@ def is_cloud(measurement: Scan | ArrayLike) -> bool:
         return False
     shape = np.shape(measurement)
     return len(shape) == 2 and shape[1] == 3
+
+
+def both_clouds(source: Scan | ArrayLike, target: Scan | ArrayLike) -> bool:
+    """Whether two measurements are spatial. InputError where only one is."""
+    spatial = is_cloud(source)
+    if spatial != is_cloud(target):
+        raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
+    return spatial
 
 
 def as_guess(guess: ArrayLike | None, shape: tuple[int, ...], default: FloatArray) -> FloatArray:
@@ -122,11 +128,22 @@ def best_of(
     if not ranked:
         return None, start, None
     _, refined, views = max(ranked, key=lambda entry: entry[0])
-    refined, views = settle(moving, still, refined, views)
-    if refined.open_directions in (1, 2):
-        refined = replace(refined, pose=keep_open(refined, start))
-        views = agreements(moving, still, refined.pose)
+    refined, views = held(moving, still, *settle(moving, still, refined, views), start)
     return refined, start, views
+
+
+def held(
+    moving: PreparedScan,
+    still: PreparedScan,
+    refined: Refined,
+    views: tuple[Agreement, Agreement],
+    start: FloatArray,
+) -> tuple[Refined, tuple[Agreement, Agreement]]:
+    """Where the lines leave some direction open, at `keep_open`; how the outlines see each other there."""
+    if refined.open_directions not in (1, 2):
+        return refined, views
+    pose = keep_open(refined, start)
+    return replace(refined, pose=pose), agreements(moving, still, pose)
 
 
 def keep_open(refined: Refined, start: FloatArray) -> FloatArray:

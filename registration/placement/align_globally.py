@@ -27,7 +27,7 @@ from registration.clouds.cloud_registration import (
 from registration.clouds.feature_matching import match_features
 from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
-from registration.placement.align import agreements, is_cloud, keep_open, merit, settle
+from registration.placement.align import agreements, both_clouds, held, merit, settle
 from registration.placement.classic import icp
 from registration.placement.consistency import Agreement
 from registration.placement.correlative import candidates
@@ -70,9 +70,7 @@ def align_globally(
     """
     if method not in METHODS:
         raise InputError(f"method: one of {', '.join(METHODS)} expected, got {method!r}")
-    if is_cloud(source) or is_cloud(target):
-        if not (is_cloud(source) and is_cloud(target)):
-            raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
+    if both_clouds(source, target):
         if method != "correlation":
             raise InputError(f"method: clouds are registered by 'correlation' only, got {method!r}")
         return _clouds(np.asarray(source), np.asarray(target))
@@ -110,10 +108,7 @@ def _outlines(
         return judged(moving, still, None, start, None)
     ranked.sort(key=lambda entry: -entry[0])
     best, refined, views = ranked[0]
-    refined, views = settle(moving, still, refined, views)
-    if refined.open_directions in (1, 2):
-        refined = replace(refined, pose=keep_open(refined, start))
-        views = agreements(moving, still, refined.pose)
+    refined, views = held(moving, still, *settle(moving, still, refined, views), start)
     outcome = judged(moving, still, refined, start, views, ASKED)
     if not outcome.converged:
         return outcome

@@ -15,10 +15,12 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import between, inverse
-from registration.laser.submap import Submap, Verdict, judge
+from registration.laser.submap import Submap
+from registration.placement.consistency import Agreement, judge
 from registration.placement.correlative import candidates
 from registration.placement.refine import Refined, refine
 
+MOST = 4  # placements
 SEARCHED = 220  # points of the source the search looks at
 DOUBT = 0.25  # metres a candidate of the search may be off
 NOISE = 0.03  # metres, of a fused outline over metres of odometry
@@ -59,45 +61,35 @@ class Placement:
 
 
 def align_submaps(
-    source: Submap,
-    target: Submap,
-    guess: FloatArray,
-    reach: float,
-    turn: float,
-    most: int = 4,
-    search: bool = True,
+    source: Submap, target: Submap, guess: FloatArray, reach: float, turn: float
 ) -> list[Placement]:
-    """Placements of `source` on `target` around `guess` (3,), best first, apart from each other.
+    """Placements of `source` on `target` around `guess` (3,), the best MOST of them, best first, apart from each other.
 
     reach : metres to either side of the guess in x and y. turn : radians to either side.
-    most : placements. search : False refines the guess only.
     """
     if len(source) < 20 or len(target) < 20:
         return []
-    starts = [np.asarray(guess, dtype=np.float64).copy()]
-    if search:
-        # The target is searched around where the source is expected, so that far parts of it play no role.
-        centre = starts[0]
-        near = np.ascontiguousarray(target.points - centre[:2])
-        found = candidates(
-            _spread(source.points, SEARCHED),
-            near,
-            np.array([0.0, 0.0, centre[2]]),
-            reach,
-            turn,
-            levels=2 if reach < 2.5 else 4,
-            keep=0.75,
-            most=2 * most,
-            points=10**6,
-        )
-        starts = [row[1:] + np.array([centre[0], centre[1], 0.0]) for row in found]
+    # The target is searched around where the source is expected, so that far parts of it play no role.
+    near = np.ascontiguousarray(target.points - guess[:2])
+    found = candidates(
+        _spread(source.points, SEARCHED),
+        near,
+        np.array([0.0, 0.0, guess[2]]),
+        reach,
+        turn,
+        levels=2 if reach < 2.5 else 4,
+        keep=0.75,
+        most=2 * MOST,
+        points=10**6,
+    )
+    starts = found[:, 1:] + np.array([guess[0], guess[1], 0.0])
     placed = [place(source, target, start, DOUBT) for start in starts]
     placed.sort(key=lambda placement: -placement.merit)
     chosen: list[Placement] = []
     for placement in placed:
         if all(apart(placement.pose, other.pose) for other in chosen):
             chosen.append(placement)
-    return chosen[:most]
+    return chosen[:MOST]
 
 
 def place(source: Submap, target: Submap, start: FloatArray, doubt: float) -> Placement:
@@ -119,7 +111,7 @@ def apart(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.hypot(*away[:2]) > APART[0] or abs(away[2]) > APART[1])
 
 
-def _placement(refined: Refined, forth: Verdict, back: Verdict) -> Placement:
+def _placement(refined: Refined, forth: Agreement, back: Agreement) -> Placement:
     agreeing = min(forth.agreeing, back.agreeing)
     both = forth.agreeing + back.agreeing
     fitness = both / max(both + forth.standing + back.standing, 1e-9)

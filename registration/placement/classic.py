@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
@@ -27,46 +28,45 @@ STEP = 1e-4  # metres and radians below which the iterations have settled
 
 def icp(moving: PreparedScan, still: PreparedScan, start: FloatArray) -> Refined:
     """Point-to-point ICP (Besl and McKay), the minimisation of (2.17) in closed form."""
-    points, target = moving.surface.points, still.surface.points
+    target = still.surface.points
     tree = cKDTree(target)
 
-    def step(pose: FloatArray) -> FloatArray | None:
-        placed = transform_points(pose, points)
-        distance, index = tree.query(placed, distance_upper_bound=REACH)
-        near = np.isfinite(distance)
-        if near.sum() < 3:
-            return None
-        return np.asarray(rigid_motion(placed[near], target[index[near]]))
+    def step(placed: FloatArray) -> FloatArray | None:
+        near, index = _corresponding(placed, tree)
+        return np.asarray(rigid_motion(placed[near], target[index])) if len(near) >= 3 else None
 
     return _iterate(moving, still, start, step)
 
 
 def point_to_line(moving: PreparedScan, still: PreparedScan, start: FloatArray) -> Refined:
     """Point-to-line ICP (Chen and Medioni): distances are measured across the target's lines."""
-    points = moving.surface.points
     lined = still.surface.lined
     target, normals = still.surface.points[lined], still.surface.normals[lined]
     tree = cKDTree(target)
 
-    def step(pose: FloatArray) -> FloatArray | None:
-        placed = transform_points(pose, points)
-        distance, index = tree.query(placed, distance_upper_bound=REACH)
-        near = np.isfinite(distance)
-        if near.sum() < 3:
+    def step(placed: FloatArray) -> FloatArray | None:
+        near, index = _corresponding(placed, tree)
+        if len(near) < 3:
             return None
-        a, n = placed[near], normals[index[near]]
+        a, n = placed[near], normals[index]
         jacobian = np.column_stack((n, n[:, 1] * a[:, 0] - n[:, 0] * a[:, 1]))
-        residual = np.einsum("ij,ij->i", n, a - target[index[near]])
+        residual = np.einsum("ij,ij->i", n, a - target[index])
         return np.asarray(-np.linalg.lstsq(jacobian, residual, rcond=1e-6)[0])
 
     return _iterate(moving, still, start, step)
 
 
+def _corresponding(placed: FloatArray, tree: cKDTree) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which of the points (N, 2) have one of the target within REACH, (k,), and which that is, (k,)."""
+    distance, index = tree.query(placed, distance_upper_bound=REACH)
+    near = np.flatnonzero(np.isfinite(distance))
+    return near, index[near]
+
+
 def ndt(moving: PreparedScan, still: PreparedScan, start: FloatArray) -> Refined:
     """Normal distributions transform (Biber and Strasser): four overlapping grids of Gaussians."""
-    points = moving.surface.points
     grids = grids_of(still.surface.points, CELL) if len(still.surface) else []
-    return _iterate(moving, still, start, lambda pose: newton(grids, transform_points(pose, points)))
+    return _iterate(moving, still, start, lambda placed: newton(grids, placed))
 
 
 def _iterate(
@@ -75,12 +75,12 @@ def _iterate(
     start: FloatArray,
     step: Callable[[FloatArray], FloatArray | None],
 ) -> Refined:
-    """Apply `step`, a motion in the target frame, until it is nothing."""
+    """Apply `step`, a motion in the target frame of the points (N, 2) as they are placed, until it is nothing."""
     pose, settled = start.copy(), False
     if not len(moving.surface) or not still.surface.lined.any():
         return refine(moving.surface, still.target, pose, most=1)
     for _ in range(ITERATIONS):
-        move = step(pose)
+        move = step(transform_points(pose, moving.surface.points))
         if move is None:
             break
         pose = compound(move, pose)

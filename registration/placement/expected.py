@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import between
 from registration.laser.prepared import PreparedScan
-from registration.placement.align import agreements, among_movers, keep_open, settle
+from registration.placement.align import agreements, among_movers, held, settle
 from registration.placement.judgement import LENIENT, evidence, judged
 from registration.placement.refine import refine
 from registration.result import UNKNOWN, Registration
@@ -32,9 +30,7 @@ def near_expected(
     views = agreements(moving, still, refined.pose)
     if covariance:
         refined, views = settle(moving, still, refined, views)
-    if refined.open_directions in (1, 2):
-        refined = replace(refined, pose=keep_open(refined, expected))
-        views = agreements(moving, still, refined.pose)
+    refined, views = held(moving, still, refined, views, expected)
     if (
         refined.settled
         and refined.open_directions < 2

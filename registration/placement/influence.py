@@ -15,7 +15,7 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from registration.laser.surface import Surface
-from registration.placement.refine import ARM, FLOOR, TUKEY, Refined
+from registration.placement.refine import ARM, FLOOR, TUKEY, Refined, off_line
 
 SMALL = 2.0  # metres of connected outline that something that moves may have
 LEAST_SHARE = 0.2  # share of some direction's information below which a piece cannot matter
@@ -33,10 +33,7 @@ def _shares(points, pieces, others, from_source, matched, pose, target, normals,
         m = matched[k]
         if m < 0:
             continue
-        rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
-        nx, ny = normals[m, 0], normals[m, 1]
-        r = nx * (rx + pose[0] - target[m, 0]) + ny * (ry + pose[1] - target[m, 1])
-        u = (r / width) ** 2
+        r, u, rx, ry, nx, ny = off_line(points[k, 0], points[k, 1], c, s, pose, target[m], normals[m], width)
         if u >= 1.0:
             continue
         w = (1.0 - u) * (1.0 - u)

@@ -47,7 +47,6 @@ class Refined:
     noise: float
     matched: NDArray[np.int64]
     settled: bool
-    iterations: int
     wavering: float = 0.0
 
 
@@ -68,35 +67,36 @@ def _match(  # type: ignore[no-untyped-def]
             matched[k] = nearest(x, y, nx, ny, reach, AGREE, signed, target, target_normals, heads, following)
 
 
-@njit(cache=True)
-def _residuals(points, pose, target, target_normals, matched, residuals):  # type: ignore[no-untyped-def]
-    """Signed distances off the target's lines, metres; returns how many there are."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    count = 0
-    for k in range(len(points)):
-        m = matched[k]
-        if m >= 0:
-            x = pose[0] + c * points[k, 0] - s * points[k, 1] - target[m, 0]
-            y = pose[1] + s * points[k, 0] + c * points[k, 1] - target[m, 1]
-            residuals[k] = target_normals[m, 0] * x + target_normals[m, 1] * y
-            count += 1
-    return count
+@njit(cache=True, inline="always")
+def off_line(x, y, c, s, pose, foot, normal, width):  # type: ignore[no-untyped-def]
+    """Distance r of a point at `pose` off its line, (r / width)², the point turned by (c, s), the line's normal."""
+    rx, ry = c * x - s * y, s * x + c * y
+    r = normal[0] * (rx + pose[0] - foot[0]) + normal[1] * (ry + pose[1] - foot[1])
+    return r, (r / width) ** 2, rx, ry, normal[0], normal[1]
 
 
 @njit(cache=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    points, pose, target_normals, target_tilt, matched, residuals, width, robust_start
+    points, pose, target, target_normals, target_tilt, matched, width, robust_start
 ):
-    """Information, its share that is only noise of the normals, gradient, weight and squares; per unit variance."""
+    """Information, its share that is only noise of the normals, gradient, weight and squares; per unit variance.
+
+    And how many points are matched.
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     H, slack, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     total = squares = 0.0
+    count = 0
     J, T = np.empty(3), np.empty(3)
     for k in range(len(points)):
         m = matched[k]
         if m < 0:
             continue
-        r = residuals[k]
+        count += 1
+        nx, ny = target_normals[m, 0], target_normals[m, 1]
+        x = pose[0] + c * points[k, 0] - s * points[k, 1] - target[m, 0]
+        y = pose[1] + s * points[k, 0] + c * points[k, 1] - target[m, 1]
+        r = nx * x + ny * y
         u = (r / width) * (r / width)
         w = 0.0
         if robust_start:
@@ -105,7 +105,6 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             w = (1.0 - u) * (1.0 - u)
         if w == 0.0:
             continue
-        nx, ny = target_normals[m, 0], target_normals[m, 1]
         rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
         J[0], J[1], J[2] = nx, ny, nx * -ry + ny * rx
         T[0], T[1], T[2] = -ny, nx, -ny * -ry + nx * rx
@@ -117,7 +116,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]
                 slack[a, b] += w * v * T[a] * T[b]
         total += w
         squares += w * r * r
-    return H, slack, g, total, squares
+    return H, slack, g, total, squares, count
 
 
 @njit(cache=True)
@@ -214,10 +213,8 @@ def _refine(  # type: ignore[no-untyped-def]
     points, normals, tilt, spacing, target, target_normals, target_tilt, heads, following, signed,
     guess, doubt, noise, most,
 ):  # fmt: skip
-    n = len(points)
     usable = tilt < math.inf
-    matched = np.full(n, -1, dtype=np.int64)
-    residuals = np.zeros(n)
+    matched = np.full(len(points), -1, dtype=np.int64)
     arm = _arm(points)
     pose = guess.copy()
     information, step = np.zeros((3, 3)), np.zeros(3)
@@ -236,15 +233,10 @@ def _refine(  # type: ignore[no-untyped-def]
                 matched,
             )  # fmt: skip
             moved = 0.0
-        count = _residuals(points, pose, target, target_normals, matched, residuals)
-        if count < 5:
-            opened = 3
-            information[:, :] = 0.0
-            break
-        H, slack, g, total, squares = _normal_equations(
-            points, pose, target_normals, target_tilt, matched, residuals, width, not final
+        H, slack, g, total, squares, count = _normal_equations(
+            points, pose, target, target_normals, target_tilt, matched, width, not final
         )
-        if total <= 0.0:
+        if count < 5 or total <= 0.0:
             opened = 3
             information[:, :] = 0.0
             break
@@ -288,7 +280,7 @@ def refine(
     )  # fmt: skip
     pose[2] = math.atan2(math.sin(pose[2]), math.cos(pose[2]))
     wavering = 0.0 if settled else _wavering(np.roll(trail, -(turns + 1) % TRAIL, axis=0))
-    return Refined(pose, information, opened, spread, matched, settled, turns, wavering)
+    return Refined(pose, information, opened, spread, matched, settled, wavering)
 
 
 def _wavering(trail: FloatArray) -> float:

@@ -15,7 +15,7 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from registration.laser.surface import Surface
-from registration.placement.refine import ARM, EFFICIENCY, TUKEY, Refined
+from registration.placement.refine import ARM, EFFICIENCY, TUKEY, Refined, off_line
 
 STRETCH = 0.6  # metres of outline whose residuals may lean together: two neighbourhoods of a line
 GAP = 0.5  # metres without outline after which another stretch begins
@@ -44,10 +44,7 @@ def _scores(points, pieces, matched, pose, target, normals, width):  # type: ign
             score[:] = 0.0
             stretches, length = stretches + 1, 0.0
         last = k
-        rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
-        nx, ny = normals[m, 0], normals[m, 1]
-        r = nx * (rx + pose[0] - target[m, 0]) + ny * (ry + pose[1] - target[m, 1])
-        u = (r / width) ** 2
+        r, u, rx, ry, nx, ny = off_line(points[k, 0], points[k, 1], c, s, pose, target[m], normals[m], width)
         if u >= 1.0:
             continue
         w = (1.0 - u) * (1.0 - u)

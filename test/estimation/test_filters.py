@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from estimation.conversion.particles import Particles, effective_size, particle_entropy, systematic_resample
+from estimation.conversion.particles import Particles, effective_size, systematic_resample
 from estimation.errors import InputError
 from estimation.filters import kalman
 
@@ -100,19 +100,6 @@ def test_covariance_of_one_surviving_particle_is_zero():
     np.testing.assert_array_equal(particles.mean, [1.0, 2.0])
 
 
-def test_particle_entropy_reaches_the_kalman_filters():
-    """(3.4) on a linear Gaussian step tends to (3.3) of the Kalman posterior."""
-    rng = np.random.default_rng(5)
-    before = rng.multivariate_normal(MEAN, COV, 1500)
-    moved = before @ F.T + rng.multivariate_normal([0, 0], Q, 1500)
-    log_likelihood = norm.logpdf(0.5, moved @ H[0], np.sqrt(R[0, 0]))
-    transition = multivariate_normal([0, 0], Q).logpdf(moved[:, None] - (before @ F.T)[None])
-    ours = particle_entropy(log_likelihood, transition, np.zeros(1500))
-    _, cov = kalman.predict(MEAN, COV, F, Q)
-    _, P, _ = kalman.update(F @ MEAN, cov, [0.5], H, R)
-    assert ours == pytest.approx(multivariate_normal(cov=P).entropy(), abs=0.1)
-
-
 @pytest.mark.parametrize(
     ("call", "name"),
     [
@@ -122,7 +109,6 @@ def test_particle_entropy_reaches_the_kalman_filters():
         (lambda: Particles.equal(np.empty((0, 2))), "states"),
         (lambda: effective_size([-np.inf, -np.inf]), "log_weights"),
         (lambda: effective_size([np.nan, 0.0]), "log_weights"),
-        (lambda: particle_entropy([0.0], [[0.0, 0.0]], [0.0]), "log_likelihood and"),
     ],
 )
 def test_bad_input_is_named(call, name):

@@ -30,7 +30,7 @@ from loop_closure import (
     shipped_model,
 )
 from loop_closure.places.pairs import PairRule, path_lengths, sample_pairs
-from loop_closure.places.shipped import NAMES
+from loop_closure.places.place_model import NAMES
 from whereabouts.simulation import Lidar, random_floor
 from whereabouts.simulation.robot import Drive
 

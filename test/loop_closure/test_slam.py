@@ -127,7 +127,7 @@ def test_what_stayed_undecided_is_decided_in_hindsight(monkeypatch: pytest.Monke
         fits = yield from closing.looking(*given)
         return [replace(fit, certain=False, expected=in_hindsight and fit.expected) for fit in fits]
 
-    monkeypatch.setattr("loop_closure.slam.trajectory.looking", undecided)
+    monkeypatch.setattr("loop_closure.slam.loop_closer.looking", undecided)
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:2]]), 1, 0.004)
     slam = mapped(scans, odometry)
     assert slam.closures == []
@@ -146,7 +146,7 @@ def test_a_group_that_has_won_is_closed_with_other_passes_too(monkeypatch: pytes
             return fits
         return [replace(fit, certain=False) for fit in fits if frames[fit.edge.a].path < 40.0]
 
-    monkeypatch.setattr("loop_closure.slam.trajectory.looking", first_round_only)
+    monkeypatch.setattr("loop_closure.slam.loop_closer.looking", first_round_only)
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS, *CORNERS[:3]]), 1, 0.004)
     slam = mapped(scans, odometry)
     slam.trajectory()

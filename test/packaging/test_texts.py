@@ -67,7 +67,7 @@ def test_names_exist():
         "loop_closure.graph.esdf": ("EsdfGraph",),
         "registration": ("align", "align_globally"),
         "world_model.tasks.maintenance_printed": ("PrintedRule",),
-        "estimation.conversion.switching_printed": ("PrintedSwitchingFilter",),
+        "evaluation.conversion.switching_printed": ("PrintedSwitchingFilter",),
     }.items():
         for name in names:
             assert re.search(rf"`[^`]*\b{name}\b[^`]*`", PAGE), name

@@ -11,9 +11,10 @@ import pytest
 
 from estimation.geometry.poses import between, wrap_angle
 from registration.laser.prepared import prepare_scan
-from registration.laser.submap import FAR, Submap, fuse, judge
+from registration.laser.submap import FAR, Submap, fuse
 from registration.placement import align_submaps as submaps
 from registration.placement.align_submaps import LOOSEST, align_submaps, ambiguous, place
+from registration.placement.consistency import judge
 from registration.placement.refine import TRAIL, Refined, _wavering, refine
 from whereabouts.simulation import Drive, Lidar, Shapes, box, corridor, joined, random_floor
 

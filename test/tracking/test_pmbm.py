@@ -10,13 +10,13 @@ from scipy.cluster.hierarchy import fcluster, linkage
 
 from evaluation.phd.phd_monte_carlo import crossing_kept, scored
 from evaluation.phd.phd_recorded import config_of
+from evaluation.phd.target_scores import Score, clear_mot, labels_kept
 from tracking import ExtendedTargetPhd, PhdConfig
 from tracking.mixture.components import Components
 from tracking.mixture.global_hypotheses import Hypotheses
 from tracking.mixture.hypothesis_kernels import single_linkage
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
 from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks
-from tracking.tracker_evaluation import Score, clear_mot, labels_kept
 from whereabouts.datasets import recording
 from whereabouts.simulation.scenes.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
 

@@ -1,4 +1,4 @@
-"""Social forces: terms against the text's formulas, symmetry, and parameters found again from simulated people."""
+"""Social forces: terms against the text's formulas, and symmetry."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from tracking.intentions.social_forces_fit import fit_forces
 from tracking.prediction.social_forces import Forces, Obstacles, Walker, simulate
 from tracking.prediction.social_forces_kernels import push
 
@@ -69,36 +68,3 @@ def test_obstacles_are_checked_and_may_be_none() -> None:
     for bad in ([[np.nan, 0.0]], [[1.0, 2.0, 3.0]]):
         with pytest.raises(InputError, match="obstacles"):
             Obstacles(bad)
-
-
-def crowd(forces: Forces, seed: int) -> list[np.ndarray]:
-    """Recorded people that obey `forces`: groups that cross, each to its own goal."""
-    rng = np.random.default_rng(seed)
-    tracks = []
-    for scene in range(12):
-        people = []
-        for side in (1.0, -1.0):
-            for _ in range(3):
-                start = np.array([-5.0 * side, rng.uniform(-1.5, 1.5)])
-                goal = (9.0 * side, float(rng.uniform(-3.0, 3.0)))
-                people.append(walker(*start, 1.2 * side, 0.0, goal))
-        run = simulate(people, 9.0, forces, dt=0.1)
-        t = 100.0 * scene + np.linspace(0.0, 9.0, len(run))
-        tracks += [np.column_stack((run[:, k, :2], t)) for k in range(len(people))]
-    return tracks
-
-
-def test_parameters_are_found_again_from_simulated_people() -> None:
-    truth = Forces(relaxation=1.0, people_strength=2.0, people_range=0.4)
-    fitted = fit_forces(
-        crowd(truth, 3), Forces(relaxation=4.0, people_strength=0.3, people_range=0.2), scenes=150
-    )
-    assert fitted.error < 0.7 * fitted.before
-    assert fitted.forces.relaxation == pytest.approx(1.0, rel=0.5)
-    assert fitted.followed > 100
-
-
-def test_nobody_to_fit_to_is_said() -> None:
-    short = np.column_stack((np.zeros((4, 2)), np.arange(4.0)))
-    with pytest.raises(InputError, match="trajectories"):
-        fit_forces([short])

@@ -82,7 +82,10 @@ def test_a_learned_goal_is_walked_to_and_people_are_given_way():
     for k in range(6):
         model.learn(walk((10.0, 0.1 * k)))
     seen = walk((10.0, 0.2))[:45]
+    goals, probabilities = model.hmm.intentions(model.hmm.belief(model._thinned(seen[:, :2])))
     told = model.predict(seen, 3.0)
+    np.testing.assert_array_equal(told.goals, model.hmm.places.positions[goals])
+    np.testing.assert_allclose(told.probabilities, probabilities)
     assert np.hypot(*(told.goals[0] - [10.0, 0.2])) < 1.0
     assert told.path[0, 2] == pytest.approx(seen[-1, 2])
     assert told.path[-1, 0] > seen[-1, 0] + 2.0

@@ -14,39 +14,25 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from tracking.intentions.ghmm_kernels import expected_counts, forward, log_observation, propagate, weigh
+from tracking.intentions.intention_config import IntentionConfig
 from tracking.prediction.topological_map import MapChanges, TopologicalMap
 
 IntArray = NDArray[np.int64]
 # Manifolds whose goal explains the end of a trajectory this much worse than the best are left out of its update.
 GOAL_MARGIN = 25.0
-# Numbers of places that are gone are kept up to this many beyond those that are there.
-SPARE = 64
 
 
 class GrowingHmm:
     """Structure and parameters λ = {π, A, b} of (4.1), learned one trajectory at a time.
 
-    Parameters
-    ----------
-    places : the topological map the states live on; this class feeds it.
-    initial : a_0, transition probability of a new edge, and of staying in a new state.
-    prior : π_0, of a new state, as a share of one trajectory.
-    spread : factor on the covariance of a node's points.
-    floor : m, least standard deviation of an observation probability.
-    memory : trajectories over which parameters are averaged at most; those before fade. The text has no limit.
+    The states live on the topological map `places`, which this class feeds. A new edge, and staying in a new state, has
+    the transition probability a_0 of the settings. The text averages parameters without a limit, here over `memory`
+    trajectories.
     """
 
-    def __init__(
-        self,
-        places: TopologicalMap,
-        initial: float = 0.1,
-        prior: float = 0.1,
-        spread: float = 1.0,
-        floor: float = 0.1,
-        memory: int = 500,
-    ) -> None:
-        self.places = places
-        self.initial, self.first, self.spread, self.floor, self.memory = initial, prior, spread, floor, memory
+    def __init__(self, config: IntentionConfig) -> None:
+        self.config = config
+        self.places = TopologicalMap(config.resolution, config.window)
         self.learned = 0
         self.node: IntArray = np.zeros(0, dtype=np.int64)
         self.goal: IntArray = np.zeros(0, dtype=np.int64)
@@ -85,10 +71,8 @@ class GrowingHmm:
     # Belief, (4.11) and (4.12).
 
     def log_observations(self, points: FloatArray) -> FloatArray:
-        """log p(O_k | S) per node of the map, (T, nodes); -inf for nodes that are gone."""
-        logs = log_observation(points, self._means(), self._precisions)
-        logs[:, ~np.isfinite(self.places.positions[:, 0])] = -np.inf
-        return np.asarray(logs)
+        """log p(O_k | S) per node of the map, (T, nodes)."""
+        return np.asarray(log_observation(points, self.places.positions, self._precisions))
 
     def start(self, point: FloatArray) -> FloatArray:
         """Belief (S,) after the first observation (2,)."""
@@ -146,9 +130,7 @@ class GrowingHmm:
         shapes = {len(self.goal), len(self.prior), len(self.successors), len(self.transitions)}
         if shapes != {count} or (count and self.successors.max() >= count):
             raise ValueError("states do not fit together")
-        self._index = {
-            (n, g): s for s, (n, g) in enumerate(zip(self.node.tolist(), self.goal.tolist(), strict=True))
-        }
+        self._index_states()
         self._precisions = np.zeros((0, 4))
         self._observe_anew(self.places.nodes)
 
@@ -174,27 +156,27 @@ class GrowingHmm:
             self._keep(keep)
         self._drop_edges()
 
+    def _index_states(self) -> None:
+        pairs = zip(self.node.tolist(), self.goal.tolist(), strict=True)
+        self._index = {pair: s for s, pair in enumerate(pairs)}
+
     def _keep(self, keep: NDArray[np.bool_]) -> None:
         """Drop states; transitions to them are dropped too."""
         number = np.full(len(keep) + 1, -1, dtype=np.int64)
         number[:-1][keep] = np.arange(int(keep.sum()))
         self.node, self.goal, self.prior = self.node[keep], self.goal[keep], self.prior[keep]
         self.successors, self.transitions = number[self.successors[keep]], self.transitions[keep]
-        self._index = {
-            (n, g): s for s, (n, g) in enumerate(zip(self.node.tolist(), self.goal.tolist(), strict=True))
-        }
+        self._index_states()
 
     def _renumber(self) -> None:
-        """Give the numbers of places that are gone free again once they are the most."""
-        if self.places.size < 2 * len(self.places) + SPARE:
+        """Give the numbers of places that are gone free again."""
+        if self.places.size == len(self.places):
             return
         number = self.places.compact()
         kept = np.flatnonzero(number >= 0)
         self.node, self.goal = number[self.node], number[self.goal]
         self._precisions = self._precisions[kept]
-        self._index = {
-            (n, g): s for s, (n, g) in enumerate(zip(self.node.tolist(), self.goal.tolist(), strict=True))
-        }
+        self._index_states()
 
     def _drop_edges(self) -> None:
         """Transitions along edges that the map no longer has become zero; rows are packed to the left."""
@@ -233,7 +215,7 @@ class GrowingHmm:
         self.goal = np.concatenate((self.goal, np.full(len(fresh), goal, dtype=np.int64)))
         # Priors sum to one over all trajectories so far: π_0 is meant for one of them. Taken as it stands, a walk
         # through a dozen new places would halve what all walks before it have taught.
-        first = self.first / (self.learned + 1)
+        first = self.config.initial_prior / (self.learned + 1)
         self.prior = np.concatenate((self.prior, np.full(len(fresh), first)))
         self.successors = np.concatenate((self.successors, np.full((len(fresh), width), -1)))
         self.transitions = np.concatenate((self.transitions, np.zeros((len(fresh), width))))
@@ -251,27 +233,18 @@ class GrowingHmm:
         if free == self.successors.shape[1]:
             self.successors = np.pad(self.successors, ((0, 0), (0, 4)), constant_values=-1)
             self.transitions = np.pad(self.transitions, ((0, 0), (0, 4)))
-        self.successors[i, free], self.transitions[i, free] = j, self.initial
+        self.successors[i, free], self.transitions[i, free] = j, self.config.initial_transition
 
     # Observation probabilities, section 4.4.2.
-
-    def _means(self) -> FloatArray:
-        positions = self.places.positions
-        return np.where(np.isfinite(positions), positions, 0.0)
 
     def _observe_anew(self, nodes: IntArray) -> None:
         missing = self.places.size - len(self._precisions)
         if missing > 0:
             self._precisions = np.concatenate((self._precisions, np.tile([1.0, 0.0, 1.0, 0.0], (missing, 1))))
         for node in nodes.tolist():
-            covariance = self.places.covariance(node, self.spread, self.floor**2)
+            covariance = self.places.covariance(node, self.config.spread, self.config.noise**2)
             inverse = np.linalg.inv(covariance)
-            self._precisions[node] = (
-                inverse[0, 0],
-                inverse[0, 1],
-                inverse[1, 1],
-                np.linalg.slogdet(covariance)[1],
-            )
+            self._precisions[node] = *inverse[0], inverse[1, 1], np.linalg.slogdet(covariance)[1]
 
     # Parameters, section 4.4.4.
 
@@ -295,8 +268,8 @@ class GrowingHmm:
         alpha, scales = forward(prior, successors, transitions, log_b, nodes)
         if not np.isfinite(scales).all():
             return float("-inf")
-        first, xi, _ = expected_counts(alpha, scales, successors, transitions, log_b, nodes)
-        rate = 1.0 / min(self.learned, self.memory)
+        first, xi = expected_counts(alpha, scales, successors, transitions, log_b, nodes)
+        rate = 1.0 / min(self.learned, self.config.memory)
         estimate = np.zeros(len(self.node))
         estimate[members] = first
         self.prior = (1.0 - rate) * self.prior + rate * estimate

@@ -95,10 +95,10 @@ def expected_counts(
     transitions: FloatArray,
     log_b: FloatArray,
     nodes: IntArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:
     """(4.3) to (4.5) in one backward sweep.
 
-    Returns the first state's posterior (S,), the expected transitions Σ_k ξ_k (S, K), and the last state's posterior.
+    Returns the first state's posterior (S,) and the expected transitions Σ_k ξ_k (S, K); the last state's is alpha's.
     """
     steps, count = alpha.shape
     width = successors.shape[1]
@@ -119,4 +119,4 @@ def expected_counts(
                 step = transitions[i, e] * seen[j]
                 beta[i] += step
                 xi[i, e] += alpha[k, i] * step
-    return alpha[0] * beta, xi, alpha[-1].copy()
+    return alpha[0] * beta, xi

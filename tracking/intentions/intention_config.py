@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimation.settings import check_settings, setting
+from tracking.prediction.social_forces import Forces
 
 METHODS = ("routes", "ghmm", "printed")
 
@@ -47,19 +48,23 @@ class IntentionConfig:
     )
     pace_weight: float = setting(0.0, "", "desired speed: 0 is the present speed, 1 the mean speed", 0.0, 1.0)
     time_step: float = setting(0.1, "s", "time step of the predicted paths", 0.01, 1.0)
-    relaxation: float = setting(4.0, "s", "tau, time to reach the desired velocity", 0.1, 60.0)
+    relaxation: float = setting(Forces.relaxation, "s", "tau, time to reach the desired velocity", 0.1, 60.0)
     people_strength: float = setting(
-        0.3, "m/s^2", "acceleration away from other people at contact", 0.0, 100.0
+        Forces.people_strength, "m/s^2", "acceleration away from other people at contact", 0.0, 100.0
     )
-    people_range: float = setting(0.2, "m", "range of the push away from other people", 0.01, 10.0)
-    radius: float = setting(0.2, "m", "radius of a person", 0.01, 2.0)
+    people_range: float = setting(
+        Forces.people_range, "m", "range of the push away from other people", 0.01, 10.0
+    )
+    radius: float = setting(Forces.radius, "m", "radius of a person", 0.01, 2.0)
     wall_strength: float = setting(
-        3.0, "m/s^2", "acceleration away from the nearest obstacle at contact", 0.0, 100.0
+        Forces.wall_strength, "m/s^2", "acceleration away from the nearest obstacle at contact", 0.0, 100.0
     )
-    wall_range: float = setting(0.3, "m", "range of the push away from obstacles", 0.01, 10.0)
-    hardness: float = setting(2.0, "1/s^2", "extra push per metre of overlap with people", 0.0, 1000.0)
+    wall_range: float = setting(Forces.wall_range, "m", "range of the push away from obstacles", 0.01, 10.0)
+    hardness: float = setting(
+        Forces.hardness, "1/s^2", "extra push per metre of overlap with people", 0.0, 1000.0
+    )
     wall_hardness: float = setting(
-        20.0, "1/s^2", "extra push per metre of overlap with obstacles", 0.0, 1000.0
+        Forces.wall_hardness, "1/s^2", "extra push per metre of overlap with obstacles", 0.0, 1000.0
     )
     position_sigma: float = setting(
         0.05, "m", "standard deviation of a predicted path at its start", 0.001, 5.0

@@ -23,7 +23,6 @@ from tracking.intentions.prediction import PredictedWay, Prediction, parse_other
 from tracking.intentions.routes import RouteBelief, Routes
 from tracking.intentions.walking_motion import WalkingMotion, estimate
 from tracking.prediction.social_forces import Forces, Obstacles, Walker, simulate
-from tracking.prediction.topological_map import TopologicalMap
 
 # Only a goal that is nearly certain stops a path; this power of its probability fits the hotel's people.
 ARRIVAL = 4
@@ -68,7 +67,7 @@ class IntentionModel:
     Attributes
     ----------
     learned : trajectories that taught something.
-    hmm : the growing hidden Markov model, which learns with method "ghmm".
+    hmm : the growing hidden Markov model, which learns with methods "ghmm" and "printed".
     routes : the learned walks, which are kept with method "routes".
     """
 
@@ -79,10 +78,8 @@ class IntentionModel:
 
     def reset(self) -> None:
         """Forget everything that was learned."""
-        c = self.config
-        places = TopologicalMap(c.resolution, c.window)
-        self.hmm = GrowingHmm(places, c.initial_transition, c.initial_prior, c.spread, c.noise, c.memory)
-        self.routes = Routes(c.routes)
+        self.hmm = GrowingHmm(self.config)
+        self.routes = Routes(self.config.routes)
         self.learned = 0
 
     @staticmethod
@@ -104,13 +101,7 @@ class IntentionModel:
         InputError : not (N, 3), or without one finite row.
         """
         cleaned = clean("trajectory", trajectory)
-        dropped = {
-            "not finite": cleaned.not_finite,
-            "duplicate time": cleaned.duplicates,
-            "time goes backwards": cleaned.backwards,
-            "jump away and back": cleaned.outliers,
-        }
-        dropped = {reason: count for reason, count in dropped.items() if count}
+        dropped = cleaned.dropped
         points = np.ascontiguousarray(cleaned.rows[:, :2])
         if len(points) < 2:
             return LearnedIntentions(False, "one observation", dropped)
@@ -119,10 +110,10 @@ class IntentionModel:
         longest = float(np.hypot(*np.diff(points, axis=0).T).max())
         if longest > WIDEST_GAP:
             return LearnedIntentions(False, f"a gap of {longest:.3g} m", dropped)
-        if self.config.method == "ghmm":
-            self.hmm.learn(self._thinned(points))
-        else:
+        if self.config.method == "routes":
             self.routes.learn(cleaned.rows)
+        else:
+            self.hmm.learn(self._thinned(points))
         self.learned += 1
         return LearnedIntentions(True, "", dropped)
 
@@ -227,8 +218,14 @@ class IntentionModel:
         goals = self.hmm.places.positions[nodes[few]]
         return RouteBelief(goals, probabilities[few] / total, 0.0, [None] * len(goals))
 
-    def _person(self, name: str, partial: ArrayLike, horizon: float) -> _Person:
-        rows = clean(name, partial).rows
+    @staticmethod
+    def _tracks(partials: list[ArrayLike], horizon: float) -> list[FloatArray]:
+        """Cleaned rows (N, 3) of the one predicted and the others; InputError also for a horizon not above zero."""
+        require_positive("horizon", horizon)
+        names = ["partial", *(f"others[{k}]" for k in range(len(partials) - 1))]
+        return [clean(name, partial).rows for name, partial in zip(names, partials, strict=False)]
+
+    def _person(self, rows: FloatArray, horizon: float) -> _Person:
         motion = self._motion(rows)
         belief = self._believe(motion, horizon)
         ways = [self._way(belief, g, motion) for g in range(min(len(belief.goals), self.config.alternatives))]
@@ -257,12 +254,8 @@ class IntentionModel:
         obstacles: ArrayLike | Obstacles | None,
         wanted: int,
     ) -> list[Prediction]:
-        require_positive("horizon", horizon)
         around = obstacles if isinstance(obstacles, Obstacles) else Obstacles(obstacles)
-        names = ["partial", *(f"others[{k}]" for k in range(len(partials) - 1))]
-        people = [
-            self._person(name, partial, horizon) for name, partial in zip(names, partials, strict=False)
-        ]
+        people = [self._person(rows, horizon) for rows in self._tracks(partials, horizon)]
         passing = [Walker(state) for state in states]
         most = max((len(person.ways) for person in people[:wanted]), default=0)
         now = max((person.stamp for person in people[:wanted]), default=0.0)
@@ -282,8 +275,8 @@ class IntentionModel:
             pace += c.pace_weight * (motion.pace - motion.speed)
         # One who stands goes on standing; nobody is drawn to a goal harder than the goal is sure.
         trust = float(person.belief.probabilities[rank]) if c.method == "routes" else 1.0
-        relaxation = self.forces.relaxation / max(trust * (1.0 - person.belief.novelty), 0.02)
-        return Walker(person.state(now), person.ways[rank], pace, relaxation, max(trust**ARRIVAL, 1e-3))
+        relaxation = self.forces.relaxation / max(trust * (1.0 - person.belief.novelty), 1e-6)
+        return Walker(person.state(now), person.ways[rank], pace, relaxation, max(trust**ARRIVAL, 1e-6))
 
     def _told(self, person: _Person, runs: list[FloatArray], horizon: float, now: float) -> Prediction:
         belief = person.belief

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,13 +16,10 @@ FASTEST = 12.0
 
 @dataclass(frozen=True)
 class Cleaned:
-    """`rows` (N, 3) x, y, t in m and s with rising t, and what was left out to get there."""
+    """`rows` (N, 3) x, y, t in m and s with rising t, and how many were left out to get there, by reason."""
 
     rows: FloatArray
-    not_finite: int = 0
-    duplicates: int = 0
-    backwards: int = 0
-    outliers: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
 
 
 def clean(name: str, trajectory: ArrayLike) -> Cleaned:
@@ -47,13 +44,14 @@ def clean(name: str, trajectory: ArrayLike) -> Cleaned:
     same = np.concatenate(([False], rows[1:, 2] == newest[:-1]))
     kept = rows[rising]
     single = _single_jumps(kept)
-    return Cleaned(
-        np.ascontiguousarray(kept[~single]),
-        int((~finite).sum()),
-        int(same.sum()),
-        int((~rising & ~same).sum()),
-        int(single.sum()),
-    )
+    left_out = {
+        "not finite": ~finite,
+        "duplicate time": same,
+        "time goes backwards": ~rising & ~same,
+        "jump away and back": single,
+    }
+    dropped = {reason: int(which.sum()) for reason, which in left_out.items() if which.any()}
+    return Cleaned(np.ascontiguousarray(kept[~single]), dropped)
 
 
 def _single_jumps(rows: FloatArray) -> np.ndarray:

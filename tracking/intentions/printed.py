@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.checks import FloatArray, as_points, require_positive
+from estimation.checks import FloatArray, as_points
 from tracking.intentions.intention_config import IntentionConfig
 from tracking.intentions.intention_model import IntentionModel
-from tracking.intentions.observations import clean
-from tracking.intentions.prediction import Prediction, parse_others
+from tracking.intentions.prediction import Prediction
 from tracking.prediction.social_forces import Obstacles
 from tracking.prediction.social_forces_printed import Acceleration, PrintedForces, SocialForceFilter
 
@@ -26,30 +25,29 @@ class PrintedModel(IntentionModel):
     in the text's benchmark.
     """
 
-    def __init__(self, config: IntentionConfig | None = None, forces: PrintedForces | None = None) -> None:
+    def __init__(self, config: IntentionConfig | None = None) -> None:
         super().__init__(config or IntentionConfig(method="printed", time_step=0.2))
-        self.printed = forces or PrintedForces()
+        self.printed = PrintedForces()
 
-    def predict(
+    def _predict(
         self,
-        partial: ArrayLike,
+        partials: list[ArrayLike],
+        states: FloatArray,
         horizon: float,
-        others: ArrayLike | Sequence[ArrayLike] | None = None,
-        obstacles: ArrayLike | Obstacles | None = None,
-    ) -> Prediction:
-        """As `IntentionModel.predict`; the one path is to the most probable goal.
+        obstacles: ArrayLike | Obstacles | None,
+        wanted: int,
+    ) -> list[Prediction]:
+        """Each is predicted by itself, from where it was last seen."""
+        tracks, points = self._tracks(partials, horizon), _points(obstacles)
+        moving = [self._motion(rows).state[None] for rows in tracks]
+        return [
+            self._alone(rows, np.concatenate([states, *moving[:k], *moving[k + 1 :]]), horizon, points)
+            for k, rows in enumerate(tracks[:wanted])
+        ]
 
-        Raises
-        ------
-        InputError : shapes other than there, no finite row, or a horizon that is not above zero.
-        """
-        require_positive("horizon", horizon)
-        rows = clean("partial", partial).rows
+    def _alone(self, rows: FloatArray, people: FloatArray, horizon: float, points: FloatArray) -> Prediction:
+        """A track (N, 3) to its most probable goal, among people (P, 4) who go on as they are and things (K, 2)."""
         goals, probabilities = self.intentions(rows, horizon)
-        beside, states = parse_others(others)
-        tracks = [clean(f"others[{k}]", track).rows for k, track in enumerate(beside)]
-        people = np.concatenate([states, *(self._motion(track).state[None] for track in tracks)])
-        points = _points(obstacles)
         begun = float(rows[-1, 2])
 
         def pushed(now: float) -> Acceleration:
@@ -69,15 +67,6 @@ class PrintedModel(IntentionModel):
         return Prediction(
             goals, probabilities, np.column_stack((np.array(path), begun + times)), np.array(covariances)
         )
-
-    def predict_all(
-        self, partials: Sequence[ArrayLike], horizon: float, obstacles: ArrayLike | Obstacles | None = None
-    ) -> list[Prediction]:
-        """As `IntentionModel.predict_all`, but each path begins where its own person was last seen."""
-        return [
-            self.predict(partial, horizon, [*partials[:k], *partials[k + 1 :]], obstacles)
-            for k, partial in enumerate(partials)
-        ]
 
     def _filtered(self, rows: FloatArray, pushed: Callable[[float], Acceleration]) -> SocialForceFilter:
         """The filter after the observations."""

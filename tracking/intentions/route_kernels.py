@@ -70,7 +70,7 @@ def match(
             total += past / len(backs) / scales[3] ** 2
         x, y = points[end, 0] - here[0], points[end, 1] - here[1]
         length = math.sqrt(x * x + y * y)
-        if length > 0.3:
+        if length > 0.0:
             total += firmness * (1.0 - (x * heading[0] + y * heading[1]) / length) / scales[4]
         logs[w] = -0.5 * total
     return logs, reached

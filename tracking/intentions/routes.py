@@ -101,7 +101,6 @@ class Routes:
         self._directions = np.concatenate((self._directions[first:], directions(walk, SPAN)))
         self._bounds = np.append(self._bounds[gone:] - first, len(self._points))
         self._began = np.append(self._began[gone:], rows[0, 2])
-        self._measure()
 
     def move(self, moved: Callable[[FloatArray], FloatArray]) -> None:
         """Take all walks to another frame."""
@@ -130,13 +129,6 @@ class Routes:
         turned = [directions(points[low:high], SPAN) for low, high in itertools.pairwise(bounds)]
         self._points, self._bounds, self._began = points, bounds, began
         self._directions = np.concatenate(turned) if turned else np.zeros((0, 2))
-        self._measure()
-
-    def _measure(self) -> None:
-        """The area that all walks cover."""
-        known = len(self._points) > 0
-        self._low = self._points.min(axis=0) if known else np.zeros(2)
-        self._high = self._points.max(axis=0) if known else np.zeros(2)
 
     def believe(self, rows: FloatArray, reach: float, radius: float, most: int) -> RouteBelief:
         """Where the partial walk (N, 3) x, y, t leads.
@@ -152,29 +144,16 @@ class Routes:
         straight = self._straight_on(here, ahead, reach)
         if not len(self):
             return RouteBelief(straight[None], np.ones(1), 1.0, [None])
-        along = (
-            np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T)))) if len(path) > 1 else [0.0]
-        )
+        along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
         behind = [along[-1] - b for b in LOOK_BACK if along[-1] >= b]
         backs = path[np.searchsorted(along, behind)].reshape(-1, 2)
         narrowed = (max(len(self), FEWEST) / TYPICAL) ** (-1.0 / 6.0)
         scales = np.array([narrowed * s.off, s.turn, narrowed * s.start, s.past, s.aim])
-        company = self._together(rows)
+        walks, partial = (self._points, self._directions, self._bounds), (here, path[0], backs, ahead)
         logs, reached = [], []
-        for reverse in (False, True):
-            log, at = match(
-                self._points,
-                self._directions,
-                self._bounds,
-                reverse,
-                here,
-                path[0],
-                backs,
-                ahead,
-                firmness,
-                scales,
-            )
-            logs.append(log + (s.back if reverse else company))
+        for reverse, odds in ((False, self._together(rows)), (True, s.back)):
+            log, at = match(*walks, reverse, *partial, firmness, scales)
+            logs.append(log + odds)
             reached.append(at)
         last, first = self._points[self._bounds[1:] - 1], self._points[self._bounds[:-1]]
         ends = np.concatenate((last, first, straight[None]))
@@ -183,7 +162,6 @@ class Routes:
         weights /= weights.sum()
         # What weighs next to nothing only costs time.
         few = np.argsort(-weights, kind="stable")[:150]
-        few = few[weights[few] > 1e-4 * weights[few[0]]]
         goals, shares = gather(ends[few], weights[few] / weights[few].sum(), radius, most)
         order = np.argsort(-shares, kind="stable")
         goals, shares = goals[order], shares[order] / shares.sum()
@@ -222,13 +200,12 @@ class Routes:
 
     def _straight_on(self, here: FloatArray, ahead: FloatArray, reach: float) -> FloatArray:
         """Where straight on leaves the area of all learned walks, or `reach` m on."""
-        if len(self) and (here >= self._low).all() and (here <= self._high).all():
-            leave = [
-                ((self._high if ahead[a] > 0.0 else self._low)[a] - here[a]) / ahead[a]
-                for a in range(2)
-                if abs(ahead[a]) > 1e-9
-            ]
-            return np.asarray(here + ahead * max(0.0, min(leave, default=0.0)))
+        if len(self):
+            low, high = self._points.min(axis=0), self._points.max(axis=0)
+            if (here >= low).all() and (here <= high).all():
+                borders = np.where(ahead > 0.0, high, low)
+                leave = [(borders[a] - here[a]) / ahead[a] for a in range(2) if abs(ahead[a]) > 1e-9]
+                reach = max(0.0, min(leave, default=0.0))
         return np.asarray(here + ahead * reach)
 
     def rest(self, lead: tuple[int, bool, int]) -> FloatArray:

@@ -8,8 +8,9 @@ import numpy as np
 
 from estimation.checks import FloatArray
 
-# Bounds of the time over which weights fade, s, and noise where nothing is known, m.
-SHORTEST, LONGEST = 0.4, 4.0
+# What lies further back says nothing of the present motion, s.
+LONGEST = 4.0
+# Noise where nothing is known, m.
 TYPICAL = 0.03
 # Recordings are often smoothed or interpolated: less noise than this is none of the sensor's.
 LEAST = 0.02
@@ -56,7 +57,7 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
     if len(recent) < 2:
         recent = rows[-2:]
     noise, rate = max(_noise(recent), LEAST), (len(recent) - 1) / (last[2] - recent[0, 2])
-    fade = min(max(memory * np.sqrt(noise / 0.02) * (2.5 / rate) ** 0.25, SHORTEST), LONGEST)
+    fade = memory * np.sqrt(noise / 0.02) * (2.5 / rate) ** 0.25
     t = recent[:, 2] - last[2]
     weights = np.exp(2.0 * t / fade)
     weights /= weights.sum()

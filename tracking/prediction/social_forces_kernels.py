@@ -13,7 +13,6 @@ from estimation.checks import FloatArray
 
 IntArray = NDArray[np.int64]
 BRAKING = 0.4  # s
-SURELY = 10.0  # s
 PASSED = 1.5  # m
 NEAR = 1.0  # m
 
@@ -94,16 +93,16 @@ def _next_point(way: FloatArray, at: int, last: int, x: float, y: float) -> int:
 
 
 @njit(cache=True)
-def _drawn(walkers: Walkers, p: int, at: int, state: FloatArray, time: float) -> tuple[float, float]:
-    """Acceleration of person p towards way point `at`, after `time` s."""
+def _drawn(walkers: Walkers, p: int, at: int, state: FloatArray) -> tuple[float, float]:
+    """Acceleration of person p towards way point `at`."""
     x, y, vx, vy = state[0], state[1], state[2], state[3]
     gx, gy = walkers.ways[p, at, 0] - x, walkers.ways[p, at, 1] - y
     away = math.sqrt(gx * gx + gy * gy)
     pace, tau = walkers.speeds[p], walkers.relaxation[p]
     if at == walkers.lengths[p] - 1:
         # The nearer the goal, the more it takes to miss it; the last steps are slower.
-        # One who may be going on is not stopped by a goal on the way, until it should be reached long ago.
-        sure = max(walkers.arriving[p], min((time / SURELY) ** 4, 1.0))
+        # One who may be going on is not stopped by a goal on the way.
+        sure = walkers.arriving[p]
         tau = min(tau, max(0.5 * away / max(pace, 1e-6), BRAKING) / sure)
         pace += sure * (min(pace, away / BRAKING) - pace)
         if away < PASSED and gx * vx + gy * vy < 0.0:
@@ -167,7 +166,7 @@ def walk(
             ax, ay = 0.0, 0.0
             if walkers.moving[p]:
                 at[p] = _next_point(walkers.ways[p], at[p], walkers.lengths[p] - 1, x, y)
-                ax, ay = _drawn(walkers, p, at[p], out[k, p], k * dt)
+                ax, ay = _drawn(walkers, p, at[p], out[k, p])
             for w in range(count):
                 if w == p:
                     continue

@@ -41,16 +41,16 @@ class TopologicalMap:
     resolution : e_max, m: a point farther than this from every node founds a new one.
     window : N_p,max, points kept per node, the latest.
 
-    Nodes are numbered from 0; a number is not used again before `compact`. `positions` has a row for each.
+    Nodes are numbered from 0; a number is not used again before `compact`. `positions` (size, 2) m has a row for each,
+    infinite for those that are gone.
     """
 
-    def __init__(self, resolution: float = 0.741, window: int = 100) -> None:
+    def __init__(self, resolution: float, window: int = 100) -> None:
         self.resolution = require_positive("resolution", resolution)
         self.window = require_count("window", window, 2)
-        self._positions = np.full((64, 2), np.inf)
-        self._points = np.zeros((64, self.window, 2))
-        self._counts = np.zeros(64, dtype=np.int64)
-        self._size = 0
+        self.positions: FloatArray = np.zeros((0, 2))
+        self._points: list[FloatArray] = []
+        self._counts: list[int] = []
         self.neighbours: dict[int, set[int]] = {}
 
     def __len__(self) -> int:
@@ -59,12 +59,7 @@ class TopologicalMap:
     @property
     def size(self) -> int:
         """Rows in use, nodes that are gone included."""
-        return self._size
-
-    @property
-    def positions(self) -> FloatArray:
-        """(size, 2) m; infinite for nodes that are gone."""
-        return self._positions[: self._size]
+        return len(self.positions)
 
     @property
     def nodes(self) -> IntArray:
@@ -78,7 +73,7 @@ class TopologicalMap:
 
     def points(self, node: int) -> FloatArray:
         """(n, 2) m: the points a node keeps."""
-        return self._points[node, : min(int(self._counts[node]), self.window)]
+        return self._points[node][: min(self._counts[node], self.window)]
 
     def covariance(self, node: int, scale: float, floor: float) -> FloatArray:
         """(2, 2) m²: `scale` times the covariance of the node's points, no axis below `floor` m².
@@ -110,19 +105,17 @@ class TopologicalMap:
     def move(self, moved: Callable[[FloatArray], FloatArray]) -> None:
         """Take all nodes and their points to another frame."""
         for node in self.nodes.tolist():
-            kept = len(self.points(node))
-            self._points[node, :kept] = moved(self._points[node, :kept])
+            self.points(node)[:] = moved(self.points(node))
             self._place(node)
 
     def compact(self) -> IntArray:
         """Number the nodes that are there anew, from 0; the new number of each old one (size,), -1 where it is gone."""
         kept = self.nodes
-        number = np.full(self._size, -1, dtype=np.int64)
+        number = np.full(self.size, -1, dtype=np.int64)
         number[kept] = np.arange(len(kept))
-        self._positions = np.concatenate((self._positions[kept], np.full((64, 2), np.inf)))
-        self._points = np.concatenate((self._points[kept], np.zeros((64, self.window, 2))))
-        self._counts = np.concatenate((self._counts[kept], np.zeros(64, dtype=np.int64)))
-        self._size = len(kept)
+        self.positions = self.positions[kept]
+        self._points = [self._points[node] for node in kept.tolist()]
+        self._counts = [self._counts[node] for node in kept.tolist()]
         self.neighbours = {
             int(number[node]): {int(number[other]) for other in sorted(linked)}
             for node, linked in sorted(self.neighbours.items())
@@ -131,26 +124,22 @@ class TopologicalMap:
 
     def as_arrays(self) -> dict[str, NDArray[Any]]:
         """Positions, kept points and edges, for storage."""
-        kept = [self.points(node) for node in range(self._size)]
         return {
             "positions": self.positions,
-            "points": np.concatenate(kept) if kept else np.zeros((0, 2)),
-            "counts": self._counts[: self._size],
+            "points": np.concatenate([np.zeros((0, 2)), *map(self.points, range(self.size))]),
+            "counts": np.array(self._counts, dtype=np.int64),
             "edges": np.array(self.edges, dtype=np.int64).reshape(-1, 2),
         }
 
     def from_arrays(self, arrays: dict[str, NDArray[Any]]) -> None:
         """Take over what `as_arrays` gave."""
         size = len(arrays["positions"])
-        self._size = size
-        self._positions = np.full((max(64, size), 2), np.inf)
-        self._positions[:size] = arrays["positions"]
-        self._counts = np.zeros(len(self._positions), dtype=np.int64)
-        self._counts[:size] = arrays["counts"]
-        self._points = np.zeros((len(self._positions), self.window, 2))
-        lengths = np.minimum(self._counts[:size], self.window)
-        for node, part in enumerate(np.split(arrays["points"], np.cumsum(lengths)[:-1]) if size else []):
-            self._points[node, : len(part)] = part
+        self.positions = np.array(arrays["positions"], dtype=np.float64).reshape(size, 2)
+        self._counts = np.broadcast_to(arrays["counts"], size).astype(np.int64).tolist()
+        self._points = [np.zeros((self.window, 2)) for _ in range(size)]
+        ends = np.cumsum(np.minimum(self._counts, self.window))
+        for node, part in enumerate(np.split(arrays["points"], ends[:-1]) if size else []):
+            self._points[node][: len(part)] = part
         self.neighbours = {node: set() for node in self.nodes.tolist()}
         for a, b in arrays["edges"].tolist():
             self._link(a, b, MapChanges())
@@ -158,7 +147,7 @@ class TopologicalMap:
     def _insert(self, point: FloatArray, changes: MapChanges) -> None:
         if len(self.neighbours) < 2:
             first = next(iter(self.neighbours), None)
-            if first is not None and np.hypot(*(point - self._positions[first])) <= self.resolution:
+            if first is not None and np.hypot(*(point - self.positions[first])) <= self.resolution:
                 self._associate(first, point)
                 return
             new = self._create(point)
@@ -171,7 +160,7 @@ class TopologicalMap:
         s = int(away.argmin())
         self._link(n, s, changes)
         self._prune(n, s, changes)
-        at_n, at_s = self._positions[n], self._positions[s]
+        at_n, at_s = self.positions[n], self.positions[s]
         outside_thales = float((point - at_n) @ (point - at_s)) > 0.0
         if outside_thales and float(np.square(point - at_n).sum()) > self.resolution**2:
             self._link(n, self._create(point), changes)
@@ -182,9 +171,9 @@ class TopologicalMap:
 
     def _prune(self, n: int, s: int, changes: MapChanges) -> None:
         """Step 2: edges whose Thales sphere holds s are no Delaunay edges; nodes left alone go."""
-        at_n, at_s = self._positions[n], self._positions[s]
+        at_n, at_s = self.positions[n], self.positions[s]
         for m in sorted(self.neighbours[n] - {s}):
-            if float((at_n - at_s) @ (self._positions[m] - at_s)) < 0.0:
+            if float((at_n - at_s) @ (self.positions[m] - at_s)) < 0.0:
                 self.neighbours[n].discard(m)
                 self.neighbours[m].discard(n)
                 if not self.neighbours[m]:
@@ -193,7 +182,7 @@ class TopologicalMap:
 
     def _merge(self, gone: int, kept: int, changes: MapChanges) -> None:
         both = np.concatenate((self.points(gone), self.points(kept)))[-self.window :]
-        self._points[kept, : len(both)] = both
+        self._points[kept][: len(both)] = both
         self._counts[kept] = len(both)
         for linked in sorted(self.neighbours[gone] - {kept}):
             self._link(kept, linked, changes)
@@ -202,25 +191,21 @@ class TopologicalMap:
         changes.merged.append((gone, kept))
 
     def _create(self, point: FloatArray) -> int:
-        if self._size == len(self._positions):
-            grown = 2 * self._size
-            self._positions = np.concatenate((self._positions, np.full((self._size, 2), np.inf)))
-            self._points = np.concatenate((self._points, np.zeros_like(self._points)))
-            self._counts = np.concatenate((self._counts, np.zeros(grown - self._size, dtype=np.int64)))
-        node = self._size
-        self._size += 1
-        self._counts[node] = 0
+        node = self.size
+        self.positions = np.vstack((self.positions, point))
+        self._points.append(np.zeros((self.window, 2)))
+        self._counts.append(0)
         self.neighbours[node] = set()
         self._associate(node, point)
         return node
 
     def _associate(self, node: int, point: FloatArray) -> None:
-        self._points[node, self._counts[node] % self.window] = point
+        self._points[node][self._counts[node] % self.window] = point
         self._counts[node] += 1
         self._place(node)
 
     def _place(self, node: int) -> None:
-        self._positions[node] = self.points(node).mean(axis=0)
+        self.positions[node] = self.points(node).mean(axis=0)
 
     def _link(self, a: int, b: int, changes: MapChanges) -> None:
         if b not in self.neighbours[a]:
@@ -231,4 +216,4 @@ class TopologicalMap:
     def _drop(self, node: int) -> None:
         for linked in self.neighbours.pop(node):
             self.neighbours[linked].discard(node)
-        self._positions[node] = np.inf
+        self.positions[node] = np.inf

@@ -273,8 +273,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _model(name: str, recordings: list[Recording]) -> PlaceModel:
-    from loop_closure.places.place_model import PlaceModel
-    from loop_closure.places.shipped import shipped_model
+    from loop_closure.places.place_model import PlaceModel, shipped_model
 
     if name in ("best", "plain"):
         return shipped_model(f"{name}_{recordings[0].dimension}d")

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
 from loop_closure.graph.smoother_process import SmootherProcess
-from loop_closure.maps.earlier_map import EarlierMap
 from loop_closure.maps.localization import Localizer
 from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.maps.merging import EarlierMap
 from loop_closure.motions import planar
 from loop_closure.slam.trajectory import Slam
 from registration.laser.scan import Scan

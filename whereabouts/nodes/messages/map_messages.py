@@ -24,7 +24,8 @@ from estimation.geometry.poses import (
 )
 from estimation.geometry.tiles import TiledGrid, TileView
 from loop_closure.motions import positions
-from loop_closure.slam.trajectory import Closure, Slam
+from loop_closure.slam.loop_closer import Closure
+from loop_closure.slam.trajectory import Slam
 from whereabouts.nodes.messages.conversions import array_of, fill_pose, spatial, spatial_covariance
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import frame_name

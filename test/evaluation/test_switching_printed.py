@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from estimation.conversion.switching import SwitchingFilter
-from estimation.conversion.switching_printed import PrintedSwitchingFilter, sample_weights
 from estimation.errors import InputError
 from estimation.filters.constant_velocity import ConstantVelocity
+from evaluation.conversion.switching_printed import PrintedSwitchingFilter, sample_weights
 
 MOTION = ConstantVelocity(0.6)
 NOISE = np.diag([0.02**2, np.radians(2) ** 2])
