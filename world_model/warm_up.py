@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 
 from world_model.anchoring.anchoring import Anchoring
-from world_model.calibration.corrections import Corrections
 from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence, checked
 from world_model.predictions import Path
@@ -33,7 +32,7 @@ def warm_up() -> None:
             merged_detections=True,
             hypotheses=10,
         )
-        anchors = Anchoring(config, Corrections)
+        anchors = Anchoring(config)
         for step in range(LOOKS):
             spots = TWINS if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
             seen = [np.array(p) + rng.normal(0.0, NOISE, 3) for p in spots if rng.random() < 0.5]

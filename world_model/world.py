@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from estimation.checks import as_vectors
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
-from world_model.calibration.corrections import Corrections
 from world_model.calibration.hindsight import FIRST_LOOKS, MOST_LOOKS
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
@@ -85,10 +83,7 @@ class WorldModel:
         self.stamp = -np.inf
         self.begun = np.inf  # first stamp of this run
         self._earlier = Earlier()
-        calibrated = partial(Corrections, most_looks=MOST_LOOKS if looks_back else FIRST_LOOKS)
-        self.anchoring = Anchoring(
-            self.config, calibrated if self.config.learn_sensor_bias else None, behaviors
-        )
+        self.anchoring = Anchoring(self.config, MOST_LOOKS if looks_back else FIRST_LOOKS, behaviors)
         self._anchors = self.anchoring.anchors
         if self.store is not None and places:
             self.store.keep_places(places)

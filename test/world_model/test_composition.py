@@ -90,6 +90,21 @@ def test_stated_errors_are_taken_off() -> None:
     assert model.look_back() == []
 
 
+def test_stated_delay_is_taken_off_without_learning() -> None:
+    """What a sensor at 1 m/s says half a second late is half a metre off."""
+    delay = (0.0,) * 7 + (0.5,)
+    config = WorldModelConfig(
+        region=REGION, learn_sensor_bias=False, sensor_bias=delay, clutter_per_frame=0.01
+    )
+    model = WorldModel(config)
+    for k in range(20):
+        sensor = {"pose": (-4.0 + 0.2 * k, 0.0, 1.0, 0.0), "range": 8.0, "angle": 2.0 * np.pi}
+        seen = [ObjectEvidence((1.5, 1.0, 1.0), SIGMA**2 * np.eye(3))] if k > 2 else []
+        state = model.update(WorldEvidence(seen, sensor), 0.2 * k)
+    (item,) = state.objects
+    assert item.position[:2] == pytest.approx((1.0, 1.0), abs=0.01)
+
+
 def test_what_is_named_while_errors_are_learned_is_taken_in() -> None:
     """A look with a detection that was told to be of an object says nothing about the errors, and breaks nothing."""
     config = WorldModelConfig(region=REGION, clutter_per_frame=0.01)

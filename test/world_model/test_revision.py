@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
-from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW
 from world_model.calibration.revision import Explanation, Sightings, assign, explain, misfit, solve
+from world_model.calibration.sensor_bias import JITTER, QUICK, SECONDS, SLOW
 
 PLACES = np.array([[2.0 + 0.2 * (k % 5), 1.2 * (k // 5)] for k in range(10)])
 SIGMA = np.array([0.02, 0.006])

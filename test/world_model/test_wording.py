@@ -15,7 +15,7 @@ from world_model import WorldObject, WorldState, ask
 from world_model.memory.store import Store
 from world_model.questions import moment
 from world_model.questions.moments import ahead
-from world_model.questions.spelling import slip_of
+from world_model.questions.wording import slip_of
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 SPOTS = {
@@ -153,6 +153,7 @@ def test_what_is_not_known_is_not_made_up(home: Store, question: str) -> None:
         ("quarter of an hour ago", 2 * DAY + 19.75 * HOUR, 2 * DAY + 19.75 * HOUR),
         ("in the last twenty-five minutes", NOW - MONDAY - 1500.0, NOW - MONDAY),
         ("at ten past nine", 2 * DAY + 9 * HOUR + 600.0, 2 * DAY + 9 * HOUR + 600.0),
+        ("at noon in the afternoon", 2 * DAY + 12 * HOUR, 2 * DAY + 12 * HOUR),
         ("at eight last night", DAY + 20 * HOUR, DAY + 20 * HOUR),
         ("last night at two", 2 * DAY + 2 * HOUR, 2 * DAY + 2 * HOUR),
         ("the 17th", DAY, 2 * DAY),

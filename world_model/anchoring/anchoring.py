@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from world_model.anchoring.loops.look import Look
 from world_model.anchoring.present import Presentation
 from world_model.anchoring.recognition import Recognition
 from world_model.anchoring.single import SingleObjects
-from world_model.calibration.protocol import Calibration
+from world_model.calibration.corrections import Corrections
+from world_model.calibration.hindsight import MOST_LOOKS
 from world_model.config import WorldModelConfig
 from world_model.evidence import Measurements
 from world_model.predictions import Behavior
@@ -25,13 +26,13 @@ TIDY = 64  # Looks after which anchors that nobody believes in are looked for
 
 class Anchoring:
     """The state `anchors`, and the parts that act on it: `guidance`, `association`, `beliefs`, `bodies`, `recall`,
-    `objects`, `presentation`; `calibration` corrects what a sensor gets wrong. calibrated : makes one that learns, of
-    this. behaviors : of classes, beside those of the settings (the set M of section 2.4.2)."""
+    `objects`, `presentation`; `calibration` corrects what a sensor gets wrong. most_looks : that it keeps. behaviors :
+    of classes, beside those of the settings (the set M of section 2.4.2)."""
 
     def __init__(
         self,
         config: WorldModelConfig,
-        calibrated: Callable[[Anchoring], Calibration] | None = None,
+        most_looks: int = MOST_LOOKS,
         behaviors: Mapping[str, Behavior] | None = None,
     ) -> None:
         self.anchors = Anchors(config)
@@ -42,9 +43,7 @@ class Anchoring:
         self.association = Association(self.anchors, self.bodies)
         self.objects = SingleObjects(self.anchors, self.beliefs)
         self.recall = Recognition(self.anchors, self.objects, self.bodies)
-        self.calibration: Calibration = (
-            Calibration(config.sensor_bias) if calibrated is None else calibrated(self)
-        )
+        self.calibration = Corrections(self.anchors, self.beliefs, self.objects, most_looks)
         self._looks = 0
 
     def reset(self) -> None:

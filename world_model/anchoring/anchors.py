@@ -1,8 +1,8 @@
 """The state of anchoring: leaves, tracks, clusters of hypotheses, and what is shown of them (Θ of section 2.5).
 
 Parts act on it: `associate` (which detection is of which anchor), `beliefs` (what is believed in and how it is called),
-`recall` (what was known and was carried), `guidance` (where movers go), `single` (what is said about one object) and
-`present` (what others get to see). None of them keeps anything of its own about an anchor.
+`recognition` (what was known and was carried), `guidance` (where movers go), `single` (what is said about one object)
+and `present` (what others get to see). None of them keeps anything of its own about an anchor.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from world_model.anchoring.attributes import Gaussian, Quantities, Vocabulary
-from world_model.anchoring.loops.branching import presence, same_worlds, sweep
+from world_model.anchoring.loops.branching import presence, same_worlds
 from world_model.anchoring.loops.clusters import Cluster, Track, combined
 from world_model.anchoring.loops.expansion import components, unify
 from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool
@@ -257,4 +257,7 @@ class Anchors:
 
     def sweep(self, before: IntArray, after: IntArray) -> None:
         """Give back leaves of hypotheses `before` that those `after` do not use."""
-        sweep(self.leaves, self.pool.free, self.pool.top, before, after)
+        keep = {-1, *after.ravel().tolist()}
+        for slot in dict.fromkeys(before.ravel().tolist()):
+            if slot not in keep:
+                self.pool.give(slot)

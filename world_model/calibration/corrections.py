@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.anchoring import Anchoring
-from world_model.anchoring.anchors import THRESHOLD
+from world_model.anchoring.anchors import THRESHOLD, Anchors
+from world_model.anchoring.beliefs import Beliefs
 from world_model.anchoring.loops.kernels import attribute_factor
 from world_model.anchoring.loops.leaves import REST
 from world_model.anchoring.loops.look import Look
+from world_model.anchoring.single import SingleObjects
 from world_model.calibration.hindsight import MOST_LOOKS, Hindsight, KeptLook
-from world_model.calibration.protocol import Calibration, Looks, Symbols, without
+from world_model.calibration.sensor_bias import CONSTANT
 from world_model.calibration.sensor_errors import SensorErrors
 from world_model.calibration.sensor_filter import error_basis
 from world_model.calibration.sensor_worlds import NEAR, SensorDetections
 from world_model.evidence import Measurements
 
 TWINS = 0.03  # m: no two objects rest as near each other, nor nearer than a detection's standard deviation
+Symbols = tuple[str | None, ...]
+Looks = list[tuple[float, Symbols]]  # Stamp, s, and object of each detection, per look
 
 
-class Corrections(Calibration):
-    """Learns them. bias : the sensor's errors. most_looks : how many are kept to be explained anew."""
+class Corrections:
+    """One look after the other: `corrected`, `weigh`, `learn`, `keep`. With `learn_sensor_bias` errors are learned,
+    else they are what the settings say. bias : the sensor's errors. most_looks : how many are kept to be explained
+    anew."""
 
-    def __init__(self, anchoring: Anchoring, most_looks: int = MOST_LOOKS) -> None:
-        self.anchors, self.beliefs, self.objects = anchoring.anchors, anchoring.beliefs, anchoring.objects
-        super().__init__(self.anchors.config.sensor_bias)
-        self.bias = SensorErrors(self.stated)
+    def __init__(
+        self, anchors: Anchors, beliefs: Beliefs, objects: SingleObjects, most_looks: int = MOST_LOOKS
+    ) -> None:
+        self.anchors, self.beliefs, self.objects = anchors, beliefs, objects
+        self.learns = anchors.config.learn_sensor_bias
+        self.bias = SensorErrors(constant_errors(anchors.config.sensor_bias))
         self.hindsight = Hindsight(most_looks)
         self._said: list[int] | None = None
 
@@ -39,11 +47,11 @@ class Corrections(Calibration):
 
     @property
     def values(self) -> FloatArray:
-        """Constant errors (8,)."""
+        """Constant errors (8,), see `sensor_bias`."""
         return self.bias.values
 
     def corrected(self, measured: Measurements, stamp: float) -> Measurements:
-        """Detections without the errors that the sensor is known to have."""
+        """Detections of a look at a stamp, s, without the errors that the sensor is known to have."""
         self._said = None
         if measured.sensor is None:
             return measured
@@ -51,12 +59,15 @@ class Corrections(Calibration):
         watching = self.bias.follow(measured.sensor.pose, stamp)
         if self.bias.moved and not moved:
             self._catch_up()
-        if watching:
+        if watching and self.learns:
             self.bias.worlds.predict(stamp)
             self._introduce(measured.positions)
         if not self.bias.values.any():
             return measured
-        return without(measured, np.concatenate([self.bias.values, self.bias.shared]), self.bias.rate)
+        errors = np.concatenate([self.bias.values, self.bias.shared])
+        positions = measured.positions.copy()
+        positions[:, :2] -= error_basis(positions, measured.sensor.pose, self.bias.rate) @ errors
+        return replace(measured, positions=positions)
 
     def _introduce(self, positions: FloatArray) -> None:
         """Objects near detections (M, 3) come to the filter of the sensor's errors; those that are gone leave it."""
@@ -127,9 +138,12 @@ class Corrections(Calibration):
         self.bias.add(numbers, raw.positions[mine, :2], raw.covariances[mine, :2, :2], raw.sensor.pose, rate)
 
     def learn(self, raw: Measurements, owners: list[int]) -> None:
-        """Take in what resting objects say about the sensor, and move all of them accordingly."""
+        """Take in what resting objects say about the sensor, and move all of them accordingly.
+
+        owners (M,) : whose each detection was, by number of track; may be corrected.
+        """
         bias, leaves, said = self.bias, self.anchors.leaves, self._said
-        if raw.sensor is None:
+        if raw.sensor is None or not self.learns:
             return
         if not bias.moved:
             bias.before |= set(owners)
@@ -156,8 +170,8 @@ class Corrections(Calibration):
     def keep(
         self, raw: Measurements, likelihood: FloatArray, stamp: float, owners: list[int], symbols: Symbols
     ) -> None:
-        """Keep a look, so that later evidence can correct whose its detections were."""
-        if raw.sensor is not None and owners:
+        """Keep a look with the likelihood (M, A) of its words, so that later evidence can correct whose it was."""
+        if raw.sensor is not None and owners and self.learns:
             # The words take many times the room of the numbers, and their likelihood says what they did.
             seen = replace(raw, attributes=(), quantities=(), object_ids=())
             look = KeptLook(stamp, seen, likelihood, list(owners), symbols, self.bias.rate)
@@ -228,3 +242,10 @@ class Corrections(Calibration):
             symbols.append((look.stamp, tuple(names)))
             look.owners, look.symbols = tracks, tuple(names)
         return symbols
+
+
+def constant_errors(sensor_bias: Sequence[float]) -> FloatArray:
+    """All constant errors (8,) of those that are stated, or the first of them."""
+    values = np.zeros(CONSTANT)
+    values[: len(sensor_bias)] = sensor_bias
+    return values

@@ -9,8 +9,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.loops.leaves import IntArray, Leaves
-from world_model.calibration.revision import Explanation, Sightings, explain
-from world_model.calibration.sensor_bias import within
+from world_model.calibration.revision import Explanation, Sightings, expected, explain
 from world_model.evidence import Measurements
 
 FIRST_LOOKS = 100  # Looks of a sensor that has not moved; as many as are needed where nobody looks back
@@ -33,14 +32,10 @@ class KeptLook:
 def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
     """Range and bearing of detections (M, 2) and their standard deviations."""
     assert measured.sensor is not None
-    pose = measured.sensor.pose
-    off = measured.positions[:, :2] - pose[:2]
-    distance = np.maximum(np.hypot(off[:, 0], off[:, 1]), 1e-3)
-    along = off / distance[:, None]
+    distance, bearing, along = expected(measured.positions[:, :2], measured.sensor.pose)
     across = np.stack([-along[:, 1], along[:, 0]], -1)
     spread = measured.covariances[:, :2, :2]
     sigma = [np.sqrt(np.einsum("ni,nij,nj->n", line, spread, line)) for line in (along, across)]
-    bearing = within(np.arctan2(off[:, 1], off[:, 0]) - pose[3])
     return np.stack([distance, bearing], -1), np.stack([sigma[0], sigma[1] / distance], -1)
 
 
@@ -74,34 +69,25 @@ class Hindsight:
 
         Detections of `movers` stay theirs. known (8,) : calibration.
         """
-        column = {number: k for k, number in enumerate(numbers)}
-        mine = [[j for j, owner in enumerate(look.owners) if owner not in movers] for look in self.looks]
-        index = np.repeat(np.arange(len(mine)), [len(which) for which in mine])
-        parts = list(zip(self.looks, mine, strict=True))
-        likelihood = np.concatenate([look.likelihood[which] for look, which in parts])
+        counts = [len(look.owners) for look in self.looks]
+        whose = np.concatenate([look.owners for look in self.looks])
+        mine = ~np.isin(whose, np.array(sorted(movers), np.int64))
+        index = np.repeat(np.arange(len(counts)), counts)[mine]
+        likelihood = np.concatenate([look.likelihood for look in self.looks])[mine]
         unlike = np.zeros((len(index), len(numbers)))
         for begin, end in blocks.tolist():
             if end > begin:
                 factor = likelihood[:, begin:end] @ leaves.attributes[slots, begin:end].T
                 unlike -= 2.0 * np.log(factor + 1e-9)
-        views = [polar(look.measured) for look in self.looks]
-        stamps, rates = (
-            np.array([look.stamp for look in self.looks]),
-            np.array([look.rate for look in self.looks]),
-        )
+        stamps = np.array([look.stamp for look in self.looks])
+        rates = np.array([look.rate for look in self.looks])
         poses = np.array([sensor.pose for look in self.looks if (sensor := look.measured.sensor) is not None])
-        told = zip(views, mine, strict=True)
-        seen, sigma = (
-            np.concatenate(each) for each in zip(*((r[w], s[w]) for (r, s), w in told), strict=True)
-        )
+        views = zip(*(polar(look.measured) for look in self.looks), strict=True)
+        seen, sigma = (np.concatenate(each)[mine] for each in views)
         data = Sightings(stamps, poses, index, seen, sigma, np.maximum(unlike, 0.0), rates)
-        owner = np.array([column.get(look.owners[j], -1) for look, which in parts for j in which])
-        begun = Explanation(leaves.rest[slots, :2].copy(), known.copy(), np.zeros((len(mine), 2)), owner)
+        column = {number: k for k, number in enumerate(numbers)}
+        owner = np.array([column.get(number, -1) for number in whose[mine].tolist()])
+        begun = Explanation(leaves.rest[slots, :2].copy(), known.copy(), np.zeros((len(counts), 2)), owner)
         found = explain(data, begun, known)
-        tracks = [list(look.owners) for look in self.looks]
-        at = 0
-        for look, which in zip(tracks, mine, strict=True):
-            for j in which:
-                look[j] = numbers[found.owner[at]] if found.owner[at] >= 0 else -1
-                at += 1
-        return found, tracks
+        whose[mine] = np.append(numbers, -1)[found.owner]
+        return found, [part.tolist() for part in np.split(whose, np.cumsum(counts)[:-1])]

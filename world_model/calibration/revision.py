@@ -17,12 +17,23 @@ from scipy.sparse.linalg import spsolve
 from estimation.checks import FloatArray
 from estimation.filters.assignment import cheapest
 from world_model.anchoring.loops.leaves import IntArray
-from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW, STEPS, UNKNOWN
-from world_model.calibration.sensor_bias import ASIDE, CONSTANT, PRIOR, depth_share, within
+from world_model.calibration.sensor_bias import (
+    ASIDE,
+    CONSTANT,
+    JITTER,
+    PRIOR,
+    QUICK,
+    SECONDS,
+    SLOW,
+    STEPS,
+    depth_share,
+    within,
+)
 
 ROUNDS = 12
 SHAKEN = 3  # Times that what was found is tried to be left for something better
 SOME = 50  # Looks that are explained first, when those before come in later
+UNKNOWN = 25.0  # Squared Mahalanobis distance from which a detection is of nothing that is known
 
 
 @dataclass(frozen=True)
@@ -161,47 +172,35 @@ def solve(data: Sightings, found: Explanation, known: FloatArray) -> Explanation
     distance, bearing, sight = expected(found.places[owner], poses)
     errors = constants(distance, bearing, sight, data.rates[look])
     across = np.stack([-sight[:, 1], sight[:, 0]], -1) / distance[:, None]
-    blocks, rights = [], []
+
+    def over(values: FloatArray, columns: IntArray, size: int) -> sparse.csr_matrix:
+        """A row per detection with values (n, c) in columns (n, c) of `size`."""
+        place = np.repeat(n, columns.shape[1]), columns.ravel()
+        return sparse.csr_matrix((values.ravel(), place), shape=(len(n), size))
+
     # Unknowns: places, constants, and per kind the slow and the quick part of every look.
-    start = 2 * K + CONSTANT
-    total = start + 4 * F
+    rows: list[list[sparse.csr_matrix | None]] = []
+    rights = []
     for kind in range(2):
-        weight = 1.0 / data.sigma[used, kind]
+        weight = 1.0 / data.sigma[used, kind][:, None]
         change = sight * (1.0 + found.constant[1]) if kind == 0 else across
-        columns = [2 * owner, 2 * owner + 1]
-        values = [change[:, 0] * weight, change[:, 1] * weight]
-        columns += [np.full(len(n), 2 * K + c) for c in range(CONSTANT)]
-        values += [errors[:, kind, c] * weight for c in range(CONSTANT)]
-        at = start + 2 * F * kind
-        columns += [at + look, at + F + look]
-        values += [weight, weight]
-        rows = np.tile(n, len(columns))
-        blocks.append(
-            sparse.csr_matrix(
-                (np.concatenate(values), (rows, np.concatenate(columns))), shape=(len(n), total)
-            )
-        )
+        to_look = over(weight, look[:, None], F)
+        places = over(change * weight, 2 * owner[:, None] + np.arange(2), 2 * K)
+        constant = over(errors[:, kind] * weight, np.tile(np.arange(CONSTANT), (len(n), 1)), CONSTANT)
+        own, other = [to_look, to_look], [None, None]
+        rows.append([places, constant, *(own + other if kind == 0 else other + own)])
         # Linear in everything but the places: what is left with constants and shared errors of zero.
         left = data.seen[used, kind] - (distance if kind == 0 else bearing)
         left = within(left) if kind else left
-        rights.append((left + (change * found.places[owner]).sum(1)) * weight)
-    for kind, (chain, quick) in enumerate(_shared_prior(data.stamps, data.quick)):
-        at = start + 2 * F * kind
-        for part, block in ((0, chain), (F, quick)):
-            pad = [sparse.csr_matrix((F, at + part)), block, sparse.csr_matrix((F, total - at - part - F))]
-            blocks.append(sparse.hstack(pad, format="csr"))
-            rights.append(np.zeros(F))
-    each = np.arange(CONSTANT)
-    prior = sparse.csr_matrix((1.0 / PRIOR, (each, 2 * K + each)), shape=(CONSTANT, total))
-    loose = sparse.csr_matrix(
-        (np.full(2 * K, 1.0), (np.arange(2 * K), np.arange(2 * K))), shape=(2 * K, total)
-    )
-    blocks += [prior, loose]
-    rights += [known / PRIOR, found.places.ravel()]
-    A, b = sparse.vstack(blocks, format="csr"), np.concatenate(rights)
+        rights.append((left + (change * found.places[owner]).sum(1)) * weight[:, 0])
+    shared = [block for pair in _shared_prior(data.stamps, data.quick) for block in pair]
+    for at, block in enumerate([sparse.eye(2 * K), sparse.diags(1.0 / PRIOR), *shared]):
+        rows.append([block if k == at else None for k in range(6)])
+    rights += [found.places.ravel(), known / PRIOR, np.zeros(4 * F)]
+    A, b = sparse.bmat(rows, format="csr"), np.concatenate(rights)
     solved = np.asarray(spsolve((A.T @ A).tocsc(), A.T @ b, permc_spec="MMD_AT_PLUS_A"), dtype=np.float64)
-    parts = solved[start:].reshape(2, 2, F)
-    return Explanation(solved[: 2 * K].reshape(K, 2), solved[2 * K : start], parts.sum(1).T, found.owner)
+    place, constant, parts = np.split(solved, [2 * K, 2 * K + CONSTANT])
+    return Explanation(place.reshape(K, 2), constant, parts.reshape(2, 2, F).sum(1).T, found.owner)
 
 
 def misfit(data: Sightings, found: Explanation) -> float:

@@ -6,6 +6,11 @@ it. depth is -1 where a detector reports depth for distance, lean the angle by w
 stretch and bend are of lenses; what sees farther to the side than `ASIDE` has none of these four. `delay` (s) is how
 old a detection is at its stamp: it is off by what the sensor moved meanwhile. `sensor_filter` estimates objects and
 the eight numbers together: only what changes with the place of the sensor says something.
+
+What is left are an offset in range (m) and a turn (rad) that all detections of a look share (errors of the robot's
+pose, of the sensor's mounting). They go towards zero within some time (an Ornstein-Uhlenbeck process), with a part that
+changes with every look. The detections of a look together say which: each known object explains one of them at most
+(`sensor_worlds`, `revision`).
 """
 
 from __future__ import annotations
@@ -24,6 +29,11 @@ PARALLAX = 0.5
 ASIDE = 1.2  # rad: no camera reports depth of what is farther off its axis
 SOONEST, LATEST = 0.01, 0.6  # s: how fast a sensor moves is known from poses this far apart
 QUICKEST = np.array([5.0, 5.0, 6.0])  # m/s and rad/s: what is faster is no motion of a sensor
+SECONDS = 30.0  # After which shared errors that were found are forgotten
+SLOW = np.array([0.02, 0.02])  # Standard deviations of their slow part, of range (m) and turn (rad)
+QUICK = np.array([0.01, 0.006])  # The same of what changes with every look
+JITTER = 0.02  # The same of how old a look's detections are, s
+STEPS = np.linspace(-2.0, 2.0, 9)  # Turns that are tried, in standard deviations
 
 
 def depth_share(bearing: FloatArray) -> FloatArray:

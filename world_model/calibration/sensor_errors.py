@@ -50,7 +50,6 @@ class SensorErrors:
         self.looks = 0
         self.since = -np.inf
         self._start: FloatArray | None = None
-        self._last: tuple[FloatArray, float] | None = None
         self.rate = np.zeros(3)
         self._trail: list[tuple[FloatArray, float]] = []
 
@@ -67,13 +66,13 @@ class SensorErrors:
     def follow(self, pose: FloatArray, stamp: float) -> bool:
         """To a new look; whether it is taken in: the sensor has moved far enough to tell its errors from the objects'
         places."""
-        if self._last is not None:
-            far, elapsed = float(np.hypot(*(pose[:2] - self._last[0]))), max(stamp - self._last[1], 0.0)
+        if self._trail:
+            before, then = self._trail[-1]
+            far, elapsed = float(np.hypot(*(pose - before)[:2])), max(stamp - then, 0.0)
             if far > PARALLAX + FASTEST * elapsed:
                 # That is another sensor: what was learned is not its.
                 self.reset()
         self._pace(pose, stamp)
-        self._last = pose[:2].copy(), stamp
         if self._start is None:
             self._start, self.since = pose[:2].copy(), stamp
         self.moved = self.moved or bool(np.hypot(*(pose[:2] - self._start)) > PARALLAX)

@@ -1,7 +1,7 @@
 """What a moving sensor gets wrong and where resting objects are, estimated together: an extended Kalman filter.
 
-Its state are constant errors (`sensor_bias.basis`), two that all detections of a look share and that change slowly
-(`drift`), and the places of objects. All detections from about the same place are off alike: taken for independent,
+Its state are constant errors (`sensor_bias.basis`), two that all detections of a look share and that change slowly, and
+the places of objects. All detections from about the same place are off alike: taken for independent,
 they would pull objects after these errors, and objects that stand close together would be mixed up. What is common to
 them stays common here, in the covariances between places and errors.
 """
@@ -12,8 +12,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.loops.leaves import IntArray
-from world_model.calibration.drift import JITTER, QUICK, SECONDS, SLOW
-from world_model.calibration.sensor_bias import CONSTANT, PRIOR, basis
+from world_model.calibration.sensor_bias import CONSTANT, JITTER, PRIOR, QUICK, SECONDS, SLOW, basis
 
 ERRORS = CONSTANT + 2
 """Length of the part of the state before the places: constant errors; shared range and turn."""

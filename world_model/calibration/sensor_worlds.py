@@ -14,7 +14,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.filters.assignment import cheapest
 from world_model.anchoring.loops.leaves import IntArray
-from world_model.calibration.drift import JITTER, RANGES, STEPS
+from world_model.calibration.sensor_bias import JITTER, STEPS
 from world_model.calibration.sensor_filter import ERRORS, LOG_2PI, SHARED, SensorFilter
 
 MOST = 8  # Hypotheses that are kept
@@ -24,6 +24,7 @@ TRIED = 20  # Shared errors for which the best owners are tried
 NEAR = 1.0  # m: objects this far from all detections are not asked
 WIDE = 25.0  # Variance of a detection that is worse than it says, times that said
 SELDOM = 5.0  # -2 log of how often that is
+RANGES = np.linspace(-1.5, 1.5, 5)  # Shared errors of range that are tried, in standard deviations
 GRID = np.stack(np.meshgrid(RANGES, STEPS), -1).reshape(-1, 2)
 COSTS = (GRID**2).sum(1)
 

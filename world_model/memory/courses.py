@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.geometry.places import Place
@@ -25,49 +24,30 @@ Sight = tuple[float, str, bytes, float, int, float]
 
 
 class PlaceWords:
-    """Names of the places around positions: the smallest piece of furniture, or room, "" where there is none.
-
-    starts, ends : (P, E, 2) m, edges of the outlines; shorter ones are filled up with edges without length. lows,
-    highs : (P,) heights, m.
-    """
+    """Names of the places around positions: the smallest piece of furniture, or room, "" where there is none."""
 
     def __init__(self, places: Iterable[Place]) -> None:
         # What is found last is said: the smallest furniture.
-        ordered = sorted(places, key=lambda place: (place.kind != "room", -place.area))
-        self.names = [*(place.name for place in ordered), ""]
-        longest = max((len(place.polygon) for place in ordered), default=1)
-        self.starts = np.zeros((len(ordered), longest, 2))
-        for index, place in enumerate(ordered):
-            self.starts[index] = place.polygon[0]
-            self.starts[index, : len(place.polygon)] = place.polygon
-        self.ends = np.roll(self.starts, -1, axis=1)
-        self.lows, self.highs = np.array([place.height for place in ordered]).reshape(-1, 2).T
+        self._ordered = sorted(places, key=lambda place: (place.kind != "room", -place.area))
+        self._names = ["", *(place.name for place in self._ordered)]
+        boxes = [
+            (*place.polygon.min(0), place.height[0], *place.polygon.max(0), place.height[1])
+            for place in self._ordered
+        ]
+        self._lows, self._highs = np.hsplit(np.array(boxes).reshape(-1, 6), 2)
 
     def __call__(self, positions: FloatArray) -> list[str]:
         """Of each position (N, 3), m; rows that rest share theirs."""
         if not len(positions):
             return []
-        steps = np.abs(np.diff(positions, axis=0)).max(1) > STEP
-        group = np.concatenate([[0], np.cumsum(steps)])
-        firsts = positions[np.concatenate([[True], steps])]
-        found = np.concatenate(
-            [self._last_around(part) for part in np.array_split(firsts, len(firsts) // 1000 + 1)]
-        )
-        return [self.names[index] for index in found[group].tolist()]
-
-    def _last_around(self, positions: FloatArray) -> npt.NDArray[np.int64]:
-        """Index (N,) of the last place around each position (N, 3), -1 where there is none."""
-        x, y = positions[:, 0, None, None], positions[:, 1, None, None]
-        ax, ay = self.starts[..., 0], self.starts[..., 1]
-        bx, by = self.ends[..., 0], self.ends[..., 1]
-        rise = np.where(by == ay, 1.0, by - ay)
-        crossed = ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / rise)
-        inside = crossed.sum(2) % 2 == 1
-        height = positions[:, 2, None]
-        inside &= (height >= self.lows) & (height <= self.highs)
-        count = inside.shape[1]
-        last = count - 1 - np.argmax(inside[:, ::-1], axis=1) if count else np.zeros(len(positions), int)
-        return np.where(inside.any(1), last, -1)
+        steps = np.concatenate([[True], np.abs(np.diff(positions, axis=0)).max(1) > STEP])
+        firsts = positions[steps]
+        last = np.zeros(len(firsts), np.int64)
+        near = ((firsts[:, None] >= self._lows) & (firsts[:, None] <= self._highs)).all(2)
+        for number in np.flatnonzero(near.any(0)).tolist():
+            rows = np.flatnonzero(near[:, number])
+            last[rows[self._ordered[number].contains(firsts[rows])]] = number + 1
+        return [self._names[index] for index in last[np.cumsum(steps) - 1].tolist()]
 
 
 def is_there(row: tuple[Any, ...]) -> bool:

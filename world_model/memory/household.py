@@ -18,8 +18,7 @@ from world_model.behaviors import motion_of
 from world_model.config import WorldModelConfig
 from world_model.kept_file import read_kept, set_aside, write_kept
 from world_model.memory.courses import PlaceWords, courses_of, days_moved, routines_of
-from world_model.memory.routine_words import FEWEST_DAYS
-from world_model.memory.routines import Routines, RoutinesConfig
+from world_model.memory.routines import FEWEST_DAYS, Routines, RoutinesConfig
 from world_model.memory.store import Store
 from world_model.state import DAY, WorldObject
 from world_model.symbols import parse_symbol

@@ -7,10 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+
+from estimation.checks import require_count, require_positive
+from estimation.errors import InputError
+from world_model.state import DAY
 
 # mypy: disable-error-code="no-untyped-def"
 
@@ -27,20 +32,44 @@ class History(NamedTuple):
     since: np.ndarray
 
 
-class Likeness(NamedTuple):
-    """How alike two moments are; the log weights of all parts add up.
+@dataclass(frozen=True)
+class RoutinesConfig:
+    """What past moments count.
 
-    window : largest difference of the time of day, slots. clock : deviation of its Gaussian, slots.
-    half_life : days until a moment counts half. differs : for each thing that is at another place.
-    stay : deviation of the log of how long the thing itself has been there. origin : where it came from elsewhere.
+    slot : s, resolution of time. days : that are remembered; what is older is gone. half_life : days until a moment
+    counts half. window, clock : largest difference and deviation of the time of day, s. differs : log weight of a
+    thing that was elsewhere than now. stay : deviation of the log of how long the thing itself has been there.
+    origin : log weight of its having come from elsewhere. prior : days that the general rate of moves counts for.
+    threshold : of the probability from which on `moves` tells of a move.
     """
 
-    window: int
-    clock: float
-    half_life: float
-    differs: float
-    stay: float
-    origin: float
+    slot: float = 600.0
+    days: int = 120
+    half_life: float = 60.0
+    window: float = 1800.0
+    clock: float = 900.0
+    differs: float = 0.8
+    stay: float = 0.7
+    origin: float = 1.2
+    prior: float = 0.3
+    threshold: float = 0.35
+
+    def __post_init__(self) -> None:
+        for name in ("slot", "half_life", "clock", "stay", "prior"):
+            require_positive(name, getattr(self, name))
+        require_count("days", self.days)
+        if DAY % self.slot:
+            raise InputError(f"slot must divide a day of {DAY:g} s, not {self.slot}")
+
+    @property
+    def reach(self) -> int:
+        """Largest difference of the time of day, slots."""
+        return round(self.window / self.slot)
+
+    @property
+    def spread(self) -> float:
+        """Deviation of the time of day, slots."""
+        return self.clock / self.slot
 
 
 FAINT = (
@@ -122,7 +151,7 @@ class Remembered:
             gone = came = choose(was, absent, empty)
         else:
             gone, came = choose(was, seen, empty), choose(was, absent, last)
-        still(self.history, thing, seen + 1, gone)
+        fill(self.history, seen, gone - 1, thing)  # until then all was as it was
         amend(self.history, thing, gone, came, last, was, place)
 
     def runs(self, thing: int, slots: np.ndarray) -> list[list[int]]:
@@ -148,43 +177,42 @@ def _empty(rows: int, things: int) -> History:
     return History(np.full(shape, -1, np.int16), np.full(shape, -1, np.int16), np.zeros(shape, np.int32))
 
 
-def fill(history, last, now):
-    """Copy the row of slot `last` to the slots behind it, up to `now`."""
+def fill(history, last, now, things=slice(None)):
+    """Copy the row of slot `last` to the slots behind it, up to `now`; of some things where they are said."""
     rows = len(history.place)
-    source = last % rows
     behind = np.arange(max(last + 1, now - rows + 1), now + 1) % rows
     for each in history:
-        each[behind] = each[source]
+        each[behind, things] = each[last % rows, things]
 
 
-def moments(history, slot, first, last, day, like):
+def moments(history, slot, first, last, day, config):
     """Past moments at about the time of day of `slot`, and how alike they are by all that was where.
 
-    first, last : slots that are known. day : slots of a day. like : `Likeness`.
+    first, last : slots that are known. day : slots of a day.
     Returns slots (E,), newest day first, and log weights (E,), of which only differences mean anything.
     """
     rows = len(history.place)
     ages = np.arange(1, max((last - first) // day + 2, 1) + 1)[:, None]
-    shifts = np.arange(-like.window, like.window + 1)
+    shifts = np.arange(-config.reach, config.reach + 1)
     others = slot - ages * day + shifts
     known = (others >= first) & (others < last)
     found = others[known]
-    cost = (0.5 * (shifts / like.clock) ** 2 + ages * math.log(2.0) / like.half_life)[known]
+    cost = (0.5 * (shifts / config.spread) ** 2 + ages * math.log(2.0) / config.half_life)[known]
     now, then = slot % rows, found % rows
     here, there = history.place[now], history.place[then]
     both = (here >= 0) & (there >= 0)
-    cost += like.differs * (both & (here != there)).sum(1)
+    cost += config.differs * (both & (here != there)).sum(1)
     return found, -cost
 
 
-def _own(history, thing, slot, found, weights, last, like):
+def _own(history, thing, slot, found, weights, last, config):
     """Log weights (E,) for one thing: -inf where it was elsewhere, or what came after is not known by `last`."""
     rows = len(history.place)
     now, then = slot % rows, found % rows
     place, before, since = (each[:, thing] for each in history)
     ratio = np.log((slot - since[now] + 1.0) / (found - since[then] + 1.0))
-    scores = weights - 0.5 * np.minimum((ratio / like.stay) ** 2, FAR)
-    scores = scores - like.origin * (before[then] != before[now])
+    scores = weights - 0.5 * np.minimum((ratio / config.stay) ** 2, FAR)
+    scores = scores - config.origin * (before[then] != before[now])
     return np.where((place[then] == place[now]) & (found <= last), scores, -np.inf)
 
 
@@ -214,13 +242,13 @@ def _outcome(history, thing, slots, ahead, moving, last):
     return np.where(went.any(1), np.where(back, -1, to), start)
 
 
-def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, like, count):
+def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, config, count):
     """What came after moments like `slot` for one thing, as sums of weights by place (`count`,).
 
     last : the newest slot that is known. ahead : slots. moving : its first move within `ahead`, not where it was then.
     Returns the sums, and how many days speak, each by its most similar moment: what smoothing has to yield to.
     """
-    scores = _own(history, thing, slot, found, weights, last - ahead, like)
+    scores = _own(history, thing, slot, found, weights, last - ahead, config)
     fits = np.flatnonzero(scores > -np.inf)
     if not len(fits):
         return np.zeros(count), 0.0
@@ -234,40 +262,24 @@ def outcomes(history, thing, slot, found, weights, last, ahead, day, moving, lik
     return np.bincount(where, weight, count), float(strongest.sum())
 
 
-@njit(cache=True)
 def stays(history, thing, place, first, last):
     """Stays of one thing at a place that ended: rows (slot it came, slot it was gone, place it went to, or -1)."""
-    rows = len(history.place)
-    found = np.empty((last - first + 1, 3), np.int64)
-    number = 0
-    came = -1
-    for slot in range(first, last + 1):
-        where = history.place[slot % rows, thing]
-        if where == place:
-            if came < 0:
-                came = slot
-        elif came >= 0:
-            gone = slot
-            to = where
-            ahead = slot
-            while to < 0 and ahead < last:
-                ahead += 1
-                to = history.place[ahead % rows, thing]
-            found[number, 0], found[number, 1], found[number, 2] = came, gone, to
-            number += 1
-            came = -1
-    return found[:number]
+    slots = np.arange(first, last + 1)
+    where = history.place[slots % len(history.place), thing].astype(np.int64)
+    here = np.concatenate(([False], where == place))
+    came, gone = np.flatnonzero(here[1:] & ~here[:-1]), np.flatnonzero(here[:-1] & ~here[1:])
+    # Where it was seen next, which is behind the end where it never was.
+    known = np.append(np.flatnonzero(where >= 0), len(where))
+    to = np.append(where, -1)[known[np.searchsorted(known, gone)]]
+    return np.column_stack([slots[came[: len(gone)]], slots[gone], to])
 
 
 @njit(cache=True)
-def likely_slot(history, thing, place, to, low, high, first, day, spread):
-    """In which slot of low < slot ≤ high the thing went from `place` to `to`: when it usually does, or in the middle.
+def likely_slot(ended, to, low, high, day, spread):
+    """In which slot of low < slot ≤ high a thing went to `to`: when it usually does, or in the middle.
 
-    spread : deviation of its times of day, slots.
+    ended : (M, 3) its stays where it was, as of `stays`. spread : deviation of its times of day, slots.
     """
-    if high - low <= 1:
-        return high
-    ended = stays(history, thing, place, first, low)
     middle = 0.5 * (low + 1 + high)
     best, chosen = -1.0, high
     for slot in range(low + 1, high + 1):
@@ -281,25 +293,10 @@ def likely_slot(history, thing, place, to, low, high, first, day, spread):
     return chosen
 
 
-@njit(cache=True)
 def amend(history, thing, gone, came, now, place, to):
     """What nobody saw happen: the thing left `place` in slot `gone` and was at `to` from slot `came` to `now`."""
-    rows = len(history.place)
-    for slot in range(gone, now + 1):
-        row = slot % rows
-        there = slot >= came
-        history.place[row, thing] = to if there else -1
-        history.before[row, thing] = place
-        history.since[row, thing] = came if there else gone
-
-
-@njit(cache=True)
-def still(history, thing, start, stop):
-    """The thing was from slot `start` to `stop`, the latter excluded, what it was in the slot before `start`."""
-    rows = len(history.place)
-    source = (start - 1) % rows
-    for slot in range(start, stop):
-        row = slot % rows
-        history.place[row, thing] = history.place[source, thing]
-        history.before[row, thing] = history.before[source, thing]
-        history.since[row, thing] = history.since[source, thing]
+    slots = np.arange(gone, now + 1)
+    rows, there = slots % len(history.place), slots >= came
+    history.place[rows, thing] = np.where(there, to, -1)
+    history.before[rows, thing] = place
+    history.since[rows, thing] = np.where(there, came, gone)

@@ -18,72 +18,32 @@ minutes, so that no day has to begin anywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
-from estimation.checks import require_count, require_positive
 from estimation.errors import InputError
 from world_model.memory.routine_kernels import (
     History,
-    Likeness,
     Remembered,
+    RoutinesConfig,
     fill,
     likely_slot,
     moments,
     outcomes,
     stays,
 )
-from world_model.memory.routine_words import usual_move
 from world_model.state import DAY, HOUR
+
+__all__ = ["FEWEST_DAYS", "FORMAT", "VERSION", "Routines", "RoutinesConfig"]
 
 Array = np.ndarray
 FORMAT = "whereabouts.routines"
 VERSION = 1
+FEWEST_DAYS = 3  # on which a thing left a place, before it usually does anything
 EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
-
-
-@dataclass(frozen=True)
-class RoutinesConfig:
-    """What past moments count.
-
-    slot : s, resolution of time. days : that are remembered; what is older is gone. half_life : days until a moment
-    counts half. window, clock : largest difference and deviation of the time of day, s. differs : log weight of a
-    thing that was elsewhere than now. stay : deviation of the log of how long the thing itself has been there.
-    origin : log weight of its having come from elsewhere. prior : days that the general rate of moves counts for.
-    threshold : of the probability from which on `moves` tells of a move.
-    """
-
-    slot: float = 600.0
-    days: int = 120
-    half_life: float = 60.0
-    window: float = 1800.0
-    clock: float = 900.0
-    differs: float = 0.8
-    stay: float = 0.7
-    origin: float = 1.2
-    prior: float = 0.3
-    threshold: float = 0.35
-
-    def __post_init__(self) -> None:
-        for name in ("slot", "half_life", "clock", "stay", "prior"):
-            require_positive(name, getattr(self, name))
-        require_count("days", self.days)
-        if DAY % self.slot:
-            raise InputError(f"slot must divide a day of {DAY:g} s, not {self.slot}")
-
-    def likeness(self) -> Likeness:
-        """The same in slots, for the kernels."""
-        return Likeness(
-            round(self.window / self.slot),
-            self.clock / self.slot,
-            self.half_life,
-            self.differs,
-            self.stay,
-            self.origin,
-        )
 
 
 class Routines:
@@ -96,7 +56,6 @@ class Routines:
 
     def __init__(self, config: RoutinesConfig | None = None) -> None:
         self.config = config or RoutinesConfig()
-        self._like = self.config.likeness()
         self._day = round(DAY / self.config.slot)
         self._places: dict[str, int] = {}
         self._place_names: list[str] = []
@@ -247,7 +206,7 @@ class Routines:
 
     def _shares(self, thing: int, slot: int) -> Array:
         """Share of the time that it was at each place at about this time of day (P,); anywhere where it never was."""
-        count, window = len(self._place_names), self._like.window
+        count, window = len(self._place_names), self.config.reach
         days = slot - self._day * np.arange(self.config.days + 2)
         slots = (days[:, None] + np.arange(-window, window + 1)).ravel()
         slots = slots[(slots >= self._oldest(self._last)) & (slots <= self._last)]
@@ -403,10 +362,13 @@ class Routines:
         seen = max(self._slot(self._seen[thing]), self._last - self._day, self._first)
         looked = self._looked[place]
         absent = max(seen, self._slot(looked)) if math.isfinite(looked) else seen
-        start, spread = self._oldest(self._last), self.config.clock / self.config.slot
+        start = self._oldest(self._last)
 
         def choose(was: int, low: int, high: int) -> int:
-            return int(likely_slot(self._history, thing, was, place, low, high, start, self._day, spread))
+            if high - low <= 1:
+                return high
+            ended = stays(self._history, thing, was, start, low)
+            return int(likely_slot(ended, place, low, high, self._day, self.config.spread))
 
         self._known.amend(thing, place, self._last, seen, absent, choose)
 
@@ -427,7 +389,7 @@ class Routines:
         key = (slot, self._version)
         if self._alike is None or self._alike[0] != key:
             newest = max(slot, self._last)
-            found = moments(self._history, slot, self._oldest(newest), self._last, self._day, self._like)
+            found = moments(self._history, slot, self._oldest(newest), self._last, self._day, self.config)
             self._alike = key, found
         return self._alike[1]
 
@@ -435,11 +397,11 @@ class Routines:
         """Probabilities (P,) of where the thing is, or first moves to, `ahead` slots after it was at a place."""
         if place < 0:
             return prior
-        like, count = self._like, len(self._place_names)
         found, weights = self._moments(slot)
         votes, days = outcomes(
-            self._history, thing, slot, found, weights, self._last, ahead, self._day, moving, like, count
-        )
+            self._history, thing, slot, found, weights, self._last, ahead, self._day, moving, self.config,
+            len(self._place_names),
+        )  # fmt: skip
         if days <= 0.0:
             return prior
         chance: Array = (votes / votes.sum() * days + self.config.prior * prior) / (days + self.config.prior)
@@ -480,3 +442,51 @@ def _names(objects: Iterable[str]) -> list[str]:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+def usual_move(name: str, place: int, ended: Array, slot: int, length: float, places: Sequence[str]) -> str:
+    """Where a thing goes from `place`, when, and on how many of the days.
+
+    ended : (M, 3) stays there: slots in which it came and had gone, and the place it went to, or -1. slot : of the
+    question. length : of a slot, s. places : names.
+    """
+    here = places[place]
+    ended = _at_this_time(ended[ended[:, 2] >= 0], slot, length)
+    day = round(DAY / length)
+    days = len(np.unique(ended[:, 1] // day))
+    if days < FEWEST_DAYS:
+        return (
+            f"{name} has left {here} on {days} of the days remembered: too few to tell what it usually does."
+        )
+    to = int(np.bincount(ended[:, 2]).argmax())
+    chosen = ended[ended[:, 2] == to]
+    on = len(np.unique(chosen[:, 1] // day))
+    return f"{name} usually goes from {here} to {places[to]} {_when(chosen, length)}; {on} of {days} days."
+
+
+def _at_this_time(ended: Array, slot: int, length: float) -> Array:
+    """Of stays (M, 3) those that lasted into the hour around this time of day; all where none did."""
+    hour = round(HOUR / length)
+    since = (slot + hour // 2 - ended[:, 0]) % round(DAY / length)
+    chosen = ended[since <= ended[:, 1] - ended[:, 0] + hour]
+    return chosen if len(chosen) else ended
+
+
+def _when(chosen: Array, length: float) -> str:
+    """After so long a stay, or at a time of day: whichever varies less. chosen : (M, 3) stays."""
+    lasted = (chosen[:, 1] - chosen[:, 0]) * length
+    middle = float(np.median(lasted))
+    turn = np.exp(2j * np.pi * (chosen[:, 1] * length % DAY) / DAY)
+    clock = float(np.angle(turn.mean())) / (2.0 * np.pi) * DAY % DAY
+    off = (chosen[:, 1] * length - clock + DAY / 2.0) % DAY - DAY / 2.0
+    if np.median(np.abs(lasted - middle)) <= np.median(np.abs(off)):
+        return f"about {_duration(middle)} after it came"
+    return f"at about {int(clock // HOUR):02d}:{int(clock % HOUR // 60):02d} UTC"
+
+
+def _duration(seconds: float) -> str:
+    """Minutes up to two hours, hours up to two days, then days."""
+    for unit, length, most in (("min", 60, 2.0 * HOUR), ("h", HOUR, 2.0 * DAY)):
+        if seconds < most:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds / DAY:.0f} days"

@@ -18,7 +18,7 @@ from typing import Any
 
 from estimation.checks import require_count
 from estimation.geometry.places import Places
-from world_model.memory.store_file import StoreError, StoreFile, copy_store, is_damage, is_full
+from world_model.memory.store_file import Keeper, StoreError, StoreFile, copy_store, is_damage, is_full
 from world_model.memory.store_format import (
     CLOCK,
     CURRENT,
@@ -30,7 +30,6 @@ from world_model.memory.store_format import (
     StoreTable,
     summed,
 )
-from world_model.memory.store_keeper import Keeper
 from world_model.memory.store_places import EVENT, KEPT, NAME, RUN, places_row, places_text
 from world_model.memory.store_records import HistoryEntry, Memory, Records
 from world_model.memory.store_rows import COLUMNS, Written, attributes_text, decode, encode, event, is_drift

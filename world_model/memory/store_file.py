@@ -8,9 +8,10 @@ import os
 import shutil
 import sqlite3
 import struct
+import threading
 import time
 import zlib
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 from estimation.errors import WhereaboutsError
@@ -32,6 +33,7 @@ from world_model.memory.store_repair import (
     make,
     rebuild,
     rebuild_beside,
+    synchronised,
     version_of,
 )
 
@@ -133,16 +135,12 @@ class StoreFile:
 
     def _note_whole(self, pages: Pages) -> None:
         """Remember beside the file that it is whole as it is; not where that cannot be written."""
-        try:
+        with suppress(OSError):
             beside = os.open(f"{self.path}.lock", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        except OSError:
-            return
-        try:
-            os.pwrite(beside, pages.digest, _WHOLE)
-        except OSError:
-            return
-        finally:
-            os.close(beside)
+            try:
+                os.pwrite(beside, pages.digest, _WHOLE)
+            finally:
+                os.close(beside)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -156,11 +154,7 @@ class StoreFile:
             if not path.exists():
                 self._clear_companions()
                 make(path)
-            pages = Pages(path)
-            why = Examined(self._judged(pages))
-            connection = None
-            if not why.problems:
-                connection, why = self._checked("rw", pages)
+            connection, why = self._checked()
             if connection is None:
                 self._put_right(why)
                 connection = connect(path, "rw")
@@ -176,13 +170,7 @@ class StoreFile:
     def _for_reading(self) -> sqlite3.Connection:
         path = self.path
         try:
-            pages = Pages(path)
-            # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
-            rests = not _is_being_written(path)
-            why = Examined(self._judged(pages) if rests else [])
-            connection = None
-            if not why.problems:
-                connection, why = self._checked("ro", pages if rests else None)
+            connection, why = self._checked()
             if connection is None:
                 connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
                 salvage = rebuild(path, why, self.snapshots, connection)
@@ -219,18 +207,23 @@ class StoreFile:
             return False
         return has_our_rows(pages)
 
-    def _checked(self, mode: str, pages: Pages | None) -> tuple[sqlite3.Connection | None, Examined]:
-        """A connection to a file that is whole, or what is damaged. pages : of a file that nobody writes."""
-        connection = None
+    def _checked(self) -> tuple[sqlite3.Connection | None, Examined]:
+        """A connection to a file that is whole, or what is damaged."""
+        pages = Pages(self.path)
+        # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
+        rests = self._lock is not None or not _is_being_written(self.path)
+        found, connection = Examined(self._judged(pages) if rests else []), None
+        if found.problems:
+            return None, found
         try:
-            connection = connect(self.path, mode)
+            connection = connect(self.path, "ro" if self._lock is None else "rw")
             connection.execute("PRAGMA secure_delete = ON").fetchall()
-            if pages is not None and self._known(pages):
-                return connection, Examined()
+            if rests and self._known(pages):
+                return connection, found
             found = examine(connection)
         except READING_ERRORS as error:
             found = Examined([str(error)])
-        if not found.problems and pages is not None and self._is_still(pages):
+        if not found.problems and rests and self._is_still(pages):
             self._note_whole(pages)
         if found.problems and connection is not None:
             connection.close()
@@ -349,8 +342,7 @@ def copy_store(connection: sqlite3.Connection, target: Path) -> None:
         connection.execute("VACUUM INTO ?", (str(part),))
         expected = connection.execute("SELECT * FROM clock").fetchone()
         _compare(part, expected)
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
+        synchronised(part)
         for suffix in COMPANIONS[1:]:
             Path(f"{target}{suffix}").unlink(missing_ok=True)
         part.replace(target)
@@ -428,3 +420,71 @@ def _identity(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return about.st_dev, about.st_ino
+
+
+class Keeper:
+    """A thread with connections of its own, which only read.
+
+    found : damages of the file that the writer has still to put right. problem : why there is no new snapshot. checks,
+    snapshots : how many there were. period : s between two.
+    """
+
+    def __init__(self, file: StoreFile, period: float) -> None:
+        self._path, self._snapshots = file.path, file.snapshots
+        self.period = period
+        self._kept = -1
+        self.found: list[str] = []
+        self.problem = ""
+        self.checks = 0
+        self.snapshots = 0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="store keeper", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Stop; a check that is running ends first."""
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended.wait(self.period):
+            try:
+                self.look()
+            except (sqlite3.Error, OSError) as error:
+                self.problem = f"{self._path}: no snapshot: {error}"
+
+    def look(self) -> None:
+        """One check, and a snapshot where something has been written since the last. Raises sqlite3.Error, OSError."""
+        with closing(connect(self._path, "ro", timeout=5.0)) as connection:
+            found = examine(connection, self._pause).problems
+            self.checks += 1
+            if found:
+                self.found = found
+            elif not self._ended.is_set():
+                self._keep(connection)
+
+    def _pause(self) -> bool:
+        """Leave the processor to others; whether to go on."""
+        return not self._ended.wait(0.002)
+
+    def _keep(self, connection: sqlite3.Connection) -> None:
+        clock = StoreClock.of(connection.execute("SELECT * FROM clock").fetchone())
+        if clock.sequence == self._kept:
+            return
+        if not has_space(self._path):
+            raise OSError("too little space")
+        part = Path(f"{self._path}.snapshot.part")
+        part.unlink(missing_ok=True)
+        connection.execute("VACUUM INTO ?", (str(part),))
+        with closing(connect(part, "ro")) as copy:
+            found = examine(copy, self._pause).problems
+        if found:
+            part.unlink()
+            raise OSError(found[0])
+        synchronised(part)
+        for newer, older in zip(self._snapshots[-2::-1], self._snapshots[::-1], strict=False):
+            if newer.exists():
+                newer.replace(older)
+        part.replace(self._snapshots[0])
+        self._kept, self.problem = clock.sequence, ""
+        self.snapshots += 1

@@ -24,6 +24,13 @@ VERSION = 202611
 APPLICATION = 0x77686272  # Marks the file as a world model's among all that SQLite may have written
 PAGE = 4096
 MAGIC = b"SQLite format 3\0"
+HEAD = (
+    (16, PAGE.to_bytes(2, "big")),
+    (20, b"\x00\x40\x20\x20"),
+    *((at, number.to_bytes(4, "big")) for at, number in ((44, 4), (52, 0), (56, 1), (64, 0))),
+    (72, bytes(20)),
+)
+"""What its head always says behind that, and where: size of pages, what they keep free, layout, root, encoding."""
 
 Picked = Callable[[Sequence[Any]], tuple[Any, ...]]
 
@@ -179,18 +186,7 @@ def header_problem(page: bytes) -> str:
     """
     if page[:16] != MAGIC:
         return "does not begin as a database does"
-    size, write, read, reserved = *struct.unpack(">H", page[16:18]), page[18], page[19], page[20]
-    fixed = (
-        size == PAGE and write == read and read in (1, 2) and reserved == 0 and page[21:24] == b"\x40\x20\x20"
-    )
-    layout, _, root, encoding = struct.unpack(">4I", page[44:60])
-    if not (
-        fixed
-        and layout == 4
-        and root == 0
-        and encoding == 1
-        and not any(page[64:68])
-        and not any(page[72:92])
-    ):
+    fixed = all(page[at : at + len(part)] == part for at, part in HEAD)
+    if not fixed or page[18] != page[19] or page[18] not in (1, 2):
         return "the head of the file is not as it was written"
     return ""

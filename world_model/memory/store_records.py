@@ -18,6 +18,7 @@ from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
 REACH = 1.0  # m around a place from which nothing is there more probably than not
+NEWEST_FIRST = "ORDER BY h.stamp DESC, h.row DESC"
 AT_ONCE = 5000  # Rows of history that are sooner looked through than objects one by one
 
 
@@ -80,13 +81,8 @@ class Records:
         return places_of(text) if text else Places()
 
     def _places_row(self, stamp: float = float("inf")) -> str:
-        found = self._execute(
-            "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch = ? AND o.id = ? "
-            "AND h.stamp <= ? ORDER BY h.row DESC LIMIT 1",
-            RUN,
-            NAME,
-            stamp,
-        ).fetchone()
+        order = "AND h.stamp <= ? ORDER BY h.row DESC LIMIT 1"
+        found = self._of(NAME, RUN, "h.attributes", order, stamp).fetchone()
         return "" if found is None else str(found[0])
 
     def epochs(self) -> list[tuple[int, float | None, float | None]]:
@@ -140,19 +136,14 @@ class Records:
         end: float = float("inf"),
     ) -> list[HistoryEntry]:
         """Events of one object, oldest first, in the newest run that knew it or in `epoch`."""
-        rows = self._execute(
-            f"SELECT o.epoch, h.stamp, h.event, {COLUMNS} FROM history h JOIN objects o ON o.key = h.key "
-            "WHERE o.id = ? AND o.epoch = ifnull(?, (SELECT max(epoch) FROM objects WHERE id = ?)) "
-            "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row",
-            object_id,
-            epoch,
-            object_id,
-            start,
-            end,
-        )
+        run = epoch
+        if run is None:
+            run = self._execute("SELECT max(epoch) FROM objects WHERE id = ?", object_id).fetchone()[0]
+        order = "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row"
+        rows = self._of(object_id, run, f"h.stamp, h.event, {COLUMNS}", order, start, end)
         return [
             HistoryEntry(stamp, happened, decode(object_id, tuple(values)), run)
-            for run, stamp, happened, *values in rows
+            for stamp, happened, *values in rows
         ]
 
     def events(self, epoch: int | None = None) -> Iterable[tuple[float, str, str]]:
@@ -197,17 +188,9 @@ class Records:
         once more.
         """
         without = "" if again else "AND h.event != 'seen' "
-        found = self._execute(
-            "SELECT h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen "
-            "FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
-            f"AND h.stamp BETWEEN ? AND ? {without}ORDER BY h.stamp DESC, h.row DESC LIMIT ?",
-            object_id,
-            epoch,
-            start,
-            end,
-            most,
-        ).fetchall()
-        return found[::-1]
+        columns = "h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen"
+        order = f"AND h.stamp BETWEEN ? AND ? {without}{NEWEST_FIRST} LIMIT ?"
+        return self._of(object_id, epoch, columns, order, start, end, most).fetchall()[::-1]
 
     def happened(
         self, start: float, most: int, apart_from: str
@@ -276,22 +259,12 @@ class Records:
 
     def first_look(self, object_id: str, epoch: int) -> str | None:
         """JSON of the attributes in the oldest row of history of an object."""
-        found = self._execute(
-            "SELECT h.attributes FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
-            "ORDER BY h.stamp, h.row LIMIT 1",
-            object_id,
-            epoch,
-        ).fetchone()
+        found = self._of(object_id, epoch, "h.attributes", "ORDER BY h.stamp, h.row LIMIT 1").fetchone()
         return None if found is None else str(found[0])
 
     def look(self, object_id: str, epoch: int) -> WorldObject | None:
         """The newest row of history of an object."""
-        found = self._execute(
-            f"SELECT {COLUMNS} FROM history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ? "
-            "ORDER BY h.stamp DESC, h.row DESC LIMIT 1",
-            object_id,
-            epoch,
-        ).fetchone()
+        found = self._of(object_id, epoch, COLUMNS, f"{NEWEST_FIRST} LIMIT 1").fetchone()
         return None if found is None else decode(object_id, tuple(found))
 
     def active(self, start: float, end: float) -> list[str]:
@@ -314,6 +287,11 @@ class Records:
         """Objects of the newest run, in the order in which they were met."""
         of_run = "SELECT o.id FROM objects o WHERE o.epoch = (SELECT epoch FROM clock)"
         return [name for (name,) in self._execute(f"{of_run} AND {which} ORDER BY o.key", *values)]
+
+    def _of(self, object_id: str, epoch: int, columns: str, rest: str, *values: Any) -> sqlite3.Cursor:
+        """Columns of the history of an object in a run."""
+        rows = "history h JOIN objects o ON o.key = h.key WHERE o.id = ? AND o.epoch = ?"
+        return self._execute(f"SELECT {columns} FROM {rows} {rest}", object_id, epoch, *values)
 
     def _newest_row(self) -> int:
         return self._execute("SELECT max(row) FROM history").fetchone()[0] or 0

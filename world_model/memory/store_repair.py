@@ -7,10 +7,10 @@ out again where they are lost. Stores of the first version, without marks, go th
 
 from __future__ import annotations
 
+import itertools
 import os
 import sqlite3
 import uuid
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -166,14 +166,15 @@ def make(path: Path) -> None:
     part = Path(f"{path}.part")
     part.unlink(missing_ok=True)
     with closing(connect(part, "rwc")) as connection:
-        _Rebuilt(connection).finish([])
-    _synchronised(part)
+        _Rebuilt(connection, Salvage([])).finish([])
+    synchronised(part)
     part.replace(path)
 
 
 def rebuild(path: Path, why: Examined, snapshots: Iterable[Path], target: sqlite3.Connection) -> Salvage:
     """Take everything that is whole into an empty database."""
-    made, salvage = _Rebuilt(target), Salvage([*why.problems])
+    salvage = Salvage([*why.problems])
+    made = _Rebuilt(target, salvage)
     if why.readable:
         made.take_all_but(path, why.rows)
     elif version_of(pages := Pages(path)) == FIRST_VERSION:
@@ -181,8 +182,6 @@ def rebuild(path: Path, why: Examined, snapshots: Iterable[Path], target: sqlite
     else:
         made.take(pages)
     made.finish(snapshots)
-    salvage.kept, salvage.missing, salvage.from_snapshots = made.kept, made.missing, made.filled
-    salvage.lost_rows = made.lost_rows
     return salvage
 
 
@@ -192,12 +191,13 @@ def rebuild_beside(path: Path, why: Examined, snapshots: Iterable[Path]) -> tupl
     part.unlink(missing_ok=True)
     with closing(connect(part, "rwc")) as connection:
         salvage = rebuild(path, why, snapshots, connection)
-    _synchronised(part)
+    synchronised(part)
     part.replace(made)
     return made, salvage
 
 
-def _synchronised(path: Path) -> None:
+def synchronised(path: Path) -> None:
+    """Have a file written before anything else is done."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
@@ -205,12 +205,10 @@ def _synchronised(path: Path) -> None:
 class _Rebuilt:
     """A new store that rows are put into."""
 
-    def __init__(self, target: sqlite3.Connection) -> None:
+    def __init__(self, target: sqlite3.Connection, salvage: Salvage) -> None:
         self._target = target
         self._small: dict[str, dict[int, Row]] = {table.name: {} for table in TABLES}
-        self.kept = self.filled = 0
-        self.missing: int | None = None
-        self.lost_rows: list[str] = []
+        self._salvage = salvage
         for pragma in (
             f"page_size = {PAGE}",
             "secure_delete = ON",
@@ -237,7 +235,7 @@ class _Rebuilt:
                 elif table is not None:
                     self._keep(table, _texts(row, table))
                 elif any(len(row) == len(other.kinds) + 1 for other in TABLES):
-                    self.lost_rows.append(f"page {number}, key {row[0]}: not as it was written")
+                    self._salvage.lost_rows.append(f"page {number}, key {row[0]}: not as it was written")
             if len(past) > 1000:
                 self._put(past)
         self._put(past)
@@ -283,9 +281,9 @@ class _Rebuilt:
             text = _texts(values, table)
             if table in (CURRENT, HISTORY):
                 decode("", text[-8:])
-            row = (*text, table.mark(text))
+            row = _marked(table, text)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-            self.lost_rows.append(f"{table.name}, key {values[0]}: {error}")
+            self._salvage.lost_rows.append(f"{table.name}, key {values[0]}: {error}")
             return
         if table is HISTORY:
             self._target.execute(HISTORY.insert, row)
@@ -296,10 +294,10 @@ class _Rebuilt:
         """Work out what follows, write tally and indices."""
         small, old = self._small, self._small["clock"].get(1)
         before = None if old is None or not old[5] else StoreClock.of(old)
-        for name in ("objects", "names"):
-            other = small["names" if name == "objects" else "objects"]
-            for key in other.keys() - small[name].keys():
-                self._again(OBJECTS if name == "objects" else NAMES, other[key])
+        for table, other in ((OBJECTS, NAMES), (NAMES, OBJECTS)):
+            rows, others = small[table.name], small[other.name]
+            for key in others.keys() - rows.keys():
+                rows[key] = _marked(table, others[key][:-1])
         lacks = [int(old is None)] * len(COUNTED) if before is None else self._lacks(before)
         identity = StoreClock.of(old).identity if old is not None else ""
         if any(lacks):
@@ -307,17 +305,13 @@ class _Rebuilt:
         self._run(INDICES)
         self._work_out(old, lacks[3] > 0)
         self._write()
-        self.missing = None if before is None else sum(self._lacks(before))
+        self._salvage.missing = None if before is None else sum(self._lacks(before))
 
     def _lacks(self, before: StoreClock) -> list[int]:
         """How many rows of each table are missing."""
         past = self._target.execute("SELECT count(*) FROM history").fetchone()[0]
         now = (*(len(self._small[table.name]) for table in COUNTED[:4]), past)
         return [max(due - count, 0) for due, count in zip(before.counts, now, strict=True)]
-
-    def _again(self, table: StoreTable, row: Row) -> None:
-        values = row[:-1]
-        self._small[table.name][values[0]] = (*values, table.mark(values))
 
     def _fill(self, snapshots: Iterable[Path], identity: str) -> None:
         """What is missing, from snapshots of the same store."""
@@ -337,7 +331,7 @@ class _Rebuilt:
             for row in connection.execute(f"SELECT * FROM {table.name}"):
                 if row[0] not in known and table.is_whole(row):
                     known[row[0]] = row
-                    self.filled += 1
+                    self._salvage.from_snapshots += 1
         known_rows = {row for (row,) in self._target.execute("SELECT row FROM history")}
         rows = (
             row
@@ -346,7 +340,7 @@ class _Rebuilt:
         )
         before = self._target.total_changes
         self._target.executemany(HISTORY.insert.replace("REPLACE", "IGNORE"), rows)
-        self.filled += self._target.total_changes - before
+        self._salvage.from_snapshots += self._target.total_changes - before
 
     def _work_out(self, old: Row | None, present: bool) -> None:
         """Runs from what happened in them, names once each, and, where asked, who is present."""
@@ -362,24 +356,18 @@ class _Rebuilt:
             spans = [self._span(key) for key in keys]
             first = min((span[0] for span in spans if span[0] is not None), default=None)
             last = max((span[1] for span in spans if span[1] is not None), default=None)
-            self._keep(EPOCHS, (epoch, first, last, EPOCHS.mark((epoch, first, last))))
+            self._keep(EPOCHS, _marked(EPOCHS, (epoch, first, last)))
         if old is None:
-            known = (
-                StoreClock.of(small["clock"].pop(1))
-                if small["clock"]
-                else StoreClock(identity=uuid.uuid4().hex)
-            )
+            row = small["clock"].pop(1, None)
+            known = StoreClock.of(row) if row else StoreClock(identity=uuid.uuid4().hex)
             newest = max(small["epochs"])
             self._keep(CLOCK, replace(known, epoch=newest, stamp=small["epochs"][newest][2]).row)
         if present or old is None:
             self._work_out_present(StoreClock.of(small["clock"][1]).epoch)
 
     def _span(self, key: int) -> Row:
-        return tuple(
-            self._target.execute(
-                "SELECT min(stamp), max(stamp) FROM history WHERE key = ?", (key,)
-            ).fetchone()
-        )
+        span = "SELECT min(stamp), max(stamp) FROM history WHERE key = ?"
+        return tuple(self._target.execute(span, (key,)).fetchone())
 
     def _work_out_present(self, epoch: int) -> None:
         """Whose last event is not that it is gone."""
@@ -391,34 +379,31 @@ class _Rebuilt:
                 (key,),
             ).fetchone()
             if newest is not None and newest[0] != "gone":
-                values = (key, *newest[1:])
-                self._small["current"][key] = (*values, CURRENT.mark(values))
+                self._small["current"][key] = _marked(CURRENT, (key, *newest[1:]))
 
     def _write(self) -> None:
         small, target = self._small, self._target
-        # A row of history without a name is nobody's.
-        known = [(key,) for key in small["objects"]]
-        target.execute("CREATE TEMP TABLE named (key INTEGER PRIMARY KEY)")
-        target.executemany("INSERT INTO named VALUES (?)", known)
-        target.execute("DELETE FROM history WHERE key NOT IN (SELECT key FROM named)")
-        target.execute("DROP TABLE named")
+        target.executemany(OBJECTS.insert, small["objects"].values())
+        # Rows without a name are nobody's.
+        target.execute("DELETE FROM history WHERE key NOT IN (SELECT key FROM objects)")
         for key in small["current"].keys() - small["objects"].keys():
             del small["current"][key]
-        for table in COUNTED[:4]:
+        for table in (EPOCHS, NAMES, CURRENT):
             target.executemany(table.insert, small[table.name].values())
-        counts: Counter[str] = Counter({table.name: len(small[table.name]) for table in COUNTED[:4]})
-        marks = [row[-1] for table in COUNTED[:4] for row in small[table.name].values()]
-        for (mark,) in target.execute("SELECT mark FROM history"):
-            counts["history"] += 1
-            marks.append(mark)
-        self.kept = sum(counts.values())
-        runs, names, _, present, past = (counts[table.name] for table in COUNTED)
+        marks = [[mark for (mark,) in target.execute(f"SELECT mark FROM {table.name}")] for table in COUNTED]
+        runs, names, _, present, past = map(len, marks)
+        self._salvage.kept = sum(map(len, marks))
         clock = replace(StoreClock.of(small["clock"][1]), runs=runs, names=names, present=present, past=past)
-        clock = replace(clock, total=summed(marks), sequence=clock.sequence + 1)
+        total = summed(itertools.chain.from_iterable(marks))
+        clock = replace(clock, total=total, sequence=clock.sequence + 1)
         target.execute(CLOCK.insert, clock.row)
         target.execute("COMMIT")
         target.execute(f"PRAGMA application_id = {APPLICATION}")
         target.execute(f"PRAGMA user_version = {VERSION}")
+
+
+def _marked(table: StoreTable, values: Row) -> Row:
+    return (*values, table.mark(values))
 
 
 def _statements(script: str) -> list[str]:

@@ -9,15 +9,20 @@ and times in words or s; they raise NothingKnownError and AmbiguousError, which 
 
 from world_model.questions.answers import AmbiguousError, Answer, NothingKnownError, NotUnderstoodError
 from world_model.questions.company import what_was_carried, who_is_here, who_moved, who_was_here
-from world_model.questions.during import how_long_at, was_at, what_left, what_moved, what_was_at, when_last_at
 from world_model.questions.grammar import CAN_BE_ASKED, answered, ask
 from world_model.questions.moments import Span, moment
 from world_model.questions.past import (
     history,
+    how_long_at,
     how_long_there,
     how_often,
+    was_at,
     what_changed,
     what_is_missing,
+    what_left,
+    what_moved,
+    what_was_at,
+    when_last_at,
     when_moved,
 )
 from world_model.questions.recall import Recall, recall

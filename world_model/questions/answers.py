@@ -50,6 +50,21 @@ class Answer:
     alternatives: tuple[Mapping[str, Any], ...] = ()
     choices: tuple[str, ...] = ()
 
+    @classmethod
+    def stated(
+        cls,
+        sentence: str,
+        kind: str,
+        probability: float,
+        stamp: float,
+        value: Any,
+        evidence: tuple[Mapping[str, Any], ...] = (),
+        alternatives: tuple[Mapping[str, Any], ...] = (),
+    ) -> Answer:
+        """One whose sentence ends with its probability. stamp : s since 1970."""
+        said = f"{sentence}, {told(probability)}."
+        return cls(said, kind, probability, iso(stamp), value, evidence, alternatives)
+
     @property
     def understood(self) -> bool:
         """Whether the question is one that can be asked."""

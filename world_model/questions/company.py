@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.geometry.places import Place
-from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
+from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed
 from world_model.questions.moments import Span
 from world_model.questions.naming import (
     described,
@@ -20,7 +20,15 @@ from world_model.questions.naming import (
     place_named,
     spoken,
 )
-from world_model.questions.past import Change, changes_of, since_when, told_change
+from world_model.questions.past import (
+    Change,
+    When,
+    changes_of,
+    moves_at,
+    period_of,
+    since_when,
+    told_change,
+)
 from world_model.questions.recall import Recall, Trust
 from world_model.state import DAY, PERSON
 
@@ -39,19 +47,17 @@ class Visit:
     end: float
 
 
-def who_was_here(
-    world: Recall, place: str = "", since: str | float | Span | None = None, person: str = ""
-) -> Answer:
+def who_was_here(world: Recall, place: str = "", since: When = None, person: str = "") -> Answer:
     """Who was at a place, or anywhere, since a moment (default: of the last day), and what was moved meanwhile.
 
     person : only this one, by id or name. value : [[person, from, until, [objects]], ...].
     Raises NothingKnownError, AmbiguousError, InputError.
     """
     only = _ids(world, person)
-    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
+    span = since_when(world, since, DAY)
     where = place_named(world, place, beside=True) if place and place != "here" else ""
     visits = [visit for visit in visits_of(world, where, span) if not person or visit.person in only]
-    changes = _changes(world, where, span) if visits else []
+    changes = moves_at(world, where, span) if visits else []
     value: list[list[Any]] = []
     parts, evidence = [], []
     for visit in visits:
@@ -63,15 +69,14 @@ def who_was_here(
         )
         evidence.append({"object": visit.person, "event": "seen", "place": where, "stamp": iso(visit.start)})
     at = spoken(world, where) if where else "here"
-    until = "" if span.end >= world.now - 1.0 else f" and {clock(span.end)}"
-    period = f"{'between' if until else 'since'} {clock(span.start)}{until}"
+    period = period_of(world, span)
     probability = Trust.SEEN if visits else Trust.STORY
     if visits:
-        sentence = f"{_people(world, visits)} {at} {period}: {'; '.join(parts[-8:])}, {told(probability)}."
+        sentence = f"{_people(world, visits)} {at} {period}: {'; '.join(parts[-8:])}"
     else:
         nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
-        sentence = f"I have {nobody} {at} {period}, {told(probability)}."
-    return Answer(sentence, "who_was_here", probability, iso(span.start), value, tuple(evidence[-8:]))
+        sentence = f"I have {nobody} {at} {period}"
+    return Answer.stated(sentence, "who_was_here", probability, span.start, value, tuple(evidence[-8:]))
 
 
 def who_is_here(world: Recall, place: str = "") -> Answer:
@@ -83,16 +88,14 @@ def who_is_here(world: Recall, place: str = "") -> Answer:
     visits = visits_of(world, where, Span(world.now - NOW, world.now))
     at = spoken(world, where) if where else "here"
     names = [described(world, name) for name in dict.fromkeys(visit.person for visit in visits)]
-    probability = Trust.NOT_SEEN
+    sentence = f"I have seen nobody {at} in the last {duration(NOW)}"
     if names:
-        sentence = f"{listed(names)} {'is' if len(names) == 1 else 'are'} {at}, {told(probability)}."
-    else:
-        sentence = f"I have seen nobody {at} in the last {duration(NOW)}, {told(probability)}."
+        sentence = f"{listed(names)} {'is' if len(names) == 1 else 'are'} {at}"
     value = [[visit.person, iso(visit.start), iso(visit.end), []] for visit in visits]
-    return Answer(sentence, "who_was_here", probability, iso(world.now), value)
+    return Answer.stated(sentence, "who_was_here", Trust.NOT_SEEN, world.now, value)
 
 
-def who_moved(world: Recall, what: str, since: str | float | Span | None = None, person: str = "") -> Answer:
+def who_moved(world: Recall, what: str, since: When = None, person: str = "") -> Answer:
     """Who was there when an object was moved: last, or each time of a span. Nobody is known to have moved it.
 
     person : whether it was this one. value : ids of people. Raises NothingKnownError, AmbiguousError.
@@ -113,27 +116,25 @@ def who_moved(world: Recall, what: str, since: str | float | Span | None = None,
         said = f"{listed(described(world, each) for each in there)} was there" if there else nobody
         parts.append(f"{said} when {told_change(world, move)}")
     probability = Trust.NEAR_BY if value else Trust.NOBODY
-    sentence = f"{'; '.join(parts[-8:])}, {told(probability)}."
-    return Answer(sentence, "who_moved", probability, iso(moves[-1].end), value)
+    return Answer.stated("; ".join(parts[-8:]), "who_moved", probability, moves[-1].end, value)
 
 
-def what_was_carried(world: Recall, person: str, since: str | float | Span | None = None) -> Answer:
+def what_was_carried(world: Recall, person: str, since: When = None) -> Answer:
     """What was moved where a person was just then: probably by that person. value : ids of objects.
 
     Raises NothingKnownError.
     """
     only = _ids(world, person)
-    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
-    moves = [move for move in _changes(world, "", span) if set(only) & set(present_at(world, move))]
-    period, called = f"between {clock(span.start)} and {clock(span.end)}", _called(world, person)
-    probability = Trust.NEAR_BY if moves else Trust.NOBODY
+    span = since_when(world, since, DAY)
+    moves = [move for move in moves_at(world, "", span) if set(only) & set(present_at(world, move))]
+    called = _called(world, person)
+    sentence = f"I know of nothing that was moved where {called} was {span.between}"
     if moves:
         told_of = "; ".join(told_change(world, move) for move in moves[-8:])
-        sentence = f"Where {called} was {period}: {told_of}, {told(probability)}."
-    else:
-        sentence = f"I know of nothing that was moved where {called} was {period}, {told(probability)}."
+        sentence = f"Where {called} was {span.between}: {told_of}"
     value = list(dict.fromkeys(move.object for move in moves))
-    return Answer(sentence, "what_was_carried", probability, iso(span.start), value)
+    probability = Trust.NEAR_BY if moves else Trust.NOBODY
+    return Answer.stated(sentence, "what_was_carried", probability, span.start, value)
 
 
 def where_was_person(world: Recall, person: str, when: Span) -> Answer:
@@ -149,15 +150,14 @@ def where_was_person(world: Recall, person: str, when: Span) -> Answer:
         for stamp, place in zip(stamps.tolist(), world.words(positions), strict=True):
             found.setdefault(place, stamp)
     told_of = [f"{spoken(world, place)} at {clock(stamp)}" for place, stamp in found.items()]
-    said = listed(told_of) if told_of else f"not seen between {clock(wide.start)} and {clock(wide.end)}"
+    said = listed(told_of) if told_of else f"not seen {wide.between}"
     best = max(found, key=found.__getitem__, default=None)
     return Answer(f"{_called(world, person)} was {said}.", "where_was", 0.85, iso(when.start), best)
 
 
 def _called(world: Recall, person: str) -> str:
     """A person's name as it is written."""
-    item = world.item(_ids(world, person)[0])
-    return clean((item is not None and name_of_person(item)) or person)
+    return clean(name_of_person(world.item(_ids(world, person)[0])) or person)
 
 
 def _ids(world: Recall, person: str) -> list[str]:
@@ -187,10 +187,7 @@ def present_at(world: Recall, move: Change) -> list[str]:
 
 def _people(world: Recall, visits: list[Visit]) -> str:
     """How many: one with a name is one under all ids."""
-    names = set()
-    for visit in visits:
-        item = world.item(visit.person)
-        names.add((item is not None and name_of_person(item)) or visit.person)
+    names = {name_of_person(world.item(visit.person)) or visit.person for visit in visits}
     count = len(names)
     return f"{count} {'person was' if count == 1 else 'people were'}"
 
@@ -246,16 +243,3 @@ def _joined(name: str, stamps: FloatArray) -> list[Visit]:
         else:
             visits.append(Visit(name, stamp, stamp))
     return visits
-
-
-def _changes(world: Recall, where: str, span: Span) -> list[Change]:
-    """What was moved at a place within a span."""
-    found = []
-    for name in world.heads(world.active(span.start, span.end)):
-        for change in changes_of(world.window(name, span.start, span.end), span.start, span.end):
-            ends = [place for place in (change.before, change.after) if place is not None]
-            if change.before not in (None, change.after) and (
-                not where or any(world.contains(where, place) for place in ends)
-            ):
-                found.append(change)
-    return found

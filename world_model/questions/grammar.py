@@ -14,7 +14,7 @@ from pathlib import Path
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.memory.store import Store
-from world_model.questions import company, during, past, usual, where
+from world_model.questions import company, past, usual, where
 from world_model.questions.answers import (
     AmbiguousError,
     Answer,
@@ -27,8 +27,7 @@ from world_model.questions.answers import (
 from world_model.questions.moments import Span, ahead, extract
 from world_model.questions.naming import PREPOSITIONS, is_person, phrases
 from world_model.questions.recall import Recall, Trust, recall
-from world_model.questions.spelling import respelled
-from world_model.questions.wording import plainly
+from world_model.questions.wording import plainly, respelled
 from world_model.symbols import Symbols
 
 LONGEST = 500  # Characters of a question
@@ -56,24 +55,16 @@ _USUALLY = r"(?:usually|normally|mostly|often|generally|most of the time)"
 
 @dataclass(frozen=True)
 class ParsedQuestion:
-    """What a pattern found in a question. said : words by group. span, word : the time in it, and how it was put."""
+    """What a pattern found in a question. span, word : the time in it, and how it was put; then the words by group."""
 
     world: Recall
-    said: dict[str, str]
     span: Span | None
     word: str
-
-    @property
-    def what(self) -> str:
-        return self.said.get("what", "")
-
-    @property
-    def place(self) -> str:
-        return self.said.get("place", "")
-
-    @property
-    def who(self) -> str:
-        return self.said.get("who", "")
+    what: str = ""
+    place: str = ""
+    who: str = ""
+    verb: str = ""
+    ahead: str = ""
 
     @property
     def past(self) -> bool:
@@ -126,45 +117,42 @@ def _where(q: ParsedQuestion) -> Answer:
         if is_person(q.world, q.what):
             return company.where_was_person(q.world, q.what, q.when)
         return where.where_was(q.world, q.what, q.when)
-    was = q.said.get("verb", "is") in ("was", "were", "had been", "did", "has been", "have been")
+    was = q.verb in ("was", "were", "had been", "did", "has been", "have been")
     return (where.where_was if was and q.span is None else where.where_is)(q.world, q.what)
 
 
 def _last_at(q: ParsedQuestion) -> Answer:
     if q.since is not None:
-        return during.was_at(q.world, q.what, q.place, q.since)
-    return during.when_last_at(q.world, q.what, q.place)
+        return past.was_at(q.world, q.what, q.place, q.since)
+    return past.when_last_at(q.world, q.what, q.place)
 
 
 def _long(q: ParsedQuestion) -> Answer:
     if q.past and q.since is not None:
-        return during.how_long_at(q.world, q.what, q.place, q.since)
+        return past.how_long_at(q.world, q.what, q.place, q.since)
     return past.how_long_there(q.world, q.what, q.place)
 
 
 def _who(q: ParsedQuestion) -> Answer:
-    if q.said.get("verb") in ("is", "are") and not q.past:
+    if q.verb in ("is", "are") and not q.past:
         return company.who_is_here(q.world, q.place)
     return company.who_was_here(q.world, q.place, q.since, q.who)
 
 
 def _next(q: ParsedQuestion) -> Answer:
-    ahead_of = q.said.get("ahead")
-    return usual.what_is_needed_next(
-        q.always, extract(f"in the last {ahead_of}", 0.0)[1] if ahead_of else None
-    )
+    return usual.what_is_needed_next(q.always, extract(f"in the last {q.ahead}", 0.0)[1] if q.ahead else None)
 
 
 def _what_at(q: ParsedQuestion) -> Answer:
     if q.during is not None:
-        return during.what_was_at(q.world, q.place, q.during)
-    was = q.said.get("verb") in ("was", "were", "lay", "stood") or q.past
+        return past.what_was_at(q.world, q.place, q.during)
+    was = q.verb in ("was", "were", "lay", "stood") or q.past
     return where.what_is_at(q.world, q.place, q.when if was else None)
 
 
 def _is_at(q: ParsedQuestion) -> Answer:
     if q.during is not None:
-        return during.was_at(q.world, q.what, q.place, q.during)
+        return past.was_at(q.world, q.what, q.place, q.during)
     return where.is_at(q.world, q.what, q.place, q.then)
 
 
@@ -174,7 +162,7 @@ def _listed(q: ParsedQuestion) -> Answer:
     if not q.past:
         return where.where_is(q.world, what)
     if q.place:
-        return _is_at(replace(q, said={"what": what.removesuffix(q.place).strip(), "place": q.place}))
+        return _is_at(replace(q, what=what.removesuffix(q.place).strip()))
     return where.where_was(q.world, what, q.when)
 
 
@@ -201,9 +189,9 @@ _CALLS: dict[str, Call] = {
     "moved": lambda q: past.when_moved(q.world, q.what, q.since),
     "often": lambda q: past.how_often(q.world, q.what, q.place, q.since),
     "changed": lambda q: past.what_changed(q.world, q.since, q.place),
-    "all_moved": lambda q: during.what_moved(q.world, q.since, q.place),
+    "all_moved": lambda q: past.what_moved(q.world, q.since, q.place),
     "missing": lambda q: past.what_is_missing(q.world, q.since),
-    "left": lambda q: during.what_left(q.world, q.place, q.since),
+    "left": lambda q: past.what_left(q.world, q.place, q.since),
     "usually_here": lambda q: usual.what_is_usually_here(q.always, q.place),
     "who_moved": lambda q: company.who_moved(q.world, q.what, q.since, q.who),
     "carried": lambda q: company.what_was_carried(q.world, q.who, q.since),
@@ -377,9 +365,10 @@ def _matched(world: Recall, text: str, question: str) -> Answer:
                 found = pattern.fullmatch(form)
                 if found is None:
                     continue
-                said = {name: value for name, value in found.groupdict().items() if value is not None}
                 try:
-                    return call(ParsedQuestion(world, said, then, word if then is not None else ""))
+                    return call(
+                        ParsedQuestion(world, then, word if then is not None else "", **found.groupdict(""))
+                    )
                 except (NothingKnownError, NotUnderstoodError) as error:
                     tried.append(error)
         if span is None:

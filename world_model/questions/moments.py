@@ -7,11 +7,12 @@ the day stands for its hours; "since" counts from its beginning. What lies ahead
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from estimation.errors import InputError
-from world_model.questions.answers import clean
+from world_model.questions.answers import clean, clock
 
 PARTS = {
     "morning": (6, 12), "breakfast": (7, 9), "breakfast time": (7, 9), "lunch": (12, 14), "lunchtime": (12, 14),
@@ -58,35 +59,12 @@ _TIME = (
     r"(?: (?:in the (?:morning|afternoon|evening)|at night))?"
 )
 _THAT_PART = rf"(?:this {_PART}|(?:late )?last night|last evening|yesterday {_PART})"
-_PHRASES = {  # of two that begin alike the longer one first
-    "day_time": rf"{_DAY},?(?: {_PART})? (?:at|around|about) {_TIME}",
-    "part_time": rf"{_THAT_PART},? (?:at|around|about) {_TIME}",
-    "time_part": rf"(?:at|around|about) {_TIME},? {_THAT_PART}",
-    "iso": rf"(?:at |on )?{_ISO}",
-    "seconds": r"(?:at )?\d{6,}(?:\.\d+)?(?: s)?",
-    "ago": rf"{_NUMBER} (?:sec(?:ond)?s?|min(?:ute)?s?|h|hours?(?: and a half)?|months?) (?:ago|before now)",
-    "within": rf"(?:(?:in|during|within|over|for) )?(?:the|these) (?:last|past) (?:{_NUMBER} )?{_UNIT}",
-    "week": r"(?:this|last|the previous) (?:week|month|year)|the week",
-    "weekend": r"(?:(?:on|at|over|during) the|this|last|over the last) weekend",
-    "just_now": r"just now|a moment ago|a (?:short|little) while ago",
-    "time_day": rf"(?:at|around|about) {_TIME},? {_DAY}(?: {_PART})?",
-    "day_part": rf"{_DAY} {_PART}",
-    "last_night": r"(?:last|to)night|last night|last evening|overnight|(?:during|in) the night|late last night",
-    "part": rf"(?:(?:(?:early |late )?(?:in the|this)|at|during|during the) )?{_PART}",
-    "time": rf"(?:at|around|about) {_TIME}",
-    "bare": r"(?:\d{1,2}:\d{2}(?::\d{2})?|noon|midnight)",
-    "day": _DAY,
-    "now": r"(?:right )?now|at the moment|currently|at present",
-}
-_COMPILED = {name: re.compile(pattern) for name, pattern in _PHRASES.items()}
-_ANY = "|".join(f"(?:{pattern})" for pattern in _PHRASES.values())
 _WORD = r"(?:since|after|before|until|till|by|from)"
 _BEFORE, _AFTER = r"(?:^|(?<=[\s,]))", r"(?=$|[\s,?.!])"
-_RANGE = re.compile(
-    rf"{_BEFORE}(?:between|from) (?P<a>{_ANY}|{_TIME}) (?:and|to|until|till) (?P<b>{_ANY}|{_TIME}){_AFTER}"
-)
-_FOUND = re.compile(rf"{_BEFORE}(?:(?P<word>{_WORD}) )?(?P<phrase>{_ANY}){_AFTER}")
-_SINCE_TIME = re.compile(rf"{_BEFORE}(?P<word>since|after|before|until|till|by) (?P<phrase>{_TIME}){_AFTER}")
+
+
+Pair = tuple[datetime, datetime]
+Reader = Callable[[str, datetime], Pair]
 
 
 @dataclass(frozen=True)
@@ -102,6 +80,11 @@ class Span:
         """s."""
         return 0.5 * (self.start + self.end)
 
+    @property
+    def between(self) -> str:
+        """ "between 2026-11-21 09:12 and 2026-11-21 10:00"."""
+        return f"between {clock(self.start)} and {clock(self.end)}"
+
 
 def moment(words: str | float, now: float) -> Span:
     """The moment or span that words stand for. Raises InputError where they stand for none, saying what can be said."""
@@ -109,11 +92,11 @@ def moment(words: str | float, now: float) -> Span:
         return Span(float(words), float(words), str(words))
     text = " ".join(str(words).lower().split())
     text = re.sub(rf"^{_WORD} ", "", text)
-    for name, pattern in _COMPILED.items():
+    for pattern, reader in _COMPILED:
         if pattern.fullmatch(text):
-            return _span(name, text, now)
+            return _span(reader, text, now)
     if re.fullmatch(_TIME, text):
-        return _span("time", f"at {text}", now)
+        return _span(_time, f"at {text}", now)
     raise InputError(
         f'no time: "{clean(str(words))}"; say "yesterday morning", "at nine", "two hours ago", "since breakfast", '
         '"monday at 14:30" or 2026-11-21T09:00'
@@ -160,9 +143,9 @@ def _without(text: str, found: re.Match[str]) -> str:
     return " ".join(f"{text[: found.start()]} {text[found.end() :]}".replace(" ,", ",").split()).strip(" ,")
 
 
-def _span(name: str, text: str, now: float) -> Span:
+def _span(reader: Reader, text: str, now: float) -> Span:
     try:
-        start, end = _READERS[name](text, datetime.fromtimestamp(now))
+        start, end = reader(text, datetime.fromtimestamp(now))
         return Span(_stamp(start), _stamp(end), text)
     except (ValueError, OverflowError, OSError) as error:
         raise InputError(f'no time: "{clean(text)}": {error}') from error
@@ -170,9 +153,6 @@ def _span(name: str, text: str, now: float) -> Span:
 
 def _stamp(at: datetime) -> float:
     return at.timestamp()
-
-
-Pair = tuple[datetime, datetime]
 
 
 def _iso(text: str, now: datetime) -> Pair:
@@ -239,10 +219,6 @@ def _weekend(text: str, now: datetime) -> Pair:
     return begin, min(begin + timedelta(days=2), now)
 
 
-def _just_now(text: str, now: datetime) -> Pair:
-    return now - timedelta(seconds=JUST_NOW), now
-
-
 def _midnight(now: datetime) -> datetime:
     return now.replace(hour=0, minute=0, second=0, microsecond=0)
 
@@ -297,32 +273,25 @@ def _part_of(text: str) -> tuple[int, int]:
     return PARTS[re.sub("^(early|late) ", "", found[0])]
 
 
-def _day_part(text: str, now: datetime) -> Pair:
+def _part(text: str, now: datetime) -> Pair:
+    """Of the day that is said, else the newest that has begun, or this one."""
     low, high = _part_of(text)
     begin = _day(text, now)
-    return begin + timedelta(hours=low), begin + timedelta(hours=high)
-
-
-def _part(text: str, now: datetime) -> Pair:
-    low, high = _part_of(text)
-    begin = _midnight(now)
-    if begin + timedelta(hours=low) > now and "this" not in text:
+    if not re.search(_DAY, text) and begin + timedelta(hours=low) > now and "this" not in text:
         begin -= timedelta(days=1)
     return begin + timedelta(hours=low), begin + timedelta(hours=high)
 
 
 def _last_night(text: str, now: datetime) -> Pair:
-    if text == "tonight":
-        return _midnight(now) + timedelta(hours=18), _midnight(now) + timedelta(hours=30)
-    evening = _midnight(now) - timedelta(days=1)
-    return evening + timedelta(hours=18 if "evening" in text else 20), evening + timedelta(
-        hours=24 if "evening" in text else 30
-    )
+    tonight = text == "tonight"
+    begin = _midnight(now) - timedelta(days=not tonight)
+    low, high = (18, 24) if "evening" in text else (18 if tonight else 20, 30)
+    return begin + timedelta(hours=low), begin + timedelta(hours=high)
 
 
 def _hours(text: str) -> timedelta:
     """Since midnight, of a clock time in words."""
-    if "noon" in text and "after" not in text:
+    if re.search(r"\bnoon\b", text):
         return timedelta(hours=12)
     if "midnight" in text:
         return timedelta(0)
@@ -358,15 +327,10 @@ def _shift(words: str | None, way: str | None) -> float:
 
 
 def _time(text: str, now: datetime) -> Pair:
-    at = _midnight(now) + _hours(text)
-    at = at if at <= now else at - timedelta(days=1)
-    return at, at
-
-
-def _timed_day(text: str, now: datetime) -> Pair:
+    """Of the day that is said, else the newest that is past."""
     day = re.search(_DAY, text)
-    assert day is not None
-    at = _day(text, now) + _hours(text.replace(day[0], ""))
+    at = _day(text, now) + _hours(text.replace(day[0], "") if day else text)
+    at = at if day or at <= now else at - timedelta(days=1)
     return at, at
 
 
@@ -375,24 +339,47 @@ def _timed_part(text: str, now: datetime) -> Pair:
     found = re.search(_THAT_PART, text)
     assert found is not None
     words = found[0]
-    reader = _last_night if "last" in words else _day_part if "yesterday" in words else _part
+    reader = _last_night if "last" in words else _part
     low, high = reader(words, now)
     at = _midnight(low) + _hours(text.replace(words, ""))
     inside = [at + timedelta(hours=more) for more in (0, 12, 24) if low <= at + timedelta(hours=more) < high]
     return (inside[0], inside[0]) if inside else (at, at)
 
 
-def _now(text: str, now: datetime) -> Pair:
-    return now, now
-
-
-_READERS = {
-    "iso": _iso, "seconds": _seconds, "ago": _ago, "within": _within, "week": _week, "weekend": _weekend,
-    "just_now": _just_now, "part_time": _timed_part, "time_part": _timed_part,
-    "day_time": _timed_day, "time_day": _timed_day, "day_part": _day_part, "last_night": _last_night, "part": _part,
-    "time": _time,
-    "bare": _time, "day": _a_day, "now": _now,
-}  # fmt: skip
+_PHRASES: tuple[tuple[str, Reader], ...] = (  # of two that begin alike the longer one first
+    (rf"{_DAY},?(?: {_PART})? (?:at|around|about) {_TIME}", _time),
+    (rf"{_THAT_PART},? (?:at|around|about) {_TIME}", _timed_part),
+    (rf"(?:at|around|about) {_TIME},? {_THAT_PART}", _timed_part),
+    (rf"(?:at |on )?{_ISO}", _iso),
+    (r"(?:at )?\d{6,}(?:\.\d+)?(?: s)?", _seconds),
+    (rf"{_NUMBER} (?:sec(?:ond)?s?|min(?:ute)?s?|h|hours?(?: and a half)?|months?) (?:ago|before now)", _ago),
+    (rf"(?:(?:in|during|within|over|for) )?(?:the|these) (?:last|past) (?:{_NUMBER} )?{_UNIT}", _within),
+    (r"(?:this|last|the previous) (?:week|month|year)|the week", _week),
+    (r"(?:(?:on|at|over|during) the|this|last|over the last) weekend", _weekend),
+    (
+        r"just now|a moment ago|a (?:short|little) while ago",
+        lambda text, now: (now - timedelta(seconds=JUST_NOW), now),
+    ),
+    (rf"(?:at|around|about) {_TIME},? {_DAY}(?: {_PART})?", _time),
+    (rf"{_DAY} {_PART}", _part),
+    (
+        r"(?:last|to)night|last night|last evening|overnight|(?:during|in) the night|late last night",
+        _last_night,
+    ),
+    (rf"(?:(?:(?:early |late )?(?:in the|this)|at|during|during the) )?{_PART}", _part),
+    (rf"(?:at|around|about) {_TIME}", _time),
+    (r"(?:\d{1,2}:\d{2}(?::\d{2})?|noon|midnight)", _time),
+    (_DAY, _a_day),
+    (r"(?:right )?now|at the moment|currently|at present", lambda text, now: (now, now)),
+)
+"""What stands for a time, and what reads it."""
+_COMPILED = tuple((re.compile(pattern), reader) for pattern, reader in _PHRASES)
+_ANY = "|".join(f"(?:{pattern})" for pattern, _ in _PHRASES)
+_RANGE = re.compile(
+    rf"{_BEFORE}(?:between|from) (?P<a>{_ANY}|{_TIME}) (?:and|to|until|till) (?P<b>{_ANY}|{_TIME}){_AFTER}"
+)
+_FOUND = re.compile(rf"{_BEFORE}(?:(?P<word>{_WORD}) )?(?P<phrase>{_ANY}){_AFTER}")
+_SINCE_TIME = re.compile(rf"{_BEFORE}(?P<word>since|after|before|until|till|by) (?P<phrase>{_TIME}){_AFTER}")
 
 
 # The time ahead, of questions about the future only.

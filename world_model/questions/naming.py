@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
 from world_model.questions.recall import Recall, singulars
-from world_model.questions.spelling import is_called, respelled
+from world_model.questions.wording import is_called, respelled
 from world_model.state import PERSON, WorldObject
 from world_model.symbols import parse_symbol
 
@@ -63,7 +65,7 @@ def name_of(place: str) -> str:
 def described(world: Recall, object_id: str) -> str:
     """ "cup-3 (red)", of a person whose name is known "Anna (person-3)"."""
     item = world.item(object_id)
-    called = "" if item is None else name_of_person(item)
+    called = name_of_person(item)
     if called:
         return f"{clean(called)} ({clean(object_id)})"
     colors = item.attributes.get("color", {}) if item is not None else {}
@@ -71,9 +73,9 @@ def described(world: Recall, object_id: str) -> str:
     return f"{clean(object_id)} ({clean(best)})" if best and colors[best] >= 0.5 else clean(object_id)
 
 
-def name_of_person(item: WorldObject) -> str:
+def name_of_person(item: WorldObject | None) -> str:
     """What a person is called, as an attribute says, "" where nothing does."""
-    if item.most_probable("class") != PERSON:
+    if item is None or item.most_probable("class") != PERSON:
         return ""
     for attribute in NAMES:
         values = item.attributes.get(attribute, {})
@@ -93,8 +95,7 @@ def _people(world: Recall) -> dict[str, list[str]]:
     numbered = sorted(ids, key=lambda name: -(parse_symbol(name) or ("", 0))[1])
     found: dict[str, list[str]] = {}
     for name in sorted(numbered[:MOST_PEOPLE], key=lambda name: name not in world.present):
-        item = world.item(name)
-        called = "" if item is None else name_of_person(item)
+        called = name_of_person(world.item(name))
         if called:
             found.setdefault(called, []).append(name)
     return found
@@ -124,13 +125,7 @@ def is_person(world: Recall, words: str) -> bool:
 def phrases(world: Recall) -> list[str]:
     """Everything by which something is called: classes, places and their types, people, predicates."""
     placed = [plain(text) for place in world.places for text in (place.name, place.type or "")]
-    values = {
-        value.lower()
-        for item in world.present.values()
-        for name, known in item.attributes.items()
-        if name != "class"
-        for value in known
-    }
+    values = {value.lower() for value in _attribute_values(world)}
     named = [name.lower() for name in people(world)]
     return [*classes(world), *placed, *named, *world.symbols.predicates, *sorted(values)]
 
@@ -258,7 +253,8 @@ def sort_of(world: Recall, words: str) -> Sort | None:
             predicates = tuple(parts[: len(parts) - count])
             if (kind is None and not general) or not (said or predicates):
                 continue
-            if all(_is_predicate(world, word) for word in predicates):
+            others = set(predicates) - world.symbols.predicates.keys()
+            if not others or others <= _attribute_values(world):
                 return Sort(kind, predicates, single != said or (general and not predicates))
     return None
 
@@ -285,15 +281,15 @@ def _classes(world: Recall) -> dict[str, str]:
     return {plain(name): name for name in names}
 
 
-def _is_predicate(world: Recall, word: str) -> bool:
-    if word in world.symbols.predicates:
-        return True
-    return any(
-        word in values
+def _attribute_values(world: Recall) -> set[str]:
+    """What attributes of present objects, but for their class, can be."""
+    return {
+        value
         for item in world.present.values()
         for name, values in item.attributes.items()
         if name != "class"
-    )
+        for value in values
+    }
 
 
 def _of(world: Recall, kind: str | None, predicates: list[str], past: bool) -> list[str]:
@@ -301,16 +297,19 @@ def _of(world: Recall, kind: str | None, predicates: list[str], past: bool) -> l
     found: list[tuple[float, str]] = []
     for item in world.present.values():
         p = 1.0 if kind is None else float(item.attributes.get("class", {}).get(kind, 0.0))
-        if kind is None and item.most_probable("class") == PERSON:
-            continue
-        for word in predicates:
-            p *= world.symbols.probability(word, item.attributes, item.quantities)
-        if p >= LEAST:
+        p = _meets(world, item, predicates, p)
+        if p >= LEAST and (kind or item.most_probable("class") != PERSON):
             found.append((-p * (0.5 if item.lost else 1.0), item.id))
     known = [name for _, name in sorted(found)]
     if past or not known:
         known += [name for name in _of_before(world, kind, predicates) if name not in known]
     return known if kind == PERSON else world.heads(known)
+
+
+def _meets(world: Recall, item: WorldObject, predicates: Iterable[str], p: float = 1.0) -> float:
+    """Probability that all predicates hold of an object, which is meant with probability p."""
+    holds = (world.symbols.probability(word, item.attributes, item.quantities) for word in predicates)
+    return math.prod(holds, start=p)
 
 
 def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[str]:
@@ -320,10 +319,7 @@ def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[s
         item = world.item(name)
         if item is None or item.last_seen - item.first_seen < 1.0:
             continue
-        p = 1.0
-        for word in predicates:
-            p *= world.symbols.probability(word, item.attributes, item.quantities)
-        if p >= LEAST:
+        if _meets(world, item, predicates) >= LEAST:
             found.append((-item.last_seen, name))
     return [name for _, name in sorted(found)[:20]]
 

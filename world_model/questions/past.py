@@ -1,22 +1,35 @@
-"""How often and how long, what changed, what is missing, what happened to an object."""
+"""How often and how long, what changed, moved, left or is missing, what happened to an object, what was where."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, name_of, one_named, place_named, spoken
-from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
-from world_model.questions.where import evidence_of
+from world_model.questions.naming import (
+    described,
+    name_of,
+    one_named,
+    place_named,
+    plain,
+    spoken,
+    things_named,
+)
+from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
+from world_model.questions.where import evidence_of, objects_at, within
 from world_model.state import DAY, PERSON
 
+When = str | float | Span | None  # What "since" can be: words, s, or a span
 WEEK = 7 * DAY
 DAYS, ENDS = 3 * DAY, 80
 """Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
 LONG = 1500  # Rows of an object's history that are read where no time is given
+FOUND, NOT_FOUND = 0.96, Trust.NOT_SEEN
+"""That something was where it was seen at some time; that it was nowhere else between the looks."""
+AT_FIRST = 4.0 * DAY  # s: of the end of a span, in which it is looked for first when something left a place
 CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, and is not missed
 
 
@@ -32,11 +45,16 @@ class Change:
     end: float
 
 
-def since_when(world: Recall, when: str | float | Span | None) -> Span:
-    """The span that "since" or a time stands for; from the beginning of memory where there is none."""
+def since_when(world: Recall, when: When, usual: float = math.inf) -> Span:
+    """The span that "since" or a time stands for; the last `usual` s where there is none."""
     if when is None:
-        return Span(-math.inf, world.now)
+        return Span(world.now - usual, world.now)
     return when if isinstance(when, Span) else Span(moment(when, world.now).start, world.now)
+
+
+def period_of(world: Recall, span: Span) -> str:
+    """ "since 2026-11-21 09:12" of a span that ends now, else when it began and ended."""
+    return f"since {clock(span.start)}" if span.end >= world.now - 1.0 else span.between
 
 
 def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
@@ -54,7 +72,23 @@ def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
     return [change for change in found if start < change.end <= end]
 
 
-def how_often(world: Recall, what: str, place: str = "", since: str | float | Span | None = None) -> Answer:
+def is_about(world: Recall, change: Change, place: str) -> bool:
+    """Whether an object left a place, or came to it; of no place in particular everything is."""
+    ends = [end for end in (change.before, change.after) if end is not None]
+    return not place or any(world.contains(place, end) for end in ends)
+
+
+def moves_at(world: Recall, place: str, span: Span) -> list[Change]:
+    """What left, or went from one place to another, within a span; from or to a place, where one is said."""
+    return [
+        change
+        for name in world.heads(world.active(span.start, span.end))
+        for change in changes_of(world.window(name, span.start, span.end), span.start, span.end)
+        if change.before not in (None, change.after) and is_about(world, change, place)
+    ]
+
+
+def how_often(world: Recall, what: str, place: str = "", since: When = None) -> Answer:
     """How often an object was moved, or came to a place. value : number. Raises NothingKnownError, AmbiguousError."""
     name = one_named(world, what)
     where = place_named(world, place) if place else ""
@@ -163,12 +197,17 @@ def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
     """
     name = one_named(world, what)
     if during is not None:
-        return _moved_during(world, name, during)
-    line = world.latest(name)
-    moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
+        line = world.since(name, during.start)
+        moves = _left(line, during)
+        if not moves:
+            sentence = f"{described(world, name)} was not moved {during.between}, {told(Trust.NOT_SEEN)}."
+            return Answer(sentence, "when_moved", Trust.NOT_SEEN)
+        return _moved(world, line, moves)
+    line, span = world.latest(name), Span(-math.inf, world.now)
+    moves = _left(line, span)
     if not moves and line.cut:
         line = world.timeline(name)
-        moves = [change for change in changes_of(line, -math.inf, world.now) if change.before is not None]
+        moves = _left(line, span)
     if not moves:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
         sentence = f"{described(world, name)} was not moved since it was first seen at {first}."
@@ -176,22 +215,16 @@ def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
     return _moved(world, line, moves[-1:])
 
 
+def _left(line: Timeline, span: Span) -> list[Change]:
+    """When an object left where it was, within a span."""
+    return [each for each in changes_of(line, span.start, span.end) if each.before is not None]
+
+
 def _moved(world: Recall, line: Timeline, moves: list[Change]) -> Answer:
     last = moves[-1]
     parts = "; ".join(told_change(world, each) for each in moves[-8:])
     evidence = evidence_of(world, line, last.start, last.end)
-    at = iso(last.end)
-    return Answer(f"{parts}, {told(Trust.STORY)}.", "when_moved", Trust.STORY, at, at, evidence)
-
-
-def _moved_during(world: Recall, name: str, span: Span) -> Answer:
-    line = world.since(name, span.start)
-    moves = [each for each in changes_of(line, span.start, span.end) if each.before is not None]
-    then = f"between {clock(span.start)} and {clock(span.end)}"
-    if not moves:
-        sentence = f"{described(world, name)} was not moved {then}, {told(Trust.NOT_SEEN)}."
-        return Answer(sentence, "when_moved", Trust.NOT_SEEN)
-    return _moved(world, line, moves)
+    return Answer.stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
 
 
 def told_change(world: Recall, change: Change) -> str:
@@ -200,9 +233,9 @@ def told_change(world: Recall, change: Change) -> str:
         return f"{name} is new {spoken(world, change.after or '')}, seen there first at {clock(change.end)}"
     if change.after is None:
         return f"{name} is no longer {spoken(world, change.before)}; it went by {clock(change.end)}"
-    between = f"between {clock(change.start)} and {clock(change.end)}"
-    if change.end - change.start < 60.0:
-        between = f"at {clock(change.end)}"
+    between = f"at {clock(change.end)}"
+    if change.end - change.start >= 60.0:
+        between = Span(change.start, change.end).between
     return f"{name} went from {_end(world, change.before)} to {_end(world, change.after)} {between}"
 
 
@@ -211,33 +244,25 @@ def _end(world: Recall, place: str) -> str:
     return f"the {name_of(place)}" if place in world.places else spoken(world, place)
 
 
-def what_changed(world: Recall, since: str | float | Span | None = None, place: str = "") -> Answer:
+def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     """What is elsewhere, new or gone since a moment. value : {id: [place before, place after]}. Raises InputError."""
-    span = since_when(world, since if since is not None else Span(world.now - DAY, world.now))
+    span = since_when(world, since, DAY)
     where = place_named(world, place) if place else ""
     found, certain = _net_changes(world, span)
-    if where:
-        found = [
-            change for change in found
-            if any(other is not None and world.contains(where, other) for other in (change.before, change.after))
-        ]  # fmt: skip
-    begin = clock(span.start)
-    until = "" if span.end >= world.now - 1.0 else f" and {clock(span.end)}"
-    period = f"between {begin}{until}" if until else f"since {begin}"
+    found = [change for change in found if is_about(world, change, where)]
     at = f" {spoken(world, where)}" if where else ""
     probability = Trust.CHANGED * Trust.EACH ** len(found) * certain
-    if not found:
-        sentence = f"Nothing that I know of has changed{at} {period}, {told(probability)}."
-    else:
+    sentence = f"Nothing that I know of has changed{at} {period_of(world, span)}"
+    if found:
         parts = "; ".join(told_change(world, each) for each in found[:12])
-        sentence = f"Changed{at} {period}: {parts}, {told(probability)}."
+        sentence = f"Changed{at} {period_of(world, span)}: {parts}"
     value = {change.object: [change.before, change.after] for change in found}
     evidence = tuple(
         entry
         for change in found[:8]
         for entry in evidence_of(world, _ends(world, change.object, span), change.start, change.end)
     )
-    return Answer(sentence, "what_changed", probability, iso(span.start), value, evidence)
+    return Answer.stated(sentence, "what_changed", probability, span.start, value, evidence)
 
 
 def _ends(world: Recall, name: str, span: Span) -> Timeline:
@@ -285,9 +310,9 @@ def _is_false(world: Recall, line: Timeline) -> bool:
     return not line.stays or (line.lost and sum(stay.until - stay.since for stay in line.stays) < CONFIRMED)
 
 
-def what_is_missing(world: Recall, since: str | float | Span | None = None) -> Answer:
+def what_is_missing(world: Recall, since: When = None) -> Answer:
     """What was there and is no longer, in the last week or since a moment. value : ids."""
-    span = since_when(world, since if since is not None else Span(world.now - WEEK, world.now))
+    span = since_when(world, since, WEEK)
     missing: list[tuple[float, str, ObjectStay]] = []
     certain = 1.0
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
@@ -315,12 +340,10 @@ def what_is_missing(world: Recall, since: str | float | Span | None = None) -> A
         for entry in evidence_of(world, world.latest(name), stay.since, world.now)
     )
     value = [name for _, name, _ in missing]
-    return Answer(
-        f"{sentence}, {told(probability)}.", "what_is_missing", probability, iso(world.now), value, evidence
-    )
+    return Answer.stated(sentence, "what_is_missing", probability, world.now, value, evidence)
 
 
-def history(world: Recall, what: str, since: str | float | Span | None = None) -> Answer:
+def history(world: Recall, what: str, since: When = None) -> Answer:
     """Where an object was, and since when. value : [[place, since, until], ...].
 
     Raises NothingKnownError, AmbiguousError.
@@ -341,3 +364,164 @@ def history(world: Recall, what: str, since: str | float | Span | None = None) -
     return Answer(
         sentence, "history", Trust.STORY, first, value, evidence_of(world, line, span.start, span.end)
     )
+
+
+def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None = None) -> dict[str, float]:
+    """Share of a span that each object was at a place, of those that were; of all things where `ids` is None."""
+    names = world.things() if ids is None else ids
+    found = {}
+    for name in names:
+        seconds = world.inside(place, world.window(name, span.start, span.end).spent(span.start, span.end))
+        if seconds > 0.0:
+            found[name] = seconds / max(span.end - span.start, 1.0)
+    return found
+
+
+def what_was_at(world: Recall, place: str, when: Span) -> Answer:
+    """What was at a place at any time of a span. value : ids, what was longest there first.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where, span = place_named(world, place), within(world, when)
+    shares = shares_at(world, where, span)
+    there = ranked(shares)
+    named = [described(world, name) + _part(shares[name]) for name in there]
+    verb = "was" if len(there) == 1 else "were"
+    probability = Trust.SEEN * Trust.EACH ** len(there) if there else NOT_FOUND
+    told_of = f"{listed(named, 20)} {verb}" if there else "Nothing that I know of was"
+    sentence = f"{told_of} {spoken(world, where)} {span.between}"
+    options = objects_at(where, {name: shares[name] for name in there}, "share")
+    return Answer.stated(sentence, "what_is_at", probability, span.start, there, (), options)
+
+
+def _part(share: float) -> str:
+    return "" if share >= 0.95 else f" ({max(100 * share, 1):.0f} % of the time)"
+
+
+def was_at(world: Recall, what: str, place: str, when: Span) -> Answer:
+    """Whether an object, or one of a class, was at a place at any time of a span. value : bool.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    where, span = place_named(world, place), within(world, when)
+    meant = things_named(world, what, past=True)
+    shares = shares_at(world, where, span, meant.ids)
+    if shares:
+        names = [
+            f"{described(world, name)} was {spoken(world, where)}{_part(shares[name])}"
+            for name in ranked(shares)
+        ]
+        sentence = f"Yes, {listed(names)} {span.between}"
+    else:
+        sentence = f"No, I know of no {clean(plain(what))} that was {spoken(world, where)} {span.between}"
+    best = max(shares, key=shares.__getitem__, default=meant.ids[0])
+    evidence = evidence_of(world, world.window(best, span.start, span.end), span.start, span.end)
+    return Answer.stated(
+        sentence, "is_at", FOUND if shares else NOT_FOUND, span.start, bool(shares), evidence
+    )
+
+
+def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
+    """How long of a span an object was at a place, or anywhere. value : s.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
+    name, span = one_named(world, what), within(world, when)
+    where = place_named(world, place) if place else ""
+    line = world.window(name, span.start, span.end)
+    by_place = line.spent(span.start, span.end)
+    if where:
+        long = world.inside(where, by_place) + 0.0
+        said = f"{described(world, name)} was {spoken(world, where)} for {duration(long)}"
+    else:
+        long = sum(by_place.values())
+        parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
+        said = f"{described(world, name)} was {listed(parts) or 'not seen'}"
+    evidence = evidence_of(world, line, span.start, span.end)
+    return Answer.stated(
+        f"{said} {span.between}", "how_long_there", Trust.NOT_SEEN, span.start, long, evidence
+    )
+
+
+def when_last_at(world: Recall, what: str, place: str) -> Answer:
+    """When an object was at a place last. value : ISO 8601, None where never. Raises NothingKnownError."""
+    name, where = one_named(world, what), place_named(world, place)
+    line = world.latest(name)
+    if line.cut and not any(world.contains(where, stay.place) for stay in line.stays):
+        line = world.timeline(name)
+    stays = [stay for stay in line.stays if world.contains(where, stay.place)]
+    if not stays:
+        first = clock(line.stays[0].since) if line.stays else "the beginning"
+        sentence = f"{described(world, name)} was never {spoken(world, where)} since {first}"
+        return Answer.stated(sentence, "when_last_seen", NOT_FOUND, world.now, None)
+    last = stays[-1]
+    is_there = last is line.stays[-1] and not line.lost
+    until = f"is {spoken(world, where)} since" if is_there else f"was {spoken(world, where)} last until"
+    stamp = last.since if is_there else last.until
+    seen = iso(world.now if is_there else stamp)
+    evidence = evidence_of(world, line, last.since, last.until)
+    sentence = f"{described(world, name)} {until} {clock(stamp)}"
+    return Answer.stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
+
+
+def what_moved(world: Recall, since: When = None, place: str = "") -> Answer:
+    """Every move within a span, or of the last day, also of what is back where it was; to or from a place.
+
+    value : [[object, from, to, stamp], ...], None for nowhere. Raises NothingKnownError, AmbiguousError, InputError.
+    """
+    where = place_named(world, place) if place else ""
+    span = since_when(world, since, DAY)
+    moves = sorted(moves_at(world, where, span), key=lambda change: change.end)
+    at = f" {spoken(world, where)}" if where else ""
+    before = f"{len(moves) - 12} moves before; " if len(moves) > 12 else ""
+    parts = "; ".join(told_change(world, move) for move in moves[-12:])
+    told_of = f"Moved{at} {span.between}: {before}{parts}"
+    if not moves:
+        told_of = f"Nothing that I know of was moved{at} {span.between}"
+    value = [[move.object, move.before, move.after, iso(move.end)] for move in moves]
+    return Answer.stated(told_of, "what_moved", Trust.SEEN * Trust.EACH ** len(moves), span.start, value)
+
+
+def what_left(world: Recall, place: str, since: When = None) -> Answer:
+    """What was at a place at the beginning of a span, or at any time of the last day, and is no longer there.
+
+    value : {id: place where it is, None where nobody knows}. Raises NothingKnownError, AmbiguousError.
+    """
+    where = place_named(world, place)
+    span = since_when(world, since, DAY)
+    parts, value = [], {}
+    for name in world.heads(world.active(span.start, span.end)):
+        line, last = _last_leaving(world, name, where, span)
+        stay = line.stays[-1] if line.stays else None
+        here = stay is not None and not line.lost and world.contains(where, stay.place)
+        if last is not None and not here:
+            value[name] = None if line.lost or stay is None else stay.place
+            parts.append(told_change(world, last))
+    period = f"since {clock(span.start)}"
+    probability = Trust.SEEN * Trust.EACH ** len(parts)
+    sentence = (
+        f"No longer {spoken(world, where)}, {period}: {listed(parts)}"
+        if parts
+        else f"Nothing that I know of has left the place {spoken(world, where)} {period}"
+    )
+    return Answer.stated(sentence, "what_left", probability, span.start, value)
+
+
+def _last_leaving(world: Recall, name: str, where: str, span: Span) -> tuple[Timeline, Change | None]:
+    """The last time within a span that an object left a place, and its timeline from before that on.
+
+    It is looked for from the end: of a year most often only days are read.
+    """
+    long = AT_FIRST
+    while True:
+        start = max(span.start, span.end - long)
+        line = world.since(name, start)
+        left = [
+            change
+            for change in changes_of(line, start, span.end)
+            if change.before is not None and world.contains(where, change.before)
+            and (change.after is None or not world.contains(where, change.after))
+        ]  # fmt: skip
+        if left or start <= max(span.start, 0.0):
+            return line, left[-1] if left else None
+        long *= 8.0

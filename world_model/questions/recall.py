@@ -276,14 +276,8 @@ class Recall:
 
     def kind(self, object_id: str) -> str:
         """Most probable class of an object, also of one that is no longer there."""
-        item = self.present.get(object_id)
-        if item is not None:
-            return item.most_probable("class")
-        parsed = parse_symbol(object_id)
-        if parsed is not None:
-            return parsed[0]
-        seen = self.item(object_id)
-        return seen.most_probable("class") if seen is not None else ""
+        parsed = None if object_id in self.present else parse_symbol(object_id)
+        return self.likely_kind(object_id) if parsed is None else parsed[0]
 
     def likely_kind(self, object_id: str) -> str:
         """Most probable class of an object as it was known last, whatever its id says."""
@@ -479,6 +473,10 @@ class Recall:
             return False
         return bool(around.contains(within.center))
 
+    def inside(self, outer: str, by_place: Mapping[str, float]) -> float:
+        """Sum of what is told of places that are, or lie in, another."""
+        return sum(value for place, value in by_place.items() if self.contains(outer, place))
+
     def alike(self, object_id: str) -> list[str]:
         """Other present objects that cannot be told from one by what they look like."""
         mine = self.present.get(object_id)
@@ -490,10 +488,7 @@ class Recall:
         return [item.id for item in others if likeness(mine.attributes, item.attributes) >= LOOKS_ALIKE]
 
 
-@lru_cache(4096)
-def _attributes(text: str) -> Mapping[str, Mapping[str, float]]:
-    found: dict[str, Any] = json.loads(text)
-    return found
+_attributes = lru_cache(4096)(json.loads)
 
 
 def _linked(lives: list[Life]) -> dict[str, tuple[str, float]]:
@@ -528,6 +523,11 @@ def _joined(before: Timeline, line: Timeline) -> Timeline:
     last = replace(last, gone=True, left_by=min(last.left_by or first.since, first.since))
     first = replace(first, came_after=last.until)
     return replace(line, stays=(*before.stays[:-1], last, first, *line.stays[1:]))
+
+
+def ranked(shares: Mapping[str, float]) -> list[str]:
+    """Names, that of the largest value first."""
+    return sorted(shares, key=lambda name: -shares[name])
 
 
 def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mapping[str, float]]) -> float:

@@ -9,14 +9,13 @@ from world_model.describing import LIKELY, SURE
 from world_model.memory.courses import routines_of
 from world_model.memory.routines import Routines
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
+from world_model.questions.elsewhere import WEEKS, presence_of
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken
-from world_model.questions.presence import presence_of
-from world_model.questions.recall import Recall, Trust
-from world_model.questions.where import is_at, where_usually
+from world_model.questions.recall import Recall, Trust, ranked
+from world_model.questions.where import is_at, objects_at, places_of, where_usually
 from world_model.state import DAY
 
-WEEKS = 28 * DAY  # s: of the history that counts
 LEAST_DAYS = 2.0
 USUAL = 0.5
 AHEAD = 2 * 3600.0
@@ -31,12 +30,11 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     shares = {}
     start = world.now - WEEKS
     for name, course in presence_of(world, start).items():
-        by_place = course.shares(start, world.now, absent=True)
-        share = sum(part for other, part in by_place.items() if world.contains(where, other))
+        share = world.inside(where, course.shares(start, world.now, absent=True))
         if share > 0.02:
             shares[name] = share
-    usual = sorted((name for name in shares if shares[name] >= USUAL), key=lambda name: -shares[name])
-    others = sorted((name for name in shares if name not in usual), key=lambda name: -shares[name])
+    usual = [name for name in ranked(shares) if shares[name] >= USUAL]
+    others = [name for name in ranked(shares) if shares[name] < USUAL]
     named = [f"{described(world, name)} ({100 * shares[name]:.0f} % of the time)" for name in usual]
     now_and_then = [f"{described(world, name)} ({100 * shares[name]:.0f} %)" for name in others[:4]]
     at = spoken(world, where)
@@ -44,9 +42,9 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
     probability = Trust.CHANGED * math.prod(_certain(share) for share in shares.values())
-    options = tuple({"object": name, "place": where, "probability": share} for name, share in shares.items())
-    sentence, kind = f"{sentence}, {told(probability)}.", "what_is_usually_here"
-    return Answer(sentence, kind, probability, iso(world.now), usual, (), options)
+    return Answer.stated(
+        sentence, "what_is_usually_here", probability, world.now, usual, (), objects_at(where, shares)
+    )
 
 
 def _certain(share: float) -> float:
@@ -60,12 +58,10 @@ def what_is_needed_next(world: Recall, when: str | float | Span | None = None) -
     when : within that many seconds or until the end of that span; two hours where nothing is said.
     """
     ahead = AHEAD
-    if isinstance(when, Span):
-        ahead = max(when.end - when.start, 600.0)
-    elif isinstance(when, (int, float)):
+    if isinstance(when, (int, float)):
         ahead = float(when)
     elif when is not None:
-        span = moment(when, world.now)
+        span = when if isinstance(when, Span) else moment(when, world.now)
         ahead = max(span.end - span.start, 600.0)
     routines = learned(world)
     told_moves = routines.moves(world.now, ahead)
@@ -98,7 +94,7 @@ def where_will_be(world: Recall, what: str, when: Span) -> Answer:
     chances = learned(world).where(name, stamp)
     if not chances:
         raise NothingKnownError(f"I know no routines of {clean(name)}.")
-    order = sorted(chances, key=lambda place: -chances[place])
+    order = ranked(chances)
     best, p = order[0], chances[order[0]]
     verb = "will be" if p >= SURE else "will probably be" if p >= LIKELY else "may be"
     others = [
@@ -106,8 +102,7 @@ def where_will_be(world: Recall, what: str, when: Span) -> Answer:
     ]
     rest = f"; else {listed(others, final='or')}" if others else ""
     sentence = f"{described(world, name)} {verb} {spoken(world, best)} at {clock(stamp)}, {told(p)}{rest}."
-    options = tuple({"object": name, "place": place, "probability": chances[place]} for place in order[1:4])
-    return Answer(sentence, "where_will_be", p, iso(stamp), best, (), options)
+    return Answer(sentence, "where_will_be", p, iso(stamp), best, (), places_of(name, chances, order[1:4]))
 
 
 def is_at_usual_place(world: Recall, what: str) -> Answer:

@@ -20,14 +20,12 @@ from world_model.questions.answers import (
     listed,
     told,
 )
-from world_model.questions.elsewhere import elsewhere
+from world_model.questions.elsewhere import WEEKS, course_of, elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
-from world_model.questions.presence import course_of
-from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust
-from world_model.state import BELIEVED, DAY, PERSON
+from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
+from world_model.state import BELIEVED, PERSON
 
-MONTH = 28 * DAY
 TWIN, SWAPPED = 0.85, 0.5
 """That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
 both moved, and where they were."""
@@ -110,19 +108,15 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
     shares = line.shares(span.start, span.end)
     if not shares:
         return _where(world, name, span.middle, "where_was", True)
-    order = sorted(shares, key=lambda place: -shares[place])
+    order = ranked(shares)
     best = order[0]
     probability = min(Trust.CHANGED, 0.5 + shares[best] * 0.48) if len(order) > 1 else Trust.SEEN
     others = [f"{spoken(world, place)} ({100 * shares[place]:.0f} % of the time)" for place in order[1:]]
-    then = f"between {clock(span.start)} and {clock(span.end)}"
-    sentence = f"{described(world, name)} was {spoken(world, best)} {then}" + (
-        f" most of the time; also {listed(others)}" if others else ""
-    )
-    options = tuple({"object": name, "place": place, "probability": shares[place]} for place in order[1:])
-    return Answer(
-        f"{sentence}, {told(probability)}.", "where_was", probability, iso(span.start), best,
-        evidence_of(world, line, span.start, span.end), options,
-    )  # fmt: skip
+    sentence = f"{described(world, name)} was {spoken(world, best)} {span.between}"
+    sentence += f" most of the time; also {listed(others)}" if others else ""
+    evidence = evidence_of(world, line, span.start, span.end)
+    options = places_of(name, shares, order[1:])
+    return Answer.stated(sentence, "where_was", probability, span.start, best, evidence, options)
 
 
 def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> Answer:
@@ -155,11 +149,8 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
     doubt = f"; it cannot be told from {listed(map(clean, twins))}" if twins else ""
     also = f", now called {clean(line.id)}," if line.id != name else ""
     sentence = f"{described(world, name)}{also} {verb} {where}, {told(certain)}, {seen}{doubt}."
-    options: list[dict[str, Any]] = [
-        {"object": name, "place": other, "probability": p}
-        for other, p in chances.items()
-        if other != place and p > 0.01
-    ]
+    others = [other for other, p in chances.items() if other != place and p > 0.01]
+    options = list(places_of(name, chances, others))
     options += [
         {"object": twin, "place": place, "probability": (1.0 - certain) / len(twins)} for twin in twins
     ]
@@ -237,11 +228,8 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     back = [other for other in world.alike(name) if _began(world, other) >= stay.until]
     may = elsewhere(world, line)
     last = f"it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, and is no longer there"
-    options: list[dict[str, Any]] = [
-        {"object": name, "place": place, "probability": p}
-        for place, p in sorted(may.places.items(), key=lambda pair: -pair[1])
-        if p > 0.02
-    ]
+    order = [place for place in ranked(may.places) if may.places[place] > 0.02]
+    options = list(places_of(name, may.places, order))
     evidence = evidence_of(world, line, stay.since, stamp)
     if may.best and not back:
         probability = min(may.places[may.best], HIDDEN)
@@ -274,7 +262,7 @@ def _began(world: Recall, name: str) -> float:
 
 def usual_places(world: Recall, name: str) -> dict[str, float]:
     """Share of the time of the last weeks by place."""
-    start = world.now - MONTH
+    start = world.now - WEEKS
     course = course_of(world, world.individual(name)[0], start)
     return {} if course is None else course.shares(start, world.now)
 
@@ -285,7 +273,7 @@ def where_usually(world: Recall, what: str) -> Answer:
     shares = usual_places(world, name)
     if not shares:
         raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
-    order = sorted(shares, key=lambda place: -shares[place])
+    order = ranked(shares)
     first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
     others = [
         f"{spoken(world, place)} ({100 * shares[place]:.0f} %)"
@@ -295,11 +283,9 @@ def where_usually(world: Recall, what: str) -> Answer:
     rest = f"; else {listed(others)}" if others else ""
     second = shares[order[1]] if len(order) > 1 else 0.0
     probability = min(Trust.CHANGED, 0.5 + 2.0 * (shares[order[0]] - second))
-    options = tuple({"object": name, "place": place, "probability": shares[place]} for place in order[1:])
-    return Answer(
-        f"{described(world, name)} is usually {first}{rest}.", "where_usually", probability, iso(world.now), order[0],
-        (), options,
-    )  # fmt: skip
+    sentence = f"{described(world, name)} is usually {first}{rest}."
+    options = places_of(name, shares, order[1:])
+    return Answer(sentence, "where_usually", probability, iso(world.now), order[0], (), options)
 
 
 def which_room(world: Recall, what: str, when: str | float | Span | None = None) -> Answer:
@@ -331,10 +317,8 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
         lines = [_cut(world.window(name, during.start, during.end), during) for name in meant.ids]
     lines = [line for line in lines if line.stays]
     if not lines and during is not None:
-        then = f"between {clock(during.start)} and {clock(during.end)}"
-        return Answer(
-            f"{clean(what)} was not seen {then}.", "when_last_seen", Trust.NOT_SEEN, iso(during.start)
-        )
+        sentence = f"{clean(what)} was not seen {during.between}."
+        return Answer(sentence, "when_last_seen", Trust.NOT_SEEN, iso(during.start))
     if not lines:
         raise NothingKnownError(f'"{clean(what)}" was never seen for certain.')
     line = max(lines, key=lambda each: each.stays[-1].until)
@@ -346,19 +330,20 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
         f"{described(world, line.id)} was seen last at {clock(stay.until)}, {duration(world.now - stay.until)} ago, "
         f"{spoken(world, stay.place)}{missing}{also}."
     )
-    seen = [
-        (each.id, each.stays[-1].place, iso(each.stays[-1].until), 0.0)
+    options = tuple(
+        {
+            "object": each.id,
+            "place": each.stays[-1].place,
+            "stamp": iso(each.stays[-1].until),
+            "probability": 0.0,
+        }
         for each in lines
         if each.id != line.id
-    ]
-    options = tuple(
-        dict(zip(("object", "place", "stamp", "probability"), each, strict=True)) for each in seen
     )
     probability = Trust.SEEN if not (meant.by_name and world.alike(line.id)) else 0.85
-    return Answer(
-        sentence, "when_last_seen", probability, iso(stay.until), iso(stay.until),
-        evidence_of(world, line, stay.since, stay.until), options,
-    )  # fmt: skip
+    evidence = evidence_of(world, line, stay.since, stay.until)
+    seen = iso(stay.until)
+    return Answer(sentence, "when_last_seen", probability, seen, seen, evidence, options)
 
 
 def _cut(line: Timeline, span: Span) -> Timeline:
@@ -388,6 +373,18 @@ def evidence_of(world: Recall, line: Timeline, start: float, end: float) -> tupl
     return tuple(found[-8:])
 
 
+def objects_at(
+    place: str, chances: Mapping[str, float], what: str = "probability"
+) -> tuple[dict[str, Any], ...]:
+    """Alternatives of an answer: objects that may be at a place."""
+    return tuple({"object": name, "place": place, what: p} for name, p in chances.items())
+
+
+def places_of(name: str, chances: Mapping[str, float], order: Sequence[str]) -> tuple[dict[str, Any], ...]:
+    """Alternatives of an answer: places, in this order, at which an object may be."""
+    return tuple({"object": name, "place": place, "probability": chances[place]} for place in order)
+
+
 def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None = None) -> dict[str, float]:
     """Probability by object that it is at a place at a moment; people are left out where `ids` is None."""
     found = {}
@@ -397,7 +394,7 @@ def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None 
     for name in ids:
         line = world.glimpse(name, stamp)
         chances = _chances(world, line, stamp)
-        p = sum(chance for other, chance in chances.items() if other == place or world.contains(place, other))
+        p = world.inside(place, chances)
         item = world.present.get(name)
         if now and item is not None and not line.lost:
             p *= item.existence
@@ -422,7 +419,7 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     where = place_named(world, place)
     stamp = world.now if when is None else within(world, when).middle
     chances = at_place(world, where, stamp)
-    there = sorted((name for name in chances if chances[name] >= BELIEVED), key=lambda name: -chances[name])
+    there = [name for name in ranked(chances) if chances[name] >= BELIEVED]
     verb = ("is", "are") if when is None else ("was", "were")
     then = "" if when is None else f" at {clock(stamp)}"
     if there:
@@ -433,12 +430,11 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * (
         Trust.SEEN if chances else Trust.NOT_SEEN
     )
-    options = tuple({"object": name, "place": where, "probability": p} for name, p in chances.items())
     evidence = tuple(
         entry for name in there[:4] for entry in evidence_of(world, world.glimpse(name, stamp), stamp, stamp)
     )
-    return Answer(
-        f"{sentence}, {told(probability)}.", "what_is_at", probability, iso(stamp), there, evidence, options
+    return Answer.stated(
+        sentence, "what_is_at", probability, stamp, there, evidence, objects_at(where, chances)
     )
 
 
@@ -460,18 +456,14 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
         chances = {name: p * (TWIN if world.alike(name) else 1.0) for name, p in chances.items()}
     p = 1.0 - math.prod(1.0 - each for each in chances.values())
     p = min(p, Trust.EACH)
-    there = [
-        described(world, name)
-        for name in sorted(chances, key=lambda name: -chances[name])
-        if chances[name] > 0.5
-    ]
+    there = [described(world, name) for name in ranked(chances) if chances[name] > 0.5]
     verb, many = ("was", "were") if past else ("is", "are")
     then = f" at {clock(stamp)}" if past else ""
     yes = p >= 0.5
     if yes:
         is_or_are = many if len(there) > 1 else verb
         them = listed(there or [clean(what)])
-        sentence = f"Yes, {them} {hedged(p, is_or_are)} {spoken(world, where)}{then}, {told(p)}."
+        sentence = f"Yes, {them} {hedged(p, is_or_are)} {spoken(world, where)}{then}"
     else:
         one = clean(re.sub("^(any|some|every)thing$", "thing that I know of", plain(what)))
         known = (
@@ -484,12 +476,9 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
             if len(meant.ids) == 1
             else f"No, there {many if meant.plural and one.endswith('s') else verb} no {one}"
         )
-        sentence = (
-            f"{found} {spoken(world, where)}{then}{f': {listed(known)}' if known else ''}, {told(1 - p)}."
-        )
-    options = tuple({"object": name, "place": where, "probability": q} for name, q in chances.items())
+        sentence = f"{found} {spoken(world, where)}{then}{f': {listed(known)}' if known else ''}"
     evidence = evidence_of(world, world.glimpse(meant.ids[0], stamp), stamp, stamp)
-    return Answer(sentence, "is_at", max(p, 1.0 - p), iso(stamp), yes, evidence, options)
+    return Answer.stated(sentence, "is_at", max(p, 1.0 - p), stamp, yes, evidence, objects_at(where, chances))
 
 
 def _elsewhere(world: Recall, name: str, stamp: float) -> str:
@@ -523,9 +512,8 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     if len(there) != 1:
         verb = verb.replace("was", "were").replace("is", "are")
     shown = f": {listed([described(world, name) for name in there])}" if there else ""
-    sentence = f"{verb} {len(there)} of these{at}{then}{shown}, {told(probability)}."
-    options = tuple({"object": name, "place": where, "probability": p} for name, p in chances.items())
-    return Answer(sentence, "how_many", probability, iso(stamp), len(there), (), options)
+    sentence = f"{verb} {len(there)} of these{at}{then}{shown}"
+    return Answer.stated(sentence, "how_many", probability, stamp, len(there), (), objects_at(where, chances))
 
 
 def where_to_look(world: Recall, what: str) -> Answer:
@@ -543,11 +531,11 @@ def where_to_look(world: Recall, what: str) -> Answer:
             chances[place] = chances.get(place, 0.0) + left * share
     if not chances:
         raise NothingKnownError(f"Nobody knows where {clean(name)} may be: no place has a name.")
-    order = sorted(chances, key=lambda place: -chances[place])
+    order = ranked(chances)
     parts = [
         f"{spoken(world, place)} ({told(chances[place])})" if chances[place] >= 0.01 else spoken(world, place)
         for place in order[:6]
     ]
-    options = tuple({"object": name, "place": place, "probability": chances[place]} for place in order)
+    options = places_of(name, chances, order)
     sentence = f"Look for {described(world, name)} {', then '.join(parts)}."
     return Answer(sentence, "where_to_look", chances[order[0]], iso(world.now), order, (), options)

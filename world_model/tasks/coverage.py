@@ -129,8 +129,3 @@ def bounds_of(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
     centres = grid.centres(np.argwhere(grid.free)) if grid.free.any() else np.zeros((1, 2))
     half = 0.5 * grid.resolution
     return centres.min(axis=0) - half, centres.max(axis=0) + half
-
-
-def length_between(a: FloatArray, b: FloatArray) -> float:
-    """Metres between two places (2,)."""
-    return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -80,16 +80,10 @@ class Maintenance:
         self.config = config or MaintenanceConfig()
         self._pending: VerificationTask | None = None
         self._queue: deque[Trigger] = deque()
-        self._resting: dict[str, float] = {}
-        self._absent: dict[str, float] = {}
+        self._in_vain: dict[str, tuple[str, float]] = {}  # Outcome of the last look and its stamp
         self._misses: dict[str, int] = {}
         self._tour: set[str] = set()
         self.idle_reason = ""
-
-    @property
-    def pending(self) -> VerificationTask | None:
-        """The task handed out last that nobody has reported on."""
-        return self._pending
 
     @property
     def tour(self) -> frozenset[str]:
@@ -156,7 +150,7 @@ class Maintenance:
             self.idle_reason = self._nothing_known(world_state)
             return None
         ways = Ways(pose, grid)
-        served = self._serve_trigger(world_state, looks, ways, field_of_view, base_available)
+        served = self._serve_trigger(looks, ways, field_of_view, base_available)
         if served is not None:
             return served
         kept = self._keep_pending(looks, pose, base_available, field_of_view)
@@ -179,17 +173,12 @@ class Maintenance:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)} expected, got {outcome!r}")
         if self._pending is not None and self._pending.object_id == task.object_id:
             self._pending = None
-        when = math.nan if stamp is None else float(stamp)
-        self._resting.pop(task.object_id, None)
-        self._absent.pop(task.object_id, None)
         if outcome == "found":
+            self._in_vain.pop(task.object_id, None)
             self._misses.pop(task.object_id, None)
         else:
+            self._in_vain[task.object_id] = outcome, math.nan if stamp is None else float(stamp)
             self._misses[task.object_id] = self._misses.get(task.object_id, 0) + 1
-        if outcome == "occluded":
-            self._resting[task.object_id] = when
-        elif outcome == "not_found":
-            self._absent[task.object_id] = when
 
     def _nothing_known(self, state: WorldState) -> str:
         if not state.objects:
@@ -200,26 +189,20 @@ class Maintenance:
 
     def _rests(self, item: WorldObject, stamp: float) -> bool:
         """Whether a report keeps an object from being looked at; forgets reports that are over."""
-        if item.id in self._absent:
-            since = self._absent[item.id]
-            if math.isnan(since):
-                self._absent[item.id] = item.last_seen
-                return True
-            if item.last_seen <= since:
-                return True
-            del self._absent[item.id]
-        if item.id in self._resting:
-            since = self._resting[item.id]
-            if math.isnan(since):
-                self._resting[item.id] = stamp
-                return True
-            if 0.0 <= stamp - since < self.config.retry_after:
-                return True
-            del self._resting[item.id]
-        return False
+        if item.id not in self._in_vain:
+            return False
+        outcome, since = self._in_vain[item.id]
+        absent = outcome == "not_found"
+        if math.isnan(since):
+            self._in_vain[item.id] = outcome, item.last_seen if absent else stamp
+            return True
+        rests = item.last_seen <= since if absent else 0.0 <= stamp - since < self.config.retry_after
+        if not rests:
+            del self._in_vain[item.id]
+        return rests
 
     def _serve_trigger(
-        self, state: WorldState, looks: Looks, ways: Ways, view: View | None, base_available: bool
+        self, looks: Looks, ways: Ways, view: View | None, base_available: bool
     ) -> VerificationTask | None:
         """The first trigger that can be served; those for unknown or lost objects are dropped."""
         if self._pending is not None and self._pending.trigger:
@@ -259,9 +242,7 @@ class Maintenance:
     def _most_useful(
         self, state: WorldState, looks: Looks, ways: Ways, view: View | None, base_available: bool
     ) -> VerificationTask | None:
-        able = list(range(len(looks.objects)))
-        if self._absent or self._resting:
-            able = [k for k in able if not self._rests(looks.objects[k], state.stamp)]
+        able = [k for k, item in enumerate(looks.objects) if not self._rests(item, state.stamp)]
         if not base_available:
             self._tour = set()
         going = self._next_on_tour(looks, ways, able, view)
@@ -271,8 +252,7 @@ class Maintenance:
         if not len(found):
             self.idle_reason = "No object can be reached and seen."
             return None
-        thresholds = self._thresholds(looks)
-        worth = found.gain > thresholds[found.items]
+        worth = found.gain > self._thresholds(looks)[found.items]
         if not worth.any():
             self.idle_reason = (
                 f"No action is worth it: {found.gain.max():.1f} nat at most, below the threshold."
@@ -281,8 +261,8 @@ class Maintenance:
         self.idle_reason = ""
         best = found.best(worth)
         if base_available and self.config.tour > 0.0:
-            now = looked_at_now(looks)
-            along = [k for k in able if now[k] > self._taken_along(looks, thresholds[k])]
+            now, stops = looked_at_now(looks), self._worth_a_stop(looks, self.config.tour)
+            along = [k for k in able if stops[k]]
             far = np.hypot(*(looks.positions[:, :2] - ways.pose[:2]).T) / self.config.cost_scale
             worth_along = now / self.config.information_gain_norm - self.config.weight * far
             along = sorted(along, key=lambda k: -worth_along[k])[:TOUR]
@@ -304,12 +284,9 @@ class Maintenance:
         """The first look on the shortest way through what is left of the tour; drops what has been seen meanwhile."""
         if not self._tour:
             return None
-        now, thresholds = looked_at_now(looks), self._thresholds(looks)
-        left = [
-            k
-            for k in able
-            if looks.objects[k].id in self._tour and now[k] > self._left_out(looks, thresholds[k])
-        ]
+        # What brings less by now was seen in passing.
+        stops = self._worth_a_stop(looks, 0.5 * self.config.tour)
+        left = [k for k in able if looks.objects[k].id in self._tour and stops[k]]
         self._tour = {looks.objects[k].id for k in left}
         for k in tour(looks, ways.pose, left):
             self._tour.discard(looks.objects[k].id)
@@ -332,13 +309,9 @@ class Maintenance:
             return np.full(len(looks.objects), default)
         return np.array([own.get(item.most_probable("class"), default) for item in looks.objects])
 
-    def _taken_along(self, looks: Looks, threshold: float) -> float:
-        """What one look must bring for an object to be on a tour, nat; more than a second look in a row would."""
-        return max(self.config.tour * threshold, self._second_look(looks))
-
-    def _left_out(self, looks: Looks, threshold: float) -> float:
-        """What one look brings at most, nat, for an object on a tour to count as seen in passing."""
-        return max(0.5 * self.config.tour * threshold, self._second_look(looks))
+    def _worth_a_stop(self, looks: Looks, share: float) -> npt.NDArray[np.bool_]:
+        """(N,) whether one look brings more than a share of the threshold, and than a second look in a row would."""
+        return looked_at_now(looks) > np.maximum(share * self._thresholds(looks), self._second_look(looks))
 
     @staticmethod
     def _second_look(looks: Looks) -> float:

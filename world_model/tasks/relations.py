@@ -46,14 +46,10 @@ class Relations:
         self.smoothing, self.fading, self.minimum = float(smoothing), float(fading), float(minimum)
         self.synonyms = _resolved(synonyms or {})
         self._index: dict[str, int] = {}
-        self._single = np.zeros(0)
-        self._pairs = np.zeros((0, 0))
-        self._rooms: dict[str, dict[str, float]] = {}
-        self._room_frames: dict[str, float] = {}
-        self._room_pairs: dict[str, FloatArray] = {}
-        self._frames = 0.0
+        # By type of room, None for all of them: frames, and pairs (n, n) with single names on the diagonal.
+        self._frames: dict[str | None, float] = {None: 0.0}
+        self._pairs: dict[str | None, FloatArray] = {None: np.zeros((0, 0))}
         self._scale = 1.0  # what one new frame counts: fading old counts by growing new ones
-        self._cache: FloatArray | None = None
 
     @classmethod
     def from_frames(
@@ -153,93 +149,73 @@ class Relations:
         if not (math.isfinite(count) and count >= 0.0):
             raise InputError(f"count: a number of at least 0 expected, got {count!r}")
         seen = sorted({self.unified(name) for name in names if name.strip()})
-        self._cache = None
         self._scale /= self.fading
         if self._scale > 1e12:
             self._settle()
+        rows = np.array([self._index.setdefault(name, len(self._index)) for name in seen], dtype=np.int64)
         weight = count * self._scale
-        self._frames += weight
-        if not seen:
-            return
-        rows = np.array([self._number(name) for name in seen])
-        self._single[rows] += weight
-        self._pairs[np.ix_(rows, rows)] += weight
-        if room is not None:
-            self._room_frames[room] = self._room_frames.get(room, 0.0) + weight
-            here = self._rooms.setdefault(room, {})
-            for name in seen:
-                here[name] = here.get(name, 0.0) + weight
-            known = self._pairs_in(room)
-            known[np.ix_(rows, rows)] += weight
-            self._room_pairs[room] = known
+        # Where nothing is seen there is no telling the room.
+        for kind in dict.fromkeys((None, room)) if seen else (None,):
+            self._frames[kind] = self._frames.get(kind, 0.0) + weight
+            self._pairs[kind] = self._pairs_in(kind)
+            self._pairs[kind][np.ix_(rows, rows)] += weight
 
     def count(self, name: str, other: str | None = None) -> float:
         """How often a name, or a pair of names, was seen; faded."""
-        i = self._index.get(self.unified(name))
-        if i is None:
-            return 0.0
-        if other is None:
-            return float(self._single[i] / self._scale)
-        j = self._index.get(self.unified(other))
-        return 0.0 if j is None else float(self._pairs[i, j] / self._scale)
+        i, j = (self._index.get(self.unified(word)) for word in (name, name if other is None else other))
+        return 0.0 if i is None or j is None else float(self._pairs[None][i, j] / self._scale)
 
     def probability(self, name: str, given: str) -> float:
         """(5.1): p(name | given) of seeing the one in a frame that has the other; for unknown names by λ alone."""
         number = max(len(self._index), 1)
-        together = self.count(name, given) if self.unified(name) != self.unified(given) else self.count(given)
+        together = self.count(name, given)
         together = together if together >= self.minimum else 0.0
         base = self.count(given) + self.smoothing * number
         return (together + self.smoothing) / base if base > 0.0 else 1.0 / number
 
     def matrix(self) -> FloatArray:
         """(n, n) of p(row | column) over `names`, (5.1)."""
-        if self._cache is None:
-            every = np.arange(len(self._index))
-            self._cache = self.block(every, every)
-        return self._cache
+        every = np.arange(len(self._index))
+        return self.block(every, every)
 
-    def _pairs_in(self, room: str) -> FloatArray:
+    def _pairs_in(self, room: str | None) -> FloatArray:
         """Counts of pairs (n, n) in rooms of a type; of single names on the diagonal."""
-        known = self._room_pairs.get(room, np.zeros((0, 0)))
-        return np.pad(known, (0, len(self._index) - len(known)))
+        known = self._pairs.get(room, np.zeros((0, 0)))
+        more = len(self._index) - len(known)
+        return np.pad(known, (0, more)) if more else known
 
     def block(self, rows: IntArray, columns: IntArray, room: str = "") -> FloatArray:
         """(R, C) of p(row | column) for indices into `names`, (5.1): of many names few pairs are ever asked for.
 
         room : type of room; what was seen in others counts as the prior there, with the weight that (5.1) gives it.
         """
-        if room not in self._room_pairs:
-            return self._everywhere(rows, columns)
+        # Pairs are symmetric: of the two ways to cut them out, the one along rows is read in one go.
+        few, known = len(rows) < len(columns), self._pairs[None]
+        prior = known[rows][:, columns] if few else known[columns][:, rows].T
+        prior = prior / self._scale
+        if self.minimum > 0.0:
+            prior[prior < self.minimum] = 0.0
+        base = known.diagonal()[columns] / self._scale + self.smoothing * max(len(self._index), 1)
+        prior += self.smoothing
+        prior /= np.maximum(base, 1e-300)[None, :]
+        if room not in self._pairs:
+            return prior
         pairs = self._pairs_in(room)[np.ix_([*rows, *columns], columns)] / self._scale
         weight = self.smoothing * len(self._index)
         base = pairs[len(rows) :].diagonal() + weight
-        joint = pairs[: len(rows)] + weight * self._everywhere(rows, columns)
-        return np.where(base > 0.0, joint / np.maximum(base, 1e-300), self._everywhere(rows, columns))
-
-    def _everywhere(self, rows: IntArray, columns: IntArray) -> FloatArray:
-        if self._cache is not None:
-            return self._cache[np.ix_(rows, columns)]
-        # Pairs are symmetric: of the two ways to cut them out, the one along rows is read in one go.
-        few = len(rows) < len(columns)
-        pairs = self._pairs[rows][:, columns] if few else self._pairs[columns][:, rows].T
-        pairs = pairs / self._scale
-        if self.minimum > 0.0:
-            pairs[pairs < self.minimum] = 0.0
-        base = self._single[columns] / self._scale + self.smoothing * max(len(self._index), 1)
-        pairs += self.smoothing
-        pairs /= np.maximum(base, 1e-300)[None, :]
-        return pairs
+        joint = pairs[: len(rows)] + weight * prior
+        return np.where(base > 0.0, joint / np.maximum(base, 1e-300), prior)
 
     def ubiquity(self, room: str = "") -> FloatArray:
         """(n,) share of all frames that show each of `names`; what is in view everywhere says nothing about where.
 
         room : type of room, as for `block`.
         """
-        share: FloatArray = self._single / max(self._frames, 1e-300)
-        if room not in self._room_pairs:
+        share: FloatArray = self._pairs[None].diagonal() / max(self._frames[None], 1e-300)
+        if room not in self._pairs:
             return share
         weight = self.smoothing * len(self._index) * self._scale
-        base = max(self._room_frames[room] + weight, 1e-300)
+        base = max(self._frames[room] + weight, 1e-300)
         return np.asarray((self._pairs_in(room).diagonal() + weight * share) / base)
 
     def posterior(self, target: str, observed: Sequence[str]) -> dict[str, float]:
@@ -253,8 +229,9 @@ class Relations:
     def room_probability(self, name: str, room: str) -> float:
         """p(name | room): the share of the room's frames that show it, smoothed as (5.1)."""
         number = max(len(self._index), 1)
-        here = self._rooms.get(room, {}).get(self.unified(name), 0.0)
-        base = self._room_frames.get(room, 0.0) / self._scale + self.smoothing * number
+        at = self._index.get(self.unified(name))
+        here = 0.0 if at is None else self._pairs_in(room)[at, at]
+        base = self._frames.get(room, 0.0) / self._scale + self.smoothing * number
         return (here / self._scale + self.smoothing) / base if base > 0.0 else 1.0 / number
 
     def rooms(self, target: str, among: Sequence[str]) -> dict[str, float]:
@@ -263,22 +240,10 @@ class Relations:
         norm = sum(likelihood.values())
         return {room: value / norm for room, value in likelihood.items()} if norm > 0.0 else {}
 
-    def _number(self, name: str) -> int:
-        if name not in self._index:
-            self._index[name] = len(self._index)
-            self._single = np.append(self._single, 0.0)
-            self._pairs = np.pad(self._pairs, (0, 1))
-        return self._index[name]
-
     def _settle(self) -> None:
         """Carry out the fading, before numbers grow too large."""
-        self._single /= self._scale
-        self._pairs /= self._scale
-        self._room_pairs = {room: pairs / self._scale for room, pairs in self._room_pairs.items()}
-        self._frames /= self._scale
-        for counter in (*self._rooms.values(), self._room_frames):
-            for key in counter:
-                counter[key] /= self._scale
+        self._frames = {room: frames / self._scale for room, frames in self._frames.items()}
+        self._pairs = {room: pairs / self._scale for room, pairs in self._pairs.items()}
         self._scale = 1.0
 
 

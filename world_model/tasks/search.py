@@ -23,7 +23,7 @@ from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.places import Place, Places
 from estimation.settings import check_settings, setting
-from world_model.tasks.coverage import Coverage, bounds_of, length_between, middle_of, where_more_is_seen
+from world_model.tasks.coverage import Coverage, bounds_of, middle_of, where_more_is_seen
 from world_model.tasks.relations import IntArray, Relations
 
 METHODS = ("belief", "chain")
@@ -135,7 +135,7 @@ class Chain:
         self, able: Mapping[str, FloatArray], dead: Iterable[str], place: FloatArray
     ) -> tuple[str, float]:
         """Steps 1 to 3: the best of objects in view to go to, (5.3), (5.4), and its probability; dead : dead ends."""
-        cost = {name: 1.0 / max(math.atan(length_between(spot, place)), 1e-3) for name, spot in able.items()}
+        cost = {name: 1.0 / max(math.atan(math.dist(spot, place)), 1e-3) for name, spot in able.items()}
         while True:
             given = [self._given(goal, able) for goal in self._targets]
             chance = {name: max(one[name] for one in given) for name in able}
@@ -216,7 +216,7 @@ class ObjectSearch:
     def tried(self, name: str, spot: npt.ArrayLike) -> bool:
         """Whether the object of this name at a place (2,) or (3,) is a dead end; one elsewhere is another."""
         place = as_vectors("spot", spot, 2, 3)[:2]
-        return any(length_between(place, spot) <= SAME_OBJECT for spot, _ in self._dead.get(name, ()))
+        return any(math.dist(place, spot) <= SAME_OBJECT for spot, _ in self._dead.get(name, ()))
 
     def reached(self, goal: npt.ArrayLike | None = None) -> None:
         """The robot is at the goal of the last step and the target was not seen: the object is a dead end.
@@ -275,7 +275,7 @@ class ObjectSearch:
             self._rooms_left = {room.name for room in self.places.rooms}
 
     def _follow(self, place: FloatArray) -> None:
-        if not self._track or length_between(self._track[-1], place) > 0.2:
+        if not self._track or math.dist(self._track[-1], place) > 0.2:
             self._track.append(place)
             if self._coverage is not None:
                 self._coverage.look(place)
@@ -296,14 +296,17 @@ class ObjectSearch:
             for name, spot in known.items()
             if not self.tried(name, spot) and (room is None or bool(room.contains(spot)))
         }
-        unknown = self._target not in self.relations
-        rule = self._by_chain if self.config.method == "chain" else self._by_belief
-        step = rule(able, known, place, room, unknown)
+        step = None
+        if self.config.method != "chain":
+            step = self._by_belief(able, known, place, room)
+        elif able:
+            best, chance = self._chain.best(able, self._dead, place)
+            step = self._towards(best, able[best], chance)
         if step is None and room is not None:
             self._rooms_left.discard(room.name)
             if self._room(place) is not None:
                 return self._choose(known, place)
-        return step or self._anywhere(known, place, unknown)
+        return step or self._anywhere(known, place)
 
     def _likely(self, place: FloatArray) -> SearchStep | None:
         """The place where the target probably is by now, of those nobody has looked at yet: probable, and near."""
@@ -317,7 +320,7 @@ class ObjectSearch:
         if not able:
             return None
         centres = {name: np.asarray(self.places[name].center) for name in able}
-        best = max(able, key=lambda name: able[name] / (length_between(centres[name], place) + 3.0))
+        best = max(able, key=lambda name: able[name] / (math.dist(centres[name], place) + 3.0))
         spoken = f"{self.places[best].preposition} the {best.replace('_', ' ')}"
         said = f"{self._target} is probably {spoken} by now, p = {able[best]:.2f}: look there."
         return SearchStep("place", centres[best], best, said, able[best])
@@ -330,7 +333,7 @@ class ObjectSearch:
         types = sorted({room.type for room in rooms})
         share = self.relations.rooms(self._target, types) if types else {}
         lengths = [
-            0.0 if room.contains(place) else length_between(np.asarray(room.center), place) for room in rooms
+            0.0 if room.contains(place) else math.dist(np.asarray(room.center), place) for room in rooms
         ]
         worth = [
             share.get(room.type, 0.0) / (length + 3.0) for room, length in zip(rooms, lengths, strict=True)
@@ -343,7 +346,6 @@ class ObjectSearch:
         known: dict[str, FloatArray],
         place: FloatArray,
         room: Place | None,
-        unknown: bool,
     ) -> SearchStep | None:
         of = self._worths.of(room.type if room is not None else "")
         worth = {name: self._value(name, room) * self._freshness(spot) for name, spot in able.items()}
@@ -355,16 +357,12 @@ class ObjectSearch:
         }
         if not related:
             middle = self._middle(known, bool(able), room)
-            if middle is not None and length_between(middle, place) <= 1.0:
+            if middle is not None and math.dist(middle, place) <= 1.0:
                 # It is there: going on must not lead back to it.
                 self._middles.append(middle)
             elif middle is not None:
-                said = (
-                    f"Nothing in view is usually found with {self._target}: drive to where more can be seen."
-                )
-                if unknown:
-                    said = f"{self._target} is an unknown word: drive to where more can be seen."
-                return SearchStep("room", middle, "", said)
+                why = f"Nothing in view is usually found with {self._target}"
+                return SearchStep("room", middle, "", self._said(why, "drive to where more can be seen."))
             if room is None and self.grid is None:
                 spot = self._onward(known, place)
                 if spot is not None:
@@ -375,24 +373,14 @@ class ObjectSearch:
             return None
         best = max(
             related,
-            key=lambda name: (
-                (related[name] + 1e-9) / (length_between(able[name], place) + self.config.nearness)
-            ),
+            key=lambda name: (related[name] + 1e-9) / (math.dist(able[name], place) + self.config.nearness),
         )
         return self._towards(best, able[best], related[best], room)
 
-    def _by_chain(
-        self,
-        able: dict[str, FloatArray],
-        known: dict[str, FloatArray],
-        place: FloatArray,
-        room: Place | None,
-        unknown: bool,
-    ) -> SearchStep | None:
-        if not able:
-            return None
-        best, chance = self._chain.best(able, self._dead, place)
-        return self._towards(best, able[best], chance)
+    def _said(self, why: str, then: str) -> str:
+        """A sentence about a step that no object hints at; of a word that nobody knows nothing else is to be said."""
+        unknown = self._target not in self.relations
+        return f"{f'{self._target} is an unknown word' if unknown else why}: {then}"
 
     def _value(self, name: str, room: Place | None) -> float:
         of = self._worths.of(room.type if room is not None else "")
@@ -403,7 +391,7 @@ class ObjectSearch:
         radius, value = self.config.dead_end_radius, 1.0
         for dead in (stop for looks in self._dead.values() for _, stop in looks):
             if radius > 0.0:
-                value *= 1.0 - math.exp(-((length_between(spot, dead) / radius) ** 2))
+                value *= 1.0 - math.exp(-((math.dist(spot, dead) / radius) ** 2))
         return value
 
     def _middle(self, known: Mapping[str, FloatArray], leads: bool, room: Place | None) -> FloatArray | None:
@@ -424,7 +412,7 @@ class ObjectSearch:
                 return None
             # What is seen from the door lies on this side of the middle.
             middle = self._start + BEYOND[been] * (np.mean(list(known.values()), axis=0) - self._start)
-        if any(length_between(middle, been) < 1.0 for been in self._middles):
+        if any(math.dist(middle, been) < 1.0 for been in self._middles):
             return None
         return middle
 
@@ -444,7 +432,7 @@ class ObjectSearch:
             said = f"{self._target} is not in view, and neither is anything it is usually found with: look at {name}."
         return SearchStep("intermediate", spot, name, said, chance)
 
-    def _anywhere(self, known: Mapping[str, FloatArray], place: FloatArray, unknown: bool) -> SearchStep:
+    def _anywhere(self, known: Mapping[str, FloatArray], place: FloatArray) -> SearchStep:
         """The last resort: cover the floor."""
         if self._coverage is None:
             every = np.array([*known.values(), *self._track])
@@ -462,7 +450,6 @@ class ObjectSearch:
             return SearchStep(
                 "none", None, "", f"{self._target} was not found: the whole floor has been seen."
             )
-        said = f"No object hints at {self._target} any more: search the whole floor ({self._coverage.share:.0%} seen)."
-        if unknown:
-            said = f"{self._target} is an unknown word: search the whole floor ({self._coverage.share:.0%} seen)."
+        why = f"No object hints at {self._target} any more"
+        said = self._said(why, f"search the whole floor ({self._coverage.share:.0%} seen).")
         return SearchStep("random", goal, "", said)

@@ -286,22 +286,6 @@ def other_names(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def sweep(leaves, free, top, before, after):  # type: ignore[no-untyped-def]
-    """Give back the rows in `before` (any shape) that `after` no longer uses."""
-    keep = set()
-    keep.add(-1)
-    for h in range(after.shape[0]):
-        for t in range(after.shape[1]):
-            keep.add(after[h, t])
-    for h in range(before.shape[0]):
-        for t in range(before.shape[1]):
-            slot = before[h, t]
-            if slot not in keep:
-                keep.add(slot)
-                release(leaves, free, top, slot)
-
-
-@numba.njit(cache=True)
 def presence(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
     """Probability (T,) of each track being there, over all hypotheses of a cluster."""
     H, T = rows.shape

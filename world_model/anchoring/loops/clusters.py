@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.loops.expansion import product
 from world_model.anchoring.loops.leaves import IntArray
 from world_model.state import Box
 
@@ -57,20 +56,21 @@ def lonely(track: int, slot: int) -> Cluster:
 
 def combined(clusters: list[Cluster], keep: int, threshold: float) -> Cluster:
     """One cluster with the best combinations of hypotheses."""
-    whole = clusters[0]
-    tracks, rows, weights = list(whole.tracks), whole.rows, whole.weights
-    for other in clusters[1:]:
-        rows, weights = product(rows, weights, other.rows, other.weights, keep, threshold)
-        tracks += other.tracks
-    return Cluster(tracks, rows, weights)
+    if len(clusters) == 1:
+        return clusters[0]
+    weights, picks = best_sums([cluster.weights for cluster in clusters], keep, threshold)
+    rows = [cluster.rows[pick] for cluster, pick in zip(clusters, picks.T, strict=True)]
+    return Cluster([track for cluster in clusters for track in cluster.tracks], np.hstack(rows), weights)
 
 
-def best_sums(weights: list[FloatArray], keep: int) -> tuple[FloatArray, IntArray]:
-    """The best combinations of one hypothesis per cluster: log weights (K,), choices (K, clusters)."""
+def best_sums(weights: list[FloatArray], keep: int, threshold: float = np.inf) -> tuple[FloatArray, IntArray]:
+    """The best combinations of one hypothesis per cluster, those within `threshold` of the best: log weights (K,),
+    choices (K, clusters)."""
     sums, picks = np.zeros(1), np.zeros((1, 0), np.int64)
     for own in weights:
         total = (sums[:, None] + own[None, :]).ravel()
         order = np.argsort(-total, kind="stable")[:keep]
+        order = order[total[order] >= total[order[0]] - threshold]
         picks = np.column_stack([picks[order // len(own)], order % len(own)])
         sums = total[order]
     return sums, picks

@@ -236,28 +236,6 @@ def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):
 
 
 @numba.njit(cache=True)
-def product(rows_a, log_a, rows_b, log_b, keep, threshold):  # type: ignore[no-untyped-def]
-    """The best combinations of the hypotheses of two independent groups."""
-    A, B = log_a.size, log_b.size
-    sums = np.empty(A * B)
-    for a in range(A):
-        for b in range(B):
-            sums[a * B + b] = log_a[a] + log_b[b]
-    ranked = np.argsort(-sums)
-    kept = 0
-    while kept < min(keep, A * B) and sums[ranked[kept]] >= sums[ranked[0]] - threshold:
-        kept += 1
-    rows = np.empty((kept, rows_a.shape[1] + rows_b.shape[1]), np.int64)
-    weights = np.empty(kept)
-    for k in range(kept):
-        a, b = ranked[k] // B, ranked[k] % B
-        rows[k, : rows_a.shape[1]] = rows_a[a]
-        rows[k, rows_a.shape[1] :] = rows_b[b]
-        weights[k] = sums[ranked[k]]
-    return rows, weights
-
-
-@numba.njit(cache=True)
 def components(rows, log_weights, tolerance):  # type: ignore[no-untyped-def]
     """Labels (T,) of groups of tracks that are independent given these hypotheses.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from numba import literal_unroll
 
 from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST
 from world_model.anchoring.loops.walking import flow, walk
@@ -244,27 +245,9 @@ def attribute_factor(leaves, i, likelihood, blocks):  # type: ignore[no-untyped-
 
 @numba.njit(cache=True)
 def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
-    leaves.rest[target] = leaves.rest[source]
-    leaves.rest_cov[target] = leaves.rest_cov[source]
-    leaves.led[target] = leaves.led[source]
-    leaves.moving[target] = leaves.moving[source]
-    leaves.moving_cov[target] = leaves.moving_cov[source]
-    leaves.behavior[target] = leaves.behavior[source]
-    leaves.visible[target] = leaves.visible[source]
-    leaves.stamp[target] = leaves.stamp[source]
-    leaves.attributes[target] = leaves.attributes[source]
-    leaves.last[target] = leaves.last[source]
-    leaves.first[target] = leaves.first[source]
-    leaves.hits[target] = leaves.hits[source]
-    leaves.missed[target] = leaves.missed[source]
-    leaves.track[target] = leaves.track[source]
-    leaves.values[target] = leaves.values[source]
-    leaves.variances[target] = leaves.variances[source]
+    for array in literal_unroll(leaves):
+        array[target] = array[source]
     leaves.said[target] = -1
-    leaves.together[target] = leaves.together[source]
-    leaves.strain[target] = leaves.strain[source]
-    if leaves.together[source] > 0:
-        leaves.common[target] = leaves.common[source]
 
 
 @numba.njit(cache=True)
