@@ -12,12 +12,10 @@ execute_process(COMMAND "${Python3_EXECUTABLE}" -c "import sys; print(sys.prefix
 list(APPEND CMAKE_PREFIX_PATH "${environment}")
 set(ENV{AMENT_PREFIX_PATH} "$ENV{AMENT_PREFIX_PATH}:${environment}")
 
-# rclpy over Fast DDS, the only middleware of the wheels, asks for one type support in C. The others, and all of C++,
-# take more than half of a build and nobody would load them.
-set(STATIC_ROSIDL_TYPESUPPORT_C rosidl_typesupport_fastrtps_c)
+# Nobody asks for C++ on the wheels, whose client library is rclpy; it takes nearly half of a build.
 find_package(ament_cmake_core REQUIRED)
 macro(ament_register_extension point package file)
-  if(NOT "${package}" MATCHES "^rosidl_(generator_cpp|typesupport_(cpp|introspection_c|introspection_cpp|fastrtps_cpp))$")
+  if(NOT "${package}" MATCHES "^rosidl_.*_cpp$")
     list(APPEND AMENT_EXTENSIONS_${point} "${package}:${file}")
   endif()
 endmacro()
@@ -47,7 +45,7 @@ cmake_language(DEFER CALL drop_missing_include_directories)
 function(compile_sources_together)
   get_property(targets DIRECTORY PROPERTY BUILDSYSTEM_TARGETS)
   foreach(target IN LISTS targets)
-    if(target MATCHES "__rosidl_(typesupport_fastrtps_c|typesupport_c|generator_c|generator_py)$")
+    if(target MATCHES "__rosidl_(typesupport_fastrtps_c|typesupport_introspection_c|typesupport_c|generator_c|generator_py)$")
       set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 20)
       get_target_property(sources ${target} SOURCES)
       list(FILTER sources INCLUDE REGEX "__description\\.c$")
