@@ -1,4 +1,4 @@
-"""Spherical measurements (range, bearing, elevation) as Cartesian Gaussians, in the sensor's frame.
+"""Spherical measurements (range, bearing, elevation) as Cartesian Gaussians, in the sensor's or map frame.
 
 The 2D conversions' definitions, carried over. In the frame turned by the measured bearing let u be the unit
 vector to the object, m(σ) = E[u] and S(σ) = E[u uᵀ] over the angular noise; both are products of E[cos] = λ,
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_vectors
 from estimation.conversion.polar import (
     SIGMA_POINT,
     Method,
@@ -19,10 +19,11 @@ from estimation.conversion.polar import (
     check_positive,
     moments_of_samples,
 )
+from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
-from estimation.geometry.rotations import rotation_from_euler
+from estimation.geometry.rotations import euler_rates, rotation_from_euler
 
-__all__ = ["convert_spherical", "spherical_points"]
+__all__ = ["convert_spherical", "convert_spherical_to_map", "spherical_points"]
 
 
 def spherical_points(range_: npt.ArrayLike, bearing: npt.ArrayLike, elevation: npt.ArrayLike) -> FloatArray:
@@ -129,3 +130,46 @@ def convert_spherical(
     R = rotation_from_euler(np.stack([zero, zero, b], -1))
     P = R @ P @ np.swapaxes(R, -1, -2)
     return (R @ mean[..., None])[..., 0], repair_covariance(P, "converted covariance")
+
+
+def convert_spherical_to_map(
+    robot_pose: npt.ArrayLike,
+    robot_covariance: npt.ArrayLike,
+    range_: npt.ArrayLike,
+    bearing: npt.ArrayLike,
+    elevation: npt.ArrayLike,
+    sigma_range: npt.ArrayLike,
+    sigma_bearing: npt.ArrayLike,
+    sigma_elevation: npt.ArrayLike,
+    method: Method = "ucm",
+    samples: int = 1000,
+    seed: int = 0,
+) -> tuple[FloatArray, FloatArray]:
+    """Mean (..., 3) and covariance (..., 3, 3) in the map frame through an uncertain pose of the sensor.
+
+    robot_pose : (6,) [x, y, z, roll, pitch, yaw] of the sensor; robot_covariance : (6, 6), zero where exact.
+    Upright sensors (roll = pitch = 0) add their yaw variance to the bearing's, exactly as in 2D; all other
+    rotational uncertainty enters to first order, as does its correlation with the position. samples, seed : of method
+    "sampled" only.
+    """
+    pose = as_vectors("robot_pose", robot_pose, 6)
+    P = repair_covariance(robot_covariance, "robot_covariance", definite=False)
+    if pose.ndim != 1 or P.shape != (6, 6):
+        raise InputError(f"robot_pose and robot_covariance must be (6,), (6, 6), not {pose.shape}, {P.shape}")
+    upright = bool((pose[3:5] == 0).all())
+    sb = check_positive("sigma_bearing", sigma_bearing)
+    heading = P[5, 5] if upright else 0.0
+    total = np.sqrt(sb**2 + heading)
+    mean, cov = convert_spherical(
+        range_, bearing, elevation, sigma_range, total, sigma_elevation, method, samples, seed
+    )
+    R = rotation_from_euler(pose[3:])
+    turned = (R @ mean[..., None])[..., 0]
+    # Columns: what one metre or radian of each pose component moves the object by.
+    J = np.zeros((*turned.shape, 6))
+    J[..., :3, :3] = np.eye(3)
+    J[..., :3, 3:] = np.cross(euler_rates(pose[3:]), turned[..., :, None], axis=-2)
+    full = J @ P @ np.swapaxes(J, -1, -2)
+    if upright:
+        full = full - heading * _outer(J[..., 5], J[..., 5])
+    return pose[:3] + turned, R @ cov @ R.T + full

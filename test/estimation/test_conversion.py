@@ -16,7 +16,7 @@ from estimation.conversion.polar import (
     convert,
     convert_samples,
 )
-from estimation.conversion.spherical import convert_spherical, spherical_points
+from estimation.conversion.spherical import convert_spherical, convert_spherical_to_map, spherical_points
 from estimation.errors import InputError
 
 CLOSED = [m for m in METHODS if m != "sampled"]
@@ -168,6 +168,29 @@ def test_through_an_uncertain_robot_pose(method):
     assert np.abs(convert_to_map(ROBOT, no_correlation, *measurement, method)[1] - cov).max() > 0.02
 
 
+def test_through_an_uncertain_pose_in_3d():
+    pose = np.array([1.0, 2.0, 0.5, 0.0, 0.0, 2.0])
+    P = np.zeros((6, 6))
+    P[np.ix_([0, 1, 5], [0, 1, 5])] = ROBOT_COVARIANCE
+    P[2, 2], P[3, 3], P[4, 4] = 1e-3, 4e-4, 4e-4
+    measurement = np.array([4.0, -0.6, 0.3])
+    sigmas = np.array([0.05, 0.04, 0.03])
+    rng = np.random.default_rng(2)
+    for roll in (0.0, 0.5):
+        pose[3] = roll
+        covariance = P if roll == 0 else P * 0.05
+        robots = rng.multivariate_normal(pose, covariance, 200_000)
+        body = cartesian(measurement + rng.normal(size=(200_000, 3)) * sigmas)
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_euler("ZYX", robots[:, :2:-1])
+        samples = turn.apply(body) + robots[:, :3]
+        mean, cov = convert_spherical_to_map(pose, covariance, *measurement, *sigmas, "mucm")
+        np.testing.assert_allclose(mean, samples.mean(0), atol=0.01)
+        expected = np.cov(samples.T)
+        np.testing.assert_allclose(cov, expected, atol=0.02 * np.abs(expected).max())
+
+
 def test_compiled_form_equals_the_arrays():
     rng = np.random.default_rng(3)
     r, theta = rng.uniform(0.3, 9, 50), rng.uniform(-3, 3, 50)
@@ -247,11 +270,13 @@ ELEVATION = st.floats(-np.pi / 2, np.pi / 2)
 def test_frames_seam_and_symmetry_in_3d(r, b, e, sr, sb, se, method):
     mean, cov = convert_spherical(r, b, e, sr, sb, se, method)
     straight_mean, straight_cov = convert_spherical(r, 0.0, e, sr, sb, se, method)
-    # A bearing is a turn about the vertical.
+    # A bearing is a turn about the vertical; so is the robot's yaw.
     R = np.array([[np.cos(b), -np.sin(b), 0.0], [np.sin(b), np.cos(b), 0.0], [0.0, 0.0, 1.0]])
+    turned = convert_spherical_to_map([0, 0, 0, 0, 0, b], np.zeros((6, 6)), r, 0.0, e, sr, sb, se, method)
     scale = np.abs(cov).max()
-    np.testing.assert_allclose(mean, R @ straight_mean, atol=1e-9 * (1 + r))
-    np.testing.assert_allclose(cov, R @ straight_cov @ R.T, atol=1e-9 * scale)
+    for found in ((mean, cov), turned):
+        np.testing.assert_allclose(found[0], R @ straight_mean, atol=1e-9 * (1 + r))
+        np.testing.assert_allclose(found[1], R @ straight_cov @ R.T, atol=1e-9 * scale)
     for mirror, (bearing, elevation) in (([1, -1, 1], (-b, e)), ([1, 1, -1], (b, -e))):
         other_mean, other_cov = convert_spherical(r, bearing, elevation, sr, sb, se, method)
         np.testing.assert_allclose(other_mean, mean * mirror, atol=1e-9 * (1 + r))
