@@ -5,10 +5,12 @@ A forecast is made of arrays alone: somebody who asks once does not wait until c
 
 from __future__ import annotations
 
+import base64
 import math
-from collections.abc import Callable
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -72,20 +74,25 @@ class RoutinesConfig:
         return self.clock / self.slot
 
 
-FAINT = (
-    0.1  # of a move in the middle of what nobody saw, beside one at a time of day at which it was seen before
-)
+AGAIN = 8  # older gaps filled anew with each new one; HOMER does a little better by 8 than by 4
+GAP = 7  # days of a gap that are filled
 FAR = 12.0  # largest squared deviation of the stay: a moment is never ruled out by it alone
 
 
 class Remembered:
-    """Which thing was where. history : all of it. things : column of each, by name. seen (N,) : s, when it was seen
-    last."""
+    """Which thing was where.
+
+    history : all of it. things : column of each, by name. seen (N,) : s, when it was seen last. sure (R, N) : whether
+    it was seen in a slot. looked (R, P) : whether somebody looked at a place. been (P, N) : whether it ever was there.
+    """
 
     def __init__(self, rows: int) -> None:
         self.history = _empty(rows, 0)
         self.things: dict[str, int] = {}
         self.seen = np.full(0, -np.inf)
+        self.sure, self.looked, self.been = (
+            np.zeros(shape, bool) for shape in ((rows, 0), (rows, 0), (0, 0))
+        )
         self._free: list[int] = []
 
     def column(self, name: str) -> int:
@@ -101,6 +108,7 @@ class Remembered:
         thing = self.things.pop(name)
         self.history.place[:, thing] = self.history.before[:, thing] = -1
         self.history.since[:, thing] = 0
+        self.sure[:, thing] = self.been[:, thing] = False
         self.seen[thing] = -np.inf
         self._free.append(thing)
 
@@ -110,8 +118,19 @@ class Remembered:
         more = max(before, 16)
         added = _empty(len(self.history.place), more)
         self.history = History(*map(np.hstack, zip(self.history, added, strict=True)))
+        self.sure, self.been = (np.pad(each, ((0, 0), (0, more))) for each in (self.sure, self.been))
         self.seen = np.append(self.seen, np.full(more, -np.inf))
         self._free = list(range(before + more - 1, before - 1, -1))
+
+    def add_place(self) -> None:
+        """There is one more."""
+        self.looked, self.been = np.pad(self.looked, ((0, 0), (0, 1))), np.pad(self.been, ((0, 1), (0, 0)))
+
+    def advance(self, last: int, slot: int) -> None:
+        """Time goes on from slot `last`: what nobody looks at stays where it is."""
+        fill(self.history, last, slot)
+        passed = np.arange(max(last + 1, slot - len(self.sure) + 1), slot + 1) % len(self.sure)
+        self.sure[passed] = self.looked[passed] = False
 
     def set(self, slot: int, thing: int, place: int) -> bool:
         """The thing is at another place than it was, or nobody knows where (-1); whether it has moved."""
@@ -121,54 +140,61 @@ class Remembered:
             self.history.before[row, thing] = was
         self.history.place[row, thing] = place
         self.history.since[row, thing] = slot
+        if place >= 0:
+            self.been[place, thing] = True
         return place >= 0 and self.history.before[row, thing] not in (-1, place)
 
-    def amend(
-        self,
-        thing: int,
-        place: int,
-        last: int,
-        seen: int,
-        absent: int,
-        choose: Callable[[int, int, int], int],
-    ) -> None:
-        """What nobody saw between slot `seen` and now, `last`: when the thing left, and came to `place`.
+    def recall(self, name: str, low: int, last: int, first: int, rate: float, config: RoutinesConfig) -> None:
+        """Fill in what nobody saw of a thing between slot `low` and now, `last`, where it was seen.
 
-        absent : newest slot in which it was not at `place` yet. choose : slot of a move from a place between two.
+        first : the oldest slot that counts. rate : with which anything moves, per slot.
         """
-        rows = len(self.history.place)
-        was = int(self.history.place[seen % rows, thing])
-        if seen >= last - 1 or was < 0:
-            return
-        unknown = (slot for slot in range(seen + 1, last) if self.history.place[slot % rows, thing] < 0)
-        empty = next(unknown, last)  # newest slot by which it had gone from where it was
-        if was == place:
-            # It was away in between, nobody knows where.
-            if empty == last:
-                return
-            gone, came = (seen + 1 + empty) // 2, (absent + 1 + last) // 2
-        elif absent < empty:
-            gone = came = choose(was, absent, empty)
-        else:
-            gone, came = choose(was, seen, empty), choose(was, absent, last)
-        fill(self.history, seen, gone - 1, thing)  # until then all was as it was
-        amend(self.history, thing, gone, came, last, was, place)
+        thing = self.things[name]
+        places = np.append(np.flatnonzero(self.been[:, thing]), -1)
+        state = np.zeros(len(self.been) + 1, np.int64)
+        state[places + 1] = np.arange(len(places))
+        kernel = np.exp(-0.5 * (np.arange(-config.reach, config.reach + 1) / config.spread) ** 2)
+        recall(
+            self.history, self.sure, self.looked, thing, low, last, first, rate, kernel,
+            0.5 ** (1.0 / config.half_life), config.prior, round(DAY / config.slot), state, places,
+            zlib.crc32(f"{name} {last}".encode()),
+        )  # fmt: skip
 
-    def runs(self, thing: int, slots: np.ndarray) -> list[list[int]]:
-        """Rows (first slot remembered, since, place, before) of the stays of one thing."""
-        place, before, since = (each[slots % len(each), thing] for each in self.history)
+    def looks(self, place: int, slots: np.ndarray) -> str:
+        """In which slots somebody looked at a place."""
+        return packed(self.looked[slots % len(self.looked), place])
+
+    def of(self, thing: int, slots: np.ndarray) -> dict[str, Any]:
+        """What is known of one thing: stays (first slot remembered, since, place, before), and when it was seen."""
+        rows = slots % len(self.sure)
+        place, before, since = (each[rows, thing] for each in self.history)
         table = np.column_stack([slots, since, place, before]).astype(np.int64)
         changed = np.ones(len(table), bool)
         changed[1:] = np.any(table[1:, 1:] != table[:-1, 1:], axis=1)
-        kept: list[list[int]] = table[changed].tolist()
-        return kept
+        return {"stays": table[changed].tolist(), "sure": packed(self.sure[rows, thing])}
 
-    def put(self, thing: int, slots: np.ndarray, stays_known: list[list[int]]) -> None:
-        """What `runs` told."""
-        runs = np.array(stays_known, np.int64).reshape(-1, 4)
-        run = np.searchsorted(runs[:, 0], slots, side="right") - 1
+    def put(self, thing: int, slots: np.ndarray, known: Mapping[str, Any]) -> None:
+        """What `of` told; older files do not say when it was seen."""
+        runs = np.array(known["stays"], np.int64).reshape(-1, 4)
+        run, rows = np.searchsorted(runs[:, 0], slots, side="right") - 1, slots % len(self.sure)
         for into, column in zip(self.history, (2, 3, 1), strict=True):
-            into[slots % len(into), thing] = runs[run, column]
+            into[rows, thing] = runs[run, column]
+        self.been[np.unique(runs[runs[:, 2] >= 0, 2]), thing] = True
+        self.sure[rows, thing] = "sure" in known and unpacked(known["sure"], len(slots))
+
+
+def packed(flags: np.ndarray) -> str:
+    """Flags as text."""
+    return base64.b64encode(zlib.compress(np.packbits(flags).tobytes())).decode()
+
+
+def unpacked(text: str, count: int) -> np.ndarray:
+    """So many flags that were `packed`. Raises ValueError."""
+    try:
+        flags = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
+    except zlib.error as error:
+        raise ValueError(f"packed flags: {error}") from error
+    return np.unpackbits(flags, count=count).astype(bool)
 
 
 def _empty(rows: int, things: int) -> History:
@@ -177,12 +203,12 @@ def _empty(rows: int, things: int) -> History:
     return History(np.full(shape, -1, np.int16), np.full(shape, -1, np.int16), np.zeros(shape, np.int32))
 
 
-def fill(history, last, now, things=slice(None)):
-    """Copy the row of slot `last` to the slots behind it, up to `now`; of some things where they are said."""
+def fill(history, last, now):
+    """Copy the row of slot `last` to the slots behind it, up to `now`."""
     rows = len(history.place)
     behind = np.arange(max(last + 1, now - rows + 1), now + 1) % rows
     for each in history:
-        each[behind, things] = each[last % rows, things]
+        each[behind] = each[last % rows]
 
 
 def moments(history, slot, first, last, day, config):
@@ -275,28 +301,126 @@ def stays(history, thing, place, first, last):
 
 
 @njit(cache=True)
-def likely_slot(ended, to, low, high, day, spread):
-    """In which slot of low < slot ≤ high a thing went to `to`: when it usually does, or in the middle.
+def _transitions(place, thing, low, high, first, known, state, count, reach, fading, day):
+    """Moves on other days at the times of day around low < slot ≤ high, as weights (high - low + 2 reach, S, S).
 
-    ended : (M, 3) its stays where it was, as of `stays`. spread : deviation of its times of day, slots.
+    first, known : slots that count. state (P + 1,) : number of each place, of nowhere first. count : S, of states.
     """
-    middle = 0.5 * (low + 1 + high)
-    best, chosen = -1.0, high
-    for slot in range(low + 1, high + 1):
-        score = FAINT / (1.0 + abs(slot - middle))
-        for k in range(len(ended)):
-            if ended[k, 2] == to:
-                apart = (slot - ended[k, 1] + day // 2) % day - day // 2
-                score += math.exp(-0.5 * (apart / spread) ** 2)
-        if score > best:
-            best, chosen = score, slot
+    rows, length = len(place), high - low + 2 * reach
+    moves = np.zeros((length, count, count))
+    for days in range((first - high) // day, (known - low) // day + 1):
+        start = low + 1 - reach + days * day
+        begin, end = max(start, first + 1), min(start + length, known + 1)
+        if days == 0 or begin >= end:
+            continue
+        weight, row = fading ** abs(days), (begin - 1) % rows
+        was = state[place[row, thing] + 1]
+        for slot in range(begin, end):
+            row = row + 1 if row + 1 < rows else 0
+            to = state[place[row, thing] + 1]
+            if not low < slot <= high:
+                moves[slot - start, was, to] += weight
+            was = to
+    return moves
+
+
+@njit(cache=True)
+def _draw(weights):
+    """An index, as probable as its weight."""
+    left = np.random.random() * weights.sum()  # noqa: NPY002 -- seeded by `recall`
+    chosen = -1
+    for k in range(len(weights)):
+        if weights[k] > 0.0:
+            chosen, left = k, left - weights[k]
+            if left < 0.0:
+                break
     return chosen
 
 
-def amend(history, thing, gone, came, now, place, to):
-    """What nobody saw happen: the thing left `place` in slot `gone` and was at `to` from slot `came` to `now`."""
-    slots = np.arange(gone, now + 1)
-    rows, there = slots % len(history.place), slots >= came
-    history.place[rows, thing] = np.where(there, to, -1)
-    history.before[rows, thing] = place
-    history.since[rows, thing] = np.where(there, came, gone)
+@njit(cache=True)
+def _course(place, looked, thing, low, high, moves, kernel, rate, prior, state, places):
+    """Write where the thing was between slots `low` and `high`: a draw from all courses that fit the looks.
+
+    Forward filtering, backward sampling of a Markov chain whose moves depend on the time of day. moves : as of
+    `_transitions`; a thing moves with the probability `rate` per slot, which counts for `prior` days. places (S,) : of
+    each state, the last is nowhere.
+    """
+    rows, count, length = len(place), len(places), high - low
+    joint = np.zeros(
+        (length, count, count)
+    )  # of the states before and after each step, by all looks until then
+    belief = np.zeros(count)
+    belief[state[place[low % rows, thing] + 1]] = 1.0
+    for step in range(length):
+        after = np.zeros(count)
+        for was in range(count):
+            if belief[was] == 0.0:
+                continue
+            row = joint[step, was]
+            for to in range(count):
+                row[to] = prior * (1.0 - rate if was == to else rate / (count - 1))
+                for w in range(len(kernel)):
+                    row[to] += kernel[w] * moves[step + w, was, to]
+            scale = belief[was] / row.sum()
+            for to in range(count):
+                row[to] *= scale
+                after[to] += row[to]
+        for to in range(count - 1):
+            if looked[(low + 1 + step) % rows, places[to]] and step < length - 1:
+                after[to] = 0.0  # somebody looked, and it was not there
+        total = after.sum()
+        for to in range(count):
+            belief[to] = after[to] / total
+    to = state[place[high % rows, thing] + 1]
+    for step in range(length - 1, 0, -1):
+        to = _draw(joint[step, :, to])
+        place[(low + step) % rows, thing] = places[to]
+
+
+@njit(cache=True)
+def _follow(history, thing, low, high, last):
+    """Write `before` and `since` anew behind slot `low`, up to where nothing changes behind `high`."""
+    place, before, since = history.place, history.before, history.since
+    rows = len(place)
+    for slot in range(low + 1, last + 1):
+        row, was = slot % rows, (slot - 1) % rows
+        came, origin = since[was, thing], before[was, thing]
+        if place[row, thing] != place[was, thing]:
+            came = slot
+            if place[was, thing] >= 0:
+                origin = place[was, thing]
+        if slot > high and since[row, thing] == came and before[row, thing] == origin:
+            break
+        since[row, thing], before[row, thing] = came, origin
+
+
+@njit(cache=True)
+def recall(
+    history, sure, looked, thing, low, last, first, rate, kernel, fading, prior, day, state, places, seed
+):
+    """Fill in what nobody saw of a thing between slots `low` and `last`, and `AGAIN` of its older gaps anew.
+
+    sure (R, N) : whether it was seen. looked (R, P) : whether somebody looked at a place. first : the oldest slot that
+    counts. The others are as of `_course`. Drawn again and again, by what is known meanwhile, gaps and moves settle to
+    what fits all looks (Gibbs sampling).
+    """
+    np.random.seed(seed)  # noqa: NPY002 -- the stream of compiled functions, nobody else's
+    rows, reach = len(sure), len(kernel) // 2
+    begin, end, known = low, last, low
+    for turn in range(AGAIN + 1):
+        if turn > 0:
+            if last - first < day:
+                break
+            days = np.random.randint(1, (last - first) // day + 1)  # noqa: NPY002
+            end = last - day * days
+            while not sure[end % rows, thing]:
+                end += 1
+            begin, known = end - 1, last
+            while begin > max(first, end - GAP * day) and not sure[begin % rows, thing]:
+                begin -= 1
+        if first <= begin < end - 1:
+            moves = _transitions(
+                history.place, thing, begin, end, first, known, state, len(places), reach, fading, day
+            )
+            _course(history.place, looked, thing, begin, end, moves, kernel, rate, prior, state, places)
+            _follow(history, thing, begin, end, last)

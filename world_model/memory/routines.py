@@ -26,14 +26,15 @@ import numpy as np
 
 from estimation.errors import InputError
 from world_model.memory.routine_kernels import (
+    GAP,
     History,
     Remembered,
     RoutinesConfig,
     fill,
-    likely_slot,
     moments,
     outcomes,
     stays,
+    unpacked,
 )
 from world_model.state import DAY, HOUR
 
@@ -133,7 +134,10 @@ class Routines:
             self._moves += self._known.set(self._last, thing, -1)
         for thing in present[now[present] != index].tolist():
             self._moves += self._known.set(self._last, thing, index)
-            self._amend(thing, index)
+        for name in named:
+            self._recall(name)
+        self._known.sure[row, absent], self._known.sure[row, present] = False, True
+        self._known.looked[row, index] = True
         self._seen[present] = self._looked[index] = self._stamp
         self._version += 1
 
@@ -257,7 +261,10 @@ class Routines:
         return usual_move(object, place, ended, self._slot(stamp), self.config.slot, self._place_names)
 
     def to_dict(self) -> dict[str, Any]:
-        """All that was learned, as JSON-able data: for each object its stays (since slot, place, place before)."""
+        """All that was learned, as JSON-able data.
+
+        For each object its stays (since slot, place, place before), and the slots in which it was seen, packed.
+        """
         slots = np.arange(self._oldest(self._last), self._last + 1) if self._last >= 0 else np.zeros(0, int)
         return {
             "format": FORMAT,
@@ -269,8 +276,9 @@ class Routines:
             "moves": self._moves,
             "exposure": self._exposure,
             "places": {name: _finite(self._looked[index]) for index, name in enumerate(self._place_names)},
+            "looks": {name: self._known.looks(index, slots) for index, name in enumerate(self._place_names)},
             "objects": [
-                {"name": name, "seen": _finite(self._seen[thing]), "stays": self._known.runs(thing, slots)}
+                {"name": name, "seen": _finite(self._seen[thing]), **self._known.of(thing, slots)}
                 for name, thing in self._things.items()
             ],
         }
@@ -289,7 +297,7 @@ class Routines:
             # Older files name weights that had no effect.
             config = {each.name: data["config"][each.name] for each in fields(RoutinesConfig)}
             return cls(RoutinesConfig(**config))._restored(data)
-        except (KeyError, TypeError, IndexError, AttributeError) as error:
+        except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             raise InputError(f"{FORMAT}: {error!r}") from error
 
     def _restored(self, data: Mapping[str, Any]) -> Routines:
@@ -302,10 +310,14 @@ class Routines:
         self._stamp = float(data["stamp"])
         self._moves, self._exposure = float(data["moves"]), float(data["exposure"])
         slots = np.arange(self._oldest(self._last), self._last + 1)
+        for name, packed in data.get("looks", {}).items():
+            self._known.looked[slots % len(self._known.looked), self._places[name]] = unpacked(
+                packed, len(slots)
+            )
         for kept in data["objects"]:
             thing = self._known.column(kept["name"])
             self._seen[thing] = -np.inf if kept["seen"] is None else kept["seen"]
-            self._known.put(thing, slots, kept["stays"])
+            self._known.put(thing, slots, kept)
         return self
 
     def _checked(self, stamp: float) -> float:
@@ -334,7 +346,7 @@ class Routines:
             self._first = self._last = slot
         elif slot > self._last:
             passed = slot - self._last
-            fill(self._history, self._last, slot)
+            self._known.advance(self._last, slot)
             kept = 0.5 ** (passed / (self._day * self.config.half_life))
             self._moves *= kept
             self._exposure = kept * self._exposure + passed * len(self._things)
@@ -353,24 +365,22 @@ class Routines:
             self._places[name] = len(self._place_names)
             self._place_names.append(name)
             self._looked = np.append(self._looked, -np.inf)
+            self._known.add_place()
         return self._places[name]
 
-    def _amend(self, thing: int, place: int) -> None:
-        """When it came, where nobody saw it: between looks, when it usually goes there, or in the middle."""
-        if not math.isfinite(self._seen[thing]):
-            return
-        seen = max(self._slot(self._seen[thing]), self._last - self._day, self._first)
-        looked = self._looked[place]
-        absent = max(seen, self._slot(looked)) if math.isfinite(looked) else seen
-        start = self._oldest(self._last)
+    def _recall(self, name: str) -> None:
+        """What nobody saw of a thing since it was last seen, now that it is."""
+        seen = float(self._seen[self._things[name]])
+        first = self._oldest(self._last)
+        low = (
+            max(self._slot(seen), self._last - GAP * self._day, first) if math.isfinite(seen) else self._last
+        )
+        if low < self._last - 1:
+            self._known.recall(name, low, self._last, first, -math.expm1(-self._rate()), self.config)
 
-        def choose(was: int, low: int, high: int) -> int:
-            if high - low <= 1:
-                return high
-            ended = stays(self._history, thing, was, start, low)
-            return int(likely_slot(ended, place, low, high, self._day, self.config.spread))
-
-        self._known.amend(thing, place, self._last, seen, absent, choose)
+    def _rate(self) -> float:
+        """Of moves of anything, per slot."""
+        return (self._moves + 1.0) / (self._exposure + self._day)
 
     def _last_seen(self, thing: int) -> tuple[int, int]:
         """Slot and place of where a forecast starts: where the thing was last known to be (-1: not remembered)."""
@@ -413,7 +423,7 @@ class Routines:
             return base
         prior = base.copy()
         prior[place] = 0.0
-        stays_here = math.exp(-(self._moves + 1.0) / (self._exposure + self._day) * ahead)
+        stays_here = math.exp(-self._rate() * ahead)
         prior *= (1.0 - stays_here) / prior.sum()
         prior[place] = stays_here
         return prior
