@@ -15,7 +15,7 @@ from registration.laser.prepared import NOTHING_SEEN, PreparedScan, ScanView
 from registration.placement.align import keep_open
 from registration.placement.consistency import Agreement, weigh
 from registration.placement.correlative import candidates
-from registration.placement.refine import Refined, refine
+from registration.placement.refine import NO_PRIOR, Refined, refine
 
 SURE = 0.6  # share of a scan's outline that needs no second look where it was predicted to be
 # The same elsewhere: somebody walking along with the sensor pulls it along, as on csail.
@@ -34,6 +34,9 @@ NEW, SOME = 0.3, 2.5  # the same where nothing contradicts
 NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
 WIDE_SEARCH = (2.8, math.pi, 4)
 SIGHT = 15.0  # metres around the prediction a search looks at
+
+
+Prior = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,7 @@ class MapMatcher:
         little: bool = False,
         other: FloatArray | None = None,
         turned: float = TURNED,
+        prior: Prior | None = None,
     ) -> tuple[Match, bool]:
         """Best match around `start` (3,), and whether it is to be believed.
 
@@ -124,12 +128,18 @@ class MapMatcher:
         far : share asked of a match far from the prediction, above 1 for never. turned : see `Match.believable`.
         wide : search around `last` too, where the sensor was last sure to be.
         little : near `start`, little or contradicted agreement is enough: neighbouring scans share little.
+        prior : pose and information that wheels give. Lines that tell little of the way along a corridor let a scan
+            slide along it; a match that is held by the prior and agrees as well is preferred to one that leaves it.
         """
         best = self._refined(scan, start.copy(), self._doubt)
         if other is not None:
             rival = self._refined(scan, other.copy(), self._doubt)
             if self._outdoes(rival, best, scan):
                 best, start = rival, other
+        if prior is not None and not best.expected(start):
+            held = self._refined(scan, prior[0].copy(), self._doubt, prior)
+            if held.agreement.agreeing >= best.agreement.agreeing:
+                best = held
         if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
             return best, True
         if best.believable(start, far, turned) and best.share >= SURER:
@@ -168,8 +178,8 @@ class MapMatcher:
         ours, theirs = (m.agreement.agreeing - self._against(m, scan) for m in (match, rival))
         return rival.refined.open_directions < 3 and theirs > ours
 
-    def _refined(self, scan: PreparedScan, start: FloatArray, doubt: float) -> Match:
-        refined = refine(scan.surface, self.map.target, start, doubt, self._tolerance)
+    def _refined(self, scan: PreparedScan, start: FloatArray, doubt: float, prior: Prior = NO_PRIOR) -> Match:
+        refined = refine(scan.surface, self.map.target, start, doubt, self._tolerance, prior=prior)
         return Match(refined, weigh(scan.surface, self.map.target, NOTHING_SEEN, refined.pose, 0.1))
 
     def _search(

@@ -23,10 +23,11 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface, swept_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match
+from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match, Prior
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
+from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
 from registration.placement.refine import EFFICIENCY, Refined
 
 MAP_NOISE = (
@@ -51,7 +52,7 @@ class ScanTracker:
         self._spare, self._spare_matcher = self._empty()
         self.offset = RangeOffset()
         self.pose = np.zeros(3)
-        self._habit = Habit()
+        self._habit, self._wheels = Habit(), WheelDoubt()
         self._key, self._sure = np.zeros(3), np.zeros(3)
         self._last = np.zeros(3)  # motion of the last step
         self._stamp: float | None = None
@@ -106,7 +107,7 @@ class ScanTracker:
         steady = guess is None and self._habit.steady
         match, believable = self._matcher.find(
             prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess),
-            TURNED if guess is None else 0.0,
+            TURNED if guess is None else 0.0, None if guess is None else self._prior(start, guess),
         )  # fmt: skip
         if steady and believable and self._lost < 2:
             # Not longer, lest a sensor that is lost be never found.
@@ -115,6 +116,14 @@ class ScanTracker:
         if not believable:
             return self._stray(prepared, motion, guess is not None, match)
         return self._accept(prepared, motion, guess is not None, match)
+
+    def _prior(self, start: FloatArray, motion: FloatArray) -> Prior:
+        """Where wheels lead, and how much they tell, as of `refine`."""
+        return start, np.asarray(np.linalg.inv(self._wheel_covariance(motion) / (MAP_NOISE * EFFICIENCY)))
+
+    def _wheel_covariance(self, motion: FloatArray) -> FloatArray:
+        """(3, 3) of where a motion leads that wheels tell of, odometry frame."""
+        return in_frame(self._wheels.covariance(motion), -float(self.pose[2]))
 
     def _rival(self, guess: FloatArray | None) -> FloatArray | None:
         """Where the last motion leads, if wheels say something quite different: they may stall, catch up or jump."""
@@ -178,7 +187,8 @@ class ScanTracker:
         self._lost += 1
         self.pose = refined.pose
         self._last = between(before, self.pose)
-        noise = in_frame(scan_covariance(refined, motion, float(before[2])), float(before[2]))
+        yaw = float(before[2])
+        noise = in_frame(scan_covariance(refined, in_frame(prediction_covariance(motion), -yaw)), yaw)
         self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
         self._spare_matcher.saw(scan.view, self.pose)
         self._change_map()
@@ -208,13 +218,20 @@ class ScanTracker:
         self._lost = 0
         if not found_before:
             self._spare.clear()
-        self.pose = fused(refined, compound(before, motion), motion) if wheels else refined.pose
+        doubt = loose = in_frame(prediction_covariance(motion), -float(before[2]))
+        if wheels:
+            doubt = self._wheel_covariance(motion)
+            self.pose = fused(refined, compound(before, motion), doubt, loose)
+            if not refined.open_directions and match.share >= SURE:
+                self._wheels.learn(motion, between(before, refined.pose))
+        else:
+            self.pose = refined.pose
         increment = between(before, self.pose)
         if not wheels and found_before and match.share >= SURE and not refined.open_directions:
             self._habit.learn(increment, self._last)
         self._last = FADE * increment if refined.open_directions and not wheels else increment
         self._travelled += float(np.hypot(*increment[:2]))
-        noise = scan_covariance(refined, motion, float(before[2]))
+        noise = scan_covariance(refined, doubt)
         covariance = in_frame(noise + self._noise, float(before[2]))
         self._noise = noise
         drift = np.zeros((3, 3))
@@ -241,12 +258,6 @@ class ScanTracker:
         self._key = self.pose.copy()
 
 
-def prediction_covariance(motion: FloatArray) -> FloatArray:
-    """(3, 3) doubt about a predicted motion, in the frame it starts from."""
-    away = 0.05 + 0.2 * float(np.hypot(motion[0], motion[1]))
-    return np.diag([away, away, 0.03 + 0.2 * abs(float(motion[2]))]) ** 2
-
-
 def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:
     """(3, 3) of x, y, yaw in the odometry frame, in a frame turned by `yaw`."""
     c, s = np.cos(yaw), np.sin(yaw)
@@ -254,22 +265,25 @@ def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:
     return np.asarray(turn @ covariance @ turn.T)
 
 
-def fused(refined: Refined, start: FloatArray, motion: FloatArray) -> FloatArray:
+def fused(refined: Refined, start: FloatArray, wheels: FloatArray, loose: FloatArray) -> FloatArray:
     """Pose (3,) from lines and from where wheels lead, `start` (3,), each as far as it is sure.
 
     Where a corridor tells little of the way along it, scans alone slide by metres into what looks alike.
+
+    wheels : (3, 3) covariance of `start`. loose : the same where lines refute the wheels.
     """
     information = refined.information / (MAP_NOISE * EFFICIENCY)
-    wheels = np.linalg.inv(in_frame(prediction_covariance(motion), float(motion[2] - start[2])))
     away = refined.pose - start
     away[2] = wrap_angle(away[2])
-    pose = start + np.linalg.solve(information + wheels, information @ away)
+    prior = np.linalg.inv(wheels)
+    if away @ prior @ away > REFUTED:
+        prior = np.linalg.inv(loose)
+    pose = start + np.linalg.solve(information + prior, information @ away)
     pose[2] = wrap_angle(pose[2])
     return np.asarray(pose)
 
 
-def scan_covariance(refined: Refined, motion: FloatArray, yaw: float) -> FloatArray:
-    """(3, 3) of a scan's pose against the map, odometry frame; open directions have the prediction's doubt."""
-    prior = np.linalg.inv(in_frame(prediction_covariance(motion), -yaw))
-    covariance = np.linalg.inv(refined.information / (MAP_NOISE * EFFICIENCY) + prior)
+def scan_covariance(refined: Refined, doubt: FloatArray) -> FloatArray:
+    """(3, 3) of a scan's pose against the map, odometry frame; open directions have the prediction's `doubt` (3, 3)."""
+    covariance = np.linalg.inv(refined.information / (MAP_NOISE * EFFICIENCY) + np.linalg.inv(doubt))
     return np.asarray(0.5 * (covariance + covariance.T))

@@ -29,6 +29,7 @@ FINEST = 0.15  # metres, correspondences are looked for at least this far
 ARM = 3.0  # metres, what a radian is worth in a room
 FLOOR = 4.0  # information (1/m²) below which a direction is open whatever the normals' noise
 AGREE = 0.6  # cosine between normals that may correspond
+NO_PRIOR = np.zeros(3), np.zeros((3, 3))
 EFFICIENCY = 0.963  # variance of the estimate under Tukey's weights, in units of the inverse information's
 
 
@@ -164,6 +165,13 @@ def _newton(H, slack, g, variance, arm, information, step):  # type: ignore[no-u
 
 
 @njit(cache=True)
+def _hold(information, step, away, prior):  # type: ignore[no-untyped-def]
+    """Write the step that lines and a prior make together; `away` : (3,) of the pose from where it is expected."""
+    away[2] = math.atan2(math.sin(away[2]), math.cos(away[2]))
+    step[:] = np.linalg.solve(information + prior, information @ step - prior @ away)
+
+
+@njit(cache=True)
 def _spread(square, width):  # type: ignore[no-untyped-def]
     """Standard deviation of normal residuals whose weighted mean square under a kernel of `width` is `square`."""
     variance = square
@@ -211,7 +219,7 @@ def _straighten(information, arm, target_normals, target_tilt, matched):  # type
 @njit(cache=True)
 def _refine(  # type: ignore[no-untyped-def]
     points, normals, tilt, spacing, target, target_normals, target_tilt, heads, following, signed,
-    guess, doubt, noise, most,
+    guess, doubt, noise, most, expected, prior,
 ):  # fmt: skip
     usable = tilt < math.inf
     matched = np.full(len(points), -1, dtype=np.int64)
@@ -242,6 +250,8 @@ def _refine(  # type: ignore[no-untyped-def]
             break
         spread = _spread(squares / total, width)
         opened = _newton(H, slack, g, spread * spread, arm, information, step)
+        if prior[2, 2] > 0.0:
+            _hold(information, step, pose - expected, prior)
         for b in range(3):
             pose[b] += step[b]
         change = abs(step[0]) + abs(step[1]) + arm * abs(step[2])
@@ -266,17 +276,19 @@ def refine(
     doubt: float = 0.3,
     noise: float = KERNEL,
     most: int = 40,
+    prior: tuple[FloatArray, FloatArray] = NO_PRIOR,
 ) -> Refined:
     """Move `source` onto the lines of `target` from `guess` (3,) x, y, yaw.
 
     doubt : metres, how far points may be off at first; the kernel narrows from there to `noise`.
     noise : metres, standard deviation to expect of a point off its line.
     most : iterations.
+    prior : pose (3,) that is expected, and its information (3, 3) in the units of `Refined.information`.
     """
     pose, information, opened, spread, matched, settled, turns, trail = _refine(
         source.points, source.normals, source.tilt, source.spacing,
         target.points, target.normals, target.tilt, target.heads, target.following,
-        source.signed and target.signed, guess, doubt, noise, most,
+        source.signed and target.signed, guess, doubt, noise, most, *prior,
     )  # fmt: skip
     pose[2] = math.atan2(math.sin(pose[2]), math.cos(pose[2]))
     wavering = 0.0 if settled else _wavering(np.roll(trail, -(turns + 1) % TRAIL, axis=0))
