@@ -360,12 +360,14 @@ def test_courses_are_drawn_as_probably_as_they_are() -> None:
         assert drawn[course] / count == pytest.approx(p, abs=4.0 * math.sqrt(p * (1.0 - p) / count) + 1e-9)
 
 
-def test_what_is_derived_from_a_course_fits_it() -> None:
-    """Before and since, after many gaps were filled anew, are what the places alone say."""
+@pytest.mark.parametrize("every", [1, 400])
+def test_what_is_derived_from_a_course_fits_it(every: int) -> None:
+    """Before and since, after many gaps were filled anew, are what the places alone say; looks may be days apart."""
     rng = np.random.default_rng(7)
     routines = Routines()
-    for row in household(30):
-        at([row], routines, [str(rng.choice(PLACES))])
+    for number, row in enumerate(household(30)):
+        if number % every == 0:
+            at([row], routines, [str(rng.choice(PLACES))] if every == 1 else PLACES)
     mug = routines._things["mug"]
     place, before, since = (each[:, mug] for each in routines._history)
     last = routines._last
@@ -378,6 +380,7 @@ def test_what_is_derived_from_a_course_fits_it() -> None:
             assert since[slot] == slot
             assert before[slot] == (place[slot - 1] if place[slot - 1] >= 0 else before[slot - 1])
     assert moves > 30
+    assert not routines._known.sure[last + 1 :].any()
 
 
 @pytest.mark.parametrize(

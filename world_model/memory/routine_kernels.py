@@ -346,9 +346,7 @@ def _course(place, looked, thing, low, high, moves, kernel, rate, prior, state, 
     each state, the last is nowhere.
     """
     rows, count, length = len(place), len(places), high - low
-    joint = np.zeros(
-        (length, count, count)
-    )  # of the states before and after each step, by all looks until then
+    joint = np.zeros((length, count, count))  # of the states before and after a step, by the looks until then
     belief = np.zeros(count)
     belief[state[place[low % rows, thing] + 1]] = 1.0
     for step in range(length):
@@ -400,9 +398,9 @@ def recall(
 ):
     """Fill in what nobody saw of a thing between slots `low` and `last`, and `AGAIN` of its older gaps anew.
 
-    sure (R, N) : whether it was seen. looked (R, P) : whether somebody looked at a place. first : the oldest slot that
-    counts. The others are as of `_course`. Drawn again and again, by what is known meanwhile, gaps and moves settle to
-    what fits all looks (Gibbs sampling).
+    sure (R, N) : whether it was seen, as it was in slot `last`. looked (R, P) : whether somebody looked at a place.
+    first : the oldest slot that counts. The others are as of `_course`. Drawn again and again, by what is known
+    meanwhile, gaps and moves settle to what fits all looks (Gibbs sampling).
     """
     np.random.seed(seed)  # noqa: NPY002 -- the stream of compiled functions, nobody else's
     rows, reach = len(sure), len(kernel) // 2

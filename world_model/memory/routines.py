@@ -134,10 +134,10 @@ class Routines:
             self._moves += self._known.set(self._last, thing, -1)
         for thing in present[now[present] != index].tolist():
             self._moves += self._known.set(self._last, thing, index)
-        for name in named:
-            self._recall(name)
         self._known.sure[row, absent], self._known.sure[row, present] = False, True
         self._known.looked[row, index] = True
+        for name in named:
+            self._recall(name)
         self._seen[present] = self._looked[index] = self._stamp
         self._version += 1
 
@@ -372,9 +372,8 @@ class Routines:
         """What nobody saw of a thing since it was last seen, now that it is."""
         seen = float(self._seen[self._things[name]])
         first = self._oldest(self._last)
-        low = (
-            max(self._slot(seen), self._last - GAP * self._day, first) if math.isfinite(seen) else self._last
-        )
+        low = max(self._last - GAP * self._day, first)
+        low = max(self._slot(seen), low) if math.isfinite(seen) else self._last
         if low < self._last - 1:
             self._known.recall(name, low, self._last, first, -math.expm1(-self._rate()), self.config)
 
