@@ -240,6 +240,7 @@ def build_interfaces(folder):
     env = clean_environment()
     # The wheels' start-up hook would start each Python a second time, for libraries that no generator loads.
     env["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
+    env["PYTHONPATH"] = str(ROOT / "compat" / "generators")
     cmake = VENV / "bin" / "cmake"
     configure = [
         cmake, "-S", ROOT / folder, "-B", build, "-G", "Ninja", "-Wno-dev",
@@ -294,7 +295,9 @@ def main(names):
                 "requirements-" + name, requirement_files(name), lambda name=name: install_requirements(name)
             )
         libraries = [path for name in COMPILED for path in (ROOT / name).rglob("*.py")]
-        build_files = [ROOT / "compat" / "ros_wheels.cmake", ROOT / "requirements" / "build.txt"]
+        build_files = [
+            ROOT / name for name in ("compat/generators", "compat/ros_wheels.cmake", "requirements/build.txt")
+        ]
         package_files = [
             "setup.py",
             "setup.cfg",
