@@ -296,7 +296,12 @@ def main(names):
             )
         libraries = [path for name in COMPILED for path in (ROOT / name).rglob("*.py")]
         build_files = [
-            ROOT / name for name in ("compat/generators", "compat/ros_wheels.cmake", "requirements/build.txt")
+            ROOT / name
+            for name in (
+                "compat/generators/sitecustomize.py",
+                "compat/ros_wheels.cmake",
+                "requirements/build.txt",
+            )
         ]
         package_files = [
             "setup.py",
