@@ -78,7 +78,6 @@ wheels: setup
 	$(BIN)/python compat/wheels.py dist
 
 lock: setup
-	$(BIN)/pip install -q --disable-pip-version-check -r requirements/locking.txt
 	$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header requirements/runtime.txt -o requirements/lock.txt
 
 # Peers that cannot live in one environment with the suite.

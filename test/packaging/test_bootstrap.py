@@ -140,3 +140,22 @@ def test_an_interrupted_step_is_done_again(
     assert bootstrap.main(["test"]) == 130
     assert "goes on from here" in capsys.readouterr().out
     assert list(tmp_path.glob("*.stamp")) == []
+
+
+def test_pip_takes_over_where_uv_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    bootstrap = load_bootstrap()
+    called: list[list[str]] = []
+
+    def run(command: list[object], *_: object) -> None:
+        called.append([str(part) for part in command])
+        if called[-1][0].endswith("uv"):
+            raise bootstrap.SetUpError("no index")
+
+    monkeypatch.setattr(bootstrap, "run", run)
+    bootstrap.install_requirements("test")
+    assert [command[-1] for command in called] == [
+        "requirements/locking.txt",
+        "requirements/test.txt",
+        "requirements/test.txt",
+    ]
+    assert called[-1][1:3] == ["-m", "pip"]
