@@ -142,7 +142,10 @@ def test_an_interrupted_step_is_done_again(
     assert list(tmp_path.glob("*.stamp")) == []
 
 
-def test_pip_takes_over_where_uv_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("index", ["", "https://mirror.example/simple"])
+def test_pip_takes_over_where_uv_fails_or_pip_has_its_own_index(
+    monkeypatch: pytest.MonkeyPatch, index: str
+) -> None:
     bootstrap = load_bootstrap()
     called: list[list[str]] = []
 
@@ -152,10 +155,13 @@ def test_pip_takes_over_where_uv_fails(monkeypatch: pytest.MonkeyPatch) -> None:
             raise bootstrap.SetUpError("no index")
 
     monkeypatch.setattr(bootstrap, "run", run)
+    monkeypatch.setenv("PIP_CONFIG_FILE", "/dev/null")
+    if index:
+        monkeypatch.setenv("PIP_INDEX_URL", index)
+    else:
+        monkeypatch.delenv("PIP_INDEX_URL", raising=False)
     bootstrap.install_requirements("test")
-    assert [command[-1] for command in called] == [
-        "requirements/locking.txt",
-        "requirements/test.txt",
-        "requirements/test.txt",
-    ]
+    asked = [command[-1] for command in called]
+    before = [] if index else ["requirements/locking.txt", "requirements/test.txt"]
+    assert asked == [*before, "requirements/test.txt"]
     assert called[-1][1:3] == ["-m", "pip"]
