@@ -28,7 +28,7 @@ class Headline:
 
 HEADLINES: tuple[Headline, ...] = (
     Headline(
-        "Odometry with wheels that stall and jump, in a building nobody tuned on: error of the path",
+        "Odometry with wheels that stall and jump, in the offices of csail: error of the path",
         "odometry:logs/mit-csail.clf.bz2-ours-wheels/ate-m",
         "plain point-to-line matcher",
         "odometry:logs/mit-csail.clf.bz2-point-to-line-wheels/ate-m",
