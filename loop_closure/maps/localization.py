@@ -17,6 +17,7 @@ from estimation.errors import InputError
 from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.maps.map_search import PlanarMap, SpatialMap
 from loop_closure.motions import as_pose, compose, invert, length, motion, planar, turn
+from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
 
 AGREE = (0.4, 0.1)  # metres and radians between placements that say the same
@@ -63,7 +64,7 @@ class Localizer:
         self._poses = np.asarray(poses, dtype=np.float64)
         self._map: PlanarMap | SpatialMap
         self._map = (PlanarMap if planar(self._poses) else SpatialMap)(places, self._poses)
-        self._recent = Keyframes()
+        self._recent, self._own = Keyframes(), OwnBody()
         self.correction: FloatArray | None = None  # the odometry frame in the map
         self._sigma, self._turn = 1.0, 0.35
         self._unproven = 0.0  # metres travelled since the place was last seen to be right
@@ -102,6 +103,8 @@ class Localizer:
         if isinstance(scan, Scan) != planar(self._poses) or planar(here) != planar(self._poses):
             kind = "a Scan and (3,)" if planar(self._poses) else "a cloud and (4, 4)"
             raise InputError(f"scan: {kind} expected in this map")
+        if isinstance(scan, Scan):
+            scan = self._own.without(scan, here)
         if self._pending is not None:
             self.correction = compose(self._pending, invert(here))
             self._pending = None

@@ -28,6 +28,7 @@ from loop_closure.slam.thinning import Thinning
 from loop_closure.slam.visits import Visits
 from loop_closure.slam_config import Proposals, SlamConfig
 from loop_closure.work import Allowance, Job, Steps
+from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
 from registration.laser.sweep import at_first_beam
 
@@ -101,6 +102,7 @@ class Slam:
         self._doubt = StepDoubt(self.config)
         self._coming: deque[int] = deque()  # keyframes that loops are still to be searched for
         self._job: Job | None = None  # the one that is worked on
+        self._own = OwnBody()
         self._frame: FloatArray | None = None  # of the odometry of a resumed run, in the map
         self._new_run = False
 
@@ -140,6 +142,8 @@ class Slam:
         when = (
             stamp if stamp is not None else scan.stamp if isinstance(scan, Scan) else float(len(self._visits))
         )
+        if isinstance(scan, Scan):
+            scan = self._own.without(scan, here)
         known = None if covariance is None else np.asarray(covariance, dtype=np.float64)
         if self._frame is not None:
             here = compose(self._frame, here)

@@ -83,10 +83,7 @@ class Segmented:
         left = returned - int(moving.sum())
         if not moving.any() or left < max(LEAST_LEFT * returned, LEAST_BEAMS):
             return scan
-        return Scan(
-            np.where(moving, np.nan, scan.ranges), scan.angle_min, scan.angle_increment, scan.range_min,
-            scan.range_max, scan.stamp, scan.time_increment,
-        )  # fmt: skip
+        return scan.without(moving)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,6 +95,10 @@ class Scan:
                 & (self.ranges >= self.range_min)
                 & (self.ranges < min(self.range_max, FARTHEST))
             )
+
+    def without(self, beams: NDArray[np.bool_]) -> Scan:
+        """The scan as if some beams (N,) had no reading."""
+        return replace(self, ranges=np.where(beams, np.nan, self.ranges))
 
     def points(self) -> NDArray[np.float64]:
         """Cartesian end points of the returns, (M, 2) metres in the sensor frame, no-returns dropped."""

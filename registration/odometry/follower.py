@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
 from registration.odometry.kiss import KissTracker
 from registration.odometry.odometry_config import OdometryConfig
@@ -46,6 +47,7 @@ class Odometry:
         self._clouds: KissTracker | None = None
         self._scans: ScanTracker | None = None
         self._planar = True
+        self._own = OwnBody()
         self.pose: FloatArray = np.zeros(3)
         self.covariance: FloatArray = np.zeros((3, 3))
         self._lasting: FloatArray = np.zeros((3, 3))
@@ -88,7 +90,8 @@ class Odometry:
             raise InputError(f"stamp: finite seconds expected, got {stamp}")
         if isinstance(scan_or_cloud, Scan) and self.config.scan_method == "local_map":
             self._require(self._clouds is None)
-            step = self._scan_tracker().step(scan_or_cloud, float(stamp), motion)
+            scan = self._own.without(scan_or_cloud, self.pose)
+            step = self._scan_tracker().step(scan, float(stamp), motion)
         else:
             step = self._by_kiss(scan_or_cloud, motion, times)
         self._take(step)

@@ -20,9 +20,13 @@ NODES = ("scan_registration", "loop_closure", "world_model", "object_search")
 def test_a_search_drives_the_robot_to_the_right_one_of_two_books(tmp_path: Path) -> None:
     """Nothing is known at first: rooms and furniture lead there."""
     day = LiveDay(2, clouds=False)
-    story, robot = run_live(tmp_path, day, Script(0.0, "blue book", 200.0, toured=False, sought=""), NODES)
+    events: list[str] = []
+    script = Script(0.0, "blue book", 200.0, toured=False, sought="")
+    story, robot = run_live(tmp_path, day, script, NODES, events.append)
 
-    assert story.fetched == "blue book", (story.failures, story.goals)
+    steps = [search.steps for search in story.searches]
+    assert not events
+    assert story.fetched == "blue book", (story.failures, steps, story.goals)
     assert within_reach(story)
     assert day.taken == "blue book"
     # It has driven there by itself, through the action, and brings the book to where it began.

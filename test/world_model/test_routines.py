@@ -414,6 +414,22 @@ def test_what_older_versions_kept_is_read() -> None:
         Routines.from_dict({**kept, "config": {}} | {"config": {"slot": 600.0, "days": 5}})
 
 
+def test_what_older_versions_kept_is_not_drawn_anew() -> None:
+    """They say where a thing was, not when it was seen: a gap after them is filled, not they."""
+    routines, rows = learned(12)
+    kept = routines.to_dict()
+    older = {name: value for name, value in kept.items() if name != "looks"}
+    older["objects"] = [
+        {name: value for name, value in known.items() if name != "sure"} for known in kept["objects"]
+    ]
+    again = Routines.from_dict(json.loads(json.dumps(older)))
+    mug, last = again._things["mug"], again._last
+    before = again._history.place[: last + 1, mug].copy()
+    for hours in range(2, 12, 2):
+        at([rows[12 * 144 + 6 * hours]], again)
+    assert (again._history.place[: last + 1, mug] == before).all()
+
+
 def test_what_has_left_goes_its_way_and_may_be_back_but_has_not_stayed() -> None:
     """A mug goes from the table to the sink at eight and back at ten; it is missed at different times."""
     routines = Routines()

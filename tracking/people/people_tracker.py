@@ -20,6 +20,7 @@ from estimation.conversion.uncertain_frame import state_through_uncertain_pose
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.poses import between, compound, inverse
+from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
 from tracking.mixture.components import IntArray
 from tracking.mixture.phd_config import PhdConfig
@@ -29,7 +30,6 @@ from tracking.mixture.target import LabelState, Target
 from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
 from tracking.people.identity import ReturningPeople
-from tracking.people.own_parts import OwnBody
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_middle import WIDE
 from tracking.people.people_shape import shape_model

@@ -174,13 +174,14 @@ class Remembered:
         return {"stays": table[changed].tolist(), "sure": packed(self.sure[rows, thing])}
 
     def put(self, thing: int, slots: np.ndarray, known: Mapping[str, Any]) -> None:
-        """What `of` told; older files do not say when it was seen."""
+        """What `of` told; where nobody says when it was seen, it was wherever it is said to have been."""
         runs = np.array(known["stays"], np.int64).reshape(-1, 4)
         run, rows = np.searchsorted(runs[:, 0], slots, side="right") - 1, slots % len(self.sure)
         for into, column in zip(self.history, (2, 3, 1), strict=True):
             into[rows, thing] = runs[run, column]
         self.been[np.unique(runs[runs[:, 2] >= 0, 2]), thing] = True
-        self.sure[rows, thing] = "sure" in known and unpacked(known["sure"], len(slots))
+        there = self.history.place[rows, thing] >= 0
+        self.sure[rows, thing] = unpacked(known["sure"], len(slots)) if "sure" in known else there
 
 
 def packed(flags: np.ndarray) -> str:
