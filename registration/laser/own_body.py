@@ -18,9 +18,11 @@ from registration.laser.scan import Scan
 
 NEAR = 0.9  # m; farther away nothing is a part of the robot
 STEADY = 0.03  # m that a reading may change by
-TRAVEL = 1.0  # rad, or m where a thing is short, after which a steady reading is believed
-SHORT, GAP = 0.5, 0.15  # m; a thing is short that is no longer, and stands that far before what is beside it
-LEAST, MOST = 0.02, 0.3  # m or rad; less from scan to scan is the noise of the pose, more counts as that
+TURN = 1.0  # rad after which a steady reading is believed
+# m; a thing is short that is no longer, and stands that far before what is beside it. Where the scanner goes on by its
+# length, it comes along or is seen elsewhere.
+SHORT, GAP = 0.5, 0.15
+LEAST, MOST = 0.02, 0.3  # m or rad; less is the noise of the pose, more from scan to scan counts as that
 SECTORS = 360  # of a full turn, at most; a sector has 1.5 beams or more, so that none is without
 
 
@@ -29,7 +31,7 @@ class OwnBody:
 
     def __init__(self) -> None:
         self._ranges: FloatArray = np.zeros(0)  # (S,) m, of each sector
-        self._travel: FloatArray = np.zeros(0)  # (S,) that it has been steady for
+        self._travel: FloatArray = np.zeros(0)  # (S,) it has been steady for, in turns and lengths
         self._pose: FloatArray = np.zeros(3)
 
     def mask(self, scan: Scan, pose: FloatArray) -> npt.NDArray[np.bool_]:
@@ -38,10 +40,11 @@ class OwnBody:
             count = max(1, min(SECTORS, int(2.0 * np.pi / (1.5 * abs(scan.angle_increment)))))
             self._ranges, self._travel, self._pose = np.full(count, np.inf), np.zeros(count), pose.copy()
         motion = between(self._pose, pose)
-        self._pose = pose.copy()
-        # What a stop-and-go of a few millimetres adds up to is the noise of the pose.
-        steps = (math.hypot(motion[0], motion[1]), abs(float(motion[2])))
-        ahead, turned = (min(step, MOST) if step > LEAST else 0.0 for step in steps)
+        ahead, turned = min(math.hypot(motion[0], motion[1]), MOST), min(abs(float(motion[2])), MOST)
+        if ahead + turned > LEAST:
+            self._pose = pose.copy()
+        else:
+            ahead = turned = 0.0
         near = np.where(scan.valid, scan.ranges, np.inf)
         own = _own(near, scan.angle_min, scan.angle_increment, ahead, turned, self._ranges, self._travel)
         return np.asarray(own)
@@ -59,7 +62,7 @@ def _own(ranges, first, step, ahead, turned, steady, travel):  # type: ignore[no
     sector = np.empty(size, np.int64)
     nearest = np.full(count, np.inf)
     for n in range(size):
-        k = int(math.floor((first + n * step) * count / (2.0 * math.pi))) % count
+        k = math.floor((first + n * step) * count / (2.0 * math.pi)) % count
         sector[n] = k
         nearest[k] = min(nearest[k], ranges[n])
     same = np.zeros(count, np.bool_)
@@ -69,9 +72,9 @@ def _own(ranges, first, step, ahead, turned, steady, travel):  # type: ignore[no
     known = np.zeros(count, np.bool_)
     for k in range(count):
         if same[k]:
-            travel[k] = min(travel[k] + turned + (ahead if short[k] else 0.0), 3.0 * TRAVEL)
+            travel[k] = min(travel[k] + turned / TURN + (ahead / SHORT if short[k] else 0.0), 3.0)
             steady[k] = 0.9 * steady[k] + 0.1 * nearest[k]
-            known[k] = travel[k] > TRAVEL
+            known[k] = travel[k] > 1.0
         elif nearest[k] < np.inf:
             travel[k] = max(0.7 * travel[k] - 0.1, 0.0)
             if travel[k] < 0.3:

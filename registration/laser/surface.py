@@ -18,8 +18,8 @@ from estimation.checks import FloatArray
 from registration.laser.scan import Scan
 
 REACH = 0.3  # metres a neighbourhood extends to either side, more where beams are farther apart
-MOST_NEIGHBOURS = 40  # beams to either side
 GRAZING = 0.12  # sine of the smallest angle between a beam and a surface
+JOINED = 6.0  # deviations of a range between neighbours on one surface
 LONGEST = 0.3  # metres of outline one point stands for at most
 
 
@@ -93,7 +93,7 @@ def _fit(sums, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _windows(x, y, beams, step):  # type: ignore[no-untyped-def]
+def _windows(x, y, beams, step, noise):  # type: ignore[no-untyped-def]
     """First and last point of each neighbourhood (N, 2), distance to the farther neighbour, connected piece."""
     n = len(x)
     ends = np.empty((n, 2), dtype=np.int64)
@@ -105,7 +105,7 @@ def _windows(x, y, beams, step):  # type: ignore[no-untyped-def]
         missed = beams[i + 1] - beams[i]
         gaps[i] = math.hypot(x[i + 1] - x[i], y[i + 1] - y[i])
         near = math.sqrt(min(x[i] * x[i] + y[i] * y[i], x[i + 1] * x[i + 1] + y[i + 1] * y[i + 1]))
-        joined[i] = missed <= 3 and gaps[i] <= max(0.06, missed * step * near / GRAZING)
+        joined[i] = missed <= 3 and gaps[i] <= max(JOINED * noise, missed * step * near / GRAZING)
         pieces[i + 1] = pieces[i] if joined[i] else pieces[i] + 1
     first = last = 0
     for i in range(n):
@@ -114,13 +114,12 @@ def _windows(x, y, beams, step):  # type: ignore[no-untyped-def]
         # Both ends only move on: along a surface, what was too far behind stays too far.
         if i > 0 and not joined[i - 1]:
             first = i
-        first = max(first, i - MOST_NEIGHBOURS)
         while first < i and (x[first] - x[i]) ** 2 + (y[first] - y[i]) ** 2 > reach:
             first += 1
         last = max(last, i)
         while last > i and (x[last] - x[i]) ** 2 + (y[last] - y[i]) ** 2 > reach:
             last -= 1
-        while last < n - 1 and joined[last] and last - i < MOST_NEIGHBOURS:
+        while last < n - 1 and joined[last]:
             if (x[last + 1] - x[i]) ** 2 + (y[last + 1] - y[i]) ** 2 > reach:
                 break
             last += 1
@@ -136,7 +135,7 @@ def _windows(x, y, beams, step):  # type: ignore[no-untyped-def]
 def _lines(x, y, beams, step, noise):  # type: ignore[no-untyped-def]
     """Line of each point of a sweep; `beams` numbers the points, `step` is the angle between beams."""
     n = len(x)
-    ends, spacing, pieces = _windows(x, y, beams, step)
+    ends, spacing, pieces = _windows(x, y, beams, step, noise)
     sums = _sums(x, y)
     feet = np.empty((n, 2))
     normals = np.zeros((n, 2))

@@ -26,6 +26,7 @@ from registration.odometry.habit import Habit
 from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match, Prior
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
+from registration.odometry.range_noise import RangeNoise
 from registration.odometry.range_offset import RangeOffset
 from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
 from registration.placement.refine import EFFICIENCY, Refined
@@ -50,7 +51,7 @@ class ScanTracker:
         self.map, self._matcher = self._empty()
         # Of the scans since the map was lost; takes its place if it is not found again.
         self._spare, self._spare_matcher = self._empty()
-        self.offset = RangeOffset()
+        self.offset, self.noise = RangeOffset(), RangeNoise(NOISE)
         self.pose = np.zeros(3)
         self._habit, self._wheels = Habit(), WheelDoubt()
         self._key, self._sure = np.zeros(3), np.zeros(3)
@@ -69,6 +70,7 @@ class ScanTracker:
         """Register one scan; `guess` (3,) is the expected motion since the last."""
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp = stamp
+        self.noise.learn(scan)
         share = beam_shares(scan, elapsed)
         half = 0.5 * float(share[-1]) if len(share) else 0.0
         return self._from_first_beam(self._from_middle(scan, guess, share - half), half)
@@ -137,14 +139,14 @@ class ScanTracker:
     def _surface(self, scan: Scan, motion: FloatArray, share: FloatArray) -> Surface:
         """Surface of a scan as seen from where the sensor was in the middle of its sweep."""
         if not share.any():
-            return scan_surface(scan, NOISE, self.config.max_range, self.offset.value)
+            return scan_surface(scan, self.noise.value, self.config.max_range, self.offset.value)
         keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.config.max_range)
         beams = np.flatnonzero(keep)
         share = share[beams]
         yaw = scan.angle_min + scan.angle_increment * beams + share * motion[2]
         ranges = scan.ranges[beams] - self.offset.value
         points = ranges[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw))) + share[:, None] * motion[:2]
-        return swept_surface(np.ascontiguousarray(points), beams, abs(scan.angle_increment), NOISE)
+        return swept_surface(np.ascontiguousarray(points), beams, abs(scan.angle_increment), self.noise.value)
 
     def _begin(self, scan: PreparedScan, motion: FloatArray, poor: str) -> Step:
         """Start a map here: at the first scan, and where the old map is of no use any more."""

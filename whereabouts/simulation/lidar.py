@@ -34,7 +34,8 @@ class Lidar:
     range_min, range_max : metres. sigma : standard deviation of a range, metres.
     resolution : ranges are rounded to this, metres, 0 for none. dropout : share of the beams that return
     nothing. sweep_time : seconds from first to last beam. mixed : share of the beams at an edge that meet both the
-    nearer and the farther side, and return somewhere in between.
+    nearer and the farther side, and return somewhere in between. posts : metres to four posts of the robot that
+    carries it, 12 degrees wide and a quarter of a turn apart, 0 for none.
     """
 
     beams: int = 361
@@ -46,11 +47,19 @@ class Lidar:
     dropout: float = 0.0
     sweep_time: float = 0.0
     mixed: float = 0.0
+    posts: float = 0.0
 
     @property
     def bearings(self) -> Array:
         """(beams,) radians."""
         return -0.5 * self.opening + self.opening / (self.beams - 1) * np.arange(self.beams, dtype=np.float64)
+
+    @property
+    def on_posts(self) -> NDArray[np.bool_]:
+        """(beams,) whether a beam's way is that of a post."""
+        quarter = 0.5 * np.pi
+        off = (self.bearings + 0.5 * quarter) % quarter
+        return np.minimum(off, quarter - off) < np.deg2rad(6.0)
 
     def scan(
         self,
@@ -72,6 +81,8 @@ class Lidar:
         ranges, owners = cast(shapes, poses[:, :2], poses[:, 2] + self.bearings, self.range_max)
         if self.mixed:
             ranges = self._mixed(ranges, rng)
+        if self.posts:
+            ranges = np.where(self.on_posts, self.posts, ranges)
         ranges = ranges + self.sigma * rng.standard_normal(self.beams)
         if self.resolution:
             ranges = np.round(ranges / self.resolution) * self.resolution
@@ -88,7 +99,9 @@ class Lidar:
             stamp,
             step,
         )
-        return SimulatedScan(scan, poses[0].copy(), np.where(gone, -1, owners))
+        return SimulatedScan(
+            scan, poses[0].copy(), np.where(gone | (self.on_posts & (self.posts > 0.0)), -1, owners)
+        )
 
     def _mixed(self, ranges: Array, rng: np.random.Generator) -> Array:
         """Ranges (N,) m, of which some beside an edge of 0.1 to 2 m lie between its two sides."""

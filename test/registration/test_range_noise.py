@@ -1,0 +1,55 @@
+"""How noisy ranges are is learned from scans, and what is one wall is one wall."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from registration.laser.surface import scan_surface
+from registration.odometry.range_noise import RangeNoise
+from whereabouts.simulation import Lidar, box, random_room
+
+NARROW = 2.0 * np.pi * 57.0 / 360.0
+
+
+@pytest.mark.parametrize("beams", [720, 1800])
+@pytest.mark.parametrize("sigma", [0.015, 0.03])
+def test_the_noise_is_that_of_the_simulated_scanner(beams: int, sigma: float) -> None:
+    rng, noise = np.random.default_rng(beams), RangeNoise(0.01)
+    lidar = Lidar(beams, 1.5 * np.pi, sigma=sigma)
+    for _ in range(20):
+        noise.learn(lidar.scan(random_room(rng), np.zeros(3), rng).scan)
+    assert noise.value == pytest.approx(sigma, rel=0.2)
+
+
+def test_a_good_scanner_and_what_is_rough_close_by_leave_it_as_it_is() -> None:
+    rng, noise, room = np.random.default_rng(8), RangeNoise(0.01), box(3.0, 2.0)
+    lidar = Lidar(1800, 1.5 * np.pi, sigma=0.004)
+    for number in range(60):
+        scan = lidar.scan(room, np.zeros(3), rng).scan
+        if number % 3 == 1:
+            scan = replace(scan, ranges=scan.ranges + rng.uniform(-0.3, 0.3, len(scan)))
+        noise.learn(scan)
+        assert noise.value == 0.01
+
+
+def test_nothing_is_told_of_beams_that_are_far_apart() -> None:
+    rng, noise = np.random.default_rng(9), RangeNoise(0.01)
+    noise.learn(Lidar(180, np.pi, sigma=0.05).scan(box(6.0, 4.0), np.zeros(3), rng).scan)
+    assert noise.value == 0.01
+
+
+@pytest.mark.parametrize("sigma", [0.005, 0.02, 0.04])
+def test_a_wall_before_a_dense_and_noisy_scanner_is_one_piece_with_one_direction(sigma: float) -> None:
+    """As of a depth camera's line: beams are nearer to each other than they are exact."""
+    rng, wall = np.random.default_rng(7), box(4.0, 40.0)
+    surface = scan_surface(
+        Lidar(640, NARROW, sigma=sigma).scan(wall, np.zeros(3), rng).scan, max(sigma, 0.01)
+    )
+    assert surface.pieces.max() == 0
+    assert surface.lined.mean() > 0.95
+    turned = np.arctan2(surface.normals[:, 1], -surface.normals[:, 0])[surface.lined]
+    assert np.sqrt(np.mean(turned**2)) < 3.0 * sigma
+    assert surface.noise == pytest.approx(sigma, rel=0.3)
