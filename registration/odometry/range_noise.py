@@ -9,8 +9,7 @@ import numpy as np
 
 from registration.laser.scan import Scan
 
-LEAST_TOLD = 30  # readings between two others, from which a scan tells anything
-MEMORY = 50  # scans of which the middle one counts: what is rough close by is not the scanner
+MEMORY = 50  # scans of which the middle one counts
 
 
 class RangeNoise:
@@ -25,9 +24,10 @@ class RangeNoise:
         ranges = np.where(scan.valid, scan.ranges, np.nan)
         off = np.abs(ranges[:-2] - 2.0 * ranges[1:-1] + ranges[2:])
         with np.errstate(invalid="ignore"):
-            # Farther apart, surfaces bend as well.
+            # Where they are farther apart, surfaces bend as well.
             off = off[(ranges[1:-1] * abs(scan.angle_increment) < self._least) & np.isfinite(off)]
-        if len(off) < LEAST_TOLD:
+        # A few readings tell of what is close by.
+        if 2 * len(off) <= len(scan):
             return
         # A median over 0.6745 is a deviation; that of the sum is of 1, 2 and 1 ranges.
         self._told.append(float(np.median(off)) / (0.6745 * math.sqrt(6.0)))

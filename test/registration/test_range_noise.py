@@ -14,7 +14,7 @@ from whereabouts.simulation import Lidar, box, random_room
 NARROW = 2.0 * np.pi * 57.0 / 360.0
 
 
-@pytest.mark.parametrize("beams", [720, 1800])
+@pytest.mark.parametrize("beams", [1800, 3600])
 @pytest.mark.parametrize("sigma", [0.015, 0.03])
 def test_the_noise_is_that_of_the_simulated_scanner(beams: int, sigma: float) -> None:
     rng, noise = np.random.default_rng(beams), RangeNoise(0.01)
@@ -39,6 +39,11 @@ def test_nothing_is_told_of_beams_that_are_far_apart() -> None:
     rng, noise = np.random.default_rng(9), RangeNoise(0.01)
     noise.learn(Lidar(180, np.pi, sigma=0.05).scan(box(6.0, 4.0), np.zeros(3), rng).scan)
     assert noise.value == 0.01
+    # Most are nearer to each other than a centimetre, or few are.
+    for depth, told in ((2.0, True), (8.0, False)):
+        noise.learn(Lidar(1800, np.pi, sigma=0.05).scan(box(2.0 * depth, 4.0 * depth), np.zeros(3), rng).scan)
+        assert (noise.value > 0.01) == told
+        noise = RangeNoise(0.01)
 
 
 @pytest.mark.parametrize("sigma", [0.005, 0.02, 0.04])
