@@ -135,7 +135,9 @@ class MapMatcher:
         if other is not None:
             rival = self._refined(scan, other.copy(), self._doubt)
             if self._outdoes(rival, best, scan):
-                best, start = rival, other
+                best = rival
+            # Both may have led to one place: what predicted it is what is nearer to it.
+            start = min(start, other, key=lambda pose: _away(pose, best.refined.pose))
         if prior is not None and not best.expected(start):
             held = self._refined(scan, prior[0].copy(), self._doubt, prior)
             if held.agreement.agreeing >= best.agreement.agreeing:
@@ -219,6 +221,11 @@ def near(one: FloatArray, other: FloatArray, share: float = 1.0) -> bool:
     """Whether two poses (3,) are within a `share` of `NEAR`."""
     away = between(one, other)
     return bool(np.hypot(*away[:2]) < share * NEAR[0] and abs(away[2]) < share * NEAR[1])
+
+
+def _away(one: FloatArray, other: FloatArray) -> float:
+    """Distance of two poses (3,), in metres and radians together."""
+    return float(np.abs(between(one, other)).sum())
 
 
 def _merit(match: Match, start: FloatArray) -> float:
