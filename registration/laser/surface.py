@@ -18,6 +18,7 @@ from estimation.checks import FloatArray
 from registration.laser.scan import Scan
 
 REACH = 0.3  # metres a neighbourhood extends to either side, more where beams are farther apart
+MOST_NEIGHBOURS = 40  # beams to either side
 GRAZING = 0.12  # sine of the smallest angle between a beam and a surface
 JOINED = 6.0  # deviations of a range between neighbours on one surface
 LONGEST = 0.3  # metres of outline one point stands for at most
@@ -114,12 +115,13 @@ def _windows(x, y, beams, step, noise):  # type: ignore[no-untyped-def]
         # Both ends only move on: along a surface, what was too far behind stays too far.
         if i > 0 and not joined[i - 1]:
             first = i
+        first = max(first, i - MOST_NEIGHBOURS)
         while first < i and (x[first] - x[i]) ** 2 + (y[first] - y[i]) ** 2 > reach:
             first += 1
         last = max(last, i)
         while last > i and (x[last] - x[i]) ** 2 + (y[last] - y[i]) ** 2 > reach:
             last -= 1
-        while last < n - 1 and joined[last]:
+        while last < n - 1 and joined[last] and last - i < MOST_NEIGHBOURS:
             if (x[last + 1] - x[i]) ** 2 + (y[last + 1] - y[i]) ** 2 > reach:
                 break
             last += 1

@@ -58,6 +58,20 @@ def test_increments_compound_to_the_pose_and_their_covariance_is_right() -> None
     assert 0.5 < np.mean(squares) / 3.0 < 2.0
 
 
+@pytest.mark.parametrize("ahead", [0.65, -0.7, 0.8, 0.9])
+def test_a_scan_that_agrees_is_believed_whatever_the_wheels_say(ahead: float) -> None:
+    """The jump and the last motion lead to the same match, which is too far from the jump to be expected there."""
+    scans, truth, motions = floor_run(5, seconds=30.0)
+    jumps = range(60, 140, 10)
+    for k in jumps:
+        motions[k] = compound(motions[k], [ahead, 0.0, 0.0])
+    odometry = Odometry()
+    for k, (scan, motion) in enumerate(zip(scans, motions, strict=True)):
+        odometry.register(scan, scan.stamp, motion)
+        assert odometry.converged, odometry.reason
+        assert final_error(odometry, truth[: k + 1])[0] < 0.05
+
+
 @pytest.mark.parametrize("jump", [[1.0, 0.0, 0.0], [0.0, 0.0, np.deg2rad(60.0)]])
 def test_recovers_from_wheels_that_jump(jump: list[float]) -> None:
     scans, truth, motions = floor_run(3, seconds=30.0)
