@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +14,9 @@ from whereabouts.nodes.ros.host import Forked, Host
 from whereabouts.nodes.runtime import supervisor
 from whereabouts.nodes.runtime.domain import free_domain, release_domain
 from whereabouts.system.resources import config_file
+
+RESTING = 20  # domains that nobody takes for a while after a test has left them
+LEFT: deque[int] = deque()
 
 
 class Lent:
@@ -69,13 +73,15 @@ def one_host(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, le
 
 @pytest.fixture(autouse=True)
 def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A domain of its own for every test, on this machine only."""
+    """A domain of its own for every test, on this machine only; none of the last, where somebody may still speak."""
     number = free_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_file("fastdds.xml")))
     yield number
-    release_domain(number)
+    LEFT.append(number)
+    if len(LEFT) > RESTING:
+        release_domain(LEFT.popleft())
 
 
 @pytest.fixture
