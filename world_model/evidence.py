@@ -29,6 +29,7 @@ class ObjectEvidence:
     distributions over named values that sum to one; other names for other attributes. object_id : id of a known
     object that this measurement verifies; it is associated with that object directly. quantities : {"size":
     (mean, variance), ...}: continuous attributes, SI units; names are those of `WorldModelConfig.quantities`.
+    begins : whether it may be of an object that nobody knows yet, not only of a known one.
     """
 
     position: npt.ArrayLike
@@ -36,6 +37,7 @@ class ObjectEvidence:
     attributes: Mapping[str, Distribution] = field(default_factory=dict)
     object_id: str | None = None
     quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    begins: bool = True
 
 
 class View(Protocol):
@@ -128,10 +130,11 @@ class Measurements:
     """Whether not being seen means nothing in this look."""
     quantities: tuple[Mapping[str, tuple[float, float]], ...]
     view: View | None = None
+    begins: tuple[bool, ...] = ()
 
     def only(self, which: list[int]) -> Measurements:
         """Some of the detections."""
-        told = {name: getattr(self, name) for name in ("attributes", "object_ids", "quantities")}
+        told = {name: getattr(self, name) for name in ("attributes", "object_ids", "quantities", "begins")}
         some: dict[str, Any] = {name: tuple(each[i] for i in which) for name, each in told.items()}
         return replace(self, positions=self.positions[which], covariances=self.covariances[which], **some)
 
@@ -162,7 +165,7 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
         evidence.blocked or (sensor is None and not objects),
         tuple(i.quantities for i in objects),
     )
-    told = attributes, ids, sensor, silent, quantities, evidence.view
+    told = attributes, ids, sensor, silent, quantities, evidence.view, tuple(i.begins for i in objects)
     return Measurements(positions, _definite(covariances), *told)
 
 

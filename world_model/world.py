@@ -148,16 +148,21 @@ class WorldModel:
             self._recorded(self._state())
         return corrected
 
-    def usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
+    def usable(self, evidence: WorldEvidence, wordless: bool = False) -> tuple[WorldEvidence, dict[int, str]]:
         """Evidence without the detections that speak of classes or attributes nobody knows, and why, by index.
 
         `update` refuses such evidence as a whole: a program that made it is told. For a detector that knows more words
         than the deployment it would be a pity about the rest.
+
+        wordless : keep them without their words, for known objects only: what is called by a wrong word is there.
         """
-        refused = self._anchors.refused([(item.attributes, item.quantities) for item in evidence.objects])
+        objects = list(evidence.objects)
+        refused = self._anchors.refused([(item.attributes, item.quantities) for item in objects])
         if not refused:
             return evidence, refused
-        kept = [item for index, item in enumerate(evidence.objects) if index not in refused]
+        kept = [item for index, item in enumerate(objects) if index not in refused]
+        if wordless:
+            kept += [replace(objects[index], attributes={}, quantities={}, begins=False) for index in refused]
         return replace(evidence, objects=kept), refused
 
     def _recorded(self, state: WorldState) -> WorldState:

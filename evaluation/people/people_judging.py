@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
@@ -72,10 +72,30 @@ class PeopleJudgement:
         return self.false / max(self.labelled, 1)
 
 
+def shaken(log: Iterable[Record], rng: np.random.Generator | None, sigma: float = 0.001) -> Iterator[Record]:
+    """The records of a log, with noise of `sigma` m on its ranges; as they are without `rng`.
+
+    Targets that are hardly people come and go with it: a single run says little of how many there are.
+    """
+    for record in log:
+        if rng is not None and isinstance(record, ScanRecord):
+            ranges = record.scan.ranges + rng.normal(0.0, sigma, len(record.scan))
+            record = replace(record, scan=replace(record.scan, ranges=ranges))
+        yield record
+
+
 def follow_person(
-    path: Path, scans: str, labels: str, most: int | None = None, tracker: PeopleTracker | None = None
+    path: Path,
+    scans: str,
+    labels: str,
+    most: int | None = None,
+    tracker: PeopleTracker | None = None,
+    rng: np.random.Generator | None = None,
 ) -> PeopleJudgement:
-    """One labelled person, labels in the scanner's frame; each belongs to the scan recorded before it."""
+    """One labelled person, labels in the scanner's frame; each belongs to the scan recorded before it.
+
+    rng : of the noise of `shaken`.
+    """
     truth: dict[float, Array] = {}
     found: list[tuple[float, list[tuple[int, Array]]]] = []
 
@@ -90,7 +110,7 @@ def follow_person(
                 yield record
 
     with open_log(path, topics=[scans, labels]) as log:
-        for count, tracked in enumerate(track_people(cast(Log, records(log)), tracker=tracker)):
+        for count, tracked in enumerate(track_people(cast(Log, shaken(records(log), rng)), tracker=tracker)):
             people = [(target.label, tracked.in_laser(target)[:2]) for target in tracked.targets]
             found.append((tracked.stamp, people))
             if most is not None and count >= most:
@@ -112,10 +132,10 @@ def follow_person(
     return judged
 
 
-def phantoms(path: Path, topic: str) -> float:
-    """People per scan where there are none."""
+def phantoms(path: Path, topic: str, rng: np.random.Generator | None = None) -> float:
+    """People per scan where there are none; rng : of the noise of `shaken`."""
     with open_log(path) as log:
-        tracks = track_people(log, topic=topic)
+        tracks = track_people(cast(Log, shaken(log, rng)), topic=topic)
         return float(np.mean([len(tracked.targets) for tracked in tracks]))
 
 

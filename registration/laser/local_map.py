@@ -38,6 +38,9 @@ def _insert(  # type: ignore[no-untyped-def]
     """Fuse a scan's points at `pose` into the elements; returns the new number of elements."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     mask = len(heads) - 1
+    # Information that this scan has given to the direction of each element: lines of points beside each other are made
+    # from the same points, and count once.
+    given = np.zeros(len(element))
     for k in range(len(points)):
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
@@ -57,8 +60,9 @@ def _insert(  # type: ignore[no-untyped-def]
             gain = 1.0 / (w + 1.0)
             element[m, 0] += mx * off * gain
             element[m, 1] += my * off * gain
-            if tilt[k] < math.inf:
-                a, b = 1.0 / element_tilt[m], 1.0 / tilt[k]
+            if 1.0 / tilt[k] > given[m]:
+                a, b = 1.0 / element_tilt[m], 1.0 / tilt[k] - given[m]
+                given[m] += b
                 mx, my = a * mx + b * nx, a * my + b * ny
                 length = math.hypot(mx, my)
                 element_normal[m, 0], element_normal[m, 1] = mx / length, my / length
@@ -73,6 +77,7 @@ def _insert(  # type: ignore[no-untyped-def]
             element[m, 0], element[m, 1] = x, y
             element_normal[m, 0], element_normal[m, 1] = nx, ny
             element_tilt[m] = tilt[k]
+            given[m] = 1.0 / tilt[k]
             facing[m] = front
             hits[m] = 1.0
             seen[m] = now

@@ -1,7 +1,7 @@
 """Parts of the robot that its own scanner sees, such as posts: near returns that go wherever the scanner goes.
 
 They say of every motion that there was none. A wall alongside seems to come along as well, for as long as the scanner
-does not turn; so does nothing that is short.
+does not turn. Of what is short, only somebody who keeps pace does; the robot's parts were there before him.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ TURN = 1.0  # rad after which a steady reading is believed
 # m; a thing is short that is no longer, and stands that far before what is beside it. Where the scanner goes on by its
 # length, it comes along or is seen elsewhere.
 SHORT, GAP = 0.5, 0.15
+FREE = 20.0  # turns and lengths, at most, after which as many are asked for of what has come to where nothing was
 LEAST, MOST = 0.02, 0.3  # m or rad; less is the noise of the pose, more from scan to scan counts as that
 SECTORS = 360  # of a full turn, at most; a sector has 1.5 beams or more, so that none is without
 
@@ -31,7 +32,8 @@ class OwnBody:
 
     def __init__(self) -> None:
         self._ranges: FloatArray = np.zeros(0)  # (S,) m, of each sector
-        self._travel: FloatArray = np.zeros(0)  # (S,) it has been steady for, in turns and lengths
+        # (S,) it has been steady for, in turns and lengths; negative, for which there was something else.
+        self._travel: FloatArray = np.zeros(0)
         self._pose: FloatArray = np.zeros(3)
 
     def mask(self, scan: Scan, pose: FloatArray) -> npt.NDArray[np.bool_]:
@@ -61,9 +63,11 @@ def _own(ranges, first, step, ahead, turned, steady, travel):  # type: ignore[no
     size, count = len(ranges), len(steady)
     sector = np.empty(size, np.int64)
     nearest = np.full(count, np.inf)
+    looked = np.zeros(count, np.bool_)
     for n in range(size):
         k = math.floor((first + n * step) * count / (2.0 * math.pi)) % count
         sector[n] = k
+        looked[k] = True
         nearest[k] = min(nearest[k], ranges[n])
     same = np.zeros(count, np.bool_)
     for k in range(count):
@@ -75,9 +79,12 @@ def _own(ranges, first, step, ahead, turned, steady, travel):  # type: ignore[no
             travel[k] = min(travel[k] + turned / TURN + (ahead / SHORT if short[k] else 0.0), 3.0)
             steady[k] = 0.9 * steady[k] + 0.1 * nearest[k]
             known[k] = travel[k] > 1.0
-        elif nearest[k] < np.inf:
-            travel[k] = max(0.7 * travel[k] - 0.1, 0.0)
-            if travel[k] < 0.3:
+        elif looked[k]:
+            if nearest[k] < np.inf and travel[k] > 0.0:
+                travel[k] = max(0.7 * travel[k] - 0.1, 0.0)
+            else:
+                travel[k] = max(travel[k] - turned / TURN - ahead / SHORT, -FREE)
+            if nearest[k] < np.inf and travel[k] < 0.3:
                 steady[k] = nearest[k]
     own = np.zeros(size, np.bool_)
     for n in range(size):

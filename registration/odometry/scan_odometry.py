@@ -31,9 +31,6 @@ from registration.odometry.range_offset import RangeOffset
 from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
 from registration.placement.refine import EFFICIENCY, Refined
 
-MAP_NOISE = (
-    1.2  # variance of a scan's pose, map and scan noise together, over that from the scan's noise alone
-)
 DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
 # Metres, radians between wheels and the last motion from which both are tried: what saves a run where wheels jump.
 RIVAL = (0.25, 0.2)
@@ -121,7 +118,7 @@ class ScanTracker:
 
     def _prior(self, start: FloatArray, motion: FloatArray) -> Prior:
         """Where wheels lead, and how much they tell, as of `refine`."""
-        return start, np.asarray(np.linalg.inv(self._wheel_covariance(motion) / (MAP_NOISE * EFFICIENCY)))
+        return start, np.asarray(np.linalg.inv(self._wheel_covariance(motion) / EFFICIENCY))
 
     def _wheel_covariance(self, motion: FloatArray) -> FloatArray:
         """(3, 3) of where a motion leads that wheels tell of, odometry frame."""
@@ -274,7 +271,7 @@ def fused(refined: Refined, start: FloatArray, wheels: FloatArray, loose: FloatA
 
     wheels : (3, 3) covariance of `start`. loose : the same where lines refute the wheels.
     """
-    information = refined.information / (MAP_NOISE * EFFICIENCY)
+    information = refined.information / EFFICIENCY
     away = refined.pose - start
     away[2] = wrap_angle(away[2])
     prior = np.linalg.inv(wheels)
@@ -287,5 +284,5 @@ def fused(refined: Refined, start: FloatArray, wheels: FloatArray, loose: FloatA
 
 def scan_covariance(refined: Refined, doubt: FloatArray) -> FloatArray:
     """(3, 3) of a scan's pose against the map, odometry frame; open directions have the prediction's `doubt` (3, 3)."""
-    covariance = np.linalg.inv(refined.information / (MAP_NOISE * EFFICIENCY) + np.linalg.inv(doubt))
+    covariance = np.linalg.inv(refined.information / EFFICIENCY + np.linalg.inv(doubt))
     return np.asarray(0.5 * (covariance + covariance.T))

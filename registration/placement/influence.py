@@ -23,7 +23,9 @@ GROWTH = 8.0  # times the stated variance that leaving a piece out has to add fo
 
 
 @njit(cache=True)
-def _shares(points, pieces, others, from_source, matched, pose, target, normals, tilt, width):  # type: ignore[no-untyped-def]
+def _shares(  # type: ignore[no-untyped-def]
+    points, pieces, others, from_source, matched, trust, pose, target, normals, tilt, width
+):
     """Information, its share from noise of the normals, and gradient of each piece; yaw in units of metres by `ARM`."""
     count = (pieces.max() if from_source else others.max()) + 1
     H, slack, g = np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3))
@@ -36,7 +38,7 @@ def _shares(points, pieces, others, from_source, matched, pose, target, normals,
         r, u, rx, ry, nx, ny = off_line(points[k, 0], points[k, 1], c, s, pose, target[m], normals[m], width)
         if u >= 1.0:
             continue
-        w = (1.0 - u) * (1.0 - u)
+        w = trust[k] * (1.0 - u) * (1.0 - u)
         J[0], J[1], J[2] = nx, ny, (ny * rx - nx * ry) / ARM
         T[0], T[1], T[2] = -ny, nx, (nx * rx + ny * ry) / ARM
         p = pieces[k] if from_source else others[m]
@@ -117,8 +119,8 @@ def borrowed(refined: Refined, source: Surface, target: Surface, noise: float, p
     added = np.zeros((3, 3))
     for surface in (source, target):
         H, slack, g = _shares(
-            source.points, source.pieces, target.pieces, surface is source, refined.matched, refined.pose,
-            target.feet, target.normals, target.tilt, TUKEY * noise,
+            source.points, source.pieces, target.pieces, surface is source, refined.matched, refined.trust,
+            refined.pose, target.feet, target.normals, target.tilt, TUKEY * noise,
         )  # fmt: skip
         length = np.bincount(surface.pieces, surface.length, len(H))
         _worst(H, slack, g, length < SMALL, refined.noise**2, prior, added)

@@ -3,7 +3,8 @@
 Iteratively reweighted Gauss-Newton. The kernel narrows from the initial doubt to the noise the residuals
 themselves show, and ends as Tukey's biweight. Normals are noisy, so even a bare corridor seems to say a little
 about motion along it; that much is subtracted (`slack`), and a direction that is left with nothing is not
-estimated but kept from the guess.
+estimated but kept from the guess. And a point beside its line's foot is off by what turns the line: the noisier the
+line's direction, the less its points weigh, the more so the more of them share it (`trust`).
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ class Refined:
 
     pose : (3,) of the source in the target frame. information : (3, 3) of x, y, yaw of `pose`, without the prior,
     with open directions at zero. open_directions : how many of the three. noise : standard deviation of matched
-    points off their lines, metres. matched : (N,) index of the target point of each source point, or -1.
+    points off their lines, metres. matched : (N,) index of the target point of each source point, or -1. trust : (N,)
+    what is left of the weight of each as the direction of its line is noisy.
     """
 
     pose: FloatArray
@@ -47,6 +49,7 @@ class Refined:
     open_directions: int
     noise: float
     matched: NDArray[np.int64]
+    trust: FloatArray
     settled: bool
     wavering: float = 0.0
 
@@ -77,12 +80,23 @@ def off_line(x, y, c, s, pose, foot, normal, width):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
+def _count(matched, crowd):  # type: ignore[no-untyped-def]
+    """Write how many points share each target line."""
+    for m in matched:
+        if m >= 0:
+            crowd[m] = 0
+    for m in matched:
+        if m >= 0:
+            crowd[m] += 1
+
+
+@njit(cache=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    points, pose, target, target_normals, target_tilt, matched, width, robust_start
+    points, pose, target, target_normals, target_tilt, matched, width, robust_start, variance, crowd, trust
 ):
     """Information, its share that is only noise of the normals, gradient, weight and squares; per unit variance.
 
-    And how many points are matched.
+    And how many points are matched. Writes the `trust` of each.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     H, slack, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
@@ -106,10 +120,12 @@ def _normal_equations(  # type: ignore[no-untyped-def]
             w = (1.0 - u) * (1.0 - u)
         if w == 0.0:
             continue
+        v, beside = target_tilt[m], nx * y - ny * x
+        trust[k] = 1.0 / (1.0 + crowd[m] * v * beside * beside / variance)
+        w *= trust[k]
         rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
         J[0], J[1], J[2] = nx, ny, nx * -ry + ny * rx
         T[0], T[1], T[2] = -ny, nx, -ny * -ry + nx * rx
-        v = target_tilt[m]
         for a in range(3):
             g[a] += w * r * J[a]
             for b in range(3):
@@ -232,6 +248,7 @@ def _refine(  # type: ignore[no-untyped-def]
     moved = math.inf  # since the last matching
     trail = np.full((TRAIL, 3), math.inf)
     spread = noise
+    crowd, trust = np.zeros(len(target), np.int64), np.ones(len(points))
     for turns in range(most):
         final = width <= finest_width
         if not final or moved > 0.002 or turns == 0:
@@ -240,10 +257,12 @@ def _refine(  # type: ignore[no-untyped-def]
                 points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed,
                 matched,
             )  # fmt: skip
+            _count(matched, crowd)
             moved = 0.0
         H, slack, g, total, squares, count = _normal_equations(
-            points, pose, target, target_normals, target_tilt, matched, width, not final
-        )
+            points, pose, target, target_normals, target_tilt, matched, width, not final,
+            spread * spread, crowd, trust,
+        )  # fmt: skip
         if count < 5 or total <= 0.0:
             opened = 3
             information[:, :] = 0.0
@@ -266,7 +285,7 @@ def _refine(  # type: ignore[no-untyped-def]
             width = max(0.6 * width, finest_width)
     if opened == 1:
         _straighten(information, arm, target_normals, target_tilt, matched)
-    return pose, information, opened, spread, matched, settled, turns, trail
+    return pose, information, opened, spread, matched, trust, settled, turns, trail
 
 
 def refine(
@@ -285,14 +304,14 @@ def refine(
     most : iterations.
     prior : pose (3,) that is expected, and its information (3, 3) in the units of `Refined.information`.
     """
-    pose, information, opened, spread, matched, settled, turns, trail = _refine(
+    pose, information, opened, spread, matched, trust, settled, turns, trail = _refine(
         source.points, source.normals, source.tilt, source.spacing,
         target.points, target.normals, target.tilt, target.heads, target.following,
         source.signed and target.signed, guess, doubt, noise, most, *prior,
     )  # fmt: skip
     pose[2] = math.atan2(math.sin(pose[2]), math.cos(pose[2]))
     wavering = 0.0 if settled else _wavering(np.roll(trail, -(turns + 1) % TRAIL, axis=0))
-    return Refined(pose, information, opened, spread, matched, settled, wavering)
+    return Refined(pose, information, opened, spread, matched, trust, settled, wavering)
 
 
 def _wavering(trail: FloatArray) -> float:

@@ -23,7 +23,7 @@ BELIEF = 0.75  # share of what the residuals say; the rest is the model's: by th
 
 
 @njit(cache=True)
-def _scores(points, pieces, matched, pose, target, normals, width):  # type: ignore[no-untyped-def]
+def _scores(points, pieces, matched, trust, pose, target, normals, width):  # type: ignore[no-untyped-def]
     """Sum of squared scores of stretches (3, 3), how many there are, and weight over curvature of the kernel."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, score, jacobian = np.zeros((3, 3)), np.zeros(3), np.empty(3)
@@ -47,9 +47,9 @@ def _scores(points, pieces, matched, pose, target, normals, width):  # type: ign
         r, u, rx, ry, nx, ny = off_line(points[k, 0], points[k, 1], c, s, pose, target[m], normals[m], width)
         if u >= 1.0:
             continue
-        w = (1.0 - u) * (1.0 - u)
+        w = trust[k] * (1.0 - u) * (1.0 - u)
         weights += w
-        curvature += (1.0 - u) * (1.0 - 5.0 * u)
+        curvature += trust[k] * (1.0 - u) * (1.0 - 5.0 * u)
         jacobian[0], jacobian[1], jacobian[2] = nx, ny, ny * rx - nx * ry
         for a in range(3):
             score[a] += w * r * jacobian[a]
@@ -68,7 +68,8 @@ def scattered_information(refined: Refined, source: Surface, target: Surface, no
     # the smoothed target are shared between neighbours and weigh as much as the source's own.
     model = refined.information * 2.0 / (1.0 + target.leverage) * EFFICIENCY
     total, stretches, sharpness = _scores(
-        source.points, source.pieces, refined.matched, refined.pose, target.feet, target.normals, TUKEY * noise
+        source.points, source.pieces, refined.matched, refined.trust, refined.pose, target.feet, target.normals,
+        TUKEY * noise,
     )  # fmt: skip
     # Three go into the pose; two more because the inverse of a variance read off few stretches is too large on average.
     middle, spare = model, stretches - 5

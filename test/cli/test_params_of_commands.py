@@ -51,7 +51,7 @@ def test_the_trajectory_is_that_of_the_robots_frame(
 
     assert worst(with_params) < 0.03
     # The scanner is 3.2 cm behind the robot's middle and goes another way in turns.
-    assert worst(without) > 0.04
+    assert worst(without) > 0.032
 
 
 def test_only_the_named_topics_count(driven: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:

@@ -87,3 +87,16 @@ def test_somebody_who_stands_by_is_no_part_of_the_robot() -> None:
     for yaw in np.arange(0.0, 7.0, 0.1):
         pose = compound(np.zeros(3), np.array([0.0, 0.0, yaw]))
         assert not body.mask(BARE.scan(world, pose, rng).scan, pose).any()
+
+
+def test_who_keeps_pace_is_no_part_of_the_robot() -> None:
+    """He goes ahead of the scanner for longer than a post would need; the posts stay known."""
+    rng, body = np.random.default_rng(7), OwnBody()
+    for number, x in enumerate(np.arange(-9.0, 2.0, 0.1)):
+        pose = np.array([x, 0.0, 0.0])
+        distance = 2.5 if number < 60 else 0.7
+        world = joined([box(20.0, 6.0), box(0.2, 0.2, (x + distance, 0.0, 0.0))])
+        own = body.mask(LIDAR.scan(world, pose, rng).scan, pose)
+        if number > 10:
+            assert not (own & ~POSTS & ~np.roll(POSTS, 2) & ~np.roll(POSTS, -2)).any()
+            assert own[POSTS].all()

@@ -213,9 +213,9 @@ class WorldModelNode(SuiteNode):
         lens = self.camera.lens_of(message, of_image=False)
         if lens is not None:
             evidence.view = self.camera.view(lens, stamp, self._seen.at(lens[0], stamp))
-            evidence.blocked = self.camera.says_nothing(evidence.view, stamp)
+            evidence.blocked = self.camera.says_nothing(evidence.view, stamp, lens[0])
         evidence.objects = self._without_people(evidence)
-        self._update(self._usable(evidence)[0], stamp)
+        self._update(self._usable(evidence, wordless=True)[0], stamp)
 
     def _take_boxes(self, message: Detection2DArray, stamp: int) -> None:
         lens = self.camera.lens_of(message, of_image=True)
@@ -228,9 +228,9 @@ class WorldModelNode(SuiteNode):
         self.camera.unplaced += len(refused)
         taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
         evidence.view = replace(view, taken=taken)
-        evidence.blocked = self.camera.says_nothing(view, stamp)
+        evidence.blocked = self.camera.says_nothing(view, stamp, lens[0])
         evidence.objects = self._without_people(evidence)
-        self._update(self._usable(evidence)[0], stamp)
+        self._update(self._usable(evidence, wordless=True)[0], stamp)
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         since = None if self._targets_at is None else (stamp - self._targets_at) / NANOSECONDS
@@ -274,9 +274,14 @@ class WorldModelNode(SuiteNode):
         self._left_out += len(evidence.objects) - len(kept)
         return kept
 
-    def _usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
-        """Without detections of classes or attributes that nobody knows: these are said and counted."""
-        kept, refused = self.model.usable(evidence)
+    def _usable(
+        self, evidence: WorldEvidence, wordless: bool = False
+    ) -> tuple[WorldEvidence, dict[int, str]]:
+        """Without detections of classes or attributes that nobody knows: these are said and counted.
+
+        wordless : what known objects they may be of still counts.
+        """
+        kept, refused = self.model.usable(evidence, wordless)
         self._refused += len(refused)
         for reason in refused.values():
             self.complain(f"a detection is ignored: {reason}", key="words")

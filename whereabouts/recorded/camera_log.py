@@ -16,7 +16,6 @@ from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.messages.decode import transforms
 from whereabouts.messages.records import strip_slash
 from whereabouts.recorded.camera_messages import (
-    ABSENCE_PERIOD,
     TOLERANCE,
     Cameras,
     box_from_message,
@@ -60,7 +59,6 @@ class CameraLog:
         self._depths: dict[str, Cameras] = {}
         self._waiting: deque[Any] = deque()
         self._newest = 0
-        self._counted: int | None = None
 
     def take(self, kind: str, message: Any, topic: str) -> None:
         """One message of `TYPES`. Raises InputError."""
@@ -89,42 +87,50 @@ class CameraLog:
         while self._waiting:
             message = self._waiting[0]
             stamp = _stamp(message)
+            last = ended or self._newest - stamp >= PATIENCE
             try:
-                found: WorldEvidence | InputError = self._evidence(message, stamp)
+                found: WorldEvidence | InputError = self._evidence(message, stamp, last)
             except (InputError, TransformError) as error:
-                if not ended and self._newest - stamp < PATIENCE:
+                if not last:
                     return
                 found = InputError(str(error))
             self._waiting.popleft()
             yield stamp, found
 
-    def _evidence(self, message: Any, stamp: int) -> WorldEvidence:
+    def _evidence(self, message: Any, stamp: int, last: bool) -> WorldEvidence:
+        """last : whether nothing more is waited for."""
         frame, settings = strip_slash(str(message.header.frame_id)), self._settings
         found = self._lenses.lens_for(frame, of_image=True)
         assert found is not None
         camera, pose = found[1], self.transforms.lookup(settings.map_frame, frame, stamp)
-        depth = self._depth(frame, camera, stamp)
+        depth, at = self._depth(frame, camera, stamp)
+        turned = None
+        if at != stamp:
+            with suppress(*[TransformError] * last):
+                then = self.transforms.lookup(settings.map_frame, frame, at)
+                turned = np.asarray(np.linalg.solve(then, pose))
         origin = pose[:2, 3]
         with suppress(TransformError):  # a camera may stand by itself
             origin = self.transforms.lookup(settings.map_frame, settings.base_frame, stamp)[:2, 3]
         view = CameraView(camera, pose, depth, None, settings.pose_covariance, origin, self.rates)
         robot = SeenFrame(pose, origin, settings.pose_covariance)
-        evidence, refused = self._reader.boxes(message, robot, lambda box: located(box, camera, depth))
+        evidence, refused = self._reader.boxes(
+            message, robot, lambda box, others: located(box, camera, depth, turned, others)
+        )
         taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
-        evidence.view = replace(view, taken=taken)
-        evidence.blocked = self._counted is not None and 0 <= stamp - self._counted < ABSENCE_PERIOD
-        if not evidence.blocked:
-            self._counted = stamp
+        evidence.view = replace(view, taken=taken, turned=turned)
+        evidence.blocked = self._lenses.repeats(frame, stamp)
         return evidence
 
-    def _depth(self, frame: str, camera: CameraModel, stamp: int) -> DepthImage:
+    def _depth(self, frame: str, camera: CameraModel, stamp: int) -> tuple[DepthImage, int]:
+        """The depth image of detections, and its stamp, ns."""
         kept = self._depths.get(frame)
         found = None if kept is None else kept.nearest(stamp)
         if found is None:
             raise InputError(f"no depth image of '{frame}' within {1e-9 * TOLERANCE:g} s of these detections")
         depth = depth_from_message(found[1])
         check_depth(depth, frame, camera, frame)
-        return depth
+        return depth, found[0]
 
 
 def _stamp(message: Any) -> int:

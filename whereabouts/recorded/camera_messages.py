@@ -49,7 +49,7 @@ def box_from_message(bbox: Any) -> ImageBox:
 
 @dataclass
 class Cameras:
-    """Lenses by frame, and the newest depth images or scans by stamp.
+    """Lenses by frame, and the newest depth images or scans by stamp and frame.
 
     tolerance : ns, between detections and what belongs to them. rectified : whether images are straightened.
     """
@@ -57,7 +57,8 @@ class Cameras:
     tolerance: int = TOLERANCE
     rectified: bool = False
     lenses: dict[str, CameraModel] = field(default_factory=dict)
-    _kept: dict[int, Any] = field(default_factory=dict)
+    _kept: dict[tuple[int, str], Any] = field(default_factory=dict)
+    _counted: dict[str, int] = field(default_factory=dict)
 
     def take_info(self, message: Any, frame: str) -> None:
         """A CameraInfo. Raises InputError, and what was known of that camera stays."""
@@ -65,28 +66,38 @@ class Cameras:
             raise InputError("header.frame_id is empty")
         self.lenses[frame] = camera_from_message(message, self.rectified)
 
-    def keep(self, stamp: int, message: Any) -> None:
-        """A depth image or a scan that detections may come for; ns."""
-        self._kept[stamp] = message
-        while len(self._kept) > KEPT:
+    def keep(self, stamp: int, message: Any, frame: str = "") -> None:
+        """A depth image or a scan of a frame that detections may come for; ns."""
+        self._kept[stamp, frame] = message
+        while len(self._kept) > KEPT * max(len(self.lenses), 1):
             del self._kept[min(self._kept)]
+
+    def repeats(self, frame: str, stamp: int) -> bool:
+        """Whether a look, ns, is another picture of what a camera has just looked at: both miss the same things."""
+        last = self._counted.get(frame)
+        if last is not None and 0 <= stamp - last < ABSENCE_PERIOD:
+            return True
+        self._counted[frame] = stamp
+        return False
 
     @property
     def has_depth(self) -> bool:
         """Whether any depth image or scan has come."""
         return bool(self._kept)
 
-    def nearest(self, stamp: int) -> tuple[int, Any] | None:
-        """The depth image or scan nearest in time, of two the earlier; None where none is within the tolerance."""
-        best = min(self._kept, key=lambda other: (abs(other - stamp), other), default=None)
-        if best is None or abs(best - stamp) > self.tolerance:
-            return None
-        return best, self._kept[best]
+    def nearest(self, stamp: int, frame: str = "") -> tuple[int, Any] | None:
+        """The depth image or scan nearest in time, of two the earlier; None where none is within the tolerance.
 
-    def replace(self, stamp: int, read: Any) -> None:
+        frame : of the camera whose images are preferred.
+        """
+        within = [key for key in self._kept if abs(key[0] - stamp) <= self.tolerance]
+        best = min(within, key=lambda key: (key[1] != frame, abs(key[0] - stamp), key), default=None)
+        return None if best is None else (best[0], self._kept[best])
+
+    def replace(self, stamp: int, read: Any, frame: str = "") -> None:
         """Keep what was made of a message in its place."""
-        if stamp in self._kept:
-            self._kept[stamp] = read
+        if (stamp, frame) in self._kept:
+            self._kept[stamp, frame] = read
 
     def lens_for(self, frame: str, of_image: bool) -> tuple[str, CameraModel] | None:
         """The camera of detections in a frame, and its own frame; None where there is none.

@@ -17,7 +17,7 @@ from estimation.errors import InputError
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.recorded.camera_messages import box_from_message
 from world_model import ObjectEvidence, WorldEvidence
-from world_model.camera import ImageBox, LocatedBox
+from world_model.camera import ImageBox, LocatedBox, overlap
 from world_model.symbols import Gaussian, Symbols, default_symbols
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +33,8 @@ FARTHEST = 1e6
 """m: nothing is farther away, or longer."""
 SHORTEST = 1e-6
 """m: an extent below it was not measured."""
+DOUBLE = 0.5
+"""Overlap (intersection over union) from which on two boxes at one distance are of one thing."""
 SUREST, WIDEST = 1e-12, 1e15
 """m²: a variance below is taken as this one; above it says nothing."""
 
@@ -101,26 +103,29 @@ class Reader:
         return WorldEvidence(objects)
 
     def boxes(
-        self, message: Any, frame: SeenFrame, place: Callable[[ImageBox], LocatedBox]
+        self, message: Any, frame: SeenFrame, place: Callable[[ImageBox, Sequence[ImageBox]], LocatedBox]
     ) -> tuple[WorldEvidence, dict[int, str]]:
         """A vision_msgs/Detection2DArray, and why detections could not be placed, by index.
 
-        frame : of the camera. place : where in it the object in a box is. Raises InputError for words and numbers that
-        make no sense.
+        frame : of the camera. place : where in it the object in a box is, among the other boxes.
+
+        Raises InputError for words and numbers that make no sense.
         """
         objects, refused = [], {}
-        for index, item in enumerate(message.detections):
+        framed: list[tuple[ImageBox, LocatedBox, dict[str, dict[str, float]]]] = []
+        boxes = [box_from_message(item.bbox) for item in message.detections]
+        for index, (box, item) in enumerate(zip(boxes, message.detections, strict=True)):
             with _named(f"detections[{index}]"):
                 attributes = self._classified(item.results)
-                box = box_from_message(item.bbox)
+                others = boxes[:index] + boxes[index + 1 :]
                 try:
-                    found = place(box)
+                    framed.append((box, place(box, others), attributes))
                 except InputError as error:
                     refused[index] = f"detections[{index}]: {error}"
-                    continue
-                position, turned = frame.position(found.position, found.covariance)
-                words, numbers = self._with_symbols(attributes, _extent_of(found.width, found.height))
-                objects.append(ObjectEvidence(position, turned, words, quantities=numbers))
+        for found, attributes in _things(framed):
+            position, turned = frame.position(found.position, found.covariance)
+            words, numbers = self._with_symbols(attributes, _extent_of(found.width, found.height))
+            objects.append(ObjectEvidence(position, turned, words, quantities=numbers))
         return WorldEvidence(objects), refused
 
     def targets(
@@ -223,6 +228,34 @@ class Reader:
                 if name in self.attributes:
                     attributes.setdefault(name, values)
         return attributes, numbers
+
+
+def _things(
+    framed: Sequence[tuple[ImageBox, LocatedBox, dict[str, dict[str, float]]]],
+) -> list[tuple[LocatedBox, dict[str, dict[str, float]]]]:
+    """Things with their attributes; boxes around one thing are one, called by the mean of what they call it.
+
+    Detectors that keep the best box of each class frame a thing twice.
+    """
+    groups: list[list[int]] = []
+    for index, (box, found, _) in enumerate(framed):
+        for group in groups:
+            other, there, _ = framed[group[0]]
+            reach = max(found.width, found.height, there.width, there.height)
+            if overlap(box, other) > DOUBLE and np.linalg.norm(found.position - there.position) <= reach:
+                group.append(index)
+                break
+        else:
+            groups.append([index])
+    out = []
+    for group in groups:
+        attributes = framed[group[0]][2]
+        said = [framed[index][2]["class"] for index in group if "class" in framed[index][2]]
+        if len(said) > 1:
+            names = dict.fromkeys(name for given in said for name in given)
+            attributes = {"class": {n: sum(given.get(n, 0.0) for given in said) / len(said) for n in names}}
+        out.append((framed[group[0]][1], attributes))
+    return out
 
 
 class _named:  # noqa: N801 - reads like a function where it is used

@@ -86,7 +86,7 @@ class Association:
     ) -> Detections:
         """The detections with how probable it is that each is new or false, (2.6): nothing new is inside of a body."""
         anchors, view = self.anchors, measured.view
-        found = born * anchors.config.detection_probability
+        found = born * anchors.config.detection_probability * np.array(measured.begins, dtype=np.float64)
         false = None if view is None else view.density(seen.positions, seen.covariances)
         lying = np.full(len(found), clutter) if false is None else anchors.config.clutter_per_frame * false
         if len(found):
@@ -191,7 +191,7 @@ class Association:
         share = 1.0 / (1.0 + np.exp(min(log_usual - log_burst, 700.0)))
         together = share * n / (n + clutter)
         existence = look.seen.existence
-        existence[which] = np.maximum(existence[which], together)
+        existence[which] = np.where(existence[which] > 0.0, np.maximum(existence[which], together), 0.0)
 
     def _linked(
         self, hard: set[int], owners: list[int], gated: npt.NDArray[np.bool_]

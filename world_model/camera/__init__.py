@@ -4,7 +4,7 @@ No ROS here. `CameraModel` is the lens, `DepthImage` and `LevelScan` tell what h
 with the camera's pose, `SightRates` learns how good the detector is, and `located` finds where the things in boxes are.
 """
 
-from world_model.camera.boxes import ImageBox, LocatedBox, located, located_by_scan
+from world_model.camera.boxes import ImageBox, LocatedBox, located, located_by_scan, overlap
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 from world_model.camera.rates import SightRates
@@ -20,4 +20,5 @@ __all__ = [
     "SightRates",
     "located",
     "located_by_scan",
+    "overlap",
 ]

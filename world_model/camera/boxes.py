@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ CORE = 0.5  # Share of a box's sides in which its object is looked for: at the e
 FRONT = 0.3  # Quantile of the depths there that is the object's front, as some of them go past it
 SAME = 0.15  # m and more, of its size: depths that far from the front are of the same object
 FEWEST = 4
+ENOUGH = 0.25  # Share of the depths in a box that tells without those that are in another box as well
 JITTER = 0.05  # Standard deviation of a box's edges, of its sides
 SCAN_SIGMA = 0.25  # m: a scanner meets the furniture at its edge, and the thing lies somewhere on it
 
@@ -29,6 +31,14 @@ class ImageBox:
     height: float
 
 
+def overlap(one: ImageBox, other: ImageBox) -> float:
+    """Intersection over union of two boxes."""
+    wide = 0.5 * (one.width + other.width) - abs(one.x - other.x)
+    high = 0.5 * (one.height + other.height) - abs(one.y - other.y)
+    shared = max(min(wide, one.width, other.width), 0.0) * max(min(high, one.height, other.height), 0.0)
+    return shared / max(one.width * one.height + other.width * other.height - shared, 1e-12)
+
+
 @dataclass(frozen=True)
 class LocatedBox:
     """position (3,), covariance (3, 3) in the camera's optical frame, m and m²; width, height : m, 0 where unknown."""
@@ -39,16 +49,39 @@ class LocatedBox:
     height: float
 
 
-def located(box: ImageBox, camera: CameraModel, depth: DepthImage) -> LocatedBox:
+def located(
+    box: ImageBox,
+    camera: CameraModel,
+    depth: DepthImage,
+    turned: FloatArray | None = None,
+    others: Sequence[ImageBox] = (),
+) -> LocatedBox:
     """Position and extent of the object in a box, by a depth image of the same camera.
+
+    turned : (4, 4) from the camera to where it was when the depth image was taken; None where that is the same.
+    others : boxes around other things, which may stand before it: what is in two boxes tells of neither, as long as
+    enough is left.
 
     Raises
     ------
     InputError : a box without size or outside of the image, or nothing in it with a known depth.
     """
     _check(box, camera)
+    x, y = middle = np.array([box.x, box.y])
+    if turned is not None:
+        ray = turned[:3, :3] @ camera.rays([[x, y]])[0]
+        x, y = np.nan_to_num(camera.project(ray[None])[0], nan=-np.inf)
     half = 0.5 * CORE * np.array([box.width, box.height])
-    depths = depth.box(box.x - half[0], box.y - half[1], box.x + half[0], box.y + half[1])
+    depths, pixels = depth.box(x - half[0], y - half[1], x + half[0], y + half[1])
+    pixels += middle - (x, y)
+    shared = np.zeros(len(depths), bool)
+    for other in others:
+        sides = 0.5 * np.array([other.width, other.height])
+        shared |= (np.abs(pixels - (other.x, other.y)) <= sides).all(axis=1)
+    if (~shared).sum() >= max(ENOUGH * len(depths), FEWEST):
+        depths = depths[~shared]
+    if turned is not None:
+        depths = (depths - turned[2, 3]) / max(ray[2], 0.1)
     if len(depths) < FEWEST:
         raise InputError(
             f"bbox: no depth in the middle of the box at {box.x:.0f}, {box.y:.0f} "

@@ -81,16 +81,20 @@ class DepthImage:
         found[known] = self.metres[index[known, 1], index[known, 0]]
         return found
 
-    def box(self, x0: float, y0: float, x1: float, y1: float, most: int = 32) -> FloatArray:
-        """Known depths (N,) m within a part of the image, in pixels; of a large part no more than `most` a side."""
+    def box(
+        self, x0: float, y0: float, x1: float, y1: float, most: int = 32
+    ) -> tuple[FloatArray, FloatArray]:
+        """Known depths (N,) m within a part of the image, and their pixels (N, 2); at most about `most` a side."""
         height, width = self.metres.shape
+        x0, y0, x1, y1 = np.clip([x0, y0, x1, y1], -1.0, [width, height, width, height])
         a, b = max(int(np.floor(x0 + 0.5)), 0), min(int(np.floor(x1 + 0.5)) + 1, width)
         c, d = max(int(np.floor(y0 + 0.5)), 0), min(int(np.floor(y1 + 0.5)) + 1, height)
         if a >= b or c >= d:
-            return np.zeros(0)
-        part = self.metres[c : d : max((d - c) // most, 1), a : b : max((b - a) // most, 1)]
-        found: FloatArray = part[np.isfinite(part)].astype(np.float64)
-        return found
+            return np.zeros(0), np.zeros((0, 2))
+        rows, columns = np.arange(c, d, max((d - c) // most, 1)), np.arange(a, b, max((b - a) // most, 1))
+        part = self.metres[np.ix_(rows, columns)].astype(np.float64)
+        row, column = np.nonzero(np.isfinite(part))
+        return part[row, column], np.column_stack([columns[column], rows[row]]).astype(np.float64)
 
 
 class LevelScan:

@@ -26,8 +26,9 @@ FARTHEST = 30.0  # m
 AROUND = 8
 SHARE, SPREAD = 0.25, 1.5
 """How far beside an object's middle is looked as well: of its size, and of the deviation of its position."""
-SLACK = 0.05
-"""m: what is in front by less than that, and by the object's own size and deviation, does not hide it."""
+SLACK, FRONT, SURELY = 0.02, 0.3, 2.5
+"""m, share of its size, and deviations (its position's and the depth's): what is in front of the middle of an object by
+less than these together does not hide it."""
 LEAST, FULL = 0.5, 0.9  # Shares of an object in view that say nothing, and all, about its absence
 RESTING, IN_VIEW = 0.9, 0.6
 """Probabilities of resting, and of having been in view, from which on a look says how good the detector is."""
@@ -40,7 +41,8 @@ class CameraView:
 
     pose_covariance (3, 3), origin (2,) : of the robot's x, y, yaw, and where it stands; doubt about the pose blurs what
     was in view. rates : how well the detector finds what is in view, learned with every look. taken : boxes of
-    detections that could not be placed: whatever is there may be what was detected.
+    detections that could not be placed: whatever is there may be what was detected. turned : (4, 4) from the camera
+    to where it was when `depth` was taken; None where that is the same.
     """
 
     camera: CameraModel
@@ -51,6 +53,7 @@ class CameraView:
     origin: FloatArray | None = None
     rates: SightRates = field(default_factory=SightRates)
     taken: tuple[ImageBox, ...] = ()
+    turned: FloatArray | None = None
 
     @property
     def knows_hidden(self) -> bool:
@@ -72,10 +75,9 @@ class CameraView:
         spread = np.hypot(sigmas, self._doubt(positions))
         reach = SHARE * size + SPREAD * spread
         samples = (positions[:, None, :] + reach[:, None, None] * self._beside[None]).reshape(-1, 3)
-        slack = np.repeat(SLACK + 0.5 * size + 2.0 * spread, AROUND + 1)
-        seen, known = self._unhidden(samples, slack)
+        seen, known = self._unhidden(samples, *np.repeat([size, spread], AROUND + 1, axis=1))
         seen, known = (each.reshape(-1, AROUND + 1) for each in (seen, known))
-        total = known.sum(1)
+        total = known.sum(1) * ~self._taken(positions, spread)
         share = np.where(total >= KNOWN, seen.sum(1) / np.maximum(total, 1), 0.0)
         return np.clip((share - LEAST) / (FULL - LEAST), 0.0, 1.0)
 
@@ -109,8 +111,9 @@ class CameraView:
         """Share (N,) of the heights at places (N, 2) where a thing of that size, m, would have been detected."""
         size = size if np.isfinite(size) else SIZE
         points = np.concatenate([np.column_stack([centres, np.full(len(centres), z)]) for z in heights])
-        seen, known = self._unhidden(points, np.full(len(points), SLACK + 0.5 * size))
-        chance = (seen & known) * self.recognisable(points, np.full(len(points), size))
+        seen, known = self._unhidden(points, np.full(len(points), size), np.zeros(len(points)))
+        seen &= known & ~self._taken(points, np.zeros(len(points)))
+        chance = seen * self.recognisable(points, np.full(len(points), size))
         result: FloatArray = chance.reshape(len(heights), -1).mean(0)
         return result
 
@@ -161,21 +164,34 @@ class CameraView:
         result: FloatArray = np.sqrt(planar + away**2 * float(self.pose_covariance[2, 2]))
         return result
 
-    def _unhidden(self, points: FloatArray, slack: FloatArray) -> tuple[Any, Any]:
-        """Which points (N, 3) are in the picture, nothing over slack (N,) m before them; which are known."""
+    def _unhidden(self, points: FloatArray, size: FloatArray, spread: FloatArray) -> tuple[Any, Any]:
+        """Which points (N, 3), of things of a size and with deviations (N,) m, are in the picture and unhidden; which
+        are known.
+        """
         local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
         pixels = self.camera.project(local)
         inside = self.camera.inside(pixels) & (local[:, 2] > NEAR)
         known = np.ones(len(points), bool)
         hidden = np.zeros(len(points), bool)
         if self.depth is not None:
-            met = self.depth.at(pixels)
+            seen = local if self.turned is None else local @ self.turned[:3, :3].T + self.turned[:3, 3]
+            met = self.depth.at(pixels if self.turned is None else self.camera.project(seen))
             known = ~inside | np.isfinite(met)
             with np.errstate(invalid="ignore"):
-                hidden = met < local[:, 2] - slack - 3.0 * self.depth.sigma(local[:, 2])
+                slack = SLACK + FRONT * size + SURELY * np.hypot(spread, self.depth.sigma(seen[:, 2]))
+                hidden = met < seen[:, 2] - slack
         if self.scan is not None:
             hidden |= self.scan.hides(points)
-        for box in self.taken:
-            beside = np.abs(pixels - (box.x, box.y)) > 0.5 * np.array([box.width, box.height])
-            known &= beside.any(axis=1) | ~inside
         return inside & known & ~hidden, known
+
+    def _taken(self, positions: FloatArray, spread: FloatArray) -> Any:
+        """Which objects at positions (N, 3), with deviations (N,) m, a detection that could not be placed may be of."""
+        if not self.taken:
+            return np.zeros(len(positions), bool)
+        local = (positions - self.pose[:3, 3]) @ self.pose[:3, :3]
+        pixels, blur = self.camera.project(local), self.camera.fx * spread / np.maximum(local[:, 2], NEAR)
+        found = np.zeros(len(positions), bool)
+        for box in self.taken:
+            near = np.abs(pixels - (box.x, box.y)) <= 0.5 * np.array([box.width, box.height]) + blur[:, None]
+            found |= near.all(axis=1)
+        return found

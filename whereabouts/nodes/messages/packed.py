@@ -44,6 +44,13 @@ class Packed:
         seconds, fraction = struct.unpack_from(f"{order}iI", self.data, PREFIX)
         return int(seconds) * NANOSECONDS + int(fraction)
 
+    @property
+    def frame(self) -> str:
+        """Of its header; "" where it has none that can be read."""
+        order, first = "<" if self.data[1] & 1 else ">", PREFIX + STAMP + LENGTH
+        (length,) = struct.unpack_from(f"{order}I", self.data, PREFIX + STAMP)
+        return self.data[first : first + max(length - 1, 0)].decode("utf-8", "replace")
+
     def unpack(self) -> Any:
         """The message. Raises InputError where the bytes are none, or its contents are outside of its envelope."""
         try:

@@ -5,7 +5,7 @@ What was in view comes from them, so that what a detector does not report is evi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.recorded.camera_messages import (
-    ABSENCE_PERIOD,
     TOLERANCE,
     Cameras,
     check_depth,
@@ -89,7 +88,6 @@ class CameraDoor:
         """A new run: lenses stay, images go."""
         self.cameras = Cameras(rectified=self._node.settings.camera_rectified, lenses=self.cameras.lenses)
         self.without_depth = self.unplaced = 0
-        self._counted: int | None = None
 
     def _restore(self) -> None:
         """What was learned before this start. A damaged file is set aside, and learning begins anew."""
@@ -130,7 +128,7 @@ class CameraDoor:
         self.cameras.take_info(message, frame_name(message.header.frame_id))
 
     def _take_depth(self, message: Any, stamp: int) -> None:
-        self.cameras.keep(stamp, message)
+        self.cameras.keep(stamp, message, self._frame_of(message))
         for item in self._detections:
             item.companion_came()
 
@@ -142,11 +140,12 @@ class CameraDoor:
         """What the camera saw at a stamp, ns; robot : as `SeenFrame` of the camera has it. Raises TransformError."""
         frame, camera = lens
         self.keep(stamp)
-        depth = scan = None
+        depth = scan = turned = None
         if self.from_scan:
             scan = self._scan(stamp, robot.matrix[:3, 3])
         else:
-            depth = self._image(stamp, frame, camera)
+            depth, at = self._image(stamp, frame, camera)
+            turned = self._turned(frame, robot.matrix, stamp, at)
         return CameraView(
             camera,
             robot.matrix,
@@ -155,52 +154,66 @@ class CameraDoor:
             robot.pose_covariance,
             robot.origin,
             self.rates,
+            turned=turned,
         )
 
-    def says_nothing(self, view: CameraView, stamp: int) -> bool:
+    def _turned(self, frame: str, pose: Array, stamp: int, at: int) -> Array | None:
+        """(4, 4) from a camera, (4, 4) at a stamp, ns, to where it was at another; None where nobody knows."""
+        if at == stamp:
+            return None
+        try:
+            then = self._node.transforms.lookup(self._node.map_frame, frame, at)
+        except TransformError:
+            return None
+        return np.asarray(np.linalg.solve(then, pose))
+
+    @staticmethod
+    def _frame_of(message: Any) -> str:
+        """Of a depth image, which stays packed; a scan is of no camera."""
+        return message.frame.lstrip("/") if isinstance(message, Packed) else ""
+
+    def says_nothing(self, view: CameraView, stamp: int, frame: str) -> bool:
         """Whether what a look did not show means nothing: what hides things is not known, or it is another picture of
         the same view: those miss the same things.
         """
         if view.depth is None and view.scan is None and self.cameras.has_depth:
             self.without_depth += 1
             return True
-        if self._counted is not None and 0 <= stamp - self._counted < ABSENCE_PERIOD:
-            return True
-        self._counted = stamp
-        return False
+        return self.cameras.repeats(frame, stamp)
 
-    def placing(self, view: CameraView) -> Callable[[ImageBox], LocatedBox]:
-        """Where the object in a box is, in the camera's frame. Raises InputError where there is no depth at all."""
+    def placing(self, view: CameraView) -> Callable[[ImageBox, Sequence[ImageBox]], LocatedBox]:
+        """Where the object in a box is, in the camera's frame, among other boxes.
+
+        Raises InputError where there is no depth at all.
+        """
         if view.depth is not None:
             depth = view.depth
-            return lambda box: placed_by_depth(box, view.camera, depth)
+            return lambda box, others: placed_by_depth(box, view.camera, depth, view.turned, others)
         if view.scan is not None:
             scan = view.scan
-            return lambda box: placed_by_scan(box, view.camera, view.pose, scan)
+            return lambda box, others: placed_by_scan(box, view.camera, view.pose, scan)
         raise InputError(
             f"no usable message on {self._depth.topic} within {1e-9 * TOLERANCE:g} s of these detections: "
             "how far away things are is not known"
         )
 
-    def _image(self, stamp: int, frame: str, camera: CameraModel) -> DepthImage | None:
-        found = self.cameras.nearest(stamp)
-        if found is None:
-            return None
+    def _image(self, stamp: int, frame: str, camera: CameraModel) -> tuple[DepthImage | None, int]:
+        """The depth image of detections, and its stamp, ns."""
+        found = self.cameras.nearest(stamp, frame)
+        if found is None or found[1] is None:
+            return None, stamp
         at, kept = found
+        own = self._frame_of(kept) if isinstance(kept, Packed) else kept[0]
         try:
             if isinstance(kept, Packed):
-                message = kept.unpack()
-                kept = (frame_name(message.header.frame_id), depth_from_message(message))
-                self.cameras.replace(at, kept)
-            if kept is None:
-                return None
-            check_depth(kept[1], kept[0], camera, frame)
+                kept = (own, depth_from_message(kept.unpack()))
+                self.cameras.replace(at, kept, own)
+            check_depth(kept[1], own, camera, frame)
         except InputError as error:
             self._depth.refuse(str(error))
-            self.cameras.replace(at, None)
-            return None
-        depth: DepthImage = kept[1]
-        return depth
+            self.cameras.replace(at, None, own)
+            return None, stamp
+        return kept[1], at
 
     def _scan(self, stamp: int, origin: Array) -> LevelScan | None:
         found = self.cameras.nearest(stamp)
