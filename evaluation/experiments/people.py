@@ -67,8 +67,8 @@ def _following(options: RunOptions, report: Report) -> None:
             ["", "ours", "reference tracker"],
             rows,
             f"{FOLLOWING}; tracked: within 0.75 m of the label; odometry from the scans; 1 mm of noise on the ranges. "
-            "It trained nothing; its first 1,500 scans were looked at for the numbers that decide whether a frame "
-            "jumps, and two pieces of 20 s for what a new target has of somebody known.",
+            "It trained nothing; its first 1,500 scans were looked at for the numbers that decide whether a frame jumps, and two pieces of 20 s for "  # noqa: E501
+            "what a new target has of somebody known.",
             "following",
             printed={"reference tracker": REFERENCE},
             data="model left out",
