@@ -204,7 +204,7 @@ def _take_in(
             file = stack.enter_context(stack.enter_context(atomic_path(out)).open("w", encoding="utf-8"))
         for look in _looks(source, settings):
             begun = time.perf_counter()
-            evidence, unknown = model.usable(look.evidence, wordless=True)
+            evidence, unknown = model.usable(look.evidence, wordless=look.evidence.view is not None)
             for reason in unknown.values():
                 reason = reason.partition(".")[2]
                 left_out[reason] = left_out.get(reason, 0) + 1
@@ -276,7 +276,7 @@ def _usable(
 
     model = WorldModel(settings.world)
     for look in looks:
-        evidence, unknown = model.usable(look.evidence, wordless=True)
+        evidence, unknown = model.usable(look.evidence, wordless=look.evidence.view is not None)
         for reason in unknown.values():
             typer.echo(f"message at {look.stamp:.3f}, left out: {reason}", err=True)
         try:

@@ -215,7 +215,7 @@ class WorldModelNode(SuiteNode):
             evidence.view = self.camera.view(lens, stamp, self._seen.at(lens[0], stamp))
             evidence.blocked = self.camera.says_nothing(evidence.view, stamp, lens[0])
         evidence.objects = self._without_people(evidence)
-        self._update(self._usable(evidence, wordless=True)[0], stamp)
+        self._update(self._usable(evidence, wordless=evidence.view is not None)[0], stamp)
 
     def _take_boxes(self, message: Detection2DArray, stamp: int) -> None:
         lens = self.camera.lens_of(message, of_image=True)

@@ -170,7 +170,7 @@ class CameraDoor:
     @staticmethod
     def _frame_of(message: Any) -> str:
         """Of a depth image, which stays packed; a scan is of no camera."""
-        return message.frame.lstrip("/") if isinstance(message, Packed) else ""
+        return frame_name(message.frame) if isinstance(message, Packed) else ""
 
     def says_nothing(self, view: CameraView, stamp: int, frame: str) -> bool:
         """Whether what a look did not show means nothing: what hides things is not known, or it is another picture of
@@ -211,7 +211,9 @@ class CameraDoor:
             check_depth(kept[1], own, camera, frame)
         except InputError as error:
             self._depth.refuse(str(error))
-            self.cameras.replace(at, None, own)
+            # That of another camera is of use to that one.
+            if own == frame:
+                self.cameras.replace(at, None, own)
             return None, stamp
         return kept[1], at
 
