@@ -19,6 +19,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.poses import between, compound, inverse, transform_points, wrap_angle
 from registration.laser.local_map import LineMap
 from registration.laser.prepared import NOISE, PreparedScan, view_of
+from registration.laser.range_noise import RangeNoise
 from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface, swept_surface
 from registration.laser.sweep import beam_shares
@@ -26,7 +27,6 @@ from registration.odometry.habit import Habit
 from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match, Prior
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
-from registration.odometry.range_noise import RangeNoise
 from registration.odometry.range_offset import RangeOffset
 from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
 from registration.placement.refine import EFFICIENCY, Refined

@@ -16,7 +16,7 @@ from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
 from tracking.people.cluster_model import MOVING, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
-from tracking.people.people_config import PeopleConfig
+from tracking.people.legs import clusters_of
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
 from tracking.people.people_tracker import PeopleTracker
@@ -50,8 +50,8 @@ def everybody() -> PeopleTracker:
 
 def seen_of(scan: Scan, background: Background | None = None) -> ClusterScan:
     sweep = Sweep.of(scan, np.zeros(3), None, 0.1)
-    own = np.zeros(len(scan), dtype=bool)
-    return ClusterScan.of(scan, sweep, background or Background(), shape_model(), PeopleConfig(), own, own)
+    none = np.zeros(len(scan), dtype=bool)
+    return ClusterScan.of(scan, sweep, clusters_of(scan), background or Background(), shape_model(), none)
 
 
 def test_legs_are_measurements_at_their_middles_and_walls_are_none() -> None:
@@ -65,9 +65,8 @@ def test_legs_are_measurements_at_their_middles_and_walls_are_none() -> None:
 def test_what_registration_says_moves_came_from_somewhere() -> None:
     world = joined([box(10.0, 8.0), circle(2.0, 0.5, 0.06), circle(2.0, -0.5, 0.06)])
     scan = LIDAR.scan(world, np.zeros(3), np.random.default_rng(0)).scan
-    sweep, none = Sweep.of(scan, np.zeros(3), None, 0.1), np.zeros(len(scan), dtype=bool)
-    moving = scan.bearings > 0.0
-    seen = ClusterScan.of(scan, sweep, Background(), shape_model(), PeopleConfig(), none, moving)
+    sweep, moving = Sweep.of(scan, np.zeros(3), None, 0.1), scan.bearings > 0.0
+    seen = ClusterScan.of(scan, sweep, clusters_of(scan), Background(), shape_model(), moving)
     assert seen.fresh[seen.places[:, 1] > 0.0] == pytest.approx([MOVING])
     assert seen.fresh[seen.places[:, 1] < 0.0].tolist() == [0.0]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,9 +29,9 @@ from tracking.people.people_middle import depths
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
 from whereabouts.datasets import recording
-from whereabouts.simulation import Lidar, circle
+from whereabouts.simulation import Lidar, box, circle, joined
 from whereabouts.simulation.scenes.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
-from whereabouts.simulation.scenes.people_scenes import crossing, hidden
+from whereabouts.simulation.scenes.people_scenes import crossing, empty_floor, hidden
 
 
 def test_the_robots_own_uncertainty_is_in_what_is_reported() -> None:
@@ -131,13 +132,13 @@ def test_what_comes_into_view_with_its_surroundings_is_new_more_often_and_a_thin
     None
 ):
     # The same leg before the same wall: on a floor that was empty till now, and in sight for the first time.
-    config, model = PeopleConfig(), shape_model()
+    model = shape_model()
     pose, free = np.zeros(3), np.zeros(361, dtype=bool)
     scan = scan_of(with_leg(wall(), 2.0, 1.0))
     sweep = Sweep.of(scan, pose, None, 0.1)
 
     def born(background: Background) -> tuple[float, float]:
-        seen = ClusterScan.of(scan, sweep, background, model, config, free, free)
+        seen = ClusterScan.of(scan, sweep, clusters_of(scan), background, model, free)
         near = np.linalg.norm(seen.places - [2.0, 1.0], axis=1).argmin()
         return float(np.exp(seen.log_births[near])), float(seen.birth_class[near])
 
@@ -392,10 +393,43 @@ def test_the_recorded_person_is_followed() -> None:
     path = recording("people/person_following_outdoor_1.bag.zip")
     if path is None:
         pytest.skip("person_following_outdoor_1.bag.zip is absent: set WHEREABOUTS_DATA")
-    judged = follow_person(path, "scan_base2", "ground_truth_people_tracks", most=600)
-    assert judged.labelled > 500
+    # How many bushes are taken for somebody differs from run to run, with noise of 1 mm.
+    runs = [
+        follow_person(
+            path,
+            "scan_base2",
+            "ground_truth_people_tracks",
+            most=600,
+            rng=np.random.default_rng([0, run]),
+        )
+        for run in range(2)
+    ]
     # In its first minute, of which six seconds pass until the person is told from the bushes. All of it, with the bar
     # of 90 %, is judged by `whereabouts experiment people`.
-    assert judged.share >= 0.75
-    assert judged.changes <= 2
-    assert judged.false_per_scan <= 0.1
+    for judged in runs:
+        assert judged.labelled > 500
+        assert judged.share >= 0.75
+        assert judged.changes <= 2
+    assert np.mean([judged.false_per_scan for judged in runs]) <= 0.1
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.05])
+def test_a_noisy_scanner_sees_somebody_in_one_piece(sigma: float) -> None:
+    rng, tracker, pieces = np.random.default_rng(61), PeopleTracker(), []
+    lidar = Lidar(361, np.pi, range_max=12.0, sigma=sigma)
+    for k in range(20):
+        scan = lidar.scan(joined([box(10.0, 8.0), circle(3.0, 0.0, 0.2)]), np.zeros(3), rng, 0.1 * k).scan
+        tracker.step(scan, np.zeros(3), scan.stamp)
+        assert tracker.seen is not None
+        pieces.append((np.linalg.norm(tracker.seen.places - [3.0, 0.0], axis=1) < 0.4).sum())
+    assert np.mean(pieces) == pytest.approx(1.0, abs=0.15)
+
+
+def test_beams_that_get_lost_make_no_people() -> None:
+    rng, told = np.random.default_rng(62), 0
+    scene = empty_floor(rng, duration=30.0)
+    scene = replace(scene, lidar=replace(scene.lidar, dropout=0.3))
+    tracker = PeopleTracker()
+    for scan in scene.scans(rng):
+        told += len(tracker.step(scan.scan, scan.pose, scan.scan.stamp))
+    assert told < 0.05 * 301

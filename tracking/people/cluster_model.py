@@ -21,8 +21,7 @@ from tracking.mixture.components import Components, IntArray
 from tracking.mixture.occluders import WEIGHTS, seen_shares, unseen_states
 from tracking.mixture.phd_models import ConstantVelocityMotion, Sight
 from tracking.people.free_space import Background
-from tracking.people.legs import FEATURES, Clusters, clusters_of
-from tracking.people.people_config import PeopleConfig
+from tracking.people.legs import FEATURES, Clusters
 from tracking.people.people_middle import depths
 from tracking.people.people_shape import ShapeModel
 from tracking.people.people_sweep import Sweep
@@ -100,14 +99,12 @@ class ClusterScan:
         cls,
         scan: Scan,
         sweep: Sweep,
+        clusters: Clusters,
         background: Background,
         model: ShapeModel,
-        config: PeopleConfig,
-        own: BoolArray,
         moving: BoolArray,
     ) -> ClusterScan:
-        """The measurements of a scan; beams of `own` (N,) hit the robot, of `moving` (N,) what moves."""
-        clusters = clusters_of(scan, config.join_distance, config.max_range, own)
+        """The measurements of a scan; beams of `moving` (N,) hit what moves."""
         inside = clusters.labels >= 0
         fresh, old, unseen = background.evidence(sweep.points(inside), 0.05 + 0.02 * scan.ranges[inside])
         fresh = np.maximum(fresh, MOVING * moving[inside])

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import minimum_filter1d
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import wrap_angle
 from registration.laser.scan import Scan
 from registration.laser.sweep import beam_shares
 
+BESIDE = 2  # beams to either side
 FASTEST = 3.0  # m/s and rad/s; a pose that changes faster has jumped
 
 
@@ -20,7 +22,8 @@ class Sweep:
     """Origins (N, 2) m, angles (N,) rad and ranges (N,) m, inf without return, of the beams in the frame of the tracks.
 
     bearings : (N,) rad, of the beams in the frame of the scanner. clear : (N,) m up to which a beam met nothing, 0
-    where it says nothing: its range, or all the scanner's for a return too far away to be measured (that or +inf).
+    where it says nothing: its range, or all the scanner's for a return too far away to be measured (that or +inf). One
+    of these among returns was lost: it went no farther than they.
     """
 
     origins: FloatArray
@@ -38,12 +41,14 @@ class Sweep:
         if np.hypot(motion[0], motion[1]) < FASTEST * dt and abs(motion[2]) < FASTEST * dt:
             share = beam_shares(scan, dt)
         ranges = np.where(scan.valid, scan.ranges, np.inf)
+        beside = minimum_filter1d(ranges, 2 * BESIDE + 1, mode="nearest")
+        unmet = np.where(scan.ranges >= scan.range_max, np.minimum(beside, scan.range_max), 0.0)
         return cls(
             pose[:2] + share[:, None] * motion[:2],
             scan.bearings + pose[2] + share * motion[2],
             ranges,
             scan.bearings,
-            np.where(scan.valid, scan.ranges, np.where(scan.ranges >= scan.range_max, scan.range_max, 0.0)),
+            np.where(scan.valid, scan.ranges, unmet),
         )
 
     def points(self, beams: npt.NDArray[np.bool_]) -> FloatArray:
