@@ -14,11 +14,12 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.keyframes import AROUND, Keyframes
+from loop_closure.keyframes import AROUND, MOST, Keyframes
 from loop_closure.maps.map_search import PlanarMap, SpatialMap
 from loop_closure.motions import as_pose, compose, invert, length, motion, planar, turn
 from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
+from registration.laser.sweep import at_first_beam
 
 AGREE = (0.4, 0.1)  # metres and radians between placements that say the same
 VOTES = 3  # keyframes that have to agree before a lost robot believes it
@@ -67,11 +68,12 @@ class Localizer:
         self._recent, self._own = Keyframes(), OwnBody()
         self.correction: FloatArray | None = None  # the odometry frame in the map
         self._sigma, self._turn = 1.0, 0.35
-        self._unproven = 0.0  # metres travelled since the place was last seen to be right
+        self._unproven = 0.0  # metres travelled without confirmation by the map, over those with it
         self._proven = False
         self._votes: list[_Vote] = []
         self._serial, self._path = 0, 0.0
         self._pending: FloatArray | None = None
+        self._before: tuple[FloatArray, float] | None = None  # odometry and stamp of the last scan
         if initial is not None:
             self.place(initial)
 
@@ -109,18 +111,26 @@ class Localizer:
             self.correction = compose(self._pending, invert(here))
             self._pending = None
             self._recent, self._unproven, self._proven = Keyframes(), 0.0, False
+        before, self._before = self._before, (here, scan.stamp if isinstance(scan, Scan) else 0.0)
         if not self._recent.wanted(here, *self._map.step):
             return self._said(here, False)
+        if isinstance(scan, Scan) and before is not None:
+            scan = at_first_beam(scan, motion(before[0], here), scan.stamp - before[1])
         travelled = length(motion(self._recent[-1].odometry, here)) if len(self._recent) else 0.0
         self._map.remember(self._recent, scan, here)
+        if len(self._recent) > 4 * MOST:
+            # What no local map reaches back to any more would grow for as long as the robot drives.
+            self._recent.take_out(np.maximum(np.arange(len(self._recent)) - 3 * MOST, -1))
         self._serial, self._path = self._serial + 1, self._path + travelled
         self._sigma, self._turn = self._sigma + DRIFT[0] * travelled, self._turn + DRIFT[1] * travelled
-        self._unproven += travelled
-        if self.correction is not None and not self._given_up:
-            return self._said(here, self._follow(here))
-        self.correction = None
-        self._search(here)
-        return self._said(here, self.correction is not None)
+        if self._given_up:
+            self.correction = None
+        sure = self.correction is not None and self._follow(here)
+        self._unproven = max(self._unproven + (-travelled if sure else travelled), 0.0)
+        # Where more of the path goes without confirmation than with, the robot may have been carried away.
+        if self.correction is None or self._unproven > UNPROVEN:
+            sure = self._search(here) or sure
+        return self._said(here, sure)
 
     @property
     def _given_up(self) -> bool:
@@ -140,15 +150,15 @@ class Localizer:
         return True
 
     def _believe(self, sigma: float, turn: float) -> None:
-        self._sigma, self._turn, self._unproven, self._proven = sigma, turn, 0.0, True
+        self._sigma, self._turn, self._proven = sigma, turn, True
 
-    def _search(self, here: FloatArray) -> None:
-        """Try parts of the map, in turn, and let them vote."""
-        for pose, merit in self._map.search(self._recent):
+    def _search(self, here: FloatArray) -> bool:
+        """Try parts of the map, in turn, and let them vote; whether a place has won."""
+        for pose, merit in self._map.search(self._recent, self.correction is None):
             self._votes.append(_Vote(compose(pose, invert(here)), merit, self._serial, self._path))
         self._votes = [vote for vote in self._votes if self._serial - vote.serial < MEMORY]
         if not self._votes:
-            return
+            return False
         # Compared where the robot is now: odometry may have begun far away, where the least turn moves everything.
         placed = [compose(vote.correction, here) for vote in self._votes]
         groups = [self._group(pose, placed) for pose in placed]
@@ -157,10 +167,13 @@ class Localizer:
         rivals = [
             group[0] for group, pose in zip(groups, placed, strict=True) if not same(pose, placed[best])
         ]
-        if count >= VOTES and span >= SPAN and max(rivals, default=0.0) < 0.7 * merit:
-            self.correction = self._votes[best].correction
-            self._believe(0.2, 0.05)
-            self._votes.clear()
+        if count < VOTES or span < SPAN or max(rivals, default=0.0) >= 0.7 * merit:
+            return False
+        self.correction = self._votes[best].correction
+        self._believe(0.2, 0.05)
+        self._unproven = 0.0
+        self._votes.clear()
+        return True
 
     def _group(self, pose: FloatArray, placed: list[FloatArray]) -> tuple[float, int, float]:
         """What speaks for `pose`: merit of votes that say the same, the best of each keyframe; of how many; over what

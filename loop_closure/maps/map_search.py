@@ -26,7 +26,8 @@ from registration.placement.align_submaps import Placement, align_submaps, ambig
 
 SPACING = 3.0  # metres between places of the map that are tried
 NEAR = 4.0  # metres from a place at which its local map shows the robot's surroundings
-MOST_TRIED = 40  # places that a scan is laid on per keyframe when lost
+# Places that a scan is laid on per keyframe when lost, and while a pose is known: as many then as to follow it.
+MOST_TRIED, TRIED = 40, 3
 RANGE = 25.0  # metres of a scan that are used
 ALIKE, IN_TURN = 2, 1  # places that a cloud is laid on per keyframe when lost: those that look alike, and any
 CLOUD_RANGE = 50.0  # metres of a cloud that the classifier looks at
@@ -59,7 +60,7 @@ class PlanarMap:
         best: tuple[Placement, int] | None = None
         tried: list[int] = []
         for j in np.argsort(away).tolist():
-            if away[j] > NEAR + 2.0 * sigma or len(tried) == 3:
+            if away[j] > NEAR + 2.0 * sigma or len(tried) == TRIED:
                 break
             if any(np.hypot(*(self._poses[j, :2] - self._poses[o, :2])) < 0.5 * SPACING for o in tried):
                 continue
@@ -73,10 +74,10 @@ class PlanarMap:
                 best = fits[0], j
         return None if best is None else compose(self._poses[best[1]], best[0].pose)
 
-    def search(self, recent: Keyframes) -> list[tuple[FloatArray, float]]:
+    def search(self, recent: Keyframes, lost: bool) -> list[tuple[FloatArray, float]]:
         """Placements of the robot's newest keyframe on parts of the map, with metres of outline that speak for each."""
         source, found = self._seen(recent), []
-        for j in self._turns(MOST_TRIED):
+        for j in self._turns(MOST_TRIED if lost else TRIED):
             target = self._places.local_map(j, AROUND, AROUND)
             for fit in align_submaps(source, target, np.zeros(3), NEAR, np.pi):
                 if fit.sure:
@@ -143,7 +144,7 @@ class SpatialMap:
             return None
         return compose(self._poses[j], laid[0])
 
-    def search(self, recent: Keyframes) -> list[tuple[FloatArray, float]]:
+    def search(self, recent: Keyframes, lost: bool) -> list[tuple[FloatArray, float]]:
         """Placements of the robot's newest keyframe on parts of the map, with how much speaks for each."""
         source, found = self._seen(recent), []
         for j in self._turns(recent):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,15 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.errors import InputError
-from estimation.geometry.poses import compound
-from loop_closure.keyframes import Keyframes
+from estimation.geometry.poses import between, compound
+from loop_closure.keyframes import MOST, Keyframes
 from loop_closure.maps.localization import Localizer, Located
 from loop_closure.maps.map_file import read_map, write_map
 from loop_closure.maps.map_search import SpatialMap
 from loop_closure.slam.cloud_closing import common, common_standing, lay
 from loop_closure.slam.trajectory import Slam
 from registration import Scan
-from whereabouts.simulation import Drive, Lidar, box, joined
+from whereabouts.simulation import Drive, Lidar, Shapes, box, joined, random_floor
 from whereabouts.simulation.scenes.outdoor import (
     Neighbourhood,
     SpinningLidar,
@@ -260,3 +261,59 @@ def test_what_does_not_fit_the_map_is_refused(saved: Slam) -> None:
     flat.add_scan(scan, np.zeros(3), 25.0)
     with pytest.raises(InputError, match="pose"):
         Localizer(flat, np.zeros((1, 3))).place(np.eye(4))
+
+
+def mapped(world: Shapes, lidar: Lidar, drive: Drive) -> tuple[Keyframes, np.ndarray]:
+    """A map by true poses, one every 0.3 m or so."""
+    rng, places, poses = np.random.default_rng(31), Keyframes(), []
+    for time in np.arange(0.0, drive.duration, 0.6):
+        poses.append(drive(time))
+        places.add_scan(lidar.scan(world, poses[-1], rng, time).scan, poses[-1], 25.0)
+    return places, np.array(poses)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_robot_that_was_carried_away_is_found_again(seed: int) -> None:
+    rng, lidar = np.random.default_rng(seed), Lidar(181, np.pi, range_max=8.0)
+    world, waypoints = random_floor(rng, 4)
+    drive = Drive(waypoints, speed=0.5)
+    localizer = Localizer(*mapped(world, lidar, drive))
+    localizer.place(drive(0.0))
+    here, before, misses = np.zeros(3), drive(0.0), []
+    # Half way on, of which the wheels notice nothing.
+    times = np.concatenate((np.arange(0.0, 20.0, 0.5), 0.5 * drive.duration + np.arange(0.0, 70.0, 0.5)))
+    for k, time in enumerate(times):
+        pose = drive(time)
+        here = compound(here, between(before, pose)) if k != 40 else here
+        said, before = localizer.process(lidar.scan(world, pose, rng, time).scan, here).pose, pose
+        misses.append(np.inf if said is None else np.hypot(*(said[:2] - pose[:2])))
+    assert max(misses[:40]) < 0.2
+    assert misses[41] > 0.5, "not carried away"
+    assert max(misses[-10:]) < 0.2, "not found within 30 m"
+
+
+def test_a_slow_sweep_is_undone() -> None:
+    rng, lidar = np.random.default_rng(13), Lidar(181, np.pi, range_max=8.0)
+    world, waypoints = random_floor(rng, 2)
+    drive = Drive(waypoints, speed=0.5)
+    localizer = Localizer(*mapped(world, lidar, drive))
+    localizer.place(drive(0.0))
+    slow, misses = replace(lidar, sweep_time=0.19), []
+    for time in np.arange(0.0, 20.0, 0.2):
+        pose = drive(time)
+        said = localizer.process(slow.scan(world, drive, rng, time).scan, pose)
+        if said.sure and said.pose is not None:
+            misses.append(np.hypot(*(said.pose[:2] - pose[:2])))
+    assert len(misses) > 20
+    assert np.median(misses) < 0.015
+
+
+def test_what_is_remembered_of_the_way_stays_bounded() -> None:
+    rng, lidar, world = np.random.default_rng(14), Lidar(30), box(9.0, 7.0)
+    places = Keyframes()
+    places.add_scan(lidar.scan(world, np.zeros(3), rng).scan, np.zeros(3), 25.0)
+    localizer = Localizer(places, np.zeros((1, 3)))
+    for k in range(6 * MOST):
+        pose = np.array([0.5 * (k % 2), 0.0, 0.0])
+        localizer.process(lidar.scan(world, pose, rng, float(k)).scan, pose)
+    assert len(localizer._recent) <= 4 * MOST
