@@ -24,7 +24,7 @@ import numpy as np
 from world_model.memory.store import Store
 from world_model.memory.store_file import StoreError
 from world_model.memory.store_format import CURRENT, HISTORY, PAGE
-from world_model.memory.store_pages import FRAME, LEAF, LOG_HEAD, Pages, rows_of
+from world_model.memory.store_pages import FRAME, LOG_HEAD, Pages, rows_of
 from world_model.memory.store_rows import attributes_text, encode
 from world_model.state import WorldObject, WorldState
 
@@ -145,13 +145,9 @@ def _places(path: Path, facts: Iterable[Fact]) -> dict[Fact, set[int]]:
     pages = _Watched(path)
     for number in range(2, pages.count + 1):
         page, pages.read = pages[number], {number}
-        if page[0] != LEAF:
-            continue
-        for row in rows_of(pages, page):
-            if len(row) == len(HISTORY.kinds) + 1 and HISTORY.is_whole(row):
-                past[row[0]] = pages.read
-            elif len(row) == len(CURRENT.kinds) + 1 and CURRENT.is_whole(row):
-                now[row[0]] = pages.read
+        for table, row in rows_of(pages, page):
+            if table in (HISTORY, CURRENT):
+                (past if table is HISTORY else now)[row[0]] = pages.read
     return {
         fact: now[fact[2]] if fact[0] == "now" else past[fact[2]]
         for fact in facts

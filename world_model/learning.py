@@ -6,6 +6,7 @@ repeated. Only what the log shows is learned: rates of events that never happene
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -72,15 +73,13 @@ def learn(
 def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfig) -> Learned:
     model = WorldModel(config)
     histories: dict[str, _History] = {}
-    # A detection counts for the object that its anchor becomes, also where it was not believed in yet.
     false = detections = 0
-    pending: list[tuple[int, str | None]] = []
     start = looks[0][0]
-    for index, (stamp, evidence) in enumerate(looks):
+    for stamp, evidence in looks:
         state = model.update(evidence, stamp)
         found = {name: j for j, name in enumerate(state.associations) if name is not None}
         detections += len(state.associations)
-        pending += [(index, name) for name in state.associations]
+        false += state.associations.count(None)
         view = None if evidence.sensor is None else sensor_array(SensorCone.checked(evidence.sensor))
         for item in state.objects:
             history = histories.setdefault(item.id, _History("", item.first_seen))
@@ -90,20 +89,17 @@ def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfi
                 history.positions.append(np.asarray(evidence.objects[found[item.id]].position, dtype=float))
             if _must_be_visible(item, view, evidence):
                 history.seen.append(item.id in found)
-    false = sum(name is None for _, name in pending)
-    lasting = {name: h for name, h in histories.items() if len(h.positions) >= 5}
+    lasting = [replace(h, seen=_until_last(h.seen)) for h in histories.values() if len(h.positions) >= 5]
     seconds = max(looks[-1][0] - start, 1e-9)
-    seen = np.concatenate(
-        [np.array(_until_last(h.seen), bool) for h in lasting.values()] or [np.zeros(0, bool)]
-    )
+    seen = [hit for h in lasting for hit in h.seen]
     changes: dict[str, Any] = {}
     if len(seen) >= FEWEST_LOOKS:
-        changes["detection_probability"] = float(np.clip(seen.mean(), 0.01, 0.999))
-        changes["missed_run_frames"] = _mean_run([_until_last(h.seen) for h in lasting.values()])
+        changes["detection_probability"] = float(np.clip(np.mean(seen), 0.01, 0.999))
+        changes["missed_run_frames"] = _mean_run([h.seen for h in lasting])
     # Every lasting object was unnamed at its first detections, which were not clutter.
     unnamed = len(lasting) if config.clutter_per_frame > 1.0 else 0
     changes["clutter_per_frame"] = max(false - unnamed, 0) / len(looks)
-    new = sum(h.first > start + SETTLED_SECONDS for h in lasting.values())
+    new = sum(h.first > start + SETTLED_SECONDS for h in lasting)
     if new:
         changes["new_objects_per_second"] = new / seconds
     changes["initial_objects"] = max(float(len(lasting) - new), 1.0)
@@ -114,8 +110,8 @@ def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfi
         spread = np.mean([np.trace(P) / 3.0 for P in covariances.values()])
         changes["measurement_sigma"] = float(np.clip(np.sqrt(spread), 1e-4, 100.0))
     hits: defaultdict[str, Counter[bool]] = defaultdict(Counter)
-    for history in lasting.values():
-        hits[history.kind].update(_until_last(history.seen))
+    for history in lasting:
+        hits[history.kind].update(history.seen)
     by_class = {kind: count[True] / count.total() for kind, count in hits.items() if count.total()}
     return Learned(replace(config, **changes), covariances, by_class, detections, len(lasting), seconds)
 
@@ -138,21 +134,15 @@ def _until_last(seen: list[bool]) -> list[bool]:
 
 
 def _mean_run(sequences: list[list[bool]]) -> float:
-    """Mean length of the runs of misses, at least one look."""
-    runs, length = [], 0
-    for seen in sequences:
-        for hit in seen:
-            if hit and length:
-                runs.append(length)
-            length = 0 if hit else length + 1
-        length = 0
+    """Mean length of the runs of misses, at least one look; each sequence ends with a hit."""
+    runs = [sum(1 for _ in run) for seen in sequences for hit, run in itertools.groupby(seen) if not hit]
     return float(np.clip(np.mean(runs), 1.0, 1e4)) if runs else 1.0
 
 
-def _covariances(histories: dict[str, _History]) -> dict[str, FloatArray]:
+def _covariances(histories: list[_History]) -> dict[str, FloatArray]:
     """Pooled scatter about each resting object's mean, by class; robust against a false association."""
     by_class: defaultdict[str, list[FloatArray]] = defaultdict(list)
-    for history in histories.values():
+    for history in histories:
         if history.moved or len(history.positions) < 10:
             continue
         positions = np.array(history.positions)

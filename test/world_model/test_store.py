@@ -21,7 +21,7 @@ from world_model.memory import store_file
 from world_model.memory.store import Store, StoreError
 from world_model.memory.store_file import StoreVersionError, is_store
 from world_model.memory.store_format import OBJECTS, VERSION
-from world_model.memory.store_repair import Examined, examine
+from world_model.memory.store_repair import examine
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -427,7 +427,7 @@ def test_what_was_found_whole_is_not_looked_through_again_until_a_bit_of_it_chan
     path = tmp_path / "world.sqlite"
     looks = []
 
-    def counted(connection: sqlite3.Connection, *more: object) -> Examined:
+    def counted(connection: sqlite3.Connection, *more: object) -> list[str]:
         looks.append(path)
         return examine(connection, *more)  # type: ignore[arg-type]
 
@@ -470,7 +470,7 @@ def test_a_copy_without_what_lies_beside_the_store_is_looked_through_once(
     shutil.copy(path, copy)
     looks = []
 
-    def counted(connection: sqlite3.Connection) -> Examined:
+    def counted(connection: sqlite3.Connection) -> list[str]:
         looks.append(copy)
         return examine(connection)
 
@@ -728,7 +728,7 @@ def test_a_copy_that_cannot_be_read_back_is_no_success(
         before = copy.read_bytes()
         store.record(marching(1))
         monkeypatch.setattr(
-            "world_model.memory.store_file.examine", lambda connection, *_: Examined(["page 3 is damaged"])
+            "world_model.memory.store_file.examine", lambda connection, *_: ["page 3 is damaged"]
         )
         with pytest.raises(StoreError, match="reading it back shows: page 3 is damaged"):
             store.save(copy)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from estimation.geometry.places import Places
 from world_model import WorldObject, WorldState, ask
 from world_model.memory.store import Store
 from world_model.questions import moment
-from world_model.questions.moments import ahead
+from world_model.questions.moments import ahead, extract
 from world_model.questions.wording import slip_of
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
@@ -189,3 +191,150 @@ def test_only_what_cannot_be_another_word_is_a_slip() -> None:
     assert slip_of("botle", known) == "bottle"
     assert slip_of("lapptop", known) == "laptop"
     assert [slip_of(word, known) for word in ("cap", "boot", "grass", "battle", "lap")] == [""] * 5
+
+
+@pytest.mark.parametrize(
+    ("question", "value"),
+    [
+        # Told in other words than those of the patterns.
+        ("I cannot find my laptop, where is it?", "sofa"),
+        ("help me find the blue cup", "counter"),
+        ("Have you seen the laptop anywhere?", "sofa"),
+        ("where have I put my laptop", "sofa"),
+        ("can you tell me where I left the laptop?", "sofa"),
+        ("laptop", "sofa"),
+        ("laptop yesterday at noon", "desk"),
+        ("where do we usually keep the blue cup?", "counter"),
+        ("where should the blue cup be", "counter"),
+        ("did I leave my laptop in the office?", False),
+        ("how sure are you that the laptop is on the desk?", False),
+        ("is the desk empty?", []),
+        ("what is on the table in the kitchen?", []),
+        ("which things have you seen today?", ["cup-1", "cup-2", "laptop-1", "bag-1"]),
+        ("how many times did the laptop get moved today?", 2),
+        ("did anything go missing yesterday?", []),
+        ("did anything go missing today?", ["bag-1"]),
+        ("was the red cup ever on the bed?", False),
+        ("was the red cup ever on the desk?", True),
+        ("how many cups were on the desk today?", 1),
+        ("who was at the counter at ten past eleven?", [["person-5", *2 * ["2026-11-18T11:10"], []]]),
+        # Of one time a part may be said for both its ends, and a clock with hands counts to twelve.
+        ("where was the laptop between 9 and 10 this morning", "desk"),
+        ("what was on the sofa between 5 and 8 pm yesterday", ["bag-1", "laptop-1"]),
+        ("where was the laptop at quarter to five", "desk"),
+        ("where was the laptop on 17.11. at 12:30", "desk"),
+        ("what came to the desk today", ["laptop-1", "cup-1"]),
+        ("what left the desk today", {"cup-1": "counter", "laptop-1": "sofa"}),
+        ("is everything in its place?", {}),
+    ],
+)
+def test_what_is_said_in_yet_other_words(home: Store, question: str, value: object) -> None:
+    answer = ask(home, question)
+    found = answer.value
+    if answer.kind == "what_moved":
+        found = [row[0] for row in found]
+    if answer.kind == "who_was_here":
+        found = [[name, begin[:16], end[:16], moved] for name, begin, end, moved in found]
+    assert found == value, answer.sentence
+
+
+@pytest.mark.parametrize(
+    ("question", "kind", "words"),
+    [
+        ("how long was the laptop away yesterday?", "how_long_there", ["away for 0 s"]),
+        ("is the bag missing?", "where_is", ["missing", "sofa", "13:50"]),
+        ("where does the red cup go in the evening?", "not_understood", ["usual at all hours"]),
+        ("take the red cup to the desk", "not_understood", []),
+        ("did the laptop leave the sofa today?", "when_moved", ["from the sofa to the desk", "08:30"]),
+        ("did the laptop leave the sofa this afternoon?", "when_moved", ["not moved from the sofa"]),
+        (
+            "when did the red cup arrive on the desk yesterday?",
+            "when_moved",
+            ["to the desk", "2026-11-17 09:00"],
+        ),
+        ("are all cups on the counter?", "is_at", ["Yes, 2 of 2"]),
+        ("are both cups on the desk?", "is_at", ["No, 0 of 2"]),
+        ("what was put on the desk today?", "what_moved", ["laptop-1", "cup-1"]),
+        ("where was the laptop before?", "when_moved", ["from the desk to the sofa"]),
+        ("who took the red cup from the desk?", "who_moved", ["Jürgen", "from the desk to the counter"]),
+        ("who took the red cup from the sofa?", "who_moved", ["not moved on the sofa"]),
+        ("when was the last time the laptop was on the desk?", "when_last_seen", ["17:50"]),
+        ("when was anybody last on the sofa?", "who_was_here", ["Anna", "2026-11-18 18:00"]),
+        ("where is everyone?", "who_was_here", ["nobody"]),
+        ("where is the blue cup tomorrow at noon?", "where_will_be", ["counter", "2026-11-19 12:00"]),
+        ("who was here tomorrow", "unknown", ["future"]),
+        ("where was the laptop when I left?", "not_understood", []),
+        ("where was the laptop before it was on the desk?", "not_understood", []),
+    ],
+)
+def test_what_those_sentences_tell(home: Store, question: str, kind: str, words: list[str]) -> None:
+    answer = ask(home, question)
+    assert answer.kind == kind, answer.sentence
+    assert all(word in answer.sentence for word in words), answer.sentence
+
+
+@pytest.mark.parametrize(
+    ("words", "start", "end"),
+    [
+        ("sunday night", -2 * HOUR, 6 * HOUR),
+        ("the night before last", 20 * HOUR, DAY + 6 * HOUR),
+        ("monday noon", 12 * HOUR, 12 * HOUR),
+        ("monday at 7pm", 19 * HOUR, 19 * HOUR),
+        ("at half ten", 2 * DAY + 10.5 * HOUR, 2 * DAY + 10.5 * HOUR),
+        ("at quarter to two", 2 * DAY + 13.75 * HOUR, 2 * DAY + 13.75 * HOUR),
+        ("at three in the night", 2 * DAY + 3 * HOUR, 2 * DAY + 3 * HOUR),
+        ("yesterday at three", DAY + 15 * HOUR, DAY + 15 * HOUR),
+        ("at 03:00", 2 * DAY + 3 * HOUR, 2 * DAY + 3 * HOUR),
+        ("at 9.30 pm yesterday", DAY + 21.5 * HOUR, DAY + 21.5 * HOUR),
+        ("first thing this morning", 2 * DAY + 6 * HOUR, 2 * DAY + 12 * HOUR),
+        ("on the 16th of november at noon", 12 * HOUR, 12 * HOUR),
+    ],
+)
+def test_times_are_made_of_a_day_a_part_and_a_clock(words: str, start: float, end: float) -> None:
+    span = moment(words, NOW)
+    assert (span.start - MONDAY, span.end - MONDAY) == (start, end)
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "end"),
+    [
+        ("x between 5 and 7 pm yesterday", DAY + 17 * HOUR, DAY + 19 * HOUR),
+        ("x between 9 and 10 this morning", 2 * DAY + 9 * HOUR, 2 * DAY + 10 * HOUR),
+        ("x between 9 and 5 pm", 2 * DAY + 9 * HOUR, 2 * DAY + 17 * HOUR),
+        ("x between yesterday noon and nine", DAY + 12 * HOUR, DAY + 21 * HOUR),
+        ("x after lunch yesterday", DAY + 14 * HOUR, 2 * DAY),
+        ("x since ten yesterday", DAY + 10 * HOUR, NOW - MONDAY),
+    ],
+)
+def test_spans_of_time(text: str, start: float, end: float) -> None:
+    rest, span, _ = extract(text, NOW)
+    assert span is not None
+    assert (rest, span.start - MONDAY, span.end - MONDAY) == ("x", start, end)
+
+
+def test_hours_ago_are_hours_also_when_the_clocks_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    try:
+        now = datetime(2026, 10, 25, 12).timestamp()
+        assert now - moment("twelve hours ago", now).start == 12 * HOUR
+        today = moment("today", now)
+        assert today.end - today.start == 13 * HOUR
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+
+
+def test_names_with_blanks_lines_and_words_of_the_grammar(tmp_path: Path) -> None:
+    with Store(tmp_path / "world.sqlite") as store:
+        store.keep_places(HOME)
+        names = {"coffee_mug-2": "desk", "left shoe-1": "sofa", "Lost_box-1": "counter"}
+        made = [thing(name, place, MONDAY) for name, place in names.items()]
+        store.record(WorldState(tuple(made), 1.0, 3.0, MONDAY))
+        asked = ("coffee mug 2", "coffee_mug-2", "mug", "left shoe", "lost box")
+        assert [ask(store, f"Where is my {name}?").value for name in asked] == [
+            *3 * ["desk"],
+            "sofa",
+            "counter",
+        ]
+        assert ask(store, "is the left shoe on the sofa").value is True

@@ -7,18 +7,18 @@ about the past, and is thinned out when it exceeds a limit: what is old, and no 
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any
 
 from estimation.checks import require_count
 from estimation.geometry.places import Places
-from world_model.memory.store_file import Keeper, StoreError, StoreFile, copy_store, is_damage, is_full
+from world_model.memory.store_file import Keeper, StoreError, StoreFile, copy_store
 from world_model.memory.store_format import (
     CLOCK,
     CURRENT,
@@ -26,13 +26,14 @@ from world_model.memory.store_format import (
     HISTORY,
     NAMES,
     OBJECTS,
+    Row,
     StoreClock,
     StoreTable,
     summed,
 )
 from world_model.memory.store_places import EVENT, KEPT, NAME, RUN, places_row, places_text
 from world_model.memory.store_records import HistoryEntry, Memory, Records
-from world_model.memory.store_rows import COLUMNS, Written, attributes_text, decode, encode, event, is_drift
+from world_model.memory.store_rows import Written, attributes_text, decode, encode, event, is_drift
 from world_model.state import WorldObject, WorldState
 
 __all__ = ["HistoryEntry", "Memory", "Store", "StoreError"]
@@ -41,55 +42,60 @@ LIMIT = 100_000
 EVENT_LEVEL = 30
 """Rows with a higher level are kept longer; events have this one, others the ruler sequence of their number."""
 EVENTS = ("appeared", "gone", "lost", "found", "returned", "renamed")
+DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 INSTANTS = 3  # Failures in a row after which a write is tried again once a second only
 RETRY = 1.0  # s of the time that passes: stamps may stand still, or be of a replay
-_Run = tuple[int, float | None, float | None]
-
 PERIOD = 600.0  # s between two looks for damage, each with a snapshot where something was written since
 
 
 class Transaction:
-    """What is written at once: rows, how many there are more of each kind, and the sum of their marks."""
+    """What is written at once: rows, how many there are more in each table, and the sum of their marks."""
 
-    def __init__(
-        self, connection: sqlite3.Connection, next_row: int, epoch: int, stamp: float | None
-    ) -> None:
-        self._connection = connection
-        self.next_row, self.epoch, self.stamp = next_row, epoch, stamp
-        self.runs = self.names = self.present = self.past = self.marks = 0
+    def __init__(self, connection: sqlite3.Connection, next_row: int) -> None:
+        self._execute = connection.execute
+        self.next_row = next_row
+        self.more: Counter[str] = Counter()
+        self.marks = 0
 
-    def applied(self, clock: StoreClock) -> StoreClock:
+    def applied(self, clock: StoreClock, epoch: int, stamp: float | None) -> StoreClock:
         """The row of `clock` after it."""
-        counts = (clock.runs + self.runs, clock.names + self.names, clock.present + self.present)
-        total = summed((clock.total, self.marks))
-        return StoreClock(
-            self.epoch, self.stamp, clock.identity, clock.sequence + 1, *counts, clock.past + self.past, total
-        )
+        more, total = self.more, summed((clock.total, self.marks))
+        runs, names = clock.runs + more["epochs"], clock.names + more["names"]
+        present, past = clock.present + more["current"], clock.past + more["history"]
+        sequence = clock.sequence + 1
+        return StoreClock(epoch, stamp, clock.identity, sequence, runs, names, present, past, total)
 
-    def put(self, table: StoreTable, *values: object, instead: int = 0) -> int:
+    def put(self, table: StoreTable, *values: object, instead: int | None = None) -> int:
         """Write a row, in place of the one with the same key, which had the mark `instead`; returns its mark."""
         mark = table.mark(values)
-        self._connection.execute(table.insert, (*values, mark))
-        self.marks += mark - instead
+        self._execute(table.insert, (*values, mark))
+        if instead is None:
+            self.more[table.name] += 1
+        self.marks += mark - (instead or 0)
         return mark
+
+    def delete(self, table: StoreTable, where: str, *values: object) -> int:
+        """Rows go; returns how many did."""
+        marks = self._execute(f"DELETE FROM {table.name} WHERE {where} RETURNING mark", values).fetchall()
+        self.more[table.name] -= len(marks)
+        self.marks -= sum(mark for (mark,) in marks)
+        return len(marks)
 
     def key(self, object_id: str, run: int) -> tuple[int, int]:
         """Key of an object of a run, and how many rows of history it has."""
-        ask = self._connection.execute
-        found = ask("SELECT key FROM objects WHERE epoch = ? AND id = ?", (run, object_id)).fetchone()
+        rows = "(SELECT count(*) FROM history h WHERE h.key = o.key)"
+        found = self._execute(
+            f"SELECT key, {rows} FROM objects o WHERE epoch = ? AND id = ?", (run, object_id)
+        ).fetchone()
         if found is None:
-            key = 1 + (ask("SELECT max(key) FROM objects").fetchone()[0] or 0)
+            found = self._execute("SELECT 1 + ifnull(max(key), 0), 0 FROM objects").fetchone()
             for table in (OBJECTS, NAMES):
-                self.put(table, key, run, object_id)
-            self.names += 1
-            return key, 0
-        rows = ask("SELECT count(*) FROM history WHERE key = ?", (found[0],)).fetchone()[0]
-        return int(found[0]), int(rows)
+                self.put(table, found[0], run, object_id)
+        return found[0], found[1]
 
-    def happen(self, key: int, stamp: float, event: str, level: int, values: tuple[Any, ...]) -> None:
+    def happen(self, key: int, stamp: float, event: str, level: int, values: Row) -> None:
         """A row of history."""
         self.put(HISTORY, self.next_row, key, stamp, event, level, *values)
-        self.past += 1
         self.next_row += 1
 
     def note(self, key: int, stamp: float, happened: str, number: int, item: WorldObject) -> None:
@@ -99,31 +105,16 @@ class Transaction:
         level = EVENT_LEVEL if happened in EVENTS else (number & -number).bit_length() - 1
         self.happen(key, stamp, happened, level, encode(item, attributes_text(item.attributes, 4)))
 
-    def remove(self, known: Written, stamp: float) -> None:
-        """An object is there no longer."""
-        self._connection.execute("DELETE FROM current WHERE key = ?", (known.key,))
-        self.present -= 1
-        self.marks -= known.mark
-        self.note(known.key, stamp, "gone", known.rows, known.latest)
-
-    def thin(self, count: int, limit: int) -> int:
+    def thin(self, count: int, limit: int) -> None:
         """Delete up to `count` rows of history, of which `limit` are kept: the older half, those of low level first."""
         if count <= 0:
-            return 0
-        newest = self._connection.execute("SELECT max(row) FROM history").fetchone()[0] or 0
-        deleted = 0
+            return
+        newest = self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        old = "row IN (SELECT row FROM history WHERE level = ? AND row <= ? ORDER BY row LIMIT ?)"
         for level in range(EVENT_LEVEL + 1):
-            marks = self._connection.execute(
-                "DELETE FROM history WHERE row IN "
-                "(SELECT row FROM history WHERE level = ? AND row <= ? ORDER BY row LIMIT ?) RETURNING mark",
-                (level, newest - limit // 2, count - deleted),
-            ).fetchall()
-            deleted += len(marks)
-            self.marks -= sum(mark for (mark,) in marks)
-            if deleted >= count:
+            count -= self.delete(HISTORY, old, level, newest - limit // 2, count)
+            if count <= 0:
                 break
-        self.past -= deleted
-        return deleted
 
 
 class Store(Records):
@@ -150,7 +141,7 @@ class Store(Records):
         self._waiting: WorldState | None = None  # the last state, where it could not be written
         self._places = self._kept_places = ""
         self.recalled: object = None  # what questions have read of it
-        self._run: _Run
+        self._run: tuple[int, float | None, float | None]
         self._next_row: int
         self._open()
 
@@ -174,19 +165,16 @@ class Store(Records):
         self._waiting = state
         if self._failed_in_a_row >= INSTANTS and time.monotonic() < self._retry_at:
             return
-        try:
+        with self._trying():
             if self._file.replaced:
                 self._reopen()
                 self.problem = f"{self.path}: the file was moved or removed; begun anew"
             elif self.keeper is not None and self.keeper.found:
                 self._reopen()
             self._record(state)
-        except (sqlite3.Error, OSError, StoreError) as error:
-            self._fail(error)
-            return
-        self._waiting = None
-        if self._failed_in_a_row:
-            self._failed_in_a_row, self.problem = 0, ""
+            self._waiting = None
+            if self._failed_in_a_row:
+                self._failed_in_a_row, self.problem = 0, ""
 
     def retry(self) -> None:
         """Write the last state if that failed, where no further one comes. Does not raise: see `problem`."""
@@ -196,93 +184,72 @@ class Store(Records):
     def begin(self, epoch: int) -> None:
         """A new run: its world is empty. Does not raise: see `problem`."""
         self._waiting = None
-        try:
+        with self._trying():
             self._begin(epoch)
-        except (sqlite3.Error, OSError) as error:
-            self._fail(error)
 
     def rename(self, object_id: str, new_object_id: str) -> None:
         """An object has a new symbol; its history goes with it. Does not raise: see `problem`."""
-        known = self._written.get(object_id)
-        if known is None:
+        if object_id not in self._written:
             return
-        try:
-            with self._transaction() as change:
-                for table in (OBJECTS, NAMES):
-                    before = table.mark((known.key, self._epoch, object_id))
-                    change.put(table, known.key, self._epoch, new_object_id, instead=before)
-            self._written[new_object_id] = self._written.pop(object_id)
-        except (sqlite3.Error, OSError) as error:
-            self._fail(error)
+        with self._trying(), self._transaction() as change:
+            known = self._written[new_object_id] = self._written.pop(object_id)
+            for table in (OBJECTS, NAMES):
+                before = table.mark((known.key, self._epoch, object_id))
+                change.put(table, known.key, self._epoch, new_object_id, instead=before)
 
     def _record(self, state: WorldState) -> None:
         if state.epoch != self._epoch:
             self._begin(state.epoch)
+        written = self._written
         changed = [
             item
             for item in state.objects
-            if (known := self._written.get(item.id)) is None or known.latest is not item
+            if (known := written.get(item.id)) is None or known.latest is not item
         ]
-        gone: list[str] = []
-        if len(state.objects) - sum(item.id not in self._written for item in changed) < len(self._written):
-            gone = sorted(self._written.keys() - {item.id for item in state.objects})
-        after: list[tuple[str, Written | None]] = []
         with self._transaction(stamp=state.stamp) as change:
             for item in changed:
-                after.append((item.id, self._write(item, state.stamp, change)))
-            for object_id in gone:
-                change.remove(self._written[object_id], state.stamp)
-                after.append((object_id, None))
+                written[item.id] = self._write(item, state.stamp, change)
+            if len(written) > len(state.objects):
+                for object_id in sorted(written.keys() - {item.id for item in state.objects}):
+                    known = written.pop(object_id)
+                    change.delete(CURRENT, "key = ?", known.key)
+                    change.note(known.key, state.stamp, "gone", known.rows, known.latest)
             if self._places and self._places != self._kept_places:
                 key, _ = change.key(NAME, RUN)
                 change.happen(key, state.stamp, EVENT, KEPT, places_row(self._places, state.stamp))
-            run: _Run = (state.epoch, state.stamp if self._run[1] is None else self._run[1], state.stamp)
+                self._kept_places = self._places
+            run = (state.epoch, state.stamp if self._run[1] is None else self._run[1], state.stamp)
             change.put(EPOCHS, *run, instead=EPOCHS.mark(self._run))
-            change.thin(min(4 * change.past + 16, self.rows + change.past - self.limit), self.limit)
-        self._run = run
-        self._kept_places = self._places or self._kept_places
-        for object_id, written_now in after:
-            if written_now is None:
-                del self._written[object_id]
-            else:
-                self._written[object_id] = written_now
+            self._run = run
+            past = change.more["history"]
+            change.thin(min(4 * past + 16, self.rows + past - self.limit), self.limit)
 
     def _write(self, item: WorldObject, stamp: float, change: Transaction) -> Written:
         """Rows of one object that is new or another version; what to remember of it."""
         known = self._written.get(item.id)
-        if known is not None and is_drift(known.row, item):
-            return replace(known, latest=item)
-        if known is not None and known.row.attributes == item.attributes:
-            text = known.text
-        else:
-            text = attributes_text(item.attributes)
         if known is None:
             key, rows = change.key(item.id, self._epoch)
-            happened = "returned" if rows else "appeared"
-            change.present += 1
+            happened, text = "returned" if rows else "appeared", attributes_text(item.attributes)
+        elif is_drift(known.row, item):
+            return replace(known, latest=item)
         else:
             key, rows = known.key, known.rows
             happened = event(known.noted, known.noted_at, item, stamp)
-        mark = change.put(CURRENT, key, *encode(item, text), instead=0 if known is None else known.mark)
-        if not happened:
-            assert known is not None
+            same = known.row.attributes == item.attributes
+            text = known.text if same else attributes_text(item.attributes)
+        mark = change.put(CURRENT, key, *encode(item, text), instead=None if known is None else known.mark)
+        if known is not None and not happened:
             return replace(known, latest=item, row=item, text=text, mark=mark)
         change.note(key, stamp, happened, rows, item)
         return Written(key, item, item, item, stamp, rows + 1, text, mark)
 
     def _begin(self, epoch: int) -> None:
-        known = self._execute(
-            "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?", epoch
-        ).fetchone()
-        run: _Run = known or (epoch, None, None)
+        known = self._execute(f"SELECT {EPOCHS.columns} FROM epochs WHERE epoch = ?", epoch).fetchone()
         with self._transaction(epoch) as change:
-            self._execute("DELETE FROM current")
-            change.present -= len(self._written)
-            change.marks -= sum(written.mark for written in self._written.values())
+            change.delete(CURRENT, "1")
+            self._run, self._written = known or (epoch, None, None), {}
             if known is None:
-                change.put(EPOCHS, *run)
-                change.runs += 1
-        self._run, self._written = run, {}
+                change.put(EPOCHS, *self._run)
 
     # The file.
 
@@ -306,11 +273,8 @@ class Store(Records):
             self.limit = require_count("limit", limit, 100)
         before = self.rows
         try:
-            while self.rows > self.limit:
-                with self._transaction(stamp=self._clock.stamp) as change:
-                    done = change.thin(min(self.rows - self.limit, 10_000), self.limit)
-                if done == 0:
-                    break
+            with self._transaction(stamp=self._clock.stamp) as change:
+                change.thin(self.rows - self.limit, self.limit)
             self._execute("VACUUM")
             self._execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
         except sqlite3.Error as error:
@@ -326,29 +290,35 @@ class Store(Records):
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     @contextmanager
+    def _trying(self) -> Iterator[None]:
+        """What fails is told of, and not raised."""
+        try:
+            yield
+        except (sqlite3.Error, OSError, StoreError) as error:
+            self._fail(error)
+
+    @contextmanager
     def _transaction(self, epoch: int | None = None, stamp: float | None = None) -> Iterator[Transaction]:
-        """All or nothing, with the row of `clock`. stamp : None where a run begins."""
+        """All or nothing, with the row of `clock` and what is remembered of it. stamp : None where a run begins."""
         connection = self._file.connection
-        change = Transaction(connection, self._next_row, self._epoch if epoch is None else epoch, stamp)
+        before = dict(self._written), self._run, self._kept_places
+        change = Transaction(connection, self._next_row)
         connection.execute("BEGIN IMMEDIATE")
         try:
             yield change
-            clock = change.applied(self._clock)
+            clock = change.applied(self._clock, self._epoch if epoch is None else epoch, stamp)
             connection.execute(CLOCK.insert, clock.row)
             connection.execute("COMMIT")
         except BaseException:
+            self._written, self._run, self._kept_places = before
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
             raise
-        finally:
-            self._next_row = change.next_row
-        self._clock = clock
+        self._clock, self._next_row = clock, change.next_row
         self._file.note(clock)
 
     def _open(self) -> None:
@@ -364,37 +334,37 @@ class Store(Records):
             raise StoreError(f"{self.path}: cannot be read: {error}") from error
 
     def _resume(self) -> None:
-        self._clock = StoreClock.of(self._execute("SELECT * FROM clock").fetchone())
-        epoch, run = self._epoch, "SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch = ?"
-        self._run = self._execute(run, epoch).fetchone()
+        self._clock = StoreClock.of(self._file.connection)
+        self._run = self._execute(
+            f"SELECT {EPOCHS.columns} FROM epochs WHERE epoch = ?", self._epoch
+        ).fetchone()
         self._next_row = 1 + self._newest_row()
         self._kept_places = self._places_row()
         self._written = {}
         if self.read_only:
             return
         rows = self._execute(
-            f"SELECT c.key, o.id, c.mark, {COLUMNS} FROM current c JOIN objects o ON o.key = c.key ORDER BY c.key"
-        ).fetchall()
-        for key, name, mark, *values in rows:
-            item = decode(name, tuple(values))
-            count, last = self._execute(
-                "SELECT count(*), max(row) FROM history WHERE key = ?", key
-            ).fetchone()
-            noted, noted_at = item, self._stamp or 0.0
-            if last is not None:
-                noted_at, *old = self._execute(
-                    f"SELECT stamp, {COLUMNS} FROM history WHERE row = ?", last
-                ).fetchone()
-                noted = decode(name, tuple(old))
-            self._written[name] = Written(key, item, item, noted, noted_at, count, values[5], mark)
+            "SELECT o.id, (SELECT count(*) FROM history WHERE key = c.key), c.*, h.* FROM current c "
+            "JOIN objects o ON o.key = c.key "
+            "LEFT JOIN history h ON h.row = (SELECT max(row) FROM history WHERE key = c.key) ORDER BY c.key"
+        )
+        width = len(CURRENT.kinds) + 1
+        for name, count, *values in rows:
+            (key, *current, mark), (row, _, noted_at, _, _, *past, _) = values[:width], values[width:]
+            item = decode(name, tuple(current))
+            noted = item if row is None else decode(name, tuple(past))
+            noted_at = self._stamp or 0.0 if row is None else noted_at
+            self._written[name] = Written(key, item, item, noted, noted_at, count, current[5], mark)
 
     def _fail(self, error: BaseException) -> None:
         self.failures += 1
         self._failed_in_a_row += 1
         # A full disk answers at once, and what waits for room is nowhere but in this process: it does not wait longer.
-        self._retry_at = -float("inf") if is_full(error) else time.monotonic() + RETRY
+        code = (getattr(error, "sqlite_errorcode", None) or 0) & 0xFF
+        full = code == sqlite3.SQLITE_FULL or getattr(error, "errno", None) == errno.ENOSPC
+        self._retry_at = -float("inf") if full else time.monotonic() + RETRY
         self.problem = f"{self.path}: not written: {error}"
-        if is_damage(error):
+        if code in DAMAGED:
             try:
                 self._reopen()
             except (sqlite3.Error, OSError, StoreError) as second:

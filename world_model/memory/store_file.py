@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import os
 import shutil
@@ -11,39 +10,41 @@ import struct
 import threading
 import time
 import zlib
-from contextlib import closing, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from typing import Any
 
 from estimation.errors import WhereaboutsError
 from world_model.memory.store_format import (
     APPLICATION,
     FIRST_VERSION,
+    HEAD,
     MAGIC,
     VERSION,
     StoreClock,
-    header_problem,
+    version_of,
 )
 from world_model.memory.store_pages import Pages
 from world_model.memory.store_repair import (
     READING_ERRORS,
-    Examined,
     connect,
     examine,
-    has_our_rows,
     make,
     rebuild,
     rebuild_beside,
     synchronised,
-    version_of,
 )
 
-DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 COMPANIONS = ("", "-wal", "-shm")
 SNAPSHOTS = 2
 SPACE = 3.0  # Times the size of a file that has to be free for a new one beside it
+STEPS = 10_000  # Of SQLite's, between two pauses of who looks through a file: some hundred rows
 CLOSING = 1.0  # s for which a writer that ends looks at what it leaves
-_TIP = struct.Struct("<QII")
+WRITING = ("journal_mode = WAL", "synchronous = NORMAL", "secure_delete = ON", "wal_autocheckpoint = 1000")
+_TIP_SIZE = 16
 _WHOLE = 32  # Where in the file beside the store the digest of what was found whole lies, after the tip
+_OLD = "an older version"
 
 
 class StoreError(WhereaboutsError):
@@ -68,17 +69,17 @@ class StoreFile:
         self.found: list[str] = []
         self.aside: Path | None = None
         self._lock: int | None = None
-        if read_only:
-            if not path.is_file():
-                raise StoreError(f"{path}: there is no such store")
-            self.connection = self._for_reading()
-        else:
-            self._lock = locked(path)
+        if read_only and not path.is_file():
+            raise StoreError(f"{path}: there is no such store")
+        with ExitStack() as failing:
+            failing.callback(self._unlock)
             try:
-                self.connection = self._for_writing()
-            except BaseException:
-                self._unlock()
-                raise
+                self._lock = None if read_only else locked(path)
+                self.connection = self._for_reading() if read_only else self._for_writing()
+            except (sqlite3.Error, OSError) as error:
+                what = "read" if read_only else "opened for writing"
+                raise StoreError(f"{path}: cannot be {what}: {_reason(error)}") from error
+            failing.pop_all()
         self._identity = _identity(path)
 
     @property
@@ -94,8 +95,7 @@ class StoreFile:
     def note(self, clock: StoreClock) -> None:
         """Remember beside the file how far it has been written: what a log lost is then known."""
         if self._lock is not None:
-            name = zlib.crc32(clock.identity.encode())
-            os.pwrite(self._lock, _tip(clock.sequence, name), 0)
+            os.pwrite(self._lock, _tip(clock), 0)
 
     def close(self) -> None:
         """Close; committed data stay."""
@@ -109,12 +109,12 @@ class StoreFile:
         until = time.monotonic() + CLOSING
         try:
             pages = Pages(self.path)
-            if self._known(pages) or pages.log_size:
+            if self._known(pages) or pages.log:
                 return
             # As nobody writes now, without a log of its own, which would stay behind.
             with closing(connect(self.path, "ro&immutable=1")) as connection:
-                found = examine(connection, lambda: time.monotonic() < until)
-                if not found.problems and time.monotonic() < until and not self._judged(pages):
+                connection.set_progress_handler(lambda: time.monotonic() > until, STEPS)
+                if not examine(connection) and not self._judged(pages):
                     self._note_whole(pages)
         except (*READING_ERRORS, OSError, WhereaboutsError):
             return  # whoever opens it next says what is wrong
@@ -122,25 +122,21 @@ class StoreFile:
     def _known(self, pages: Pages) -> bool:
         """Whether exactly this was found whole before."""
         try:
-            digest = pages.digest  # now, so that `_is_still` can tell whether the file has changed since
+            digest = pages.digest  # now, so that it shows whether the file has changed since
             with Path(f"{self.path}.lock").open("rb") as beside:
                 beside.seek(_WHOLE)
                 return beside.read() == digest
         except OSError:
             return False
 
-    def _is_still(self, pages: Pages) -> bool:
-        """Whether this is the file yet: while a reader looked another process may have begun to write."""
-        return self._lock is not None or Pages(self.path).digest == pages.digest
-
     def _note_whole(self, pages: Pages) -> None:
         """Remember beside the file that it is whole as it is; not where that cannot be written."""
         with suppress(OSError):
-            beside = os.open(f"{self.path}.lock", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            try:
-                os.pwrite(beside, pages.digest, _WHOLE)
-            finally:
-                os.close(beside)
+            beside = Path(f"{self.path}.lock")
+            beside.touch()
+            with beside.open("rb+") as file:
+                file.seek(_WHOLE)
+                file.write(pages.digest)
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -148,138 +144,127 @@ class StoreFile:
             self._lock = None
 
     def _for_writing(self) -> sqlite3.Connection:
-        path = self.path
-        try:
-            self._finish_exchange()
-            if not path.exists():
-                self._clear_companions()
-                make(path)
-            connection, why = self._checked()
-            if connection is None:
-                self._put_right(why)
-                connection = connect(path, "rw")
-            for pragma in ("journal_mode = WAL", "synchronous = NORMAL", "secure_delete = ON"):
-                connection.execute(f"PRAGMA {pragma}").fetchall()
-            connection.execute("PRAGMA wal_autocheckpoint = 1000").fetchall()
-            clock = StoreClock.of(connection.execute("SELECT * FROM clock").fetchone())
-            self._compare_tip(clock)
-            return connection
-        except (sqlite3.Error, OSError) as error:
-            raise StoreError(f"{path}: cannot be opened for writing: {_reason(error)}") from error
+        self._finish_exchange()
+        if not self.path.exists():
+            make(self.path)
+        connection, problems = self._checked()
+        if connection is None:
+            self._put_right(problems)
+            connection = connect(self.path, "rw")
+        for pragma in WRITING:
+            connection.execute(f"PRAGMA {pragma}").fetchall()
+        self._compare_tip(StoreClock.of(connection))
+        return connection
 
     def _for_reading(self) -> sqlite3.Connection:
-        path = self.path
-        try:
-            connection, why = self._checked()
-            if connection is None:
-                connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
-                salvage = rebuild(path, why, self.snapshots, connection)
-                if why.problems != [_OLD]:
-                    self.found.append(
-                        f"{path}: is damaged: {_first(why.problems)}; answered from what is whole: {salvage}"
-                    )
-            return connection
-        except (sqlite3.Error, OSError) as error:
-            raise StoreError(f"{path}: cannot be read: {_reason(error)}") from error
+        connection, problems = self._checked()
+        if connection is None:
+            connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+            salvage = rebuild(self.path, self.snapshots, connection)
+            if problems != [_OLD]:
+                self.found.append(
+                    f"{self.path}: is damaged: {_first(problems)}; answered from what is whole: {salvage}"
+                )
+        return connection
 
     def _judged(self, pages: Pages) -> list[str]:
         """What shows before SQLite touches the file. Raises StoreVersionError for one that is not to be touched."""
         if pages.count == 0:
             return ["it is empty"]
         head = pages[1]
-        problem, version = header_problem(head), version_of(pages)
+        version = version_of(head)
+        problem = "" if HEAD.match(head) else "the head of the file is not as it was written"
+        if head[:16] != MAGIC:
+            problem = "does not begin as a database does"
         known = version in (VERSION, FIRST_VERSION)
-        if not known and head[:16] == MAGIC and not self._is_one_bit(head, pages):
-            if not version and not _is_database(self.path):
-                return ["is no database", *pages.problems]
-            if not version:
+        if not known:
+            problem = problem or "the head of the file is not as it was written"
+        # Numbers in the head may be damaged rather than somebody else's.
+        one_bit = not version or (version ^ VERSION).bit_count() == 1
+        if not known and head[:16] == MAGIC and not (one_bit and any(found[0] for _, found in pages.rows())):
+            if version:
+                raise StoreVersionError(
+                    f"{self.path}: is of version {version}, this program reads version {VERSION}; "
+                    "it was left as it is"
+                )
+            if _asked(self.path, "SELECT count(*) FROM sqlite_master") is not None:
                 raise StoreVersionError(f"{self.path}: is a database, but not a world model's")
-            raise StoreVersionError(
-                f"{self.path}: is of version {version}, this program reads version {VERSION}; it was left as it is"
-            )
-        if problem or not known:
-            return [problem or "the head of the file is not as it was written", *pages.problems]
+            problem = "is no database"
+        if problem:
+            return [problem, *pages.problems]
         return [_OLD] if version == FIRST_VERSION else pages.problems
 
-    def _is_one_bit(self, head: bytes, pages: Pages) -> bool:
-        """Whether the numbers in the head are damaged rather than somebody else's."""
-        if version_of(pages) and (int.from_bytes(head[60:64], "big") ^ VERSION).bit_count() > 1:
-            return False
-        return has_our_rows(pages)
-
-    def _checked(self) -> tuple[sqlite3.Connection | None, Examined]:
+    def _checked(self) -> tuple[sqlite3.Connection | None, list[str]]:
         """A connection to a file that is whole, or what is damaged."""
         pages = Pages(self.path)
         # While another process writes, the log changes as it is read; SQLite's own view is then the whole one.
         rests = self._lock is not None or not _is_being_written(self.path)
-        found, connection = Examined(self._judged(pages) if rests else []), None
-        if found.problems:
-            return None, found
+        if problems := self._judged(pages) if rests else []:
+            return None, problems
         try:
             connection = connect(self.path, "ro" if self._lock is None else "rw")
             connection.execute("PRAGMA secure_delete = ON").fetchall()
             if rests and self._known(pages):
-                return connection, found
-            found = examine(connection)
+                return connection, []
+            problems = examine(connection)
         except READING_ERRORS as error:
-            found = Examined([str(error)])
-        if not found.problems and rests and self._is_still(pages):
-            self._note_whole(pages)
-        if found.problems and connection is not None:
+            return None, [str(error)]
+        if problems:
             connection.close()
-            connection = None
-        return connection, found
+            return None, problems
+        # While a reader looked another process may have begun to write.
+        if rests and (self._lock is not None or Pages(self.path).digest == pages.digest):
+            self._note_whole(pages)
+        return connection, []
 
-    def _put_right(self, why: Examined) -> None:
+    def _put_right(self, problems: list[str]) -> None:
         """Exchange the file for one of everything that is whole."""
-        path = self.path
-        made, salvage = rebuild_beside(path, why, self.snapshots)
-        old = why.problems == [_OLD]
+        path, made = self.path, Path(f"{self.path}.rebuilt")
+        salvage = rebuild_beside(path, made, self.snapshots)
+        old = problems == [_OLD]
         self.aside = set_aside(path, "version-1" if old else "damaged")
         made.replace(path)
-        if old and not salvage.lost_rows:
+        if old:
             self.aside = None
             return
         self.found.append(
-            f"{path}: is damaged: {_first(why.problems)}; {salvage}; it was set aside as {self.aside.name}"
+            f"{path}: is damaged: {_first(problems)}; {salvage}; it was set aside as {self.aside.name}"
         )
-        lines = [*self.found[-1:], *salvage.why, *salvage.lost_rows]
+        lines = [*self.found[-1:], *problems, *salvage.lost_rows]
         Path(f"{self.aside}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     def _finish_exchange(self) -> None:
-        """A process that ended between making the new file and exchanging the two left it beside."""
+        """What a process left that ended between making a new file and exchanging the two, and a log without its file,
+        which would be taken for the new one's."""
         made = Path(f"{self.path}.rebuilt")
+        orphans = not self.path.exists() and any(
+            Path(f"{self.path}{suffix}").exists() for suffix in COMPANIONS
+        )
+        if made.exists() or orphans:
+            self.aside = set_aside(self.path, "damaged")
+            what = "was damaged, and is" if made.exists() else "only its log was there; it was"
+            self.found.append(f"{self.path}: {what} set aside as {self.aside.name}")
         if made.exists():
-            self.aside = set_aside(self.path, "damaged")
             made.replace(self.path)
-            self.found.append(f"{self.path}: was damaged, and is set aside as {self.aside.name}")
-
-    def _clear_companions(self) -> None:
-        """A log without its file would be taken for the new one's."""
-        if any(Path(f"{self.path}{suffix}").exists() for suffix in COMPANIONS[1:]):
-            self.aside = set_aside(self.path, "damaged")
-            self.found.append(f"{self.path}: only its log was there; it was set aside as {self.aside.name}")
 
     def _compare_tip(self, clock: StoreClock) -> None:
         assert self._lock is not None
-        sequence, name, check = _TIP.unpack(os.pread(self._lock, _TIP.size, 0).ljust(_TIP.size, b"\0"))
-        mine = name == zlib.crc32(clock.identity.encode()) and _tip(sequence, name)[-4:] == struct.pack(
-            "<I", check
-        )
-        if mine and sequence > clock.sequence and not self.found:
+        told = os.pread(self._lock, _TIP_SIZE, 0)
+        sequence = int.from_bytes(told[:8], "little")
+        mine = sequence > clock.sequence and told == _tip(clock._replace(sequence=sequence))
+        if mine and not self.found:
             self.found.append(f"{self.path}: the last {sequence - clock.sequence} messages are missing in it")
         self.note(clock)
 
 
-_OLD = "an older version"
+def _tip(clock: StoreClock) -> bytes:
+    """How far a store was written, and which, with a checksum."""
+    tip = struct.pack("<QI", clock.sequence, zlib.crc32(clock.identity.encode()))
+    return tip + struct.pack("<I", zlib.crc32(tip))
 
 
-def _first(why: list[str]) -> str:
-    return why[0] if len(why) == 1 else f"{why[0]}, and {len(why) - 1} more"
-
-
-def _tip(sequence: int, name: int) -> bytes:
-    return _TIP.pack(sequence, name, zlib.crc32(struct.pack("<QI", sequence, name)))
+def _first(problems: list[str]) -> str:
+    return problems[0] if len(problems) == 1 else f"{problems[0]}, and {len(problems) - 1} more"
 
 
 def _reason(error: sqlite3.Error | OSError) -> str:
@@ -295,24 +280,19 @@ def is_store(path: Path) -> bool:
         return False
     if head[:16] != MAGIC:
         return False
-    if head[68:72] == APPLICATION.to_bytes(4, "big"):
-        return True
     # While a node has it open, or after one was killed, the mark may still be in the companion file.
-    if not Path(f"{path}-wal").exists():
-        return False
-    try:
-        with closing(connect(path, "ro")) as connection:
-            return bool(connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION)
-    except sqlite3.Error:
-        return False
+    beside = Path(f"{path}-wal").exists()
+    named = head[68:72] == APPLICATION.to_bytes(4, "big")
+    return named or (beside and _asked(path, "PRAGMA application_id") == APPLICATION)
 
 
-def _is_database(path: Path) -> bool:
+def _asked(path: Path, question: str) -> Any:
+    """What a database answers; None where it is none."""
     try:
         with closing(connect(path, "ro")) as connection:
-            return connection.execute("SELECT count(*) FROM sqlite_master").fetchone() is not None
+            return connection.execute(question).fetchone()[0]
     except READING_ERRORS:
-        return False
+        return None
 
 
 def set_aside(path: Path, why: str = "damaged") -> Path:
@@ -329,60 +309,42 @@ def set_aside(path: Path, why: str = "damaged") -> Path:
 
 
 def copy_store(connection: sqlite3.Connection, target: Path) -> None:
-    """A complete copy, read back and compared before it takes the place of an older copy; nothing else is replaced.
+    """A complete copy, read back before it takes the place of an older copy; nothing else is replaced.
 
     Raises StoreError.
     """
     if target.exists() and not is_store(target):
         raise StoreError(f"{target}: is not a world model's store; it was not overwritten")
     lock = locked(target)
-    part = Path(f"{target}.part")
     try:
-        part.unlink(missing_ok=True)
-        connection.execute("VACUUM INTO ?", (str(part),))
-        expected = connection.execute("SELECT * FROM clock").fetchone()
-        _compare(part, expected)
-        synchronised(part)
+        part = _copied(connection, target)
         for suffix in COMPANIONS[1:]:
             Path(f"{target}{suffix}").unlink(missing_ok=True)
         part.replace(target)
-        _compare(target, expected)
     except (sqlite3.Error, OSError) as error:
         raise StoreError(f"{target}: cannot be written: {_reason(error)}") from error
     finally:
-        part.unlink(missing_ok=True)
         os.close(lock)
 
 
-def _compare(path: Path, expected: tuple[object, ...]) -> None:
-    with closing(connect(path, "ro")) as copy:
-        problems = examine(copy).problems
-        if not problems and copy.execute("SELECT * FROM clock").fetchone() != expected:
-            problems = ["holds something else than was written"]
-    if problems:
-        raise StoreError(f"{path}: was written, but reading it back shows: {problems[0]}")
+def _copied(connection: sqlite3.Connection, target: Path, pause: Callable[[], bool] | None = None) -> Path:
+    """A complete copy that was read back, beside where it is to be. Raises StoreError, sqlite3.Error, OSError.
 
-
-def is_damage(error: BaseException) -> bool:
-    """Whether an error of SQLite says that the file itself is damaged."""
-    return isinstance(error, sqlite3.DatabaseError) and _code(error) in DAMAGED
-
-
-def is_full(error: BaseException) -> bool:
-    """Whether there was no room for a write."""
-    return _code(error) == sqlite3.SQLITE_FULL or getattr(error, "errno", None) == errno.ENOSPC
-
-
-def _code(error: BaseException) -> int:
-    return (getattr(error, "sqlite_errorcode", 0) or 0) & 0xFF
-
-
-def has_space(path: Path) -> bool:
-    """Whether there is room for another file of the size."""
-    try:
-        return shutil.disk_usage(path.parent).free > SPACE * path.stat().st_size
-    except OSError:
-        return False
+    pause : asked now and then, may wait; where it says so, there is none.
+    """
+    part = Path(f"{target}.part")
+    with ExitStack() as failing:
+        failing.callback(part.unlink, missing_ok=True)
+        part.unlink(missing_ok=True)
+        connection.execute("VACUUM INTO ?", (str(part),))
+        with closing(connect(part, "ro")) as copy:
+            copy.set_progress_handler(pause, STEPS)
+            problems = examine(copy)
+        if problems:
+            raise StoreError(f"{part}: was written, but reading it back shows: {problems[0]}")
+        synchronised(part)
+        failing.pop_all()
+    return part
 
 
 def locked(path: Path) -> int:
@@ -390,28 +352,24 @@ def locked(path: Path) -> int:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be opened for writing: {_reason(error)}") from error
-    try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+    except BlockingIOError as error:
         os.close(lock)
         raise StoreError(f"{path}: another process writes to it") from error
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be opened for writing: {_reason(error)}") from error
     return lock
 
 
 def _is_being_written(path: Path) -> bool:
     try:
-        lock = os.open(f"{path}.lock", os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        return False
-    except OSError:
+        with Path(f"{path}.lock").open("rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
         return True
-    finally:
-        os.close(lock)
+    except OSError:
+        pass
+    return False
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
@@ -442,7 +400,7 @@ class Keeper:
         self._thread.start()
 
     def end(self) -> None:
-        """Stop; a check that is running ends first."""
+        """Stop; a check that is running is broken off."""
         self._ended.set()
         self._thread.join()
 
@@ -450,38 +408,32 @@ class Keeper:
         while not self._ended.wait(self.period):
             try:
                 self.look()
-            except (sqlite3.Error, OSError) as error:
+            except (sqlite3.Error, OSError, StoreError) as error:
                 self.problem = f"{self._path}: no snapshot: {error}"
 
     def look(self) -> None:
         """One check, and a snapshot where something has been written since the last. Raises sqlite3.Error, OSError."""
         with closing(connect(self._path, "ro", timeout=5.0)) as connection:
-            found = examine(connection, self._pause).problems
+            connection.set_progress_handler(self._pause, STEPS)
+            found = examine(connection)
+            if self._ended.is_set():
+                return
             self.checks += 1
-            if found:
-                self.found = found
-            elif not self._ended.is_set():
+            self.found = found
+            if not found:
                 self._keep(connection)
 
     def _pause(self) -> bool:
-        """Leave the processor to others; whether to go on."""
-        return not self._ended.wait(0.002)
+        """Leave the processor to others; whether to end."""
+        return self._ended.wait(0.002)
 
     def _keep(self, connection: sqlite3.Connection) -> None:
-        clock = StoreClock.of(connection.execute("SELECT * FROM clock").fetchone())
+        clock = StoreClock.of(connection)
         if clock.sequence == self._kept:
             return
-        if not has_space(self._path):
+        if shutil.disk_usage(self._path.parent).free <= SPACE * self._path.stat().st_size:
             raise OSError("too little space")
-        part = Path(f"{self._path}.snapshot.part")
-        part.unlink(missing_ok=True)
-        connection.execute("VACUUM INTO ?", (str(part),))
-        with closing(connect(part, "ro")) as copy:
-            found = examine(copy, self._pause).problems
-        if found:
-            part.unlink()
-            raise OSError(found[0])
-        synchronised(part)
+        part = _copied(connection, Path(f"{self._path}.snapshot"), self._pause)
         for newer, older in zip(self._snapshots[-2::-1], self._snapshots[::-1], strict=False):
             if newer.exists():
                 newer.replace(older)

@@ -8,13 +8,15 @@ that is missing, or an old one that came back, shows as well.
 from __future__ import annotations
 
 import math
+import re
+import sqlite3
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
 from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 from world_model.memory.store_rows import COLUMNS
 
@@ -24,15 +26,15 @@ VERSION = 202611
 APPLICATION = 0x77686272  # Marks the file as a world model's among all that SQLite may have written
 PAGE = 4096
 MAGIC = b"SQLite format 3\0"
-HEAD = (
-    (16, PAGE.to_bytes(2, "big")),
-    (20, b"\x00\x40\x20\x20"),
-    *((at, number.to_bytes(4, "big")) for at, number in ((44, 4), (52, 0), (56, 1), (64, 0))),
-    (72, bytes(20)),
+HEAD = re.compile(
+    rb"SQLite format 3\0\x10\0(\x01\x01|\x02\x02)\0\x40\x20\x20.{20}\0\0\0\x04.{4}\0{7}\x01.{4}\0{4}.{4}\0{20}",
+    re.DOTALL,
 )
-"""What its head always says behind that, and where: size of pages, what they keep free, layout, root, encoding."""
+"""How it begins: size of pages, how it is written and read, what pages keep free, layout, root, encoding; between them
+what differs."""
 
-Picked = Callable[[Sequence[Any]], tuple[Any, ...]]
+Row = tuple[Any, ...]
+Picked = Callable[[Sequence[Any]], Row]
 
 _OBJECT = (
     "numbers BLOB NOT NULL, existence REAL NOT NULL, lost INTEGER NOT NULL, last_seen REAL NOT NULL, "
@@ -75,28 +77,13 @@ class StoreTable:
         return packer, _picked(whole), _picked(real), _picked(text), self.name.encode()
 
     @cached_property
-    def mistyped(self) -> str:
-        """Query for keys of rows with bytes for text, or the other way round: to a mark both are bytes."""
-        names = [name.strip() for name in self.columns.split(",")]
-        wrong = [
-            f"typeof({name}) NOT IN ('{'text' if kind == 't' else 'blob'}', 'null')"
-            for name, kind in zip(names, self.kinds, strict=True)
-            if kind in "tb"
-        ]
-        return f"SELECT {names[0]} FROM {self.name} WHERE {' OR '.join(wrong) or '0'}"
-
-    @cached_property
-    def texts(self) -> list[int]:
-        """Places of text in a row."""
-        return [index for index, kind in enumerate(self.kinds) if kind == "t"]
-
-    @cached_property
     def insert(self) -> str:
         """Statement that takes a row and its mark."""
         return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.kinds) + 1))})"
 
     def mark(self, values: Sequence[Any]) -> int:
-        """Hash (64 bits, signed) of a row. Raises TypeError or struct.error for values of other kinds."""
+        """Hash (64 bits, signed) of a row. Raises AttributeError, TypeError, ValueError or struct.error for
+        values of other kinds."""
         packer, whole, real, text, name = self._layout
         texts = text(values)
         parts = [b"" if part is None else part if type(part) is bytes else part.encode() for part in texts]
@@ -108,12 +95,36 @@ class StoreTable:
         digest = blake2b(packed + b"".join(parts), digest_size=8, person=name).digest()
         return int.from_bytes(digest, "little", signed=True)
 
+    def marked(self, values: Row) -> Row:
+        """The row of these values."""
+        return (*values, self.mark(values))
+
     def is_whole(self, row: Sequence[Any]) -> bool:
         """Whether a row, its mark last, is as it was written."""
         try:
-            return len(row) == len(self.kinds) + 1 and self.mark(row) == row[-1]
-        except (TypeError, ValueError, AttributeError, struct.error):
+            # To a mark text and bytes are the same; a damage makes one of the other.
+            return [type(value) is bytes for value in row] == self._blobs and self.mark(row) == row[-1]
+        except (AttributeError, TypeError, ValueError, struct.error):
             return False
+
+    def found(self, values: list[Any]) -> Row | None:
+        """The row that has these values in a page, text as bytes; None where it is not as it was written."""
+        row = [*values]
+        try:
+            for index in self._texts:
+                row[index] = None if row[index] is None else row[index].decode()
+        except (AttributeError, UnicodeDecodeError):
+            return None
+        return tuple(row) if self.is_whole(row) else None
+
+    @cached_property
+    def _blobs(self) -> list[bool]:
+        """Whether each value of a row is bytes."""
+        return [kind == "b" for kind in self.kinds] + [False]
+
+    @cached_property
+    def _texts(self) -> list[int]:
+        return [index for index, kind in enumerate(self.kinds) if kind == "t"]
 
 
 def _picked(places: list[int]) -> Picked:
@@ -133,10 +144,10 @@ NAMES = StoreTable("names", "key, epoch, id", "iit")
 CURRENT = StoreTable("current", f"key, {COLUMNS}", "ibrirrttt")
 HISTORY = StoreTable("history", f"row, key, stamp, event, level, {COLUMNS}", "iirtibrirrttt")
 COUNTED = (EPOCHS, OBJECTS, NAMES, CURRENT, HISTORY)
+TABLES = {table.name: table for table in (*COUNTED, CLOCK)}
 
 
-@dataclass(frozen=True)
-class StoreClock:
+class StoreClock(NamedTuple):
     """The row of `clock`: the newest run and stamp, whose file it is, its transactions, and the tally.
 
     runs, names, present, past : rows of epochs, objects (and names), current, history; total : sum of all their marks.
@@ -153,20 +164,14 @@ class StoreClock:
     total: int = 0
 
     @classmethod
-    def of(cls, row: Sequence[Any]) -> StoreClock:
-        """From a row as it is stored, with or without its mark."""
-        _, epoch, stamp, identity, *numbers = row[:10]
-        name = identity.decode() if isinstance(identity, bytes) else identity
-        return cls(epoch, stamp, name, *numbers)
+    def of(cls, connection: sqlite3.Connection) -> StoreClock:
+        """Of a file that is whole."""
+        return cls(*connection.execute("SELECT * FROM clock").fetchone()[1:-1])
 
     @property
-    def row(self) -> tuple[Any, ...]:
+    def row(self) -> Row:
         """As it is stored, with its mark."""
-        values = (
-            *(1, self.epoch, self.stamp, self.identity, self.sequence),
-            *(self.runs, self.names, self.present, self.past, self.total),
-        )
-        return (*values, CLOCK.mark(values))
+        return CLOCK.marked((1, *self))
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -179,14 +184,6 @@ def summed(marks: Iterable[int]) -> int:
     return (sum(marks) + (1 << 63)) % (1 << 64) - (1 << 63)
 
 
-def header_problem(page: bytes) -> str:
-    """What is wrong with the first hundred bytes of the file, as far as they are always the same; "" if nothing is.
-
-    Says nothing about application and version.
-    """
-    if page[:16] != MAGIC:
-        return "does not begin as a database does"
-    fixed = all(page[at : at + len(part)] == part for at, part in HEAD)
-    if not fixed or page[18] != page[19] or page[18] not in (1, 2):
-        return "the head of the file is not as it was written"
-    return ""
+def version_of(page: bytes) -> int:
+    """Version that the head of a file names; 0 where it is no store's."""
+    return int.from_bytes(page[60:64], "big") if page[68:72] == APPLICATION.to_bytes(4, "big") else 0

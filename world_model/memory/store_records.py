@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -61,7 +62,7 @@ class Records:
     @property
     def data_version(self) -> int:
         """Another number whenever another process has written since."""
-        return int(self._execute("PRAGMA data_version").fetchone()[0])
+        return int(self._value("PRAGMA data_version"))
 
     def restore(self) -> Memory | None:
         """What was known at the last message, for a new `WorldModel`; None where nothing is remembered."""
@@ -83,7 +84,7 @@ class Records:
     def _places_row(self, stamp: float = float("inf")) -> str:
         order = "AND h.stamp <= ? ORDER BY h.row DESC LIMIT 1"
         found = self._of(NAME, RUN, "h.attributes", order, stamp).fetchone()
-        return "" if found is None else str(found[0])
+        return str(found[0]) if found else ""
 
     def epochs(self) -> list[tuple[int, float | None, float | None]]:
         """All runs: number, first and last stamp."""
@@ -93,10 +94,10 @@ class Records:
 
     def epoch_at(self, stamp: float) -> int | None:
         """The newest run that had begun by `stamp`; None before all of them."""
-        found = self._execute(
+        run: int | None = self._value(
             "SELECT max(epoch) FROM epochs WHERE first_stamp <= ? AND epoch >= 0", stamp
-        ).fetchone()
-        return None if found[0] is None else int(found[0])
+        )
+        return run
 
     def objects_at(self, stamp: float, epoch: int | None = None) -> list[WorldObject]:
         """All objects as they were known at `stamp`, of the newest run that had begun by then or of `epoch`.
@@ -136,9 +137,9 @@ class Records:
         end: float = float("inf"),
     ) -> list[HistoryEntry]:
         """Events of one object, oldest first, in the newest run that knew it or in `epoch`."""
-        run = epoch
-        if run is None:
-            run = self._execute("SELECT max(epoch) FROM objects WHERE id = ?", object_id).fetchone()[0]
+        run = (
+            self._value("SELECT max(epoch) FROM objects WHERE id = ?", object_id) if epoch is None else epoch
+        )
         order = "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row"
         rows = self._of(object_id, run, f"h.stamp, h.event, {COLUMNS}", order, start, end)
         return [
@@ -158,7 +159,7 @@ class Records:
 
     def newest(self) -> tuple[int, float | None, int]:
         """Run, stamp and number of the last message that the file has."""
-        clock = StoreClock.of(self._execute("SELECT * FROM clock").fetchone())
+        clock = StoreClock.of(self._file.connection)
         return clock.epoch, clock.stamp, clock.sequence
 
     def present(self) -> list[WorldObject]:
@@ -213,10 +214,8 @@ class Records:
         first = self._row_at(start, newest) - 1
         if first < newest - most:
             first = newest - most
-            found = self._execute(
-                "SELECT stamp FROM history WHERE row > ? ORDER BY row LIMIT 1", first
-            ).fetchone()
-            start = max(start, float(found[0]))
+            oldest = self._value("SELECT stamp FROM history WHERE row > ? ORDER BY row LIMIT 1", first)
+            start = max(start, float(oldest))
         rows = self._execute(
             "SELECT key, stamp, event, substr(numbers, 1, 24), existence, lost, last_seen FROM history "
             "WHERE row > ? AND stamp >= ? AND event != 'seen' ORDER BY row",
@@ -228,24 +227,15 @@ class Records:
     def _row_at(self, stamp: float, newest: int) -> int:
         """First row of the newest run from which on all have at least this stamp."""
         # Rows lie in the order in which they were written, keys in the order in which objects were first met.
-        first = self._execute(
-            "SELECT min(key) FROM objects WHERE epoch = (SELECT epoch FROM clock)"
-        ).fetchone()[0]
+        first = self._value("SELECT min(key) FROM objects WHERE epoch = (SELECT epoch FROM clock)")
         if first is None:
             return newest + 1
-        low, high = 0, newest + 1
-        while low < high:
-            middle = (low + high) // 2
-            found = self._execute(
-                "SELECT row, key, stamp FROM history WHERE row >= ? AND event != ? ORDER BY row LIMIT 1",
-                middle,
-                EVENT,
-            ).fetchone()
-            if found is None or (found[1] >= first and found[2] >= stamp):
-                high = middle
-            else:
-                low = found[0] + 1
-        return low
+        later = (
+            "SELECT key >= ? AND stamp >= ? FROM history WHERE row >= ? AND event != ? ORDER BY row LIMIT 1"
+        )
+        return bisect_left(
+            range(newest + 1), True, key=lambda row: self._value(later, first, stamp, row, EVENT) != 0
+        )
 
     def lives(self, prefix: str) -> list[tuple[str, float, float, str]]:
         """Objects of the newest run whose id begins so: id, first and last seen, JSON of the attributes."""
@@ -294,7 +284,12 @@ class Records:
         return self._execute(f"SELECT {columns} FROM {rows} {rest}", object_id, epoch, *values)
 
     def _newest_row(self) -> int:
-        return self._execute("SELECT max(row) FROM history").fetchone()[0] or 0
+        return self._value("SELECT max(row) FROM history") or 0
+
+    def _value(self, statement: str, *values: Any) -> Any:
+        """The first value of the first row, None where there is none."""
+        found = self._execute(statement, *values).fetchone()
+        return found[0] if found else None
 
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
         return self._file.connection.execute(statement, values)

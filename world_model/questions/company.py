@@ -12,6 +12,7 @@ from estimation.geometry.places import Place
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed
 from world_model.questions.moments import Span
 from world_model.questions.naming import (
+    at_the,
     described,
     name_of_person,
     one_named,
@@ -23,8 +24,8 @@ from world_model.questions.naming import (
 from world_model.questions.past import (
     Change,
     When,
-    changes_of,
     moves_at,
+    moves_of,
     period_of,
     since_when,
     told_change,
@@ -55,7 +56,7 @@ def who_was_here(world: Recall, place: str = "", since: When = None, person: str
     """
     only = _ids(world, person)
     span = since_when(world, since, DAY)
-    where = place_named(world, place, beside=True) if place and place != "here" else ""
+    where = place_named(world, "" if place == "here" else place, beside=True)
     visits = [visit for visit in visits_of(world, where, span) if not person or visit.person in only]
     changes = moves_at(world, where, span) if visits else []
     value: list[list[Any]] = []
@@ -68,14 +69,14 @@ def who_was_here(world: Recall, place: str = "", since: When = None, person: str
             f"{described(world, visit.person)} from {clock(visit.start)} to {clock(visit.end)[11:]}{with_what}"
         )
         evidence.append({"object": visit.person, "event": "seen", "place": where, "stamp": iso(visit.start)})
-    at = spoken(world, where) if where else "here"
+    at = at_the(world, where) or " here"
     period = period_of(world, span)
     probability = Trust.SEEN if visits else Trust.STORY
     if visits:
-        sentence = f"{_people(world, visits)} {at} {period}: {'; '.join(parts[-8:])}"
+        sentence = f"{_people(world, visits)}{at} {period}: {'; '.join(parts[-8:])}"
     else:
         nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
-        sentence = f"I have {nobody} {at} {period}"
+        sentence = f"I have {nobody}{at} {period}"
     return Answer.stated(sentence, "who_was_here", probability, span.start, value, tuple(evidence[-8:]))
 
 
@@ -84,29 +85,32 @@ def who_is_here(world: Recall, place: str = "") -> Answer:
 
     Raises NothingKnownError, AmbiguousError.
     """
-    where = place_named(world, place, beside=True) if place else ""
-    visits = visits_of(world, where, Span(world.now - NOW, world.now))
-    at = spoken(world, where) if where else "here"
-    names = [described(world, name) for name in dict.fromkeys(visit.person for visit in visits)]
-    sentence = f"I have seen nobody {at} in the last {duration(NOW)}"
+    was = who_was_here(world, place, Span(world.now - NOW, world.now))
+    names = [described(world, name) for name in dict.fromkeys(row[0] for row in was.value)]
+    at = at_the(world, place_named(world, place, beside=True)) or " here"
+    sentence = f"I have seen nobody{at} in the last {duration(NOW)}"
     if names:
-        sentence = f"{listed(names)} {'is' if len(names) == 1 else 'are'} {at}"
-    value = [[visit.person, iso(visit.start), iso(visit.end), []] for visit in visits]
-    return Answer.stated(sentence, "who_was_here", Trust.NOT_SEEN, world.now, value)
+        sentence = f"{listed(names)} {'is' if len(names) == 1 else 'are'}{at}"
+    return Answer.stated(sentence, "who_was_here", Trust.NOT_SEEN, world.now, was.value, was.evidence)
 
 
-def who_moved(world: Recall, what: str, since: When = None, person: str = "") -> Answer:
+def who_moved(
+    world: Recall, what: str, since: When = None, person: str = "", place: str = "", way: str = ""
+) -> Answer:
     """Who was there when an object was moved: last, or each time of a span. Nobody is known to have moved it.
 
-    person : whether it was this one. value : ids of people. Raises NothingKnownError, AmbiguousError.
+    person : whether it was this one. place, way : from or to this one, as of `is_about`. value : ids of people.
+
+    Raises NothingKnownError, AmbiguousError.
     """
     only = _ids(world, person)
-    name = one_named(world, what)
+    name, where = one_named(world, what), place_named(world, place)
     span = since_when(world, since)
-    line = world.latest(name) if since is None else world.since(name, span.start)
-    moves = [each for each in changes_of(line, span.start, span.end) if each.before not in (None, each.after)]
+    moves = [each for each in moves_of(world, name, span, where, way)[1] if each.before != each.after]
     if not moves:
-        sentence = f"{described(world, name)} was not moved in that time, as far as I know."
+        sentence = (
+            f"{described(world, name)} was not moved{at_the(world, where)} in that time, as far as I know."
+        )
         return Answer(sentence, "who_moved", Trust.NOT_SEEN, iso(world.now), [])
     parts, value = [], []
     for move in moves if since is not None else moves[-1:]:

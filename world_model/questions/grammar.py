@@ -7,7 +7,7 @@ in it. Whatever no pattern takes is not understood, and answered with what can b
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,9 +25,9 @@ from world_model.questions.answers import (
     listed,
 )
 from world_model.questions.moments import Span, ahead, extract
-from world_model.questions.naming import PREPOSITIONS, is_person, phrases
+from world_model.questions.naming import PREPOSITIONS, is_person, name_words, phrases, things_named
 from world_model.questions.recall import Recall, Trust, recall
-from world_model.questions.wording import plainly, respelled
+from world_model.questions.wording import plainly, respelled, simply
 from world_model.symbols import Symbols
 
 LONGEST = 500  # Characters of a question
@@ -39,18 +39,26 @@ CAN_BE_ASKED = (
     "what was in the kitchen at 14:30", "what is usually on the desk", "how many cups are in the kitchen",
     "is the cup on the desk", "who was in the kitchen yesterday morning", "what will be needed next",
     "what happened to the cup", "which room is the cup in", "who moved the cup", "what has left the desk since noon",
-    "where will the cup be tomorrow at eight",
+    "where will the cup be tomorrow at eight", "what came to the desk today", "what is out of place",
 )  # fmt: skip
 _AT = rf"(?P<place>(?:{PREPOSITIONS}) .+)"
+_TO = r"(?P<to>to|onto|into|on|in|at|from|out of) (?P<place>.+)"
 _HERE = r"(?:here|there|around|home|at home|in the house|in the home)"
-_BE = r"(?P<verb>is|are|was|were|has been|have been|had been)"
-_ANY = r"(?:you|i|we|one|anyone|anybody|somebody|someone)"
-_WHO = r"(?P<who>(?!it\b|that\b|this\b|the\b|my\b|there\b|any)[\w-]+(?: [\w-]+)?)"
-_PLACE = r"(?P<place>.+)"
-_WHAT = r"(?:what|which) (?:has |have |is |was |were |been |things? |objects |else )*"
-_ANYTHING = r"(?:has|have|did|was|were) (?:anything|something|any things?) (?:been |else )?"
-_HANDLED = r"(?:moved?|took|taken?|carr(?:y|ied)|had|held|used?|touch(?:ed)?|brought|bring|removed?)"
-_USUALLY = r"(?:usually|normally|mostly|often|generally|most of the time)"
+_BE = r"(?P<verb>is|was)"
+_SOON = r"(?: (?:in|within|during|over) the next (?P<ahead>.+))?"
+_PLACED = (
+    r"(?:(?:in |at |on )?(?:its|their|the) (?:usual |normal |right |proper )?(?:place|spot)"
+    r"|where (?:it|they) should be)"
+)
+_ASKS = r"(?:usually|where|when|who|what|which|how|is|was|did|can|could|will|would|should|list|tell|why)\b"
+_UNREAD = re.compile(
+    r"\b(?:where|when|who|what|how|did|not|it|they|before|after|since|while|if|or|than|i|you)\b"
+)
+"""Words that no name has: what has one was not read to its end."""
+_I = r"(?:you|i|we|one)"
+_WHO = r"(?P<who>(?!it\b|that\b|this\b|the\b|my\b|there\b|any|anyone\b|not\b)[\w-]+(?: [\w-]+)?)"
+_W = r"(?P<what>.+?)"
+_WHAT = r"(?:what|which(?: things| objects| items)?|what things|what objects)(?: else| all)?"
 
 
 @dataclass(frozen=True)
@@ -65,27 +73,25 @@ class ParsedQuestion:
     who: str = ""
     verb: str = ""
     ahead: str = ""
+    empty: str = ""
+    to: str = ""
+    left: str = ""
+
+    @property
+    def way(self) -> str:
+        """Whether a move is meant "from" a place or "to" it."""
+        return "from" if self.left or self.to in ("from", "out of") else "to" if self.to else ""
 
     @property
     def past(self) -> bool:
         return self.span is not None and self.span.start < self.world.now - 1.0
 
     @property
-    def during(self) -> Span | None:
-        """A time in the past that lasts, and is not the end of one."""
-        long = self.span is not None and self.span.end - self.span.start >= 1.0
-        return self.span if self.past and long and self.word != "until" else None
-
-    @property
-    def when(self) -> Span | None:
-        """Until a moment is that moment."""
-        span = self.span
-        return Span(span.start, span.start, span.words) if span is not None and self.word == "until" else span
-
-    @property
     def then(self) -> Span | None:
-        """The time of a question about the past."""
-        return self.when if self.past else None
+        """The time of a question about the past; until a moment is that moment."""
+        if self.span is None or not self.past:
+            return None
+        return Span(self.span.start, self.span.start, self.span.words) if self.word == "until" else self.span
 
     @property
     def since(self) -> Span | None:
@@ -96,6 +102,14 @@ class ParsedQuestion:
         if self.word == "until":
             return Span(-float("inf"), span.start, span.words)
         return Span(span.start, self.world.now, span.words) if span.end - span.start < 1.0 else span
+
+    @property
+    def around(self) -> Span | None:
+        """As `since`, but a moment without that word is the minutes around it: "who was here at nine"."""
+        span = self.then
+        if span is None or self.word == "since" or span.end - span.start >= 1.0 or self.word == "until":
+            return self.since
+        return Span(span.start - company.NOW, min(span.start + company.NOW, self.world.now), span.words)
 
     @property
     def always(self) -> Recall:
@@ -112,58 +126,64 @@ Call = Callable[[ParsedQuestion], Answer]
 
 
 def _where(q: ParsedQuestion) -> Answer:
-    if q.past:
-        assert q.when is not None
-        if is_person(q.world, q.what):
-            return company.where_was_person(q.world, q.what, q.when)
-        return where.where_was(q.world, q.what, q.when)
-    was = q.verb in ("was", "were", "had been", "did", "has been", "have been")
-    return (where.where_was if was and q.span is None else where.where_is)(q.world, q.what)
+    if q.span is not None and q.span.start > q.world.now + 1.0:
+        return usual.where_will_be(
+            q.world, q.what, where.within(q.world, q.span) if q.verb == "was" else q.span
+        )
+    if q.then is not None:
+        call = company.where_was_person if is_person(q.world, q.what) else where.where_was
+        return call(q.world, q.what, q.then)
+    return (where.where_was if q.verb == "was" and q.span is None else where.where_is)(q.world, q.what)
+
+
+def _named(q: ParsedQuestion) -> Answer:
+    """Where something is, of which no more than the name was said. Raises NotUnderstoodError where it is no name."""
+    try:
+        return _where(q)
+    except NothingKnownError:
+        raise NotUnderstoodError(_not_understood(q.what)) from None
 
 
 def _last_at(q: ParsedQuestion) -> Answer:
     if q.since is not None:
-        return past.was_at(q.world, q.what, q.place, q.since)
+        return where.is_at(q.world, q.what, q.place, q.since)
     return past.when_last_at(q.world, q.what, q.place)
 
 
-def _long(q: ParsedQuestion) -> Answer:
-    if q.past and q.since is not None:
-        return past.how_long_at(q.world, q.what, q.place, q.since)
-    return past.how_long_there(q.world, q.what, q.place)
-
-
 def _who(q: ParsedQuestion) -> Answer:
-    if q.verb in ("is", "are") and not q.past:
+    if q.verb == "is" and not q.past:
         return company.who_is_here(q.world, q.place)
-    return company.who_was_here(q.world, q.place, q.since, q.who)
+    return company.who_was_here(q.world, q.place, q.around, q.who)
 
 
 def _next(q: ParsedQuestion) -> Answer:
     return usual.what_is_needed_next(q.always, extract(f"in the last {q.ahead}", 0.0)[1] if q.ahead else None)
 
 
-def _what_at(q: ParsedQuestion) -> Answer:
-    if q.during is not None:
-        return past.what_was_at(q.world, q.place, q.during)
-    was = q.verb in ("was", "were", "lay", "stood") or q.past
-    return where.what_is_at(q.world, q.place, q.when if was else None)
-
-
 def _is_at(q: ParsedQuestion) -> Answer:
-    if q.during is not None:
-        return past.was_at(q.world, q.what, q.place, q.during)
+    each = re.sub(r"^(?:all|both)\b(?: of)? ", "", q.what)
+    if each != q.what:
+        many, known = where.how_many(q.world, each, q.place, q.then), len(things_named(q.world, each).ids)
+        said = f"{'Yes' if many.value == known else 'No'}, {many.value} of {known}. {many.sentence}"
+        return replace(many, kind="is_at", value=many.value == known, sentence=said)
+    if q.verb == "was" and q.span is None:
+        last = past.when_last_at(q.world, q.what, q.place)
+        return replace(last, kind="is_at", value=last.value is not None)
     return where.is_at(q.world, q.what, q.place, q.then)
 
 
+def _came(q: ParsedQuestion) -> Answer:
+    if q.span is None:
+        return past.when_last_at(q.world, q.what, q.place)
+    return past.when_moved(q.world, q.what, q.around, q.place or q.left, q.way)
+
+
 def _listed(q: ParsedQuestion) -> Answer:
-    """ "cups are on the desk", "red things in the kitchen"."""
-    what = re.sub(rf" (?:is|are|was|were)(?: there)? (?=(?:{PREPOSITIONS}) )", " ", q.what)
-    if not q.past:
-        return where.where_is(q.world, what)
-    if q.place:
-        return _is_at(replace(q, what=what.removesuffix(q.place).strip()))
-    return where.where_was(q.world, what, q.when)
+    """ "which cups are on the desk", "list the red things in the kitchen"."""
+    if q.past and q.place:
+        return _is_at(q)
+    what = f"{q.what} {q.place}".strip()
+    return where.where_was(q.world, what, q.then) if q.past else where.where_is(q.world, what)
 
 
 def _will_be(q: ParsedQuestion) -> Answer:
@@ -175,123 +195,123 @@ def _will_be(q: ParsedQuestion) -> Answer:
 _CALLS: dict[str, Call] = {
     "where": _where,
     "last_at": _last_at,
-    "long": _long,
+    "long": lambda q: past.how_long_there(q.world, q.what, q.place, q.since if q.past else None),
     "who": _who,
     "next": _next,
-    "what_at": _what_at,
+    "what_at": lambda q: where.what_is_at(q.world, q.place or f"in {q.empty}", q.then),
     "is_at": _is_at,
+    "came": _came,
     "listed": _listed,
     "will_be": _will_be,
     "room": lambda q: where.which_room(q.world, q.what, q.then),
     "usually": lambda q: where.where_usually(q.always, q.what),
     "at_home": lambda q: usual.is_at_usual_place(q.always, q.what),
     "seen": lambda q: where.when_last_seen(q.world, q.what, q.since),
-    "moved": lambda q: past.when_moved(q.world, q.what, q.since),
+    "moved": lambda q: past.when_moved(q.world, q.what, q.around, q.place or q.left, q.way),
     "often": lambda q: past.how_often(q.world, q.what, q.place, q.since),
+    "who_last": lambda q: company.who_was_here(
+        q.world, q.place, q.since or past.since_when(q.world, None, past.WEEK)
+    ),
+    "long_gone": lambda q: past.how_long_there(q.world, q.what, "", q.since if q.past else None, gone=True),
+    "strays": lambda q: usual.what_is_out_of_place(q.always),
+    "arrived": lambda q: past.what_moved(q.world, q.around, q.place, "to"),
+    "everything": lambda q: where.what_is_at(q.world, "", q.then),
     "changed": lambda q: past.what_changed(q.world, q.since, q.place),
-    "all_moved": lambda q: past.what_moved(q.world, q.since, q.place),
+    "all_moved": lambda q: past.what_moved(q.world, q.around, q.place),
     "missing": lambda q: past.what_is_missing(q.world, q.since),
     "left": lambda q: past.what_left(q.world, q.place, q.since),
     "usually_here": lambda q: usual.what_is_usually_here(q.always, q.place),
-    "who_moved": lambda q: company.who_moved(q.world, q.what, q.since, q.who),
-    "carried": lambda q: company.what_was_carried(q.world, q.who, q.since),
-    "many": lambda q: where.how_many(q.world, q.what, q.place, q.when),
+    "who_moved": lambda q: company.who_moved(q.world, q.what, q.around, q.who, q.place, q.way),
+    "carried": lambda q: company.what_was_carried(q.world, q.who, q.around),
+    "many": lambda q: where.how_many(q.world, q.what, q.place, q.then),
     "history": lambda q: past.history(q.world, q.what, q.since),
 }
 
 
-_W = r"(?P<what>.+?)"
 _PATTERNS = rf"""
-usually      where (?:is|are|was|were|does|do) {_W} {_USUALLY}(?: (?:be|belong|kept|go|lie|stand))?
-usually      where (?:is|are|do you|do i|does one|can i|would i) {_USUALLY} (?:find |keep |see |put )?{_W}
-usually      where (?:does|do) {_W} (?:{_USUALLY} )?(?:belong|go|live|lie|stand)
-usually      where (?:should|ought|is supposed to|are supposed to) {_W} (?:to )?(?:be|go|stand|lie)
-usually      where (?:is|are) {_W} supposed to be
-at_home      (?:is|are) {_W} (?:in|at|on) (?:its|their|the) (?:usual|normal|right|proper) (?:place|spot)
-at_home      (?:is|are) {_W} where (?:it|they) (?:belongs?|should be|{_USUALLY} (?:is|are))
-room         (?:in |on |at )?(?:which|what) (?:room|place|spot|part of here) (?P<verb>is|are|was|were) {_W}(?: (?:in|
->on|at))?
-seen         when (?:was|were|did|is) (?:(?:you|i|anyone|somebody) )?(?:last )?(?:see|seen) {_W}(?: last)?
-seen         when (?:was|were|is) {_W} (?:last )?(?:seen|there|{_HERE})(?: last)?
-last_at      when (?:was|were|is) {_W} (?:last )?{_AT}?(?: last)
-last_at      when (?:was|were|is) {_W} last {_AT}
-last_at      when (?:did|was|were) {_W} (?:come|get|arrive|put|placed|moved) (?:to|onto|into|on|in|at) {_PLACE}
-seen         how long ago (?:was|were|did) (?:{_ANY} (?:last )?see )?{_W}(?: (?:last )?seen)?(?: last)?
-seen         how long (?:has it been|is it) since {_ANY} (?:last )?saw {_W}
-seen         how long (?:has it been|is it) since {_W} (?:was|were) (?:last )?seen
-seen         when (?:was|were) the last time (?:you|i|anyone|somebody) (?:saw|had seen) {_W}
-seen         (?:last seen|last sight of) {_W}
-moved        when (?:was|were) the last time {_ANY} (?:moved|took|used) {_W}
-moved        when (?:did|has) {_ANY} (?:last )?(?:moved?|take|taken|used?|touch|touched) {_W}(?: last)?
-moved        when (?:was|were|did|has|have) {_W} (?:been )?(?:last )?(?:moved?|taken|carried|go|leave|left|disappear
->(?:ed)?|vanish(?:ed)?)(?: away| last| missing)*
-often        (?:how often|how many times) (?:was|were|has|have|did|is) {_W} (?:been )?(?:moved?|carried|used|taken)
->(?: around)?
-often        (?:how often|how many times) (?:was|were|has|have|is) {_W} (?:been )?{_AT}
-long         (?:how long|since when) (?:has|have|is|are|was|were) {_W} (?:been )?(?:{_HERE}|where (?:it is|they are)|
->missing|gone|lost|away)
-long         (?:how long|since when) (?:has|have|is|are|was|were) {_W} (?:been )?{_AT}
-long         (?:how long|since when) (?:has|have) {_W} been
-changed      {_WHAT}(?:changed|different|new)(?: {_HERE})?(?: {_AT})?
-changed      {_ANYTHING}(?:changed?|different|new)(?: {_HERE})?(?: {_AT})?
-all_moved    {_WHAT}(?:moved|happened)(?: around| about)?(?: {_HERE})?(?: {_AT})?
-all_moved    {_ANYTHING}(?:moved?|happen(?:ed)?)(?: around| about)?(?: {_HERE})?(?: {_AT})?
-left         (?:what|which things) (?:is|are|was|has|have) (?:no longer|not .+ any ?more|missing|gone|disappeared|
->vanished|been taken|been removed|taken|removed) {_AT}
-left         (?:what|which things) (?:has|have) left {_PLACE}
-left         (?:is|was|has) (?:anything|something) (?:missing|gone|been taken|been removed|taken|removed) {_AT}
-missing      (?:what|which) (?:is|are|was|has|have|things are|objects are|things have|things|objects) (?:gone |
->been )?(?:missing|gone|lost|not where it was|disappeared|vanished)(?: now)?
-missing      (?:is|are) (?:anything|something|any things?|there anything) (?:missing|gone|lost)
-usually_here what (?:is|are|lies|stands|do you|can i)(?: there)? {_USUALLY} (?:find |see |kept )?{_AT}
-usually_here what (?:is|are) {_AT} {_USUALLY}
-usually_here what (?:belongs|usually is|usually lies|is usually kept) {_AT}
-who          (?:who|which people|what people|who all) {_BE} {_HERE}(?:,? and with what)?
-who          (?:who|which people|what people) {_BE} (?:seen )?{_AT}?(?:,? and with what)?
-who          (?:was|were|has|have) {_WHO} (?:been )?(?:{_HERE}|seen)
-who_moved    who (?:has |have |had )?(?:last )?{_HANDLED} {_W}(?: last)?(?: {_AT})?
-often        (?:has|have|did|was|were) (?!{_ANY} ){_W} (?:been )?(?:moved?|carried|used)(?: around| away)?
-who_moved    (?:did|has|have) (?:{_ANY}|{_WHO}) {_HANDLED} {_W}
-who          when (?:was|were|did) {_WHO} (?:come|arrive|visit)(?: {_HERE})?
-carried      what (?:did|has|have) {_WHO} (?:{_HANDLED}|done?|put|pick(?:ed)? up|put down)(?: with| around| away)?
-carried      what was {_WHO} (?:carrying|holding|moving|doing)
-who          (?:who|which people) (?:came|visited|used|went to|entered) ?(?:{_AT})?
-who          (?P<verb>was|were|has|have|is|are) (?:there )?(?:anybody|anyone|somebody|someone|people|any people)
-> (?:been )?(?:{_HERE}|{_AT})
-next         what (?:will be|will i|will we|is|do i|might be|will) (?:be )?(?:needed|need|moved?|used|move|happen)
->(?: next| soon)*(?: (?:in|within|during|over) the next (?P<ahead>.+))?
-next         what (?:is|comes|happens|moves) (?:next|going to (?:be needed|be moved|move|happen))(?: next)?(?: (?:in|
->within) the next (?P<ahead>.+))?
-who          how many (?:people|persons) {_BE} (?:seen )?(?:{_HERE}|{_AT})
-many         how many (?!times\b){_W} (?:are|is|were|was|lie|stand)(?: there)?(?: {_HERE})?(?: {_AT})?
-many         how many (?!times\b){_W} (?:do|can|did|have) (?:you|i|we) (?:know|see|seen|have|got|own)(?: {_HERE})?
->(?: {_AT})?
-many         how many (?!times\b){_W}(?: {_AT})?
-many         (?:is|are|was|were) there {_W}(?: left)? {_HERE}
-many         (?:do|have) (?:you|i|we) (?:have|got) {_W}(?: {_HERE})?
-what_at      what(?: all| else)? (?P<verb>is|are|was|were|lies|lay|stands|stood|(?:do|can) (?:you|we|i) (?:see|
->have))(?: there| lying| standing| kept)? {_AT}
-what_at      (?:what|which) (?:things|objects|items) (?P<verb>are|were|lie|lay)(?: there)? {_AT}
-what_at      (?:is there|are there|is|are) (?:anything|something|any things|things) {_AT}
-listed       (?:what|which) (?P<what>.+ (?P<verb>are|were) {_AT})
-listed       (?:list|show|show me|give me|name)(?: me)? (?:all |all of )?{_W}
-history      what (?:happened|was done|is the history|do you know) (?:to|with|of|about) {_W}
+usually      usually where (?:is|was|did|can|would|should)(?: {_I})? (?:(?:find|keep|seen|moved|gone|left) )?{_W}
+>(?: (?:be|kept|gone|is|moved|hang|stored))*
+usually      where should (?!{_I}\b){_W} (?:be|gone|is)
+strays       (?:what|which things) is (?:out of (?:its )?place|misplaced|not {_PLACED})
+strays       is (?:everything|all|anything) (?:not |out of )?{_PLACED}
+strays       usually (?:what|which things|is everything|is anything) (?:is )?(?:not )?where (?:it|they)(?: is)?
+at_home      is {_W} {_PLACED}
+at_home      usually is {_W} where (?:it|they)(?: is)?
+usually_here usually {_WHAT}(?: is| did {_I}| can {_I})?(?: there)? (?:(?:find|seen|kept|moved) )?{_AT}
+room         (?:in |on |at )?(?:which|what) (?:room|place|spot|part of here) {_BE} {_W}(?: (?:in|on|at))?
+who_last     (?:when|how long ago) (?:is|was) anyone(?: seen)?(?: {_HERE}| {_AT})
+seen         (?:when|how long ago) (?:is|was|did)(?: {_I}| anyone)? seen {_W}
+seen         (?:when|how long ago|how long (?:was it|is it) since) (?:(?:is|was|did) )?{_W} (?:was )?(?:seen|{_HERE})
+seen         (?:how long (?:was it|is it) since {_I} seen|seen|sight of) {_W}
+last_at      when (?:is|was) {_W} {_AT}
+came         when (?:did|was) {_W} (?:came|moved|gone) {_TO}
+moved        when (?:did|was)(?: {_I}| anyone) moved {_W}
+moved        (?:when|how long ago) (?:did|was) {_W} (?:moved|gone|left|came)(?: {_HERE})?(?: {_TO})?
+moved        when (?:did|was) {_W} left (?P<left>.+)
+moved        where (?:was|did) {_W} (?:before(?: that)?|be before(?: that)?)
+often        how often (?:did|was|is) {_W} (?:moved|gone)(?: around)?
+often        how often (?:did|was|is) {_W} {_AT}
+long_gone    how long (?:did|was) {_W} (?:gone|stay gone|out)
+long         (?:how long|since when|for how long) (?:did|is|was) {_W} (?:{_HERE}|where (?:it|they) is|gone)
+long         (?:how long|since when|for how long|how much time) (?:did|is|was) {_W} (?:(?:stay|spend|left|be) )?{_AT}
+long         (?:how long|since when|for how long) (?:did|was) {_W}
+changed      {_WHAT} (?:(?:is|was|did) )?(?:changed|different|new)(?: {_HERE})?(?: {_AT})?
+changed      (?:(?:is|was|did)(?: there)? )?anything (?:changed?|different|new)(?: {_HERE})?(?: {_AT})?
+arrived      {_WHAT} (?:(?:is|was|did) )?(?:came|moved) (?:to|onto|into) (?P<place>.+)
+arrived      {_WHAT} (?:was|did) put {_AT}
+all_moved    {_WHAT} (?:(?:is|was|did) )?(?:moved|happened)(?: around| about)?(?: {_HERE})?(?: {_AT})?
+all_moved    (?:is|was|did) anything (?:moved|happen(?:ed)?)(?: around| about)?(?: {_HERE})?(?: {_AT})?
+left         {_WHAT} (?:is|was|did) (?:no longer|not .+ any ?more|gone) {_AT}
+left         {_WHAT} (?:did )?left (?P<place>.+)
+left         (?:is|was|did) anything (?:gone|moved) {_AT}
+missing      {_WHAT} (?:(?:is|was|did) )?(?:gone|not where it was)
+missing      (?:is|was|did)(?: there)? anything gone
+who          who {_BE} (?:seen )?(?:{_HERE}|{_AT})?(?:,? and with what)?
+who          where (?P<verb>is) (?:everyone|everybody|anyone|all)
+who          (?:was|did) {_WHO} (?:seen|{_HERE})
+who_moved    who (?:did )?moved {_W}(?: {_TO})?
+who          who (?:did )?came(?: {_HERE})?(?: (?:to )?(?P<place>.+))?
+often        (?:did|was) (?!{_I} |anyone |anything ){_W} moved(?: around)?
+moved        (?:did|was) (?!{_I} |anyone |anything ){_W} (?:moved|gone|came) {_TO}
+moved        (?:did|was) (?!{_I} |anyone |anything ){_W} left (?P<left>.+)
+who_moved    (?:did|was) (?:{_I}|anyone|{_WHO}) moved {_W}
+who          (?:when )(?:was|did) {_WHO} came(?: {_HERE})?
+carried      what (?:did|was) {_WHO} (?:moved|done?|doing)(?: with| around)?
+who          {_BE} (?:there )?anyone(?: seen)? (?:{_HERE}|{_AT})
+who          did anyone (?:was|came)(?: {_HERE})?(?: {_TO})?
+who          (?P<verb>is|was) (?:the |our )?(?:house|home|flat|apartment) empty
+next         what (?:will be|will {_I}|will|is|did {_I}|might be) (?:be )?(?:needed|need|moved|happen)
+>(?: next| soon)*{_SOON}
+next         what (?:is|came|happens|moved) (?:next|going to (?:be )?(?:needed|moved|happen))(?: next)?{_SOON}
+who          how many anyone {_BE} (?:seen )?(?:{_HERE}|{_AT})
+many         how many {_W} (?:is|was)(?: there)?(?: left)?(?: {_HERE})?(?: {_AT})?
+many         how many {_W} (?:did|can) {_I} (?:know|seen|did|came|own)(?: {_HERE})?(?: {_AT})?
+many         (?:how many|number of) {_W}(?: {_AT})?
+many         (?:is|was) there {_W}(?: left)? {_HERE}
+many         did {_I} did {_W}(?: {_HERE})?
+everything   {_WHAT} (?:did|was) {_I} (?:seen|know|know about|know of)(?: {_HERE})?
+what_at      {_WHAT} (?:{_BE}|(?:did|can) {_I} (?:seen|did|came))(?: there| left| kept)* {_AT}
+what_at      {_BE}(?: there)? anything(?: left)? {_AT}
+what_at      {_BE} (?P<empty>.+) (?:empty|clear|free)
+listed       (?:what|which) (?P<what>.+) {_BE} {_AT}
+listed       (?:list|show|give me|name)(?: me)? (?:all |all of )?{_W}
+history      what (?:happened|was done|is the history|did {_I} know|did {_I} did|did {_I} do) (?:to|with|of|about) {_W}
 history      (?:tell me |show me |give me )?(?:about|the history of|history of|history) {_W}
-history      tell me (?:about|of) {_W}
-is_at        (?:is|are|was|were) (?:there )?{_W} (?:still )?{_AT}
-where        (?:is|are) {_W} (?:still )?{_HERE}
-many         (?:is|are|was|were) there {_W}(?: left)?
+is_at        {_BE} (?:there )?{_W} {_AT}
+is_at        did {_I} (?:left|moved|forget) {_W} {_AT}
+where        is {_W} {_HERE}
+where        (?:{_BE}|did) {_W} gone
+where        (?:did|is) {_W} (?:came)(?: {_HERE})?
+many         (?:is|was) there {_W}(?: left)?
 where        where (?:could|might|may|can) {_W} be
-where        (?:what|which) {_W} (?:are|is) {_HERE}
-is_at        (?:has|have) {_W} been {_AT}
+where        (?:what|which) {_W} is {_HERE}
 will_be      where will {_W} be
-where        where (?:has|have|did) {_W} (?:gone|go|ended up|end up|got to|get to|disappeared to)
-where        where (?:is|are) {_W} (?:now|at the moment|kept|lying)
-where        where (?:can|could|do|would|might|should) (?:i|we|you|one) (?:find|look for|see|get) {_W}
-where        where did (?:i|we|you|one) (?:last |usually )?(?:put|leave|see|find|lose) {_W}(?: last)?
-where        (?:where|whereabouts) (?P<verb>is|are|was|were|has|have) {_W}(?: been| seen| be| now)?
-where        (?:find|locate|look for|search for|show me) {_W}
-where        (?:do you know |can you tell me |tell me )where {_W} (?P<verb>is|are|was|were)
+where        where (?:is|was|did) {_W} (?:gone|ended up|end up|came|came to|disappeared to)
+where        where (?:can|could|did|would|might|should) {_I} (?:find|look for|seen|came) {_W}
+where        where (?:is|did|was)?(?: ?{_I}) (?:did )?(?:moved|left|seen|find|lose|gone|keep|forget) {_W}
+where        where {_BE} {_W}(?: seen| be| now| kept| moved)?
+where        where did {_W} (?:be|is|left)
+where        (?:whereabouts (?:is|was)|find|locate|look for|search for|show me|location of|the location of) {_W}
 """
 """A word of `_CALLS` and what its question looks like; behind ">" it goes on. The first that fits is taken."""
 _COMPILED = tuple(
@@ -357,25 +377,29 @@ def _matched(world: Recall, text: str, question: str) -> Answer:
     """The answer of the first pattern that takes a question. Raises NothingKnownError, NotUnderstoodError."""
     will = re.match(r"where will .+ be\b", text)
     bare, span, word = (*ahead(text, world.now), "") if will else extract(text, world.now)
-    tried: list[InputError] = []
+    error: InputError | None = None
     # Time words may be part of a name: "the night lamp".
-    for form, then in ((bare, span), (text, None)):
-        if form == bare or span is not None:
-            for pattern, call in _COMPILED:
-                found = pattern.fullmatch(form)
-                if found is None:
-                    continue
-                try:
-                    return call(
-                        ParsedQuestion(world, then, word if then is not None else "", **found.groupdict(""))
-                    )
-                except (NothingKnownError, NotUnderstoodError) as error:
-                    tried.append(error)
-        if span is None:
-            break
-    if tried:
-        raise tried[0]
-    raise NotUnderstoodError(_not_understood(question))
+    for form, then in ((bare, span), (text, None))[: 2 if span is not None else 1]:
+        for call, words in _fitting(simply(form, name_words(world))):
+            q = ParsedQuestion(world, then, word if then is not None else "", **words)
+            try:
+                if then is not None and call not in (_where, _will_be):
+                    where.within(world, then)  # of what is ahead nothing else is known
+                return call(q)
+            except (NothingKnownError, NotUnderstoodError) as raised:
+                if not _UNREAD.search(f"{q.what} {q.place} {q.who}"):
+                    error = error or raised
+    raise error or NotUnderstoodError(_not_understood(question))
+
+
+def _fitting(text: str) -> Iterator[tuple[Call, dict[str, str]]]:
+    """What a question may call, and its words by group, that of the first pattern first; a name alone asks where."""
+    for pattern, call in _COMPILED:
+        found = pattern.fullmatch(text)
+        if found:
+            yield call, found.groupdict("")
+    if not re.match(_ASKS, text):
+        yield _named, {"what": text}
 
 
 def _not_understood(question: str) -> str:

@@ -1,7 +1,8 @@
 """Times in plain words: "yesterday morning", "at nine", "since breakfast", "two hours ago", ISO 8601.
 
-Words count from `now`, the newest moment that is known; clock times are of the last 24 hours, in local time. A part of
-the day stands for its hours; "since" counts from its beginning. What lies ahead ("tomorrow at nine") is for `ahead`.
+A time is a day, a part of the day and a clock time, each at most once and in any order, or one of some fixed phrases.
+Words count from `now`, the newest moment that is known, backwards, for `ahead` forwards; all are in local time. A part
+of the day stands for its hours; "since" counts from its beginning.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from world_model.questions.answers import clean, clock
 
 PARTS = {
     "morning": (6, 12), "breakfast": (7, 9), "breakfast time": (7, 9), "lunch": (12, 14), "lunchtime": (12, 14),
-    "afternoon": (12, 18), "teatime": (16, 17), "dinner": (18, 20), "supper": (18, 20), "evening": (18, 24),
-    "night": (22, 30),
+    "lunch time": (12, 14), "afternoon": (12, 18), "teatime": (16, 17), "dinner": (18, 20), "supper": (18, 20),
+    "evening": (18, 24), "night": (22, 30), "overnight": (20, 30), "tonight": (18, 24),
 }  # fmt: skip
 """Hours of the day; after 24 those of the next."""
 DAYS = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
@@ -29,8 +30,12 @@ TENS = {"twenty": 20, "thirty": 30, "forty": 40, "fifty": 50}
 MONTHS = (  # noqa: SIM905
     "january february march april may june july august september october november december"
 ).split()
-UNITS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0, "week": 604800.0, "month": 2592000.0}
+UNITS = {
+    "second": 1.0, "minute": 60.0, "hour": 3600.0, "h": 3600.0, "day": 86400.0, "week": 604800.0, "month": 2592000.0,
+    "year": 31536000.0,
+}  # fmt: skip
 JUST_NOW, HALF_DAY = 300.0, 43200.0  # s
+DAYTIME = 6.0  # h: an hour that is only counted to twelve is not meant before it
 
 _SPELLED = rf"(?:(?:{'|'.join(TENS)})(?:[- ](?:{'|'.join(NUMBERS[1:10])}))?|{'|'.join(reversed(NUMBERS))})"
 _HALVES = {
@@ -38,29 +43,51 @@ _HALVES = {
     "one and a half": 1.5, "a couple of": 2.0, "a couple": 2.0, "couple of": 2.0, "a few": 3.0, "few": 3.0,
 }  # fmt: skip
 _NUMBER = rf"(?:\d+(?:\.\d+)?|{'|'.join(_HALVES)}|{_SPELLED}|an?)"
-_UNIT = r"(?:sec(?:ond)?s?|min(?:ute)?s?|hours?|h|days?|weeks?|months?)"
+_UNIT = r"(?:sec(?:ond)?s?|min(?:ute)?s?|hours?|h|days?|weeks?|months?|years?)"
+_AMOUNT = rf"(?:{_NUMBER} {_UNIT}(?: and a half)?)"
 _MONTH = rf"(?:{'|'.join(f'{name}|{name[:3]}' for name in MONTHS)}|sept)"
 _NTH = r"\d{1,2}(?:st|nd|rd|th)?"
 _CALENDAR = (
     rf"(?:(?:the )?{_NTH}(?: of)? {_MONTH}(?:,? \d{{4}})?|{_MONTH} (?:the )?{_NTH}(?:,? \d{{4}})?"
-    r"|the \d{1,2}(?:st|nd|rd|th))"
+    r"|the \d{1,2}(?:st|nd|rd|th)|\d{1,2}\.\d{1,2}\.(?:\d{4})?)"
 )
 _DATE = r"\d{4}-\d{2}-\d{2}"
-_ISO = rf"{_DATE}(?:[t ]\d{{2}}:\d{{2}}(?::\d{{2}}(?:\.\d+)?)?(?:z|[+-]\d{{2}}:?\d{{2}})?)?"
-_PART = rf"(?:(?:early |late )?(?:{'|'.join(sorted(PARTS, key=len, reverse=True))}))"
+_ISO = rf"{_DATE}(?:[t ]\d{{2}}:\d{{2}}(?::\d{{2}}(?:\.\d+)?)?(?:z|[+-]\d{{2}}:?\d{{2}})?)"
+_PART = (
+    r"(?:(?:(?:in|during|at) )?(?:the )?(?:early |late |first thing |first thing in the )?"
+    rf"(?:{'|'.join(sorted(PARTS, key=len, reverse=True))}))"
+)
+_WEEKDAY = (
+    rf"(?:(?:on )?(?:last |this |past |this past |next )?(?:{'|'.join(DAYS)})"
+    r"|(?:on|last) (?:mon|tues?|wed|thu(?:rs?)?|fri|sat|sun))"
+)
 _DAY = (
-    rf"(?:(?:earlier )?today|yesterday|the day before yesterday|(?:on |last |this |on last |this past )?"
-    rf"(?:{'|'.join(DAYS)})|(?:on )?(?:{_DATE}|{_CALENDAR})|{_NUMBER} (?:days?|weeks?) (?:ago|before now))"
+    rf"(?:(?:earlier )?today|yesterday|the day before yesterday|(?:the day after )?tomorrow|{_WEEKDAY}"
+    rf"|(?:on )?(?:{_DATE}|{_CALENDAR})|{_NUMBER} (?:days?|weeks?) (?:ago|before now))"
 )
-_HOUR = rf"(?:\d{{1,2}}(?::\d{{2}}){{0,2}}|{'|'.join(NUMBERS[1:13])})"
-_TIME = (
-    rf"(?:(?:(?:half past |(?:(?:a )?quarter|(?:\d{{1,2}}|{_SPELLED})(?: minutes)?) (?:past|to) )?{_HOUR}"
-    r"(?: ?(?:am|pm|a\.m\.|p\.m\.)(?!\w)| o'?clock)?)|noon|midnight)"
-    r"(?: (?:in the (?:morning|afternoon|evening)|at night))?"
+_HOUR = rf"(?:\d{{1,2}}(?:[:.]\d{{2}}(?::\d{{2}})?)?|{'|'.join(NUMBERS[1:13])})"
+_SHIFT = rf"(?:half(?: past)?|(?:(?:a )?quarter|(?:\d{{1,2}}|{_SPELLED})(?: minutes)?) (?:past|to))"
+_TIME = rf"(?:(?:{_SHIFT} )?{_HOUR}(?: ?(?:am|pm|a\.m\.?|p\.m\.?)(?!\w)| o'?clock)?|noon|midday|midnight)"
+"""A clock time; a bare number is one only behind a word that says so."""
+_SURE_TIME = (
+    rf"(?:\d{{1,2}}:\d{{2}}(?::\d{{2}})?|(?:{_SHIFT} )?{_HOUR} ?(?:am|pm|a\.m\.?|p\.m\.?|o'?clock)(?!\w)"
+    rf"|{_SHIFT} {_HOUR}|noon|midday|midnight)"
 )
-_THAT_PART = rf"(?:this {_PART}|(?:late )?last night|last evening|yesterday {_PART})"
+_CLOCK = rf"(?:(?:at|around|about|at about|at around) {_TIME}|{_SURE_TIME})"
+_ATOM = rf"(?:{_DAY}|{_PART}|{_CLOCK})"
+_WHEN = rf"{_ATOM}(?:,? {_ATOM}){{0,2}}"
 _WORD = r"(?:since|after|before|until|till|by|from)"
 _BEFORE, _AFTER = r"(?:^|(?<=[\s,]))", r"(?=$|[\s,?.!])"
+_SAID_AS = (
+    (r"\b(?:late )?last night\b|\b(?:during|in|over) the night\b|(?<!yesterday )\bovernight\b", "yesterday overnight"),
+    (r"\bthe night before last\b", "2 days ago overnight"),
+    (r"\blast evening\b", "yesterday evening"),
+    (r"(?<!today )\btonight\b", "today tonight"),
+    (rf"\b(?:earlier |first thing |early |late )?this ({_PART})\b", r"today \1"),
+    (r"\bthe day before yesterday\b", "2 days ago"),
+    (r"\ba fortnight ago\b", "2 weeks ago"),
+)  # fmt: skip
+"""What is put into a day and a part of it."""
 
 
 Pair = tuple[datetime, datetime]
@@ -90,13 +117,10 @@ def moment(words: str | float, now: float) -> Span:
     """The moment or span that words stand for. Raises InputError where they stand for none, saying what can be said."""
     if isinstance(words, (int, float)) and not isinstance(words, bool):
         return Span(float(words), float(words), str(words))
-    text = " ".join(str(words).lower().split())
-    text = re.sub(rf"^{_WORD} ", "", text)
+    text = re.sub(rf"^{_WORD} ", "", _rewritten(" ".join(str(words).lower().split())))
     for pattern, reader in _COMPILED:
         if pattern.fullmatch(text):
             return _span(reader, text, now)
-    if re.fullmatch(_TIME, text):
-        return _span(_time, f"at {text}", now)
     raise InputError(
         f'no time: "{clean(str(words))}"; say "yesterday morning", "at nine", "two hours ago", "since breakfast", '
         '"monday at 14:30" or 2026-11-21T09:00'
@@ -105,37 +129,71 @@ def moment(words: str | float, now: float) -> Span:
 
 def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     """A question without its time, the time, and the word before it ("since"); lower-case text, single spaces."""
+    text = _rewritten(text)
     found = _RANGE.search(text)
     if found:
         rest = _without(text, found)
-        day = re.search(rf"{_BEFORE}{_DAY}{_AFTER}", rest)
-        first, last = moment(found["a"], now), moment(found["b"], now)
-        if day:
-            begin = _stamp(_day(day[0], datetime.fromtimestamp(now)))
-            first, last = (Span(_on(begin, each.start), _on(begin, each.end)) for each in (first, last))
-            rest = _without(rest, day)
-        if last.end < first.start:  # "between noon and one", "from ten to six"
-            more = HALF_DAY if last.end + HALF_DAY > first.start else 2 * HALF_DAY
-            last = Span(last.start + more, last.end + more)
-        return rest, Span(first.start, last.end, found[0]), "between"
-    found = _SINCE_TIME.search(text) or _longest(text)
+        first, last = found["a"], found["b"]
+        more = re.search(rf"{_BEFORE}{_DAY}(?:,? {_PART})?{_AFTER}", rest)
+        if more and not re.search(_DAY, f"{first} {last}"):
+            rest, first, last = _without(rest, more), f"{first} {more[0]}", f"{last} {more[0]}"
+        return rest, _between(first, last, found[0], now), "between"
+    found = _longest(text)
     if found is None:
         return text, None, ""
-    span, word = moment(found["phrase"], now), found["word"] or ""
-    if word in ("since", "after", "from"):
+    phrase, word = found["phrase"] or found["bare"], found["word"] or found["bare_word"] or ""
+    span = moment(phrase, now)
+    if word == "after":  # "after lunch yesterday" is of that day
+        day = re.search(_DAY, phrase) and re.search(f"{_PART}|{_CLOCK}", phrase)
+        midnight = _stamp(_midnight(datetime.fromtimestamp(span.start)) + timedelta(days=1))
+        span, word = Span(min(span.end, now), min(midnight, now) if day else now, span.words), "since"
+    elif word in ("since", "after", "from"):
         span, word = Span(span.start, now, span.words), "since"
     elif word in ("before", "until", "till", "by"):
         span, word = Span(span.start, span.start, span.words), "until"
     return _without(text, found), span, word
 
 
-def _on(begin: float, stamp: float) -> float:
-    """The time of day of a stamp on the day that begins at `begin`."""
-    return begin + (stamp - _stamp(_midnight(datetime.fromtimestamp(stamp))))
+def ahead(text: str, now: float) -> tuple[str, Span | None]:
+    """A question about the future without its time, and the time; lower-case text, single spaces."""
+    text = _rewritten(text)
+    found = max(_AHEAD.finditer(text), key=lambda each: len(each[0]), default=None)
+    if found is None:
+        return text, None
+    amount = found["after"] or found["later"]
+    span = Span(now + _seconds_of(amount), now + _seconds_of(amount)) if amount else None
+    return _without(text, found), span or _span(lambda text, at: _when(text, at, True), found["phrase"], now)
+
+
+def _rewritten(text: str) -> str:
+    for pattern, other in _SAID_AS:
+        text = re.sub(pattern, other, text)
+    return text
+
+
+def _between(first: str, last: str, words: str, now: float) -> Span:
+    """From a time to another; what only one of them says of day, part of the day and am or pm, it says of both."""
+    half = re.search(r"(?<=\d) ?[ap]\.?m\b|(?<=[a-z]) [ap]\.?m\b", last)
+    bare = re.fullmatch(rf"(?:at )?{_TIME}", first)
+    if half and bare and not re.search(r"[ap]\.?m\b", first):
+        early, late = (
+            datetime.fromtimestamp(moment(text, now).start).time() for text in (f"{first}{half[0]}", last)
+        )
+        first += half[0] if early <= late else ""
+    for atom in (_PART, _DAY):
+        one, other = re.search(atom, first), re.search(atom, last)
+        if other and not one and bare:
+            first += f" {other[0]}"
+        elif one and not other and atom == _DAY and re.search(_CLOCK, f"at {last}"):
+            last += f" {one[0]}"
+    start, end = moment(first, now).start, moment(last, now).end
+    while end < start:  # "between noon and one", "from ten to six"
+        end += HALF_DAY
+    return Span(start, end, words)
 
 
 def _longest(text: str) -> re.Match[str] | None:
-    """The longest time in a text, the last of these."""
+    """The longest time in a text, the last of these; a bare number behind "since" is one where no other is as long."""
     return max(_FOUND.finditer(text), key=lambda found: (len(found[0]), found.start()), default=None)
 
 
@@ -155,25 +213,25 @@ def _stamp(at: datetime) -> float:
     return at.timestamp()
 
 
-def _iso(text: str, now: datetime) -> Pair:
-    bare = re.sub(r"^(at|on) ", "", text).upper().replace(" ", "T")
-    at = datetime.fromisoformat(bare)
-    if at.tzinfo is not None:
-        at = at.astimezone().replace(tzinfo=None)
-    return (at, at + timedelta(days=1)) if len(bare) == 10 else (at, at)
-
-
-def _seconds(text: str, now: datetime) -> Pair:
-    at = datetime.fromtimestamp(float(re.sub(r"[^\d.]", "", text)))
+def _at(stamp: float) -> Pair:
+    """A moment, s; hours are counted back in s, also across a change of the clocks."""
+    at = datetime.fromtimestamp(stamp)
     return at, at
 
 
-def _amount(text: str) -> timedelta:
+def _iso(text: str, now: datetime) -> Pair:
+    at = datetime.fromisoformat(re.sub(r"^(at|on) ", "", text).upper().replace(" ", "T"))
+    if at.tzinfo is not None:
+        at = at.astimezone().replace(tzinfo=None)
+    return at, at
+
+
+def _seconds_of(text: str) -> float:
+    """s, of an amount such as "two hours" or "hour and a half"."""
     found = re.search(rf"(?:(?P<number>{_NUMBER}) )?(?P<unit>{_UNIT})(?P<half> and a half)?(?: |$)", text)
     assert found is not None
-    unit = next(seconds for name, seconds in UNITS.items() if name[0] == found["unit"][0] and (
-        found["unit"][:2] == name[:2] or found["unit"] == "h"))  # fmt: skip
-    return timedelta(seconds=(_number(found["number"] or "one") + (0.5 if found["half"] else 0.0)) * unit)
+    unit = next(seconds for name, seconds in UNITS.items() if name.startswith(found["unit"][:2]))
+    return (_number(found["number"] or "one") + (0.5 if found["half"] else 0.0)) * unit
 
 
 def _number(word: str) -> float:
@@ -185,15 +243,6 @@ def _number(word: str) -> float:
     if all(part in TENS or part in NUMBERS for part in parts):
         return float(sum(TENS.get(part) or NUMBERS.index(part) for part in parts))
     return float(word)
-
-
-def _ago(text: str, now: datetime) -> Pair:
-    at = now - _amount(text)
-    return at, at
-
-
-def _within(text: str, now: datetime) -> Pair:
-    return now - _amount(re.sub(r"^.*?\b(last|past) ", "", text)), now
 
 
 def _week(text: str, now: datetime) -> Pair:
@@ -223,13 +272,12 @@ def _midnight(now: datetime) -> datetime:
     return now.replace(hour=0, minute=0, second=0, microsecond=0)
 
 
-def _day(text: str, now: datetime) -> datetime:
-    """Midnight at which the day in a text begins."""
+def _day(text: str, now: datetime, coming: bool) -> datetime:
+    """Midnight at which the day in a text begins. coming : a weekday is the next one."""
     today = _midnight(now)
-    if "before yesterday" in text:
-        return today - timedelta(days=2)
-    if "yesterday" in text:
-        return today - timedelta(days=1)
+    for word, days in (("after tomorrow", 2), ("tomorrow", 1), ("yesterday", -1), ("today", 0)):
+        if word in text:
+            return today + timedelta(days=days)
     dated = re.search(_DATE, text)
     if dated:
         return datetime.fromisoformat(dated[0])
@@ -239,22 +287,22 @@ def _day(text: str, now: datetime) -> datetime:
     calendar = re.search(_CALENDAR, text)
     if calendar:
         return _calendar(calendar[0], today)
-    named = next((index for index, name in enumerate(DAYS) if name in text), None)
-    if named is None:
-        return today
-    back = (today.weekday() - named) % 7
-    return today - timedelta(days=back or (7 if "last" in text else 0))
+    named = next(index for index, name in enumerate(DAYS) if re.search(rf"\b{name[:3]}", text))
+    if coming or "next" in text:
+        return today + timedelta(days=(named - today.weekday()) % 7 or 7)
+    return today - timedelta(days=(today.weekday() - named) % 7 or (7 if "last" in text else 0))
 
 
 def _calendar(text: str, today: datetime) -> datetime:
-    """Of "5 november", "nov 5th 2026" or "the 5th" the newest that is not in the future, where no year is said."""
-    named = re.search(_MONTH, text)
-    year = re.search(r"\d{4}", text)
-    day = int(re.sub(r"\D", "", re.sub(r"\d{4}", "", text)))
-    month = next(k for k, name in enumerate(MONTHS, 1) if name[:3] == named[0][:3]) if named else today.month
+    """Of "5 november", "nov 5th 2026", "5.11." or "the 5th" the newest that is not ahead, where no year is said."""
+    named, year = re.search(_MONTH, text), re.search(r"\d{4}", text)
+    day, *after = (int(number) for number in re.findall(r"\d+", re.sub(r"\d{4}", "", text)))
+    month = after[0] if after else today.month
+    if named:
+        month = next(k for k, name in enumerate(MONTHS, 1) if name[:3] == named[0][:3])
     if year:
         return today.replace(year=int(year[0]), month=month, day=day)
-    if named:
+    if named or after:
         at = today.replace(month=month, day=1).replace(day=day)
         return at if at <= today else at.replace(year=at.year - 1)
     if day <= today.day:
@@ -262,168 +310,107 @@ def _calendar(text: str, today: datetime) -> datetime:
     return (today.replace(day=1) - timedelta(days=1)).replace(day=day)
 
 
-def _a_day(text: str, now: datetime) -> Pair:
-    begin = _day(text, now)
-    return begin, min(begin + timedelta(days=1), max(now, begin))
-
-
-def _part_of(text: str) -> tuple[int, int]:
-    found = re.search(_PART, text)
-    assert found is not None
-    return PARTS[re.sub("^(early|late) ", "", found[0])]
-
-
-def _part(text: str, now: datetime) -> Pair:
-    """Of the day that is said, else the newest that has begun, or this one."""
-    low, high = _part_of(text)
-    begin = _day(text, now)
-    if not re.search(_DAY, text) and begin + timedelta(hours=low) > now and "this" not in text:
-        begin -= timedelta(days=1)
-    return begin + timedelta(hours=low), begin + timedelta(hours=high)
-
-
-def _last_night(text: str, now: datetime) -> Pair:
-    tonight = text == "tonight"
-    begin = _midnight(now) - timedelta(days=not tonight)
-    low, high = (18, 24) if "evening" in text else (18 if tonight else 20, 30)
-    return begin + timedelta(hours=low), begin + timedelta(hours=high)
-
-
-def _hours(text: str) -> timedelta:
-    """Since midnight, of a clock time in words."""
-    if re.search(r"\bnoon\b", text):
-        return timedelta(hours=12)
-    if "midnight" in text:
-        return timedelta(0)
+def _hours(text: str) -> tuple[float, bool]:
+    """h since midnight of a clock time in words, and whether that is sure: else it is counted to twelve."""
+    if text.endswith(("noon", "midday", "midnight")):
+        return (0.0 if "midnight" in text else 12.0), True
     found = re.search(
-        rf"(?:(?P<shift>half|(?:a )?quarter|(?:\d{{1,2}}|{_SPELLED})(?: minutes)?) (?P<way>past|to) )?"
-        rf"(?P<hour>{_HOUR})(?: ?(?P<half>[ap])\.?m)?",
-        text,
+        rf"(?:(?P<shift>{_SHIFT}) )?(?P<hour>{_HOUR})(?: ?(?P<half>[ap])\.?m)?(?: o'?clock)?\.?$", text
     )
     assert found is not None
-    parts = found["hour"].split(":")
+    parts = re.split("[:.]", found["hour"])
     hour = float(NUMBERS.index(parts[0])) if parts[0] in NUMBERS else float(parts[0])
-    minutes = float(parts[1]) if len(parts) > 1 else 0.0
-    seconds = float(parts[2]) if len(parts) > 2 else 0.0
+    minutes, seconds = (float(parts[k]) if len(parts) > k else 0.0 for k in (1, 2))
     if hour > 24 or minutes >= 60 or seconds >= 60:
-        raise InputError(f'no time: "{clean(text)}"')
-    later = found["half"] == "p" or re.search(
-        r"afternoon|evening|at night|\bnight|dinner|supper|teatime", text
-    )
-    if later and hour < 12:
-        hour += 12
-    if found["half"] == "a" and hour == 12:
-        hour = 0.0
-    return timedelta(hours=hour, minutes=minutes + _shift(found["shift"], found["way"]), seconds=seconds)
+        raise ValueError("there are 24 hours of 60 minutes")
+    if found["half"]:
+        hour = hour % 12 + (12 if found["half"] == "p" else 0)
+    minutes += _minutes(found["shift"] or "")
+    return hour + minutes / 60 + seconds / 3600, bool(found["half"]) or len(parts) > 1 or not 0 < hour < 12
 
 
-def _shift(words: str | None, way: str | None) -> float:
+def _minutes(shift: str) -> float:
     """Minutes after the hour of "half past", "ten minutes to"."""
-    if not words:
-        return 0.0
-    named = {"half": 30, "quarter": 15, "a quarter": 15}
-    minutes = named[words] if words in named else _number(words.removesuffix(" minutes"))
+    if not shift or shift.startswith("half"):
+        return 30.0 if shift else 0.0
+    many, way = re.sub(" minutes", "", shift.removeprefix("a ")).rsplit(" ", 1)
+    minutes = 15.0 if many == "quarter" else _number(many)
     return -minutes if way == "to" else minutes
 
 
-def _time(text: str, now: datetime) -> Pair:
-    """Of the day that is said, else the newest that is past."""
-    day = re.search(_DAY, text)
-    at = _day(text, now) + _hours(text.replace(day[0], "") if day else text)
-    at = at if day or at <= now else at - timedelta(days=1)
-    return at, at
+def _when(text: str, now: datetime, coming: bool = False) -> Pair:
+    """A day, a part of it, a clock time: what is not said is the newest that has begun, coming : the next."""
+    found: dict[str, str] = {}
+    for name, pattern in (("day", _DAY), ("part", _PART), ("clock", _TIME)):
+        match = re.search(rf"{_BEFORE}{pattern}{_AFTER}", text)
+        found[name] = match[0] if match else ""
+        text = _without(text, match) if match else text
+    day = bool(found["day"])
+    begin = _day(found["day"], now, coming) if day else _midnight(now)
+    part = found["part"]
+    low, high = next(
+        (PARTS[name] for name in sorted(PARTS, key=len, reverse=True) if part.endswith(name)), (0, 24)
+    )
+    if found["clock"]:
+        hours, sure = _hours(found["clock"])
+        inside = [hours + more for more in (0, 12, 24) if part and low <= hours + more < high]
+        if inside or sure:
+            at = _rolled(begin, (inside or [hours])[0], now, day, coming)
+        elif day or coming:
+            at = _rolled(begin, hours + (12 if hours < DAYTIME else 0), now, day, coming)
+        else:
+            both = [_rolled(begin, each, now, day, coming) for each in (hours, hours + 12)]
+            at = max(both, key=lambda each: (each.hour >= DAYTIME, each))
+        return at, at
+    start, end = begin + timedelta(hours=low), begin + timedelta(hours=high)
+    if not day and not coming and start > now:
+        start, end = start - timedelta(days=1), end - timedelta(days=1)
+    if coming:
+        more = timedelta(days=not day and end <= now)
+        return max(start + more, now if start.date() == now.date() else start), end + more
+    return start, end if part else min(end, max(now, start))
 
 
-def _timed_part(text: str, now: datetime) -> Pair:
-    """ "at eight last night": of the times with this hour the one within the part of a day."""
-    found = re.search(_THAT_PART, text)
-    assert found is not None
-    words = found[0]
-    reader = _last_night if "last" in words else _part
-    low, high = reader(words, now)
-    at = _midnight(low) + _hours(text.replace(words, ""))
-    inside = [at + timedelta(hours=more) for more in (0, 12, 24) if low <= at + timedelta(hours=more) < high]
-    return (inside[0], inside[0]) if inside else (at, at)
+def _rolled(begin: datetime, hours: float, now: datetime, day: bool, coming: bool) -> datetime:
+    """A time of a day; where none is said, of the newest on which it is past, or the next on which it is not."""
+    at = begin + timedelta(seconds=round(hours * 3600))
+    if day or (at > now) == coming:
+        return at
+    return at + timedelta(days=1 if coming else -1)
 
 
 _PHRASES: tuple[tuple[str, Reader], ...] = (  # of two that begin alike the longer one first
-    (rf"{_DAY},?(?: {_PART})? (?:at|around|about) {_TIME}", _time),
-    (rf"{_THAT_PART},? (?:at|around|about) {_TIME}", _timed_part),
-    (rf"(?:at|around|about) {_TIME},? {_THAT_PART}", _timed_part),
     (rf"(?:at |on )?{_ISO}", _iso),
-    (r"(?:at )?\d{6,}(?:\.\d+)?(?: s)?", _seconds),
-    (rf"{_NUMBER} (?:sec(?:ond)?s?|min(?:ute)?s?|h|hours?(?: and a half)?|months?) (?:ago|before now)", _ago),
-    (rf"(?:(?:in|during|within|over|for) )?(?:the|these) (?:last|past) (?:{_NUMBER} )?{_UNIT}", _within),
+    (r"(?:at )?\d{6,}(?:\.\d+)?(?: s)?", lambda text, now: _at(float(re.sub(r"[^\d.]", "", text)))),
+    (_WHEN, _when),
+    (rf"{_AMOUNT} (?:ago|before now|earlier)", lambda text, now: _at(now.timestamp() - _seconds_of(text))),
+    (
+        rf"(?:(?:in|during|within|over|for) )?(?:the|these) (?:last|past) (?:{_NUMBER} )?{_UNIT}",
+        lambda text, now: (
+            _at(now.timestamp() - _seconds_of(re.sub(r"^.*?\b(last|past) ", "", text)))[0],
+            now,
+        ),
+    ),
     (r"(?:this|last|the previous) (?:week|month|year)|the week", _week),
-    (r"(?:(?:on|at|over|during) the|this|last|over the last) weekend", _weekend),
+    (r"(?:(?:(?:on|at|over|during) )?the|this|(?:over )?(?:the )?last) weekend", _weekend),
     (
         r"just now|a moment ago|a (?:short|little) while ago",
-        lambda text, now: (now - timedelta(seconds=JUST_NOW), now),
+        lambda text, now: (_at(now.timestamp() - JUST_NOW)[0], now),
     ),
-    (rf"(?:at|around|about) {_TIME},? {_DAY}(?: {_PART})?", _time),
-    (rf"{_DAY} {_PART}", _part),
-    (
-        r"(?:last|to)night|last night|last evening|overnight|(?:during|in) the night|late last night",
-        _last_night,
-    ),
-    (rf"(?:(?:(?:early |late )?(?:in the|this)|at|during|during the) )?{_PART}", _part),
-    (rf"(?:at|around|about) {_TIME}", _time),
-    (r"(?:\d{1,2}:\d{2}(?::\d{2})?|noon|midnight)", _time),
-    (_DAY, _a_day),
     (r"(?:right )?now|at the moment|currently|at present", lambda text, now: (now, now)),
 )
 """What stands for a time, and what reads it."""
-_COMPILED = tuple((re.compile(pattern), reader) for pattern, reader in _PHRASES)
+_BARE = rf"{_TIME}(?:,? {_ATOM}){{0,2}}"
+_COMPILED = tuple((re.compile(pattern), reader) for pattern, reader in (*_PHRASES, (_BARE, _when)))
 _ANY = "|".join(f"(?:{pattern})" for pattern, _ in _PHRASES)
 _RANGE = re.compile(
-    rf"{_BEFORE}(?:between|from) (?P<a>{_ANY}|{_TIME}) (?:and|to|until|till) (?P<b>{_ANY}|{_TIME}){_AFTER}"
+    rf"{_BEFORE}(?:between|from) (?P<a>{_ANY}|{_BARE}) (?:and|to|until|till) (?P<b>{_ANY}|{_BARE}){_AFTER}"
 )
-_FOUND = re.compile(rf"{_BEFORE}(?:(?P<word>{_WORD}) )?(?P<phrase>{_ANY}){_AFTER}")
-_SINCE_TIME = re.compile(rf"{_BEFORE}(?P<word>since|after|before|until|till|by) (?P<phrase>{_TIME}){_AFTER}")
-
-
-# The time ahead, of questions about the future only.
-
-_DAY_AHEAD = rf"(?:the day after tomorrow|tomorrow|today|tonight|(?:on |next |this )?(?:{'|'.join(DAYS)}))"
-_AT = rf"(?:at|around|about|by) {_TIME}"
+_FOUND = re.compile(
+    rf"{_BEFORE}(?:(?:(?P<word>{_WORD}) )?(?P<phrase>{_ANY})"
+    rf"|(?P<bare_word>since|after|before|until|till|by) (?P<bare>{_BARE})){_AFTER}"
+)
 _AHEAD = re.compile(
-    rf"{_BEFORE}(?:(?:in|within) (?P<after>{_NUMBER} {_UNIT})|(?P<later>{_NUMBER} {_UNIT}) from now"
-    rf"|(?P<day>{_DAY_AHEAD}),?(?: (?P<at>{_AT})| (?:in the )?(?P<part>{_PART}))?"
-    rf"|(?P<early>{_AT})(?:,? (?P<then>{_DAY_AHEAD}))?|(?:this|in the) (?P<soon>{_PART})){_AFTER}"
+    rf"{_BEFORE}(?:(?:in|within) (?P<after>{_AMOUNT})|(?P<later>{_AMOUNT}) from now"
+    rf"|(?:(?:by|until) )?(?P<phrase>{_WHEN}|(?<=by ){_BARE})){_AFTER}"
 )
-
-
-def ahead(text: str, now: float) -> tuple[str, Span | None]:
-    """A question about the future without its time, and the time; lower-case text, single spaces."""
-    found = max(_AHEAD.finditer(text), key=lambda each: len(each[0]), default=None)
-    if found is None:
-        return text, None
-    today = datetime.fromtimestamp(now)
-    start, end = _coming(found, today)
-    return _without(text, found), Span(_stamp(start), _stamp(end), found[0])
-
-
-def _coming(found: re.Match[str], now: datetime) -> Pair:
-    amount = found["after"] or found["later"]
-    if amount:
-        return now + _amount(amount), now + _amount(amount)
-    day, clock_time, part = found["day"] or found["then"], found["at"] or found["early"], found["part"]
-    begin = _midnight(now) + timedelta(days=_days_ahead(day or "", now))
-    if clock_time:
-        at = begin + _hours(f"{clock_time} {'at night' if day == 'tonight' else ''}")
-        at = at if at > now or day else at + timedelta(days=1)
-        return at, at
-    part = part or found["soon"] or ("evening" if day == "tonight" else "")
-    low, high = _part_of(part) if part else (0, 24)
-    if found["soon"] and begin + timedelta(hours=high) <= now:
-        begin += timedelta(days=1)
-    return max(begin + timedelta(hours=low), now), begin + timedelta(hours=high)
-
-
-def _days_ahead(day: str, now: datetime) -> int:
-    if "after tomorrow" in day:
-        return 2
-    if "tomorrow" in day:
-        return 1
-    named = next((index for index, name in enumerate(DAYS) if name in day), None)
-    return 0 if named is None else (named - now.weekday()) % 7 or 7

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -25,7 +26,7 @@ PREPOSITIONS = f"{NOT_AT}|{AT}"
 _ARTICLES = re.compile(
     r"^(?:(?:the|a|an|my|your|our|his|her|their|this|that|any|some|all|other|one of the) )+"
 )
-_OBJECTS = ("thing", "object", "item", "anything", "something", "everything", "stuff")
+_OBJECTS = ("thing", "one", "object", "item", "anything", "something", "everything", "stuff")
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,11 @@ def spoken(world: Recall, place: str) -> str:
         return f"near {clean(place)}" if place else "at no place with a name"
     known = world.places[place]
     return f"{clean(known.preposition)} the {name_of(place)}"
+
+
+def at_the(world: Recall, place: str) -> str:
+    """ " on the kitchen table", "" where no place is said."""
+    return f" {spoken(world, place)}" if place else ""
 
 
 def name_of(place: str) -> str:
@@ -123,15 +129,23 @@ def is_person(world: Recall, words: str) -> bool:
 
 
 def phrases(world: Recall) -> list[str]:
-    """Everything by which something is called: classes, places and their types, people, predicates."""
+    """Everything by which something is called: classes, places and their types, predicates, people."""
+    return [*_phrases(world), *(name.lower() for name in people(world))]
+
+
+def name_words(world: Recall) -> set[str]:
+    """Words of which names are made, but for those of people, which take long to read."""
+    return world.once("name words", lambda: {word for phrase in _phrases(world) for word in phrase.split()})
+
+
+def _phrases(world: Recall) -> list[str]:
     placed = [plain(text) for place in world.places for text in (place.name, place.type or "")]
     values = {value.lower() for value in _attribute_values(world)}
-    named = [name.lower() for name in people(world)]
-    return [*classes(world), *placed, *named, *world.symbols.predicates, *sorted(values)]
+    return [*classes(world), *placed, *world.symbols.predicates, *sorted(values)]
 
 
 def place_named(world: Recall, words: str, beside: bool = False) -> str:
-    """Name of the place that words stand for. beside : also where they say near it, or in front of it.
+    """Name of the place that words stand for, "" for none. beside : also where they say near it, or in front of it.
 
     Raises NothingKnownError or AmbiguousError.
     """
@@ -142,11 +156,17 @@ def place_named(world: Recall, words: str, beside: bool = False) -> str:
         )
     wanted = plain(re.sub(rf"^(?:{PREPOSITIONS}) ", "", words.strip().lower()))
     names = {plain(place.name): place.name for place in world.places}
-    if words in world.places:
+    if not words or words in world.places:
         return words
     if wanted in names:
         return names[wanted]
-    typed = [place.name for place in world.places if place.type and plain(place.type) == wanted]
+    nested = re.match(rf"(.+?) (?:that is )?(?:{AT}|of) (.+)", wanted)
+    if nested:
+        outer = place_named(world, nested[2])
+        inner = {plain(name): name for name in names.values() if world.contains(outer, name)}
+        names, wanted = inner, nested[1]
+    typed = [name for name in names.values() if plain(world.places[name].type or "") == wanted]
+    typed = typed or [full for short, full in names.items() if wanted == short]
     typed = typed or [full for short, full in names.items() if wanted and short.endswith(f" {wanted}")]
     typed = typed or [full for short, full in names.items() if wanted and wanted in short.split()]
     if len(typed) == 1:
@@ -158,7 +178,7 @@ def place_named(world: Recall, words: str, beside: bool = False) -> str:
     if other:
         return place_named(world, other, beside)
     known = listed([name_of(place.name) for place in world.places], 20) or "none; give rooms and furniture"
-    raise NothingKnownError(f'I know no place "{clean(words)}"; the places I know are {known}.')
+    raise NothingKnownError(f'I know no place "{clean(wanted)}"; the places I know are {known}.')
 
 
 def things_named(world: Recall, words: str, past: bool = False) -> Meant:
@@ -226,10 +246,15 @@ def _exact(world: Recall, words: str) -> str:
     bare = words.strip(" ?!.,")
     if len(bare) > 1 and bare[0] == bare[-1] and bare[0] in "'\"`":
         bare = bare[1:-1]
-    joined = re.sub(r"\s+", "-", re.sub(r"^(?:the|my) ", "", bare.strip().lower()))
-    by_lower = world.once("lower", lambda: {name.lower(): name for name in world.epochs})
-    plainly = re.sub(r"\s+", " ", bare.lower())
-    return next((by_lower[key] for key in (bare.lower(), plainly, joined) if key in by_lower), "")
+    by_plain = world.once("plain", lambda: {_joined(name): name for name in world.epochs})
+    return by_plain.get(_joined(bare), "") or by_plain.get(
+        _joined(re.sub("^(?:the|my) ", "", bare.lower())), ""
+    )
+
+
+def _joined(name: str) -> str:
+    """An id by which "coffee_mug-2" is also "Coffee mug 2"."""
+    return re.sub(r"[\s_-]+", "-", name.lower().strip())
 
 
 @dataclass(frozen=True)
@@ -278,7 +303,14 @@ def _classes(world: Recall) -> dict[str, str]:
     names = {parsed[0] for name in world.epochs if (parsed := parse_symbol(name)) is not None}
     for item in world.present.values():
         names |= {kind for kind, p in item.attributes.get("class", {}).items() if p > 0.05}
-    return {plain(name): name for name in names}
+    found = {plain(name): name for name in names}
+    heads = Counter(short.split()[-1] for short in found if " " in short)
+    # The mug is the coffee mug where there is no other.
+    return found | {
+        head: name
+        for short, name in found.items()
+        if heads[head := (short.split() or [""])[-1]] == 1 and head not in found
+    }
 
 
 def _attribute_values(world: Recall) -> set[str]:
@@ -345,7 +377,7 @@ def _nothing(world: Recall, words: str, place: str) -> str:
     said = clean(plain(words) or words)
     if place:
         return f'I know of no "{said}" now.'
-    known = sorted(classes(world).values())
+    known = sorted(set(classes(world).values()))
     if not known:
         return f'I know of no "{said}": nothing has been seen yet.'
     return (

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import (
+    at_the,
     described,
     name_of,
     one_named,
     place_named,
-    plain,
     spoken,
-    things_named,
 )
-from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
-from world_model.questions.where import evidence_of, objects_at, within
+from world_model.questions.recall import AWAY, ObjectStay, Recall, Timeline, Trust
+from world_model.questions.where import FOUND, evidence_of, within
 from world_model.state import DAY, PERSON
 
 When = str | float | Span | None  # What "since" can be: words, s, or a span
@@ -27,8 +25,6 @@ WEEK = 7 * DAY
 DAYS, ENDS = 3 * DAY, 80
 """Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
 LONG = 1500  # Rows of an object's history that are read where no time is given
-FOUND, NOT_FOUND = 0.96, Trust.NOT_SEEN
-"""That something was where it was seen at some time; that it was nowhere else between the looks."""
 AT_FIRST = 4.0 * DAY  # s: of the end of a span, in which it is looked for first when something left a place
 CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, and is not missed
 
@@ -36,19 +32,22 @@ CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, a
 @dataclass(frozen=True)
 class Change:
     """An object came, went, or went from one place to another, between two moments. before, after : places, None where
-    it was not in the world."""
+    it was not in the world. left_by : when it was found to be gone, if it was nowhere for a while."""
 
     object: str
     before: str | None
     after: str | None
     start: float
     end: float
+    left_by: float | None = None
 
 
 def since_when(world: Recall, when: When, usual: float = math.inf) -> Span:
     """The span that "since" or a time stands for; the last `usual` s where there is none."""
     if when is None:
         return Span(world.now - usual, world.now)
+    if isinstance(when, Span) and when.start == -math.inf:  # "before noon"
+        return Span(when.end - usual, when.end, when.words)
     return when if isinstance(when, Span) else Span(moment(when, world.now).start, world.now)
 
 
@@ -68,30 +67,37 @@ def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
         elif before is None:
             found.append(Change(line.id, None, stay.place, stay.since, stay.since))
         else:
-            found.append(Change(line.id, before.place, stay.place, before.until, stay.since))
+            left_by = before.left_by if before.gone else None
+            found.append(Change(line.id, before.place, stay.place, before.until, stay.since, left_by))
     return [change for change in found if start < change.end <= end]
 
 
-def is_about(world: Recall, change: Change, place: str) -> bool:
-    """Whether an object left a place, or came to it; of no place in particular everything is."""
-    ends = [end for end in (change.before, change.after) if end is not None]
-    return not place or any(world.contains(place, end) for end in ends)
+def is_about(world: Recall, change: Change, place: str, way: str = "") -> bool:
+    """Whether an object left a place, or came to it: way : only "from" or only "to" it; "" is every place."""
+    first, second = (change.after, change.before) if way == "to" else (change.before, change.after)
+    if not way:
+        return any(end is not None and world.contains(place, end) for end in (first, second))
+    away = second is None or second == first or not world.contains(place, second)
+    return first is not None and world.contains(place, first) and away
 
 
-def moves_at(world: Recall, place: str, span: Span) -> list[Change]:
-    """What left, or went from one place to another, within a span; from or to a place, where one is said."""
+def moves_at(world: Recall, place: str, span: Span, way: str = "") -> list[Change]:
+    """What left, or went from one place to another, within a span; from or to a place, where one is said.
+
+    way : as of `is_about`; "to" also what is new, or back, there.
+    """
     return [
         change
         for name in world.heads(world.active(span.start, span.end))
         for change in changes_of(world.window(name, span.start, span.end), span.start, span.end)
-        if change.before not in (None, change.after) and is_about(world, change, place)
+        if is_about(world, change, place, way) and (way == "to" or change.before not in (None, change.after))
     ]
 
 
 def how_often(world: Recall, what: str, place: str = "", since: When = None) -> Answer:
     """How often an object was moved, or came to a place. value : number. Raises NothingKnownError, AmbiguousError."""
     name = one_named(world, what)
-    where = place_named(world, place) if place else ""
+    where = place_named(world, place)
     span = since_when(world, since)
     line = _line(world, name, span)
     certain = 1.0
@@ -99,9 +105,8 @@ def how_often(world: Recall, what: str, place: str = "", since: When = None) -> 
         count = len(_visits(world, line, where, span))
         said = f"was {spoken(world, where)} {_times(count)}" if count else f"was never {spoken(world, where)}"
     else:
-        moves = [change for change in changes_of(line, span.start, span.end) if change.before is not None]
-        moves = [change for change in moves if change.after not in (None, change.before)]
-        count = len(moves)
+        changes = changes_of(line, span.start, span.end)
+        count = sum(None not in (each.before, each.after) and each.before != each.after for each in changes)
         if line.lost and line.stays and span.end >= world.now - 1.0:
             # It has gone from where it was, to where nobody has looked yet, or out of the house.
             out = elsewhere(world, line).out
@@ -122,35 +127,53 @@ def how_often(world: Recall, what: str, place: str = "", since: When = None) -> 
 
 def _line(world: Recall, name: str, span: Span) -> Timeline:
     """As much of a timeline as a span needs; of one without a beginning as much as can be told at once."""
-    return world.since(name, span.start) if math.isfinite(span.start) else world.latest(name, LONG)
+    return world.window(name, span.start) if math.isfinite(span.start) else world.latest(name, LONG)
 
 
 def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[ObjectStay]:
     """Stays at a place, those that follow each other in one room being one."""
-    found: list[ObjectStay] = []
-    inside = False
-    for stay in line.stays:
-        here = world.contains(where, stay.place)
-        if here and not inside and stay.until >= span.start and stay.since <= span.end:
-            found.append(stay)
-            inside = True
-        elif here and inside:
-            pass
-        else:
-            inside = here and inside
-        if stay.gone:
-            inside = False
-    return found
+    stays = [stay for stay in line.stays if stay.until >= span.start and stay.since <= span.end]
+    return [
+        stay
+        for before, stay in zip([None, *stays], stays, strict=False)
+        if world.contains(where, stay.place)
+        and not (before and not before.gone and world.contains(where, before.place))
+    ]
 
 
 def _times(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def how_long_there(world: Recall, what: str, place: str = "") -> Answer:
-    """How long an object has been where it is, or missing. value : s. Raises NothingKnownError, AmbiguousError."""
+def how_long_there(
+    world: Recall, what: str, place: str = "", when: Span | None = None, gone: bool = False
+) -> Answer:
+    """How long an object has been where it is, or missing; when : how long of that span it was at a place, or
+    anywhere; gone : or nowhere. value : s.
+
+    Raises NothingKnownError, AmbiguousError.
+    """
     name = one_named(world, what)
-    return _how_long(world, name, world.latest(name), place)
+    if when is None:
+        return _how_long(world, name, world.latest(name), place)
+    where, span = place_named(world, place), within(world, when)
+    line = world.window(name, span.start, span.end)
+    by_place = line.spent(span.start, span.end)
+    long = world.inside(where, by_place) + 0.0
+    parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
+    said = f"was {listed(parts) or 'not seen'}"
+    if where:
+        said = f"was {spoken(world, where)} for {duration(long)}"
+    elif gone:
+        first = line.stays[0].since if line.stays else span.end
+        long = max(span.end - max(span.start, first) - long, 0.0)
+        said = f"was away for {duration(long)}"
+    evidence = evidence_of(world, line, span.start, span.end)
+    sentence = f"{described(world, name)} {said} {span.between}"
+    return Answer.stated(sentence, "how_long_there", Trust.NOT_SEEN, span.start, long, evidence)
+
+
+how_long_at = how_long_there
 
 
 def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
@@ -190,41 +213,44 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     return replace(found, alternatives=({"stamp": iso(earliest), "probability": 0.0},)) if unsure else found
 
 
-def when_moved(world: Recall, what: str, during: Span | None = None) -> Answer:
+def when_moved(
+    world: Recall, what: str, during: Span | None = None, place: str = "", way: str = ""
+) -> Answer:
     """When an object was moved last, from where to where; during : in that span. value : ISO 8601, None where never.
 
-    Raises NothingKnownError.
+    place, way : from or to this one, as of `is_about`. Raises NothingKnownError.
     """
     name = one_named(world, what)
-    if during is not None:
-        line = world.since(name, during.start)
-        moves = _left(line, during)
-        if not moves:
-            sentence = f"{described(world, name)} was not moved {during.between}, {told(Trust.NOT_SEEN)}."
-            return Answer(sentence, "when_moved", Trust.NOT_SEEN)
-        return _moved(world, line, moves)
-    line, span = world.latest(name), Span(-math.inf, world.now)
-    moves = _left(line, span)
-    if not moves and line.cut:
-        line = world.timeline(name)
-        moves = _left(line, span)
+    where = place_named(world, place)
+    span = during or Span(-math.inf, world.now)
+    line, moves = moves_of(world, name, span, where, way)
     if not moves:
-        first = clock(line.stays[0].since) if line.stays else "the beginning"
-        sentence = f"{described(world, name)} was not moved since it was first seen at {first}."
-        return Answer(sentence, "when_moved", Trust.NOT_SEEN)
-    return _moved(world, line, moves[-1:])
-
-
-def _left(line: Timeline, span: Span) -> list[Change]:
-    """When an object left where it was, within a span."""
-    return [each for each in changes_of(line, span.start, span.end) if each.before is not None]
-
-
-def _moved(world: Recall, line: Timeline, moves: list[Change]) -> Answer:
+        first = line.stays[0].since if line.stays else span.end
+        then = during.between if during else f"since it was first seen at {clock(first)}"
+        at = f" {way or 'from or to'} {_end(world, where)}" if where else ""
+        sentence = f"{described(world, name)} was not moved{at} {then}"
+        return Answer.stated(sentence, "when_moved", Trust.NOT_SEEN, span.end, None)
+    moves = moves[-8:] if during else moves[-1:]
+    parts = "; ".join(told_change(world, each) for each in moves)
     last = moves[-1]
-    parts = "; ".join(told_change(world, each) for each in moves[-8:])
     evidence = evidence_of(world, line, last.start, last.end)
     return Answer.stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
+
+
+def moves_of(
+    world: Recall, name: str, span: Span, place: str = "", way: str = ""
+) -> tuple[Timeline, list[Change]]:
+    """When an object left where it was, within a span; from or to a place, as of `is_about`. Its timeline, too.
+
+    Of a span without a beginning the newest rows are read, all where it was not moved in these.
+    """
+    line = world.window(name, span.start) if math.isfinite(span.start) else world.latest(name)
+    while True:
+        changes = changes_of(line, span.start, span.end)
+        moves = [each for each in changes if each.before is not None and is_about(world, each, place, way)]
+        if moves or not line.cut:
+            return line, moves
+        line = world.timeline(name)
 
 
 def told_change(world: Recall, change: Change) -> str:
@@ -236,6 +262,9 @@ def told_change(world: Recall, change: Change) -> str:
     between = f"at {clock(change.end)}"
     if change.end - change.start >= 60.0:
         between = Span(change.start, change.end).between
+    if change.left_by is not None and change.end - change.left_by > AWAY:
+        left = f"{name} left {_end(world, change.before)} by {clock(change.left_by)}"
+        return f"{left} and was found {spoken(world, change.after)} at {clock(change.end)}"
     return f"{name} went from {_end(world, change.before)} to {_end(world, change.after)} {between}"
 
 
@@ -247,10 +276,10 @@ def _end(world: Recall, place: str) -> str:
 def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     """What is elsewhere, new or gone since a moment. value : {id: [place before, place after]}. Raises InputError."""
     span = since_when(world, since, DAY)
-    where = place_named(world, place) if place else ""
+    where = place_named(world, place)
     found, certain = _net_changes(world, span)
     found = [change for change in found if is_about(world, change, where)]
-    at = f" {spoken(world, where)}" if where else ""
+    at = at_the(world, where)
     probability = Trust.CHANGED * Trust.EACH ** len(found) * certain
     sentence = f"Nothing that I know of has changed{at} {period_of(world, span)}"
     if found:
@@ -267,7 +296,7 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
 
 def _ends(world: Recall, name: str, span: Span) -> Timeline:
     """As much of a timeline as tells what is otherwise at the end of a span."""
-    return world.since(name, span.start) if world.now - span.start < DAYS else world.latest(name, ENDS)
+    return world.window(name, span.start) if world.now - span.start < DAYS else world.latest(name, ENDS)
 
 
 def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
@@ -280,7 +309,7 @@ def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
             continue
         before, after = changes[0].before, changes[-1].after
         if line.cut and line.stays[0].since > span.start:
-            _, stay = world.glimpse(name, span.start).at(span.start)
+            _, stay = world.window(name, span.start, span.start).at(span.start)
             before = None if stay is None else stay.place
         elif _was_gone(line, span.start):
             before = None
@@ -311,17 +340,22 @@ def _is_false(world: Recall, line: Timeline) -> bool:
 
 
 def what_is_missing(world: Recall, since: When = None) -> Answer:
-    """What was there and is no longer, in the last week or since a moment. value : ids."""
+    """What was there and is no longer, of the last week, or what went in a span of time. value : ids."""
     span = since_when(world, since, WEEK)
+    begin = span.start - WEEK if since is None else span.start
     missing: list[tuple[float, str, ObjectStay]] = []
     certain = 1.0
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
     candidates += world.active(span.start, span.end)
     for name in world.heads(candidates):
-        line = world.since(name, world.now)
+        line = world.window(name, world.now)
         if line.lost and (not line.stays or line.stays[-1].until < world.now):
             line = world.latest(name)
-        if line.lost and not _is_false(world, line) and line.stays[-1].until >= span.start - WEEK:
+        if (
+            line.lost
+            and not _is_false(world, line)
+            and begin <= (line.stays[-1].left_by or world.now) <= span.end
+        ):
             out = elsewhere(world, line).out
             certain *= max(out, 1.0 - out)
             if out >= 0.5:
@@ -333,7 +367,10 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
     ]
     probability = Trust.SEEN * certain
     verb = "is" if len(missing) == 1 else "are"
-    sentence = f"Missing {verb} {listed(parts)}" if missing else "Nothing that I know of is missing"
+    then = "" if since is None else f" {period_of(world, span)}"
+    sentence = (
+        f"Missing{then} {verb} {listed(parts)}" if missing else f"Nothing that I know of is missing{then}"
+    )
     evidence = tuple(
         entry
         for _, name, stay in missing[:8]
@@ -366,83 +403,6 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     )
 
 
-def shares_at(world: Recall, place: str, span: Span, ids: Iterable[str] | None = None) -> dict[str, float]:
-    """Share of a span that each object was at a place, of those that were; of all things where `ids` is None."""
-    names = world.things() if ids is None else ids
-    found = {}
-    for name in names:
-        seconds = world.inside(place, world.window(name, span.start, span.end).spent(span.start, span.end))
-        if seconds > 0.0:
-            found[name] = seconds / max(span.end - span.start, 1.0)
-    return found
-
-
-def what_was_at(world: Recall, place: str, when: Span) -> Answer:
-    """What was at a place at any time of a span. value : ids, what was longest there first.
-
-    Raises NothingKnownError, AmbiguousError.
-    """
-    where, span = place_named(world, place), within(world, when)
-    shares = shares_at(world, where, span)
-    there = ranked(shares)
-    named = [described(world, name) + _part(shares[name]) for name in there]
-    verb = "was" if len(there) == 1 else "were"
-    probability = Trust.SEEN * Trust.EACH ** len(there) if there else NOT_FOUND
-    told_of = f"{listed(named, 20)} {verb}" if there else "Nothing that I know of was"
-    sentence = f"{told_of} {spoken(world, where)} {span.between}"
-    options = objects_at(where, {name: shares[name] for name in there}, "share")
-    return Answer.stated(sentence, "what_is_at", probability, span.start, there, (), options)
-
-
-def _part(share: float) -> str:
-    return "" if share >= 0.95 else f" ({max(100 * share, 1):.0f} % of the time)"
-
-
-def was_at(world: Recall, what: str, place: str, when: Span) -> Answer:
-    """Whether an object, or one of a class, was at a place at any time of a span. value : bool.
-
-    Raises NothingKnownError, AmbiguousError.
-    """
-    where, span = place_named(world, place), within(world, when)
-    meant = things_named(world, what, past=True)
-    shares = shares_at(world, where, span, meant.ids)
-    if shares:
-        names = [
-            f"{described(world, name)} was {spoken(world, where)}{_part(shares[name])}"
-            for name in ranked(shares)
-        ]
-        sentence = f"Yes, {listed(names)} {span.between}"
-    else:
-        sentence = f"No, I know of no {clean(plain(what))} that was {spoken(world, where)} {span.between}"
-    best = max(shares, key=shares.__getitem__, default=meant.ids[0])
-    evidence = evidence_of(world, world.window(best, span.start, span.end), span.start, span.end)
-    return Answer.stated(
-        sentence, "is_at", FOUND if shares else NOT_FOUND, span.start, bool(shares), evidence
-    )
-
-
-def how_long_at(world: Recall, what: str, place: str, when: Span) -> Answer:
-    """How long of a span an object was at a place, or anywhere. value : s.
-
-    Raises NothingKnownError, AmbiguousError.
-    """
-    name, span = one_named(world, what), within(world, when)
-    where = place_named(world, place) if place else ""
-    line = world.window(name, span.start, span.end)
-    by_place = line.spent(span.start, span.end)
-    if where:
-        long = world.inside(where, by_place) + 0.0
-        said = f"{described(world, name)} was {spoken(world, where)} for {duration(long)}"
-    else:
-        long = sum(by_place.values())
-        parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
-        said = f"{described(world, name)} was {listed(parts) or 'not seen'}"
-    evidence = evidence_of(world, line, span.start, span.end)
-    return Answer.stated(
-        f"{said} {span.between}", "how_long_there", Trust.NOT_SEEN, span.start, long, evidence
-    )
-
-
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
     """When an object was at a place last. value : ISO 8601, None where never. Raises NothingKnownError."""
     name, where = one_named(world, what), place_named(world, place)
@@ -453,7 +413,7 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     if not stays:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
         sentence = f"{described(world, name)} was never {spoken(world, where)} since {first}"
-        return Answer.stated(sentence, "when_last_seen", NOT_FOUND, world.now, None)
+        return Answer.stated(sentence, "when_last_seen", Trust.NOT_SEEN, world.now, None)
     last = stays[-1]
     is_there = last is line.stays[-1] and not line.lost
     until = f"is {spoken(world, where)} since" if is_there else f"was {spoken(world, where)} last until"
@@ -464,20 +424,21 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     return Answer.stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
 
 
-def what_moved(world: Recall, since: When = None, place: str = "") -> Answer:
+def what_moved(world: Recall, since: When = None, place: str = "", way: str = "") -> Answer:
     """Every move within a span, or of the last day, also of what is back where it was; to or from a place.
 
-    value : [[object, from, to, stamp], ...], None for nowhere. Raises NothingKnownError, AmbiguousError, InputError.
+    way : as of `moves_at`. value : [[object, from, to, stamp], ...], None for nowhere. Raises NothingKnownError,
+    AmbiguousError, InputError.
     """
-    where = place_named(world, place) if place else ""
+    where = place_named(world, place)
     span = since_when(world, since, DAY)
-    moves = sorted(moves_at(world, where, span), key=lambda change: change.end)
-    at = f" {spoken(world, where)}" if where else ""
+    moves = sorted(moves_at(world, where, span, way), key=lambda change: change.end)
+    at = at_the(world, where)
     before = f"{len(moves) - 12} moves before; " if len(moves) > 12 else ""
     parts = "; ".join(told_change(world, move) for move in moves[-12:])
-    told_of = f"Moved{at} {span.between}: {before}{parts}"
+    told_of = f"{'Came to be' if way == 'to' else 'Moved'}{at} {span.between}: {before}{parts}"
     if not moves:
-        told_of = f"Nothing that I know of was moved{at} {span.between}"
+        told_of = f"Nothing that I know of {'came to be' if way == 'to' else 'was moved'}{at} {span.between}"
     value = [[move.object, move.before, move.after, iso(move.end)] for move in moves]
     return Answer.stated(told_of, "what_moved", Trust.SEEN * Trust.EACH ** len(moves), span.start, value)
 
@@ -515,13 +476,12 @@ def _last_leaving(world: Recall, name: str, where: str, span: Span) -> tuple[Tim
     long = AT_FIRST
     while True:
         start = max(span.start, span.end - long)
-        line = world.since(name, start)
+        line = world.window(name, start)
         left = [
             change
             for change in changes_of(line, start, span.end)
-            if change.before is not None and world.contains(where, change.before)
-            and (change.after is None or not world.contains(where, change.after))
-        ]  # fmt: skip
+            if is_about(world, change, where, "from") and change.before != change.after
+        ]
         if left or start <= max(span.start, 0.0):
             return line, left[-1] if left else None
         long *= 8.0

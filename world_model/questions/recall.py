@@ -149,11 +149,13 @@ class Timeline:
     def spent(self, start: float, end: float) -> dict[str, float]:
         """s between two moments by place; of what passed between two stays half each."""
         spent: dict[str, float] = {}
-        for stay, after in zip(self.stays, [*self.stays[1:], None], strict=True):
+        around = zip([None, *self.stays[:-1]], self.stays, [*self.stays[1:], None], strict=True)
+        for before, stay, after in around:
+            since = stay.since if before is None or before.gone else 0.5 * (before.until + stay.since)
             until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
             if stay.left_by is None and after is None:
                 until = end
-            long = min(until, end) - max(stay.since, start)
+            long = min(until, end) - max(since, start)
             if long > 0.0:
                 spent[stay.place] = spent.get(stay.place, 0.0) + long
         return spent
@@ -332,25 +334,6 @@ class Recall:
                 self._timelines.popitem(last=False)
         return self._timelines[key]
 
-    def since(self, object_id: str, start: float) -> Timeline:
-        """The part of an object's timeline from some days before a moment on, with that of its earlier ids."""
-        name = self.individual(object_id)[0]
-        if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
-            return self.timeline(name)
-        return self.once(f"since {name} {start}", lambda: self._from(name, start))
-
-    def _from(self, name: str, start: float) -> Timeline:
-        known = self.read(name, self.epoch, start - AROUND)
-        if known.stays and known.stays[0].since > start and self.store is not None:
-            # It was not looked at for long before: from when it was seen last.
-            earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
-            known = self.read(name, self.epoch, earlier[0][0]) if earlier else known
-        for before in self._links.before(name):
-            if known.stays and known.stays[0].since <= start:
-                break
-            known = _joined(self.read(before, self.epoch, start - AROUND), known)
-        return known
-
     def has_changed(self, object_id: str) -> bool:
         """Whether an object looks otherwise than when it was first seen: others may have changed places with it."""
         item = self.present.get(object_id)
@@ -376,39 +359,29 @@ class Recall:
         name = self.individual(object_id)[0]
         if (name, self.epoch) in self._timelines:
             return self._timelines[name, self.epoch]
-        return self.once(f"latest {name} {most}", lambda: self._until(name, math.inf, most))
+        line = self.once(f"latest {name} {most}", lambda: self.read(name, self.epoch, most=most))
+        return line if line.cut and line.stays else self.timeline(name)
 
-    def _until(self, name: str, end: float, most: int = NEWEST) -> Timeline:
-        """The newest stays that began before a moment, s."""
-        line = self.read(name, self.epoch, end=end, most=most)
-        if line.cut and line.stays:
-            return line
-        if end == math.inf:
+    def window(self, object_id: str, start: float, end: float = math.inf) -> Timeline:
+        """The part of an object's timeline around a span of time, from where it was seen last before that on, with that
+        of its earlier ids."""
+        name = self.individual(object_id)[0]
+        if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
             return self.timeline(name)
+        until = math.inf if end + AROUND >= self.now else end + AROUND
+        return self.once(f"window {name} {start} {until}", lambda: self._around(name, start, until))
+
+    def _around(self, name: str, start: float, until: float) -> Timeline:
+        known = self.read(name, self.epoch, start - AROUND, until)
+        if not (known.stays and known.stays[0].since <= start) and self.store is not None:
+            # It was not looked at for long before: from when it was seen last.
+            earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
+            known = self.read(name, self.epoch, earlier[0][0], until) if earlier else known
         for before in self._links.before(name):
-            line = _joined(self.read(before, self.epoch, end=end, most=most), line)
-        return line if line.stays else self.timeline(name)
-
-    def glimpse(self, object_id: str, stamp: float) -> Timeline:
-        """The part of an object's timeline around a moment; cheaper where there are many objects."""
-        name = self.individual(object_id)[0]
-        if (name, self.epoch) in self._timelines:
-            return self._timelines[name, self.epoch]
-        return self.once(f"glimpse {name} {stamp}", lambda: self._around(name, stamp))
-
-    def _around(self, name: str, stamp: float) -> Timeline:
-        known = self.read(name, self.epoch, stamp - AROUND, stamp + AROUND)
-        return known if known.stays and known.stays[0].since <= stamp else self._until(name, stamp + AROUND)
-
-    def window(self, object_id: str, start: float, end: float) -> Timeline:
-        """The part of an object's timeline around a span of time."""
-        name = self.individual(object_id)[0]
-        if (name, self.epoch) in self._timelines or not math.isfinite(start):
-            return self.timeline(name)
-        if end + AROUND >= self.now:
-            return self.since(name, start)
-        line = self.read(name, self.epoch, start - AROUND, end + AROUND)
-        return line if line.stays and line.stays[0].since <= start else self.since(name, start)
+            if known.stays and known.stays[0].since <= start:
+                break
+            known = _joined(self.read(before, self.epoch, start - AROUND, until), known)
+        return known
 
     def active(self, start: float, end: float) -> list[str]:
         """Objects of this run of which anything is known between two moments."""
@@ -463,8 +436,8 @@ class Recall:
         return self.places[place].probability(item.position, item.covariance)
 
     def contains(self, outer: str, inner: str) -> bool:
-        """Whether a place is, or lies in, another."""
-        if outer == inner:
+        """Whether a place is, or lies in, another; "" is everywhere."""
+        if not outer or outer == inner:
             return True
         if outer not in self.places or inner not in self.places:
             return False

@@ -11,7 +11,7 @@ from world_model.memory.routines import Routines
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import WEEKS, presence_of
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, one_named, place_named, spoken
+from world_model.questions.naming import described, one_named, place_named, spoken, where_words
 from world_model.questions.recall import Recall, Trust, ranked
 from world_model.questions.where import is_at, objects_at, places_of, where_usually
 from world_model.state import DAY
@@ -110,6 +110,29 @@ def is_at_usual_place(world: Recall, what: str) -> Answer:
     usual = where_usually(world, what)
     answer = is_at(world, what, str(usual.value))
     return replace(answer, sentence=f"{answer.sentence} {usual.sentence}")
+
+
+def what_is_out_of_place(world: Recall) -> Answer:
+    """What is not where it was for most of the last four weeks. value : {id: usual place}."""
+    start = world.now - WEEKS
+    found = {}
+    for name, course in presence_of(world, start).items():
+        shares = course.shares(start, world.now)
+        usual, there = max(shares, key=shares.__getitem__, default=""), world.latest(name).at(world.now)[0]
+        if usual and shares[usual] >= USUAL and there and world.inside(usual, there) < USUAL:
+            found[name] = usual
+    parts = [
+        f"{described(world, name)} is {where_words(world, name).removeprefix('last ')}, usually {spoken(world, usual)}"
+        for name, usual in found.items()
+    ]
+    said = (
+        f"Not where it usually is: {'; '.join(parts)}"
+        if parts
+        else "All that I know of is where it usually is"
+    )
+    return Answer.stated(
+        said, "what_is_out_of_place", Trust.CHANGED * Trust.EACH ** len(found), world.now, found
+    )
 
 
 def learned(world: Recall) -> Routines:

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from world_model.describing import SURE
 from world_model.questions.answers import (
@@ -22,13 +22,23 @@ from world_model.questions.answers import (
 )
 from world_model.questions.elsewhere import WEEKS, course_of, elsewhere
 from world_model.questions.moments import Span, moment
-from world_model.questions.naming import described, one_named, place_named, plain, spoken, things_named
+from world_model.questions.naming import (
+    Meant,
+    at_the,
+    described,
+    one_named,
+    place_named,
+    plain,
+    spoken,
+    things_named,
+)
 from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
 from world_model.state import BELIEVED, PERSON
 
 TWIN, SWAPPED = 0.85, 0.5
 """That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
 both moved, and where they were."""
+FOUND = 0.96  # That something was where it was seen at some time
 HIDDEN = 0.89  # The most that is told of a place where something was not seen: it is never told as sure
 LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where it usually goes then
 
@@ -89,7 +99,7 @@ def _line_at(world: Recall, name: str, stamp: float) -> Timeline:
     run = world.epochs.get(name, world.epoch)
     if run != world.epoch:
         return world.timeline(name, run)
-    return world.latest(name) if stamp >= world.now else world.glimpse(name, stamp)
+    return world.latest(name) if stamp >= world.now else world.window(name, stamp, stamp)
 
 
 def within(world: Recall, when: str | float | Span) -> Span:
@@ -392,7 +402,7 @@ def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None 
     if ids is None:
         ids = world.heads([*world.present, *world.departed(LATELY)]) if now else world.things()
     for name in ids:
-        line = world.glimpse(name, stamp)
+        line = world.window(name, stamp, stamp)
         chances = _chances(world, line, stamp)
         p = world.inside(place, chances)
         item = world.present.get(name)
@@ -411,74 +421,130 @@ def _chances(world: Recall, line: Timeline, stamp: float) -> dict[str, float]:
     return elsewhere(world, whole).places if whole.stays else {}
 
 
+def shares_at(world: Recall, place: str, span: Span, ids: Sequence[str] | None = None) -> dict[str, float]:
+    """Share of a span that each object was at a place, of those that were; of all things where `ids` is None."""
+    found = {}
+    for name in world.things() if ids is None else ids:
+        seconds = world.inside(place, world.window(name, span.start, span.end).spent(span.start, span.end))
+        if seconds > 0.0:
+            found[name] = seconds / max(span.end - span.start, 1.0)
+    return found
+
+
+class _Found(NamedTuple):
+    """What is at a place. lasts : at any time of the span, with its share of it, else at the moment, with its
+    probability. there : what is believed. then : the time as a sentence says it."""
+
+    span: Span
+    lasts: bool
+    chances: dict[str, float]
+    there: list[str]
+    then: str
+
+    def named(self, world: Recall) -> str:
+        """What is there, with the share of the time, or the doubt."""
+        return listed((described(world, name) + self._more(self.chances[name]) for name in self.there), 20)
+
+    def _more(self, p: float) -> str:
+        if self.lasts:
+            return "" if p >= 0.95 else f" ({max(100 * p, 1):.0f} % of the time)"
+        return "" if p >= SURE else f" (probably, {told(p)})"
+
+    def probability(self, none: float) -> float:
+        """That this is all; none : where there is nothing."""
+        if self.lasts:
+            return Trust.SEEN * Trust.EACH ** len(self.there) if self.there else none
+        return math.prod(max(p, 1.0 - p) for p in self.chances.values()) * (
+            Trust.SEEN if self.chances else none
+        )
+
+    def options(self, place: str) -> tuple[dict[str, Any], ...]:
+        """Alternatives of an answer: objects that may be at the place."""
+        what = "share" if self.lasts else "probability"
+        return objects_at(place, self.chances, what)
+
+
+def _found_at(
+    world: Recall, place: str, when: str | float | Span | None, ids: Sequence[str] | None = None
+) -> _Found:
+    """What is or was at a place, of all things where `ids` is None; "" is anywhere. Raises InputError for the time."""
+    span = Span(world.now, world.now) if when is None else within(world, when)
+    lasts = span.end - span.start >= 1.0
+    chances = shares_at(world, place, span, ids) if lasts else at_place(world, place, span.middle, ids)
+    there = [name for name in ranked(chances) if lasts or chances[name] >= BELIEVED]
+    then = f" {span.between}" if lasts else "" if when is None else f" at {clock(span.start)}"
+    return _Found(span, lasts, chances, there, then)
+
+
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
-    """What is, or was, at a place at a moment. value : ids.
+    """What is, or was, at a place at a moment, or at any time of a span, the longest first; "" : anywhere. value : ids.
 
     Raises NothingKnownError, AmbiguousError.
     """
     where = place_named(world, place)
-    stamp = world.now if when is None else within(world, when).middle
-    chances = at_place(world, where, stamp)
-    there = [name for name in ranked(chances) if chances[name] >= BELIEVED]
+    found = _found_at(world, where, when)
+    there, stamp = found.there, found.span.end
     verb = ("is", "are") if when is None else ("was", "were")
-    then = "" if when is None else f" at {clock(stamp)}"
-    if there:
-        named = [f"{described(world, name)}" + _doubtful(chances[name]) for name in there]
-        sentence = f"{listed(named, 20)} {verb[len(there) > 1]} {spoken(world, where)}{then}"
-    else:
-        sentence = f"Nothing that I know of {verb[0]} {spoken(world, where)}{then}"
-    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * (
-        Trust.SEEN if chances else Trust.NOT_SEEN
-    )
-    evidence = tuple(
-        entry for name in there[:4] for entry in evidence_of(world, world.glimpse(name, stamp), stamp, stamp)
-    )
-    return Answer.stated(
-        sentence, "what_is_at", probability, stamp, there, evidence, objects_at(where, chances)
-    )
+    told_of = f"{found.named(world)} {verb[len(there) > 1]}" if there else f"Nothing that I know of {verb[0]}"
+    at = at_the(world, where) or (" seen" if found.lasts else " here")
+    looks = [
+        evidence_of(world, world.window(name, stamp, stamp), stamp, stamp)
+        for name in there[:4]
+        if not found.lasts
+    ]
+    evidence = tuple(entry for look in looks for entry in look)
+    sentence, p = f"{told_of}{at}{found.then}", found.probability(Trust.NOT_SEEN)
+    return Answer.stated(sentence, "what_is_at", p, found.span.start, there, evidence, found.options(where))
 
 
-def _doubtful(p: float) -> str:
-    return "" if p >= SURE else f" (probably, {told(p)})"
+what_was_at = what_is_at
 
 
 def is_at(world: Recall, what: str, place: str, when: str | float | Span | None = None) -> Answer:
-    """Whether an object, or one of a class, is or was at a place. value : bool.
+    """Whether an object, or one of a class, is or was at a place at a moment, or at any time of a span. value : bool.
 
     Raises NothingKnownError, AmbiguousError.
     """
     where = place_named(world, place)
-    past = when is not None
-    meant = things_named(world, what, past)
-    stamp = world.now if when is None else within(world, when).middle
-    chances = at_place(world, where, stamp, meant.ids)
-    if meant.by_name:
-        chances = {name: p * (TWIN if world.alike(name) else 1.0) for name, p in chances.items()}
-    p = 1.0 - math.prod(1.0 - each for each in chances.values())
-    p = min(p, Trust.EACH)
-    there = [described(world, name) for name in ranked(chances) if chances[name] > 0.5]
-    verb, many = ("was", "were") if past else ("is", "are")
-    then = f" at {clock(stamp)}" if past else ""
-    yes = p >= 0.5
-    if yes:
-        is_or_are = many if len(there) > 1 else verb
-        them = listed(there or [clean(what)])
-        sentence = f"Yes, {them} {hedged(p, is_or_are)} {spoken(world, where)}{then}"
+    meant = things_named(world, what, when is not None)
+    found = _found_at(world, where, when, meant.ids)
+    span, lasts = found.span, found.lasts
+    if meant.by_name and not lasts:
+        twins = {name: p * (TWIN if world.alike(name) else 1.0) for name, p in found.chances.items()}
+        found = found._replace(chances=twins)
+    p = min(1.0 - math.prod(1.0 - each for each in found.chances.values()), Trust.EACH)
+    if lasts:
+        p = FOUND if found.there else 1.0 - Trust.NOT_SEEN
+    verbs = ("was", "were") if when is not None else ("is", "are")
+    if p >= 0.5:
+        verb = hedged(FOUND if lasts else p, verbs[len(found.there) > 1])
+        names = found.named(world) if lasts else listed(described(world, name) for name in found.there)
+        sentence = f"Yes, {names or clean(what)} {verb} {spoken(world, where)}{found.then}"
     else:
-        one = clean(re.sub("^(any|some|every)thing$", "thing that I know of", plain(what)))
-        known = (
-            [f"{described(world, name)} {verb} {_elsewhere(world, name, stamp)}" for name in meant.ids[:3]]
-            if "thing" not in one
-            else []
-        )
-        found = (
-            f"No, {described(world, meant.ids[0])} {verb} not"
-            if len(meant.ids) == 1
-            else f"No, there {many if meant.plural and one.endswith('s') else verb} no {one}"
-        )
-        sentence = f"{found} {spoken(world, where)}{then}{f': {listed(known)}' if known else ''}"
-    evidence = evidence_of(world, world.glimpse(meant.ids[0], stamp), stamp, stamp)
-    return Answer.stated(sentence, "is_at", max(p, 1.0 - p), stamp, yes, evidence, objects_at(where, chances))
+        sentence = f"No, {_not_at(world, meant, where, found, verbs)}"
+    name = found.there[0] if lasts and found.there else meant.ids[0]
+    evidence = evidence_of(world, world.window(name, span.start, span.end), span.start, span.end)
+    options = () if lasts else found.options(where)
+    return Answer.stated(sentence, "is_at", max(p, 1.0 - p), span.start, p >= 0.5, evidence, options)
+
+
+was_at = is_at
+
+
+def _not_at(world: Recall, meant: Meant, where: str, found: _Found, verbs: tuple[str, str]) -> str:
+    """That an object is not there, and of a moment where it is."""
+    one = clean(re.sub("^(any|some|every)thing$", "thing that I know of", plain(meant.words)))
+    said = f"there {verbs[meant.plural and one.endswith('s')]} no {one}"
+    if len(meant.ids) == 1:
+        said = f"{described(world, meant.ids[0])} {verbs[0]} not"
+    said += f" {spoken(world, where)}{found.then}"
+    if found.lasts or "thing" in one:
+        return f"{said}, as far as I know" if found.lasts else said
+    stamp = found.span.middle
+    known = (
+        f"{described(world, name)} {verbs[0]} {_elsewhere(world, name, stamp)}" for name in meant.ids[:3]
+    )
+    return f"{said}: {listed(known)}"
 
 
 def _elsewhere(world: Recall, name: str, stamp: float) -> str:
@@ -493,27 +559,16 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
 
     Raises NothingKnownError, AmbiguousError.
     """
-    where = place_named(world, place) if place else ""
-    stamp = world.now if when is None else within(world, when).middle
+    where = place_named(world, place)
     everything = plain(what).rstrip("s") in ("thing", "object", "item")
     ids = tuple(world.things()) if everything else things_named(world, what, when is not None).ids
-    if where:
-        chances = at_place(world, where, stamp, ids)
-    else:
-        chances = {}
-        for name in ids:
-            known = _chances(world, _line_at(world, name, stamp), stamp)
-            chances[name] = min(sum(known.values()), 1.0)
-    there = [name for name, p in chances.items() if p >= BELIEVED]
-    probability = math.prod(max(p, 1.0 - p) for p in chances.values()) * Trust.SEEN
-    at = f" {spoken(world, where)}" if where else ""
-    then = f" at {clock(stamp)}" if when is not None else ""
-    verb = "There was" if when is not None else "There is"
-    if len(there) != 1:
-        verb = verb.replace("was", "were").replace("is", "are")
-    shown = f": {listed([described(world, name) for name in there])}" if there else ""
-    sentence = f"{verb} {len(there)} of these{at}{then}{shown}"
-    return Answer.stated(sentence, "how_many", probability, stamp, len(there), (), objects_at(where, chances))
+    found = _found_at(world, where, when, ids)
+    count = len(found.there)
+    verb = ("is", "are") if when is None else ("was", "were")
+    shown = f": {found.named(world)}" if count else ""
+    sentence = f"There {verb[count != 1]} {count} of these{at_the(world, where)}{found.then}{shown}"
+    p, options = found.probability(Trust.SEEN), found.options(where)
+    return Answer.stated(sentence, "how_many", p, found.span.start, count, (), options)
 
 
 def where_to_look(world: Recall, what: str) -> Answer:

@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from world_model.questions.answers import clean
 
 _ANYBODY = r"(?:you|we|i|anyone|anybody|somebody|someone|one)"
 _ASKING = r"(?:where|whereabouts|what|who|when|how|which|whether|if|since when)"
-_NOUN = r"(?:the|my|our|your|his|her|their|any|a|an|that|this) .+?"
-_LIES = (
-    r"(?:lying|laying|laid|sitting|standing|placed|stored|located|situated|hidden|hiding|resting|put|kept)"
+_BEFORE_IT = (
+    "can|could|would|will|do|does|did|have|has|you|we|i|anyone|anybody|somebody|someone|please|maybe|happen|still|"
+    "know|remember|recall|tell|show|say|find out|check|help|remind|me|us|to|like|want|need|wish|wonder|forgot|"
+    "forgotten|not|any|idea|let"
 )
+"""Of these are the polite words in front of a question."""
+_NOUN = r"(?:the|my|our|your|his|her|their|any|a|an|that|this) .+?"
+_LIES = r"(?:lying|laying|laid|sitting|standing|stored|located|situated|hidden|hiding|resting|kept)"
 _HOME = r"(?:in|at|around|inside) (?:the|our|my|your|this) (?:whole |entire )?(?:house|home|flat|apartment)"
 FUNCTION_WORDS = (  # noqa: SIM905
     "where what who when which how is are was were has have did does the my in on at of since there with from "
@@ -25,37 +29,27 @@ FUNCTION_WORDS = (  # noqa: SIM905
 """Words in which letters that changed places are put right."""
 _SHORT = (
     (r"\b(where|what|who|when|how)['`]?s\b|\b(that|it|there)'s\b", r"\1\2 is"), (r"\b(\w+)'re\b", r"\1 are"),
+    (r"^(?:at )?what time\b", "when"),
     (r"\b(where|what|who|when|how)'d\b", r"\1 did"), (r"\b(i|you|we)'d\b", r"\1 would"),
     (r"\b(\w+)'ve\b", r"\1 have"), (r"\bi'?m\b", "i am"), (r"\bca(?:n't|nt|nnot)\b", "can not"),
     (r"\b(is|are|was|were|has|have|do|does|did|could|would)n'?t\b", r"\1 not"),
 )  # fmt: skip
 _AROUND = (
     (r"[?!.\s]+$", ""),
-    (r"^(?:please|hey|hello|hi|ok|okay|robot|so|and|well|sorry|excuse me|thanks)\b[, ]+", ""),
+    (r"^(?:hey|hello|hi|ok|okay|robot|so|and|well|sorry|excuse me|thanks|please)\b[, ]+", ""),
     (r"(?:,? (?:please|thanks|thank you|exactly|by any chance|for me|any ?more|robot)|, then)$", ""),
-    (
-        rf"^(?:can|could|would|will) {_ANYBODY} (?:please |maybe )?(?:tell|show|say|find out|check|remember)"
-        rf"(?: to)?(?: me| us)? (?={_ASKING}\b)",
-        "",
-    ),
-    (r"^(?:can|could|would|will) you (?:please )?(?=(?:find|locate|show|list|look|search|tell)\b)", ""),
-    (rf"^(?:do|does|did) {_ANYBODY} (?:happen to |still )?(?:know|remember|recall) (?={_ASKING}\b)", ""),
-    (rf"^(?:i|we) (?:would like|want|need|have|wish) to know (?={_ASKING}\b)", ""),
-    (rf"^(?:i|we) (?:do not|can not) (?:know|remember|recall) (?={_ASKING}\b)", ""),
-    (
-        rf"^(?:i wonder|tell me|remind me|i forgot|i have forgotten|(?:do you have |have you )?any idea),? "
-        rf"(?={_ASKING}\b)",
-        "",
-    ),
+    (r",? (?:and )?where (?:is|are) (?:it|they)$|,? (?:have you seen (?:it|them)|any ideas?)$", ""),
+    (rf"^(?:(?:{_BEFORE_IT})\b,? )+(?={_ASKING}\b|(?:find|locate|show|list|look|search)\b)", ""),
 )  # fmt: skip
 _ORDER = (
     # What somebody looks for is asked for.
     (rf"^(?:have|has|had|did) {_ANYBODY} seen? (?=(?:anybody|anyone|somebody|someone|people)\b)", "was "),
     (rf"^(?:have|has|had|did) {_ANYBODY} (?:seen?|find|found|spotted?) (?=\w)", "where is "),
-    (r"^(?:i|we) (?:can|could|do) not (?:find|see|locate) (.+?)(?: anywhere)?$", r"where is \1"),
+    (r"^(?:i|we) (?:can|could|do) not (?:seem to )?(?:find|see|locate) (.+?)$", r"where is \1"),
     (r"^(?:i am |we are )?(?:looking|searching|hunting) for (.+)$", r"where is \1"),
     (r"^(?:i|we) (?:have )?(?:lost|misplaced|mislaid) (.+)$", r"where is \1"),
     (r"^(?:i|we) (?:need|want|am missing|are missing) (?!to\b)(.+)$", r"where is \1"),
+    (rf"^when (is|was|were) the last time ({_NOUN}) (?:is|was|were)\b", r"when \1 \2"),
     # The verb behind its subject, as after "do you know".
     (
         rf"^(where|whereabouts|when|how often|how many times|how long|since when) ({_NOUN}) "
@@ -63,19 +57,51 @@ _ORDER = (
         r"\1 \3 \2\4",
     ),
     (
-        rf"^(?:if|whether) ({_NOUN}|there|anybody|anyone|somebody|someone|anything|something) "
+        rf"^(?:if|whether|(?:are you sure|how sure are you|is it true)(?: that)?) "
+        rf"({_NOUN}|there|anybody|anyone|somebody|someone|anything|something) "
         r"(is|are|was|were|has|have)\b(.*)$",
         r"\2 \1\3",
-    ),
-    (
-        r"\b(is|are|was|were|has|have|been|did) (?:actually|really|exactly|ever|already|also|still|currently|just|"
-        r"possibly|probably)\b",
-        r"\1",
     ),
     (rf"\b(is|are|was|were|been|be|there) {_LIES}\b", r"\1"),
     (rf"^(where (?:is|are|was|were) .+) {_LIES}$", r"\1"),
     (rf"\b{_HOME}\b", "here"),
+    (r"^where here\b", "where"),
+    (r"^where (?:does|do) (?!(?:you|we|i|one)\b)", "where usually did "),
+    (r"\b(?:put|placed|laid) (?:on|onto|in|into)\b", "came to"),
 )  # fmt: skip
+
+
+_MEANT = {
+    "was": "were|lay|stood|sat|sit",
+    "is": "are|lies|lie|stands|stand|sits|being",
+    "did": "does|do|has|had|have",
+    "moved": "get moved|got moved|move|moves|moving|took|take|taken|taking|carry|carried|carrying|held|hold|holding|"
+    "use|used|using|touch|touched|bring|brought|remove|removed|handled|shifted|put|puts|placed|pick up|picked up|"
+    "put down|put away",
+    "seen": "see|sees|saw|spot|spotted|notice|noticed",
+    "gone": "go missing|gone missing|went missing|going missing|get lost|got lost|missing|lost|disappear|disappeared|"
+    "vanish|vanished|away|go|went",
+    "came": "come|comes|arrive|arrives|arrived|return|returns|returned|enter|entered|visit|visited|get|got",
+    "left": "leave|leaves",
+    "anyone": "the last person|any person|anybody|somebody|someone|any people|people|persons",
+    "who": "who all|which people|what people",
+    "anything": "something|any thing|any things|any objects|anything else",
+    "usually": "normally|mostly|often|generally|typically|most of the time|belong|belongs|live|lives|supposed to be",
+    "how often": "how often|how many times",
+    "": "actually|really|exactly|ever|already|also|still|currently|just|possibly|probably|last|the last time|again|"
+    "back|anywhere|yet|so far|lately|recently|been",
+}
+"""Each word of the patterns and what counts as it, "" for what tells nothing."""
+_WORD_OF = {other: word for word, others in _MEANT.items() for other in others.split("|")}
+_OTHERS = re.compile(rf"(?<![\w'-])(?:{'|'.join(sorted(_WORD_OF, key=len, reverse=True))})(?![\w'-])")
+
+
+def simply(text: str, kept: Collection[str]) -> str:
+    """A question in the few verbs of the patterns, "usually" in front. kept : words of names."""
+    text = re.sub(r"\b(?:has|have|had)\b(?=.* been\b)", "was", text)
+    said = _OTHERS.sub(lambda found: found[0] if found[0] in kept else _WORD_OF[found[0]], text)
+    usual = re.sub(r"\busually\b", "", said)
+    return " ".join((said if usual == said else f"usually {usual}").split())
 
 
 def plainly(text: str, longest: int) -> str:
@@ -95,20 +121,6 @@ def _each(rules: Iterable[tuple[str, str]], text: str) -> str:
     return text
 
 
-def spelled(word: str) -> str:
-    """A word of the grammar in which two letters have changed places, put right: "teh", "wehre".
-
-    Only for a question that is not understood as it is: "three" is no slip.
-    """
-    low = word.lower()
-    if len(low) < 3 or low in FUNCTION_WORDS:
-        return word
-    for known in FUNCTION_WORDS:
-        if len(known) == len(low) and sorted(known) == sorted(low) and is_swapped(low, known):
-            return known
-    return word
-
-
 def is_swapped(word: str, other: str) -> bool:
     """Whether two neighbouring letters are all in which two words of one length differ."""
     apart = [index for index, (a, b) in enumerate(zip(word, other, strict=True)) if a != b]
@@ -123,7 +135,8 @@ def is_swapped(word: str, other: str) -> bool:
 SAME = (
     ("cup", "mug", "teacup", "coffee cup"), ("sofa", "couch", "settee"), ("tv", "television", "telly"),
     ("remote", "remote control", "tv remote"), ("laptop", "notebook computer", "macbook"),
-    ("phone", "cell phone", "mobile", "mobile phone", "cellphone", "smartphone"), ("bag", "handbag", "purse"),
+    ("phone", "telephone", "cell phone", "mobile", "mobile phone", "cellphone", "smartphone"),
+    ("bag", "handbag", "purse"),
     ("backpack", "rucksack"), ("glasses", "spectacles", "eyeglasses"), ("bin", "trash can", "garbage can"),
     ("fridge", "refrigerator"), ("bottle", "flask"), ("person", "human", "somebody"),
     ("living room", "lounge", "sitting room"), ("hall", "hallway", "corridor"), ("office", "study"),
@@ -196,8 +209,10 @@ def _put_right(word: str, single: list[str]) -> tuple[str, list[tuple[str, str]]
     """A word of a question as it is known; as a slip where it is not just written otherwise."""
     if word in single or word in FUNCTION_WORDS:
         return word, []
-    written = next((name for name in single if is_called(word, name)), "") or spelled(word)
-    if written != word:
+    # Of the words of the grammar only letters that changed places are put right: "three" is no slip.
+    swapped = (name for name in FUNCTION_WORDS if len(name) == len(word) > 2 and is_swapped(word, name))
+    written = next((name for name in single if is_called(word, name)), "") or next(swapped, "")
+    if written:
         return written, []
     near = slip_of(word, single)
     return near or word, [(word, near)] if near else []
