@@ -29,7 +29,7 @@ from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
 from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
-from registration.placement.refine import EFFICIENCY, Refined
+from registration.placement.refine import EFFICIENCY, Refined, lead
 
 DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
 # Metres, radians between wheels and the last motion from which both are tried: what saves a run where wheels jump.
@@ -220,7 +220,9 @@ class ScanTracker:
         doubt = loose = in_frame(prediction_covariance(motion), -float(before[2]))
         if wheels:
             doubt = self._wheel_covariance(motion)
-            self.pose = fused(refined, compound(before, motion), doubt, loose)
+            start = compound(before, motion)
+            more = lead(scan.surface, self.map.target, refined, start, self.config.tolerance)
+            self.pose = fused(refined, start, doubt, loose, more)
             if not refined.open_directions and match.share >= SURE:
                 self._wheels.learn(motion, between(before, refined.pose))
         else:
@@ -264,18 +266,28 @@ def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:
     return np.asarray(turn @ covariance @ turn.T)
 
 
-def fused(refined: Refined, start: FloatArray, wheels: FloatArray, loose: FloatArray) -> FloatArray:
+def fused(
+    refined: Refined, start: FloatArray, wheels: FloatArray, loose: FloatArray, more: float
+) -> FloatArray:
     """Pose (3,) from lines and from where wheels lead, `start` (3,), each as far as it is sure.
 
-    Where a corridor tells little of the way along it, scans alone slide by metres into what looks alike.
+    Where a corridor tells little of the way along it, scans alone slide by metres into what looks alike. And along a
+    single wall the noise of the map's lines seems to tell the way, in every scan the same: where wheels explain a scan
+    nearly as well, lines count for as much as they do tell.
 
-    wheels : (3, 3) covariance of `start`. loose : the same where lines refute the wheels.
+    wheels : (3, 3) covariance of `start`. loose : the same where lines refute the wheels. more : nat by which lines
+    make `refined` likelier than `start`.
     """
     information = refined.information / EFFICIENCY
     away = refined.pose - start
     away[2] = wrap_angle(away[2])
     prior = np.linalg.inv(wheels)
-    if away @ prior @ away > REFUTED:
+    if 2.0 * more < away @ prior @ away:
+        along = information @ away
+        seems = max(float(away @ along), 1e-12)
+        told = min(max(2.0 * more, 0.0), seems)
+        information = information - (1.0 - told / seems) * np.outer(along, along) / seems
+    elif away @ prior @ away > REFUTED:
         prior = np.linalg.inv(loose)
     pose = start + np.linalg.solve(information + prior, information @ away)
     pose[2] = wrap_angle(pose[2])

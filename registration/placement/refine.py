@@ -314,6 +314,44 @@ def refine(
     return Refined(pose, information, opened, spread, matched, trust, settled, wavering)
 
 
+@njit(cache=True)
+def _cost(  # type: ignore[no-untyped-def]
+    points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed, width, trust
+):  # fmt: skip
+    """Half the squares of points off their lines under the biweight of `width`; points without a line are off."""
+    matched = np.full(len(points), -1, dtype=np.int64)
+    _match(
+        points, normals, usable, pose, radius, spacing, target, target_normals, heads, following, signed, matched
+    )  # fmt: skip
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    total = 0.0
+    for k in range(len(points)):
+        if usable[k]:
+            left = 0.0
+            m = matched[k]
+            if m >= 0:
+                _, u, _, _, _, _ = off_line(
+                    points[k, 0], points[k, 1], c, s, pose, target[m], target_normals[m], width
+                )
+                left = max(1.0 - u, 0.0) ** 3
+            total += trust[k] * (1.0 - left)
+    return width * width / 6.0 * total
+
+
+def lead(source: Surface, target: TargetLines, refined: Refined, other: FloatArray, noise: float) -> float:
+    """How much likelier, nat, lines make `refined` than the pose `other` (3,); noise : as of `refine`."""
+    width = TUKEY * noise
+    costs = [
+        _cost(
+            source.points, source.normals, source.tilt < math.inf, pose, max(2.0 * width, FINEST), source.spacing,
+            target.points, target.normals, target.heads, target.following, source.signed and target.signed,
+            width, refined.trust,
+        )
+        for pose in (other, refined.pose)
+    ]  # fmt: skip
+    return float((costs[0] - costs[1]) / (refined.noise**2 * EFFICIENCY))
+
+
 def _wavering(trail: FloatArray) -> float:
     """Metres that poses (TRAIL, 3), yaw in metres too, the latest last, go to and fro; inf where they move on."""
     if not np.isfinite(trail).all():
