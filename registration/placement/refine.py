@@ -339,7 +339,7 @@ def _cost(  # type: ignore[no-untyped-def]
 
 
 def lead(source: Surface, target: TargetLines, refined: Refined, other: FloatArray, noise: float) -> float:
-    """How much likelier, nat, lines make `refined` than the pose `other` (3,); noise : as of `refine`."""
+    """How much likelier, nat a point, lines make `refined` than the pose `other` (3,); noise : as of `refine`."""
     width = TUKEY * noise
     costs = [
         _cost(
@@ -349,7 +349,8 @@ def lead(source: Surface, target: TargetLines, refined: Refined, other: FloatArr
         )
         for pose in (other, refined.pose)
     ]  # fmt: skip
-    return float((costs[0] - costs[1]) / (refined.noise**2 * EFFICIENCY))
+    points = max(int(np.count_nonzero(refined.matched >= 0)), 1)
+    return float((costs[0] - costs[1]) / (refined.noise**2 * EFFICIENCY * points))
 
 
 def _wavering(trail: FloatArray) -> float:
