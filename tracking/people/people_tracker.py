@@ -45,9 +45,8 @@ CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half 
 SPEED = 0.7  # m/s, deviation of a new target's velocity
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
 HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
-# Deviations of a range by which neighbouring returns of one thing may lie farther apart; set on people on simulated
-# floors, where 3 to 5 find as many.
-NOISES = 4.0
+# Deviations of a range by which neighbouring returns of one thing may lie apart: four of the difference of two.
+NOISES = 6.0
 BELONGS = 0.45  # m from a target to the clusters that tell its class
 # Two targets whose way from one to the other is on average shorter than that, m, over that many seconds are the legs of
 # one: legs pass each other, people do not. Set on people who walk among pillars, seed 500.
@@ -178,7 +177,8 @@ class PeopleTracker:
         self._noise.learn(scan)
         join = self.config.join_distance
         # Where hardly anything is smooth, as among leaves, it is no noise.
-        clusters = clusters_of(scan, join + min(NOISES * self._noise.value, join), self.config.max_range, own)
+        join = min(max(join, NOISES * self._noise.value), 2.0 * join)
+        clusters = clusters_of(scan, join, self.config.max_range, own)
         seen = ClusterScan.of(scan, sweep, clusters, self.background, self.shape, moving)
         if self._jumped(seen, place, dt):
             self.background.clear()
