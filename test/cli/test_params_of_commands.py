@@ -74,7 +74,7 @@ def test_only_the_named_topics_count(driven: tuple[Path, Path, np.ndarray], tmp_
     run("odometry", spoilt, "--params", settings, "--out", paths[1])
     # Log times differ, and with them which readings of the wheels a scan already knows.
     first, second = (read_tum(path).se2() for path in paths)
-    assert np.abs(first - second).max() < 0.001
+    assert np.abs(first - second).max() < 0.003
 
 
 def test_track_takes_its_settings(driven: tuple[Path, Path, np.ndarray], tmp_path: Path) -> None:
