@@ -25,6 +25,7 @@ from registration.laser.submap import Submap
 from registration.placement.align_submaps import Placement, align_submaps, ambiguous
 
 SPACING = 3.0  # metres between places of the map that are tried
+EDGE = 0.9  # of the window around where the robot should be; farther out it is not believed to be
 NEAR = 4.0  # metres from a place at which its local map shows the robot's surroundings
 # Places that a scan is laid on per keyframe when lost, and while a pose is known: as many then as to follow it.
 MOST_TRIED, TRIED = 40, 3
@@ -66,16 +67,22 @@ class PlanarMap:
                 continue
             tried.append(j)
             target = self._places.local_map(j, AROUND, AROUND)
-            guess = motion(self._poses[j], expected)
-            fits = align_submaps(source, target, guess, *window(sigma, turn))
+            guess, (reach, about) = motion(self._poses[j], expected), window(sigma, turn)
+            fits = align_submaps(source, target, guess, reach, about)
             if not fits or not fits[0].sure or ambiguous(fits):
+                continue
+            # Where the map has changed, something at the edge may fit better than where the robot is.
+            if np.abs(fits[0].pose[:2] - guess[:2]).max() > EDGE * reach:
                 continue
             if best is None or fits[0].merit > best[0].merit:
                 best = fits[0], j
         return None if best is None else compose(self._poses[best[1]], best[0].pose)
 
     def search(self, recent: Keyframes, lost: bool) -> list[tuple[FloatArray, float]]:
-        """Placements of the robot's newest keyframe on parts of the map, with metres of outline that speak for each."""
+        """Placements of the robot's newest keyframe on parts of the map, with metres of outline that speak for each.
+
+        lost : whether nothing is known of where it is; only a few parts in turn are tried otherwise.
+        """
         source, found = self._seen(recent), []
         for j in self._turns(MOST_TRIED if lost else TRIED):
             target = self._places.local_map(j, AROUND, AROUND)
@@ -145,7 +152,10 @@ class SpatialMap:
         return compose(self._poses[j], laid[0])
 
     def search(self, recent: Keyframes, lost: bool) -> list[tuple[FloatArray, float]]:
-        """Placements of the robot's newest keyframe on parts of the map, with how much speaks for each."""
+        """Placements of the robot's newest keyframe on parts of the map, with how much speaks for each.
+
+        lost : as of `PlanarMap`; clouds are laid on few places in any case.
+        """
         source, found = self._seen(recent), []
         for j in self._turns(recent):
             laid = anywhere(source, local_cloud(self._places, j, AROUND, AROUND))

@@ -8,7 +8,7 @@ map saw through, the lines fix all three directions, and no other placement does
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -33,7 +33,6 @@ LEAST_AGREEING = 4.0  # metres of outline, of the lesser side
 LEAST_FITNESS = 0.9
 LEAST_OVERLAP = 0.35  # agreeing share of the source's outline, looked at or not
 RIVAL = 0.85
-EDGE = 0.9  # of the window; beyond it the best of the window may be the slope of one outside
 APART = (0.35, np.deg2rad(10.0))  # placements nearer than this are one
 
 
@@ -89,15 +88,8 @@ def align_submaps(
     chosen: list[Placement] = []
     for placement in placed:
         if all(apart(placement.pose, other.pose) for other in chosen):
-            chosen.append(_inside(placement, guess, reach))
+            chosen.append(placement)
     return chosen[:MOST]
-
-
-def _inside(placement: Placement, guess: FloatArray, reach: float) -> Placement:
-    """A placement, not to be believed where it lies at the edge of what was searched."""
-    if placement.reason or np.abs(placement.pose[:2] - guess[:2]).max() < EDGE * reach:
-        return placement
-    return replace(placement, reason="it lies at the edge of what was searched")
 
 
 def place(source: Submap, target: Submap, start: FloatArray, doubt: float) -> Placement:

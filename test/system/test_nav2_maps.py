@@ -58,7 +58,7 @@ def test_a_map_is_saved_and_loaded_by_nav2s_names_and_nothing_foreign_is_touched
 
     assert not saved(request(str(folder / "early"))), "there is no map yet"
     robot.introduce()
-    robot.go(0.0, 5.0, 0.25)
+    robot.go(0.0, 3.0, 0.25)
     stem = folder / "home"
     assert saved(request(str(stem))), graph.log(spec)
     assert {path.name for path in folder.iterdir()} == {"home.npz", "home.pgm", "home.yaml"}
@@ -104,11 +104,11 @@ def test_a_map_is_saved_and_loaded_by_nav2s_names_and_nothing_foreign_is_touched
     assert loaded(str(folder / "broken")).result == LoadMap.Response.RESULT_INVALID_MAP_DATA
     # Looked for anew, as amcl is asked to, the robot is found again.
     robot.transforms.clear()
-    robot.go(5.0, 8.0, 0.25)
+    robot.go(3.0, 7.0, 0.25)
     graph.until(robot.in_map, "the robot is found")
     graph.call(Empty, "reinitialize_global_localization", Empty.Request())
     robot.transforms.clear()
-    robot.go(8.0, 12.0, 0.25)
+    robot.go(7.0, 12.0, 0.25)
     graph.until(robot.in_map, "the robot is found again")
     miss = between(robot.truth(11.75), robot.in_map()[0])
     assert np.hypot(*miss[:2]) < 0.25
