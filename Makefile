@@ -5,6 +5,8 @@ BAG ?=
 BIN := .venv/bin
 # The ROS wheels' start-up hook leaves this behind; inherited, it would point into another environment.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# Where Python must not keep what it compiles (as in many containers), each node would compile all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test test-bounds lint setup setup-test docs site colcon wheels lock bench bench-check chaos peers clean
 

@@ -9,8 +9,7 @@ from math import comb, factorial, sqrt
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
-from scipy.stats import chi2
+from scipy.special import gammaincinv, ndtri
 
 from estimation.checks import FloatArray, as_points
 from estimation.errors import InputError
@@ -38,7 +37,8 @@ def _monomials(dimension: int) -> tuple[npt.NDArray[np.int64], FloatArray]:
 @lru_cache(maxsize=256)
 def _limits(alpha: float, dimension: int) -> tuple[float, float]:
     # Each of the two statistics gets half of α, so that a Gaussian fails the pair at a rate of α at most.
-    return float(chi2.ppf(1 - alpha / 2, comb(dimension + 2, 3))), float(-ndtri(alpha / 4))
+    chi2 = 2.0 * gammaincinv(0.5 * comb(dimension + 2, 3), 1 - alpha / 2)
+    return float(chi2), float(-ndtri(alpha / 4))
 
 
 def mardia_statistics(samples: npt.ArrayLike) -> Mardia:

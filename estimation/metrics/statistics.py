@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import gammaincinv
 
 from estimation.checks import FloatArray, as_finite, as_square, as_vectors, require_count
 from estimation.errors import InputError
@@ -72,11 +73,9 @@ def anees_bounds(count: int, dimension: int, confidence: float = 0.95) -> tuple[
 
     The mean is around `dimension`; the interval leaves (1 - confidence) / 2 out on each side (χ²).
     """
-    from scipy.stats import chi2
-
     count, dimension = require_count("count", count), require_count("dimension", dimension)
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence must be between 0 and 1, not {confidence!r}")
     tail = 0.5 * (1.0 - confidence)
-    low, high = chi2.ppf([tail, 1.0 - tail], count * dimension) / count
+    low, high = 2.0 * gammaincinv(0.5 * count * dimension, [tail, 1.0 - tail]) / count
     return float(low), float(high)
