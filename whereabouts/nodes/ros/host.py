@@ -8,7 +8,6 @@ that the supervisor, which is made the one that adopts orphans, becomes its pare
 from __future__ import annotations
 
 import ctypes
-import gc
 import importlib
 import json
 import os
@@ -21,6 +20,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+from whereabouts.nodes.ros.footprint import keep_packed, settle
 
 PR_SET_NAME, PR_SET_CHILD_SUBREAPER = 15, 36
 READY_WITHIN = 60.0
@@ -110,9 +111,8 @@ class Host:
 def serve(connection: socket.socket) -> None:
     """Load everything, then fork what is asked for until nobody asks any more."""
     _load()
-    gc.collect()
     # What is here stays, and collecting must not touch it: pages that nobody writes to are shared.
-    gc.freeze()
+    settle()
     while request := connection.recv(LONGEST):
         ends = os.pipe()
         between = os.fork()
@@ -132,7 +132,6 @@ def serve(connection: socket.socket) -> None:
 def _load() -> None:
     from whereabouts.compile import PARTS
     from whereabouts.node_names import NODES
-    from whereabouts.nodes.ros.footprint import keep_packed
 
     keep_packed()
     for name in NODES:
