@@ -24,12 +24,22 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface, swept_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import FAR, NEAR_SEARCH, NEVER, SURE, TURNED, MapMatcher, Match, Prior
+from registration.odometry.map_matching import (
+    FAR,
+    GROSS,
+    NEAR_SEARCH,
+    NEVER,
+    SURE,
+    TURNED,
+    MapMatcher,
+    Match,
+    Prior,
+)
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
 from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
-from registration.placement.refine import EFFICIENCY, Refined, lead
+from registration.placement.refine import EFFICIENCY, Refined
 
 DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
 # Metres, radians between wheels and the last motion from which both are tried: what saves a run where wheels jump.
@@ -38,10 +48,6 @@ LEAST_LINED = 15  # points on lines below which a scan is not registered
 # Share of the last motion that is expected next where nothing has told of it but itself, without wheels: a sensor that
 # has stopped meanwhile must not be driven on for ever.
 FADE = 0.5
-# Metres of outline whose points go wrong together, as they are of one wall. Set on simulated floors and checked on
-# csail; 1 m does about the same.
-PIECE = 0.5
-GROSS = 14.0  # nat, one in a million: how rarely wheels err as no covariance tells; 20 does the same
 
 
 class ScanTracker:
@@ -225,9 +231,7 @@ class ScanTracker:
         if wheels:
             doubt = self._wheel_covariance(motion)
             start = compound(before, motion)
-            more = lead(scan.surface, self.map.target, refined, start, self.config.tolerance)
-            more *= match.agreement.agreeing / PIECE
-            self.pose = fused(refined, start, doubt, loose, more)
+            self.pose = fused(refined, start, doubt, loose, self._matcher.led(match, scan, start))
             if not refined.open_directions and match.share >= SURE:
                 self._wheels.learn(motion, between(before, refined.pose))
         else:

@@ -24,7 +24,7 @@ def test_a_map_is_paused_corrected_and_asked_for(graph: Graph) -> None:
     robot.drive = Drive([*corners, *corners, corners[0]], speed=1.0, turn_rate=1.5)
     graph.start("scan_registration")
     # The stamps of further scans say when a transform is given up, and they come faster than a lost one is sent again.
-    graph.start("loop_closure", map_period=0.05, loop_path=5.0, transform_timeout=10.0)
+    spec = graph.start("loop_closure", map_period=0.05, loop_path=5.0, transform_timeout=10.0)
     paths = graph.collect(PathMessage, "trajectory", LATCHED)
     maps = graph.collect(OccupancyGrid, "map", LATCHED)
     closures: list[LoopClosure] = graph.collect(LoopClosure, "loop_closures")
@@ -67,6 +67,7 @@ def test_a_map_is_paused_corrected_and_asked_for(graph: Graph) -> None:
     point.header.frame_id = "map"
     point.point.x, point.point.y = 500.0, 0.0
     graph.publish("clicked_point", point)
+    graph.until(lambda: graph.heard(spec, "/clicked_point"), "the point has arrived")
 
     def refused() -> bool:
         said = graph.call(Trigger, "loop_closure/remove_closure", Trigger.Request())
