@@ -63,6 +63,7 @@ class Odometry:
         stamp: float,
         guess: ArrayLike | None = None,
         times: ArrayLike | None = None,
+        sweep: ArrayLike | None = None,
     ) -> FloatArray:
         """Register the next scan or cloud and return the sensor's pose.
 
@@ -73,6 +74,8 @@ class Odometry:
         guess : motion since the previous call from elsewhere (wheels), in the previous sensor frame,
             (3,) for scans and (4, 4) for clouds; without it the sensor is taken to go on as before.
         times : (N,) seconds of each cloud point relative to the first, to undo the motion during the sweep.
+        sweep : (3,) motion of a scanner from its first beam to its last, as `guess`; without it, it is taken to have
+            gone on in the sweep as it did before.
 
         Returns
         -------
@@ -91,7 +94,8 @@ class Odometry:
         if isinstance(scan_or_cloud, Scan) and self.config.scan_method == "local_map":
             self._require(self._clouds is None)
             scan = self._own.without(scan_or_cloud, self.pose)
-            step = self._scan_tracker().step(scan, float(stamp), motion)
+            within = None if sweep is None else as_guess(sweep, shape, np.zeros(shape))
+            step = self._scan_tracker().step(scan, float(stamp), motion, within)
         else:
             step = self._by_kiss(scan_or_cloud, motion, times)
         self._take(step)

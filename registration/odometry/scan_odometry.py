@@ -64,7 +64,8 @@ class ScanTracker:
         self._key, self._sure = np.zeros(3), np.zeros(3)
         self._last = np.zeros(3)  # motion of the last step
         self._stamp: float | None = None
-        self._ahead = np.zeros(3)  # motion from the first beam of the last scan to the middle of its sweep
+        # Motion from the first beam of the last scan to the middle of its sweep, and its covariance.
+        self._ahead = np.zeros(3), np.zeros((3, 3))
         self._travelled = 0.0
         self._lost = 0
         self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
@@ -73,34 +74,54 @@ class ScanTracker:
         made = LineMap(self.config.map_radius, self.config.map_memory)
         return made, MapMatcher(made, self.config.doubt, self.config.tolerance)
 
-    def step(self, scan: Scan, stamp: float, guess: FloatArray | None) -> Step:
-        """Register one scan; `guess` (3,) is the expected motion since the last."""
+    def step(
+        self, scan: Scan, stamp: float, guess: FloatArray | None, sweep: FloatArray | None = None
+    ) -> Step:
+        """Register one scan; `guess` (3,) is the expected motion since the last, `sweep` (3,) that in its sweep."""
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp = stamp
         self.noise.learn(scan)
         share = beam_shares(scan, elapsed)
         half = 0.5 * float(share[-1]) if len(share) else 0.0
-        return self._from_first_beam(self._from_middle(scan, guess, share - half), half)
+        if guess is None or sweep is None or not half:
+            last = self._last
+            step = self._from_middle(scan, guess, share - half, None)
+            # Its speed may have changed as much as it did before.
+            doubt = np.diag(0.5 * half * (step.increment - last)) ** 2
+            return self._from_first_beam(step, half * step.increment, doubt)
+        motion = between(self._ahead[0], compound(guess, 0.5 * sweep))
+        step = self._from_middle(scan, motion, share - half, sweep / (2.0 * half))
+        # What the wheels got wrong since the last scan they get wrong in the sweep.
+        ahead = 0.5 * sweep + half * (step.increment - motion)
+        return self._from_first_beam(step, ahead, half * self._wheels.covariance(motion))
 
-    def _from_first_beam(self, step: Step, half: float) -> Step:
+    def _from_first_beam(self, step: Step, ahead: FloatArray, doubt: FloatArray) -> Step:
         """A step between the middles of two sweeps as one between their first beams, where scans are stamped.
 
-        half : of a sweep, as a share of the time since the last scan.
+        ahead : (3,) motion in the first half of the sweep. doubt : its covariance (3, 3).
         """
-        before, self._ahead = self._ahead, half * step.increment
-        if not np.any(before) and not np.any(self._ahead):
+        (before, doubt_before), self._ahead = self._ahead, (ahead, doubt)
+        if not np.any(before) and not np.any(ahead):
             return step
-        increment = compound(compound(before, step.increment), inverse(self._ahead))
-        points = transform_points(self._ahead, step.static_points)
-        return replace(step, increment=increment, static_points=points)
+        increment = compound(compound(before, step.increment), inverse(ahead))
+        points = transform_points(ahead, step.static_points)
+        covariance = step.covariance + doubt_before + doubt
+        noise = None if step.noise is None else step.noise + in_frame(doubt, -float(self.pose[2]))
+        return replace(step, increment=increment, covariance=covariance, static_points=points, noise=noise)
 
-    def _from_middle(self, scan: Scan, guess: FloatArray | None, share: FloatArray) -> Step:
-        """share : (N,) when each beam was sent after the middle of the sweep, of the time since the last scan."""
+    def _from_middle(
+        self, scan: Scan, guess: FloatArray | None, share: FloatArray, pace: FloatArray | None
+    ) -> Step:
+        """share : (N,) when each beam was sent after the middle of the sweep, of the time since the last scan.
+
+        guess : (3,) motion from middle to middle. pace : (3,) motion in the sweep per such time, None as guessed.
+        """
         motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
         if guess is None and abs(motion[2]) > NEAR_SEARCH[1]:
             # Who turned so far between two scans has turned where he wanted.
             motion = np.array([motion[0], motion[1], 0.0])
-        prepared = PreparedScan(self._surface(scan, motion, share), view_of(scan))
+        pace = motion if pace is None else pace
+        prepared = PreparedScan(self._surface(scan, pace, share), view_of(scan))
         lined = int(prepared.surface.lined.sum())
         poor = (
             "" if lined >= LEAST_LINED else f"only {lined} points on lines; at least {LEAST_LINED} are needed"

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from estimation.geometry.history import StampedHistory
 from estimation.geometry.poses import between, compound
+from registration.laser.scan import Scan
 
 Array = NDArray[np.float64]
 NANOSECONDS = 1_000_000_000
@@ -28,6 +29,18 @@ class WheelHistory(StampedHistory[Array]):
         if first is None or second is None:
             return None
         return np.asarray(between(first, second))
+
+    def sweep(self, start: int, scan: Scan) -> Array | None:
+        """Motion (3,) from the first beam of a scan of that stamp to its last, as `motion`.
+
+        None where all beams are of one time, and where the wheels tell of less than half of the sweep.
+        """
+        whole = round(scan.time_increment * (len(scan) - 1) * NANOSECONDS)
+        known = whole if self.newest is None else min(whole, self.newest - start)
+        if whole <= 0 or 2 * known < whole:
+            return None
+        motion = self.motion(start, start + known, 0.0)
+        return None if motion is None else motion * (whole / known)
 
     def _at(self, stamp: int, max_age: float) -> Array | None:
         found = self.around(stamp)

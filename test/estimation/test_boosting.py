@@ -110,7 +110,7 @@ def test_one_round_is_scikit_learns_stump_where_impurity_and_error_agree():
         st.tuples(st.integers(-3, 3), st.integers(-3, 3), st.integers(0, 1)), min_size=2, max_size=25
     ).filter(lambda rows: 0 < sum(row[2] for row in rows) < len(rows))
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_few_values_and_many_ties(rows):
     data = np.array(rows, dtype=float)
     F, y = data[:, :2], data[:, 2].astype(int)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.conversion.map_frame import convert_to_map, convert_with_ratio, sample_in_map
@@ -230,7 +230,6 @@ SIGMA_RANGE, SIGMA_BEARING = st.floats(1e-4, 2), st.floats(1e-4, 1.0)
 
 
 @given(RANGE, BEARING, SIGMA_RANGE, SIGMA_BEARING, st.sampled_from(CLOSED), st.floats(-np.pi, np.pi))
-@settings(deadline=None)
 def test_turning_the_frame_turns_the_result(r, theta, sr, sb, method, yaw):
     mean, cov = convert(r, theta, sr, sb, method)
     R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
@@ -242,7 +241,6 @@ def test_turning_the_frame_turns_the_result(r, theta, sr, sb, method, yaw):
 
 
 @given(RANGE, BEARING, SIGMA_RANGE, SIGMA_BEARING, st.sampled_from(CLOSED))
-@settings(deadline=None)
 def test_mirror_symmetry_and_scale(r, theta, sr, sb, method):
     mean, cov = convert(r, theta, sr, sb, method)
     mirrored_mean, mirrored_cov = convert(r, -theta, sr, sb, method)
@@ -255,7 +253,6 @@ def test_mirror_symmetry_and_scale(r, theta, sr, sb, method):
 
 
 @given(RANGE, SIGMA_RANGE, SIGMA_BEARING, st.sampled_from(CLOSED))
-@settings(deadline=None)
 def test_both_sides_of_the_seam_at_pi(r, sr, sb, method):
     left, right = convert(r, np.pi, sr, sb, method), convert(r, -np.pi, sr, sb, method)
     np.testing.assert_allclose(left[0], right[0], atol=1e-12 * r)
@@ -266,7 +263,6 @@ ELEVATION = st.floats(-np.pi / 2, np.pi / 2)
 
 
 @given(RANGE, BEARING, ELEVATION, SIGMA_RANGE, SIGMA_BEARING, SIGMA_BEARING, st.sampled_from(CLOSED))
-@settings(deadline=None)
 def test_frames_seam_and_symmetry_in_3d(r, b, e, sr, sb, se, method):
     mean, cov = convert_spherical(r, b, e, sr, sb, se, method)
     straight_mean, straight_cov = convert_spherical(r, 0.0, e, sr, sb, se, method)

@@ -177,7 +177,7 @@ POINTS = st.integers(0, 4).flatmap(lambda n: arrays(float, (n, 2), elements=st.f
 
 
 @given(POINTS, POINTS, st.floats(0.3, 4), st.sampled_from([1.0, 2.0]), st.sampled_from([0.5, 1.0, 2.0]))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_ospa_and_gospa_are_the_minimum_over_permutations(X, Y, c, p, alpha):
     small, large = sorted((X, Y), key=len)
     sums = [

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.conversion.polar import convert_samples, mardia_statistics, mardia_test
@@ -38,7 +38,6 @@ def test_skewed_and_heavy_tailed_samples_fail():
 
 
 @given(st.integers(0, 10_000))
-@settings(deadline=None)
 def test_affine_maps_change_nothing(seed):
     rng = np.random.default_rng(seed)
     x = rng.gamma(4.0, size=(60, 2))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
@@ -203,14 +203,12 @@ def test_gimbal_lock_keeps_the_rotation_and_finite_jacobians():
 
 
 @given(arrays(float, 3, elements=ANGLE), arrays(float, 3, elements=ANGLE))
-@settings(deadline=None)
 def test_inverse_undoes_compound(a, b):
     np.testing.assert_allclose(as_matrix(poses.between(a, poses.compound(a, b))), as_matrix(b), atol=1e-9)
     np.testing.assert_allclose(poses.compound(a, poses.inverse(a)), 0, atol=1e-9)
 
 
 @given(st.floats(-1e6, 1e6))
-@settings(deadline=None)
 def test_wrapped_angles(angle):
     wrapped = poses.wrap_angle(angle)
     assert -np.pi < wrapped <= np.pi

@@ -270,7 +270,7 @@ def test_prose_with_another_name_is_no_log(tmp_path):
         open_log(write(tmp_path / "notes.txt", "this\nis\nprose\n"))
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_no_mutation_of_a_line_escapes(tmp_path, lines, data):
     """Whatever happens to one line, the others are read and nothing but a record or a skip comes of it."""

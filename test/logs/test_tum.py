@@ -17,7 +17,7 @@ from whereabouts.messages.message_rotations import rotation_of
 FINITE = st.floats(-1e6, 1e6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     rows=st.lists(st.tuples(st.floats(0, 4e9), FINITE, FINITE, st.floats(-10, 10)), min_size=1, max_size=8)
 )

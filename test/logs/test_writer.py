@@ -201,7 +201,7 @@ def test_decimal_stamps_keep_their_decimals():
     assert nanoseconds(0.0) == 0
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(stamp=st.integers(0, 2**31 * 10**6 - 1).map(lambda micros: micros / 1e6))
 def test_stamps_in_microseconds_come_back_to_the_last_bit(stamp):
     whole, rest = divmod(nanoseconds(stamp), 10**9)

@@ -59,7 +59,7 @@ def test_differences_and_correlation_coefficients(make, scalars):
 
 
 @given(st.integers(0, 40), st.integers(0, 40), st.sampled_from([place, cloud]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_symmetry_and_identity(i, j, make):
     a, b = make(i), make(j)
     np.testing.assert_array_equal(pair_features(a, b), pair_features(b, a))

@@ -159,7 +159,7 @@ def test_known_values_of_a_circle():
 
 
 @given(st.integers(0, 119), st.floats(-7, 7))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_turning_a_full_circle_changes_nothing(shift, offset):
     scan = room(120, 5)
     turned = Scan(np.roll(scan.ranges, shift), scan.angle_min + offset, scan.angle_increment, 0.1, 60.0)
@@ -177,7 +177,7 @@ def test_an_upside_down_scanner_sees_the_same_place():
 
 
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_turning_a_cloud_about_any_axis_changes_nothing(quaternion):
     w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
     R = np.array(

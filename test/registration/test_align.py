@@ -61,7 +61,7 @@ def test_a_corridor_is_open_along_and_known_across() -> None:
         assert "open" in found.reason
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_swapping_the_scans_inverts_the_motion(seed: int) -> None:
     pair = random_pair(np.random.default_rng(seed), ROUND, EASY)
@@ -71,7 +71,7 @@ def test_swapping_the_scans_inverts_the_motion(seed: int) -> None:
     np.testing.assert_allclose(inverse(there.transform), back.transform, atol=0.02)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.6, 0.6))
 def test_a_scan_moved_by_hand_is_found_again(seed: int, x: float, y: float, yaw: float) -> None:
     points = random_pair(np.random.default_rng(seed), ROUND, EASY).target.scan.points()
@@ -81,7 +81,7 @@ def test_a_scan_moved_by_hand_is_found_again(seed: int, x: float, y: float, yaw:
     assert abs(wrap_angle(found.transform[2] - yaw)) < 0.01
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000), st.floats(-3.0, 3.0))
 def test_turning_the_target_frame_turns_the_answer(seed: int, yaw: float) -> None:
     pair = random_pair(np.random.default_rng(seed), ROUND, EASY)

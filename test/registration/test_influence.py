@@ -26,7 +26,7 @@ def in_a_corridor(seed: int) -> np.ndarray:
     return found.covariance
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS)
 @example(36)
 @example(580)
@@ -38,7 +38,6 @@ def test_the_covariance_of_an_open_direction_is_one(seed: int) -> None:
     assert np.linalg.eigvalsh(forward)[0] > 0.0
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_more_is_the_difference_where_that_is_a_covariance_and_its_positive_part_elsewhere(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -199,6 +199,31 @@ def test_motion_during_the_sweep_is_undone() -> None:
     np.testing.assert_allclose(odometry.pose, between(turning(0.0), turning(stamps[-1])), atol=0.02)
 
 
+def test_who_turns_in_the_sweep_is_known_by_the_wheels() -> None:
+    """A slow scanner on a robot that starts and stops turning: the motion before says nothing of that in the sweep."""
+    rng = np.random.default_rng(8)
+    lidar, room, stamps = Lidar(361, 1.5 * np.pi, sweep_time=0.19), box(8.0, 6.0), 0.2 * np.arange(25)
+
+    def starting(time: float) -> np.ndarray:
+        return np.array(
+            [0.1 * time - 1.0, 0.0, 1.5 * np.clip(time % 1.0 - 0.5, 0.0, 0.5) + 0.75 * (time // 1.0)]
+        )
+
+    away: dict[bool, list[np.ndarray]] = {False: [], True: []}
+    for known, errors in away.items():
+        odometry = Odometry()
+        for k, stamp in enumerate(stamps):
+            scan = lidar.scan(room, starting, rng, stamp).scan
+            guess = between(starting(stamps[k - 1]), starting(stamp)) if k else None
+            within = between(starting(stamp), starting(stamp + 0.19)) if known else None
+            odometry.register(scan, stamp, guess, sweep=within)
+            errors.append(between(between(starting(0.0), starting(stamp)), odometry.pose))
+    worst = {known: np.abs(np.array(errors)).max(axis=0) for known, errors in away.items()}
+    # It starts and stops within sweeps, too, so that some is left.
+    assert (worst[True] < 0.35 * worst[False]).all()
+    assert worst[True][2] < 0.03
+
+
 @pytest.mark.parametrize("increment", [0.15, -0.15])
 def test_a_period_given_as_the_time_of_a_beam_is_not_believed(increment: float) -> None:
     """A driver's mistake that would put each beam a minute after the one before."""

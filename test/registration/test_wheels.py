@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.geometry.poses import between, compound
+from registration.laser.scan import Scan
 from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
 
 
@@ -44,6 +47,18 @@ def test_a_little_beyond_the_newest_is_extrapolated_and_too_far_is_refused() -> 
     assert wheels.motion(round(4e9), round((newest + 0.6) * 1e9), 0.5) is None
     assert wheels.motion(-1, round(1e9), 0.5) is None
     assert WheelHistory().motion(0, 1, 0.5) is None
+
+
+def test_the_motion_in_a_sweep_is_told_once_half_of_it_is_known() -> None:
+    scan = Scan(np.ones(101), 0.0, 0.01, 0.1, 10.0, time_increment=0.002)
+    start = round(4.85 * NANOSECONDS)
+    motion = history(end=5.0).sweep(start, scan)
+    assert motion is not None
+    assert np.allclose(motion, between(on_circle(4.85), on_circle(5.05)), atol=5e-3)
+    assert history(end=4.95).sweep(start, scan) is None
+    assert history().sweep(start, replace(scan, time_increment=0.0)) is None
+    assert history().sweep(start, replace(scan, time_increment=-0.002)) is None
+    assert WheelHistory().sweep(start, scan) is None
 
 
 def test_history_is_bounded() -> None:

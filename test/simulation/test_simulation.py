@@ -32,7 +32,7 @@ from whereabouts.simulation.scenes.varied_floors import disturbed, things_stand_
 angles = st.floats(-np.pi, np.pi)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-3.0, 3.0), st.floats(-1.5, 1.5), angles)
 def test_rays_in_a_rectangle_end_on_its_walls(x: float, y: float, angle: float) -> None:
     ranges, owners = cast(box(8.0, 4.0), np.array([x, y]), np.array([angle]))
@@ -41,7 +41,7 @@ def test_rays_in_a_rectangle_end_on_its_walls(x: float, y: float, angle: float) 
     assert max(abs(end[0]) / 4.0, abs(end[1]) / 2.0) == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(angles, st.floats(0.1, 1.9))
 def test_rays_meet_a_circle_where_the_quadratic_says(angle: float, radius: float) -> None:
     ranges, owners = cast(circle(3.0, 1.0, radius).owned_by(4), np.zeros(2), np.array([angle]))

@@ -60,7 +60,7 @@ class FollowedClocks:
         return [message.item for clock in self.clocks.sources.values() for message in clock.held]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(SOURCES, st.data())
 def test_no_single_message_moves_time_or_costs_another_one(
     sources: list[tuple[float, float]], data: st.DataObject
@@ -82,7 +82,7 @@ def test_no_single_message_moves_time_or_costs_another_one(
         assert abs(followed.clocks.now - newest) <= TOLERANCE + SECOND
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(st.tuples(st.integers(2, 5), STAMPS), min_size=2, max_size=8), st.booleans())
 def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
     hours: list[tuple[int, int]], lock_step: bool
@@ -102,7 +102,7 @@ def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
     assert all(sent[number][1] < newest + TOLERANCE for number in told)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(STAMPS, st.integers(-5, 5))
 def test_two_sources_that_are_wrong_once_each_begin_no_run(stamp: int, apart: int) -> None:
     sent = messages([(0.1, 0.0), (0.1, 0.0)], 3.0)
@@ -119,7 +119,7 @@ def test_a_detector_that_hardly_ever_speaks_is_heard() -> None:
     assert followed.taken == list(range(20))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(SOURCES)
 def test_clocks_apart_and_sources_late_are_all_taken_in_order(sources: list[tuple[float, float]]) -> None:
     sent = messages(sources, 12.0)
@@ -128,7 +128,7 @@ def test_clocks_apart_and_sources_late_are_all_taken_in_order(sources: list[tupl
     assert followed.taken == list(range(len(sent)))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.floats(0.0, 5.0), st.floats(0.01, 1.0))
 def test_two_cameras_on_one_topic_may_be_five_seconds_apart(apart: float, period: float) -> None:
     first = [("camera", stamp) for _, stamp in messages([(period, 0.0)], 20.0)]
@@ -141,7 +141,7 @@ def test_two_cameras_on_one_topic_may_be_five_seconds_apart(apart: float, period
     assert followed.taken == list(range(len(sent)))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(SOURCES, st.floats(20.0, 5000.0), st.floats(0.0, 3600.0))
 def test_a_looped_bag_is_one_new_run_of_which_nothing_is_lost(
     sources: list[tuple[float, float]], length: float, ahead: float
@@ -156,7 +156,7 @@ def test_a_looped_bag_is_one_new_run_of_which_nothing_is_lost(
     assert followed.refused == []
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(SOURCES, st.floats(0.0, 5000.0), st.data())
 def test_a_source_that_stalls_and_comes_back_is_no_new_run(
     sources: list[tuple[float, float]], silent: float, data: st.DataObject

@@ -152,7 +152,8 @@ class ScanRegistrationNode(SuiteNode):
             self._odometry.register(scan, stamp / NANOSECONDS, guess=self._guess(stamp, level))
         else:
             seen = upright(scan, mounting)
-            segmented = self._follow(seen, stamp, self._guess(stamp, level))
+            sweep = _seen_from(level, self._wheels.sweep(stamp, seen))
+            segmented = self._follow(seen, stamp, self._guess(stamp, level), sweep)
         back = inverse(level)
         pose = compound(compound(level, self._odometry.pose), back)
         covariance = _conjugate(level, self._odometry.pose, self._odometry.covariance)
@@ -179,14 +180,14 @@ class ScanRegistrationNode(SuiteNode):
                 self._segments_output.publish(segments_message(message.header, late, inverted))
             self._segmenter.keep(seen, stamp / NANOSECONDS, self._odometry.pose)
 
-    def _follow(self, scan: Scan, stamp: int, guess: Array | None) -> Segmented | None:
+    def _follow(self, scan: Scan, stamp: int, guess: Array | None, sweep: Array | None) -> Segmented | None:
         """Register a scan, without what moves in it where labels take little of the time there is; these labels."""
         segmented = None
         if self._segmenter is not None and self._segmenter.fits(self._pace.left(EARLY)):
             motion = self._odometry.increment if guess is None else guess
             segmented = self._label(scan, stamp, compound(self._odometry.pose, motion), EARLY)
         static = scan if segmented is None else segmented.static(scan)
-        self._odometry.register(static, stamp / NANOSECONDS, guess=guess)
+        self._odometry.register(static, stamp / NANOSECONDS, guess=guess, sweep=sweep)
         return segmented
 
     def _label(self, scan: Scan, stamp: int, pose: Array, share: float) -> Segmented:
@@ -234,8 +235,7 @@ class ScanRegistrationNode(SuiteNode):
         """Motion of the sensor since the last scan by the wheels, in its frame then."""
         if self._last_stamp is None:
             return None
-        motion = self._wheels.motion(self._last_stamp, stamp, WHEEL_AGE)
-        return None if motion is None else compound(compound(inverse(level), motion), level)
+        return _seen_from(level, self._wheels.motion(self._last_stamp, stamp, WHEEL_AGE))
 
     def _finish(self, stamp: int) -> None:
         self._last_stamp = stamp
@@ -284,6 +284,11 @@ class ScanRegistrationNode(SuiteNode):
             return
         header = Header(stamp=time_message(stamp), frame_id=frame_name(self.settings.base_frame))
         self._static_output.publish(cloud_message(header, points))
+
+
+def _seen_from(level: Array, motion: Array | None) -> Array | None:
+    """Motion (3,) of the robot as one of its sensor, mounted at `level` (3,)."""
+    return None if motion is None else compound(compound(inverse(level), motion), level)
 
 
 def _conjugate(level: Array, motion: Array, covariance: Array) -> Array:

@@ -53,8 +53,13 @@ class Follower:
         """The next scan."""
         mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
         motion, wheels = self._motion(record)
-        guess = None if motion is None else compound(compound(inverse(mount), motion), mount)
-        pose = self._odometry.register(record.scan, record.stamp, guess=guess)
+        stamp = round(record.stamp * NANOSECONDS)
+        swept = None if motion is None else self._history.sweep(stamp, record.scan)
+        guess, sweep = (
+            None if moved is None else compound(compound(inverse(mount), moved), mount)
+            for moved in (motion, swept)
+        )
+        pose = self._odometry.register(record.scan, record.stamp, guess=guess, sweep=sweep)
         robot = compound(compound(mount, pose), inverse(mount))
         return self._followed(record, robot, wheels)
 
