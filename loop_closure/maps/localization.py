@@ -7,6 +7,7 @@ once several keyframes along the path agree on it and no other place has as much
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.keyframes import AROUND, MOST, Keyframes
-from loop_closure.maps.map_search import PlanarMap, SpatialMap
+from loop_closure.maps.map_search import Placed, PlanarMap, SpatialMap
 from loop_closure.motions import as_pose, compose, invert, length, motion, planar, turn
 from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
@@ -26,10 +27,14 @@ VOTES = 3  # keyframes that have to agree before a lost robot believes it
 # Metres of path over which they have to: local maps of neighbouring keyframes are nearly the same, and one place that
 # looks like another does so again 0.3 m on. Half of what they show is new then.
 SPAN = 0.5 * AROUND
+LONG = 4.0  # s between scans from which on all is due, as where scans have no stamps
 MEMORY = 60  # keyframes for which a vote counts
 LOST_AFTER = 8.0  # metres of standard deviation beyond which the place is given up
 UNPROVEN = (
     10.0  # metres of path after which a pose that was only said, and never seen to be true, is given up
+)
+PER_SECOND = (
+    10.0  # parts of the map a lost robot is laid on: half a processor's time, as one takes 10 to 50 ms
 )
 DRIFT = (0.03, 0.01)  # metres and radians that odometry is taken to be off per metre
 
@@ -72,6 +77,9 @@ class Localizer:
         self._proven = False
         self._votes: list[_Vote] = []
         self._serial, self._path = 0, 0.0
+        # Placements of the newest keyframe that are still to be looked for, its odometry, and of how many now.
+        self._looking: Iterator[Placed] | None = None
+        self._key, self._due = np.zeros(3), 0.0
         self._pending: FloatArray | None = None
         self._before: tuple[FloatArray, float] | None = None  # odometry and stamp of the last scan
         if initial is not None:
@@ -110,10 +118,14 @@ class Localizer:
         if self._pending is not None:
             self.correction = compose(self._pending, invert(here))
             self._pending = None
-            self._recent, self._unproven, self._proven = Keyframes(), 0.0, False
+            self._recent, self._unproven, self._proven, self._looking = Keyframes(), 0.0, False, None
         before, self._before = self._before, (here, scan.stamp if isinstance(scan, Scan) else 0.0)
+        self._due = self._due if self._looking else 0.0
+        if before is not None:
+            elapsed = self._before[1] - before[1]
+            self._due += PER_SECOND * elapsed if 0.0 < elapsed < LONG else np.inf
         if not self._recent.wanted(here, *self._map.step):
-            return self._said(here, False)
+            return self._said(here, self._look())
         if isinstance(scan, Scan) and before is not None:
             scan = at_first_beam(scan, motion(before[0], here), scan.stamp - before[1])
         travelled = length(motion(self._recent[-1].odometry, here)) if len(self._recent) else 0.0
@@ -125,11 +137,15 @@ class Localizer:
         self._sigma, self._turn = self._sigma + DRIFT[0] * travelled, self._turn + DRIFT[1] * travelled
         if self._given_up:
             self.correction = None
+        if self._looking is not None:
+            self._decide()
         sure = self.correction is not None and self._follow(here)
         self._unproven = max(self._unproven + (-travelled if sure else travelled), 0.0)
         # Where more of the path goes without confirmation than with, the robot may have been carried away.
         if self.correction is None or self._unproven > UNPROVEN:
-            sure = self._search(here) or sure
+            self._looking = self._map.search(self._recent, self.correction is None)
+            self._key = here
+            sure = self._look() or sure
         return self._said(here, sure)
 
     @property
@@ -152,10 +168,20 @@ class Localizer:
     def _believe(self, sigma: float, turn: float) -> None:
         self._sigma, self._turn, self._proven = sigma, turn, True
 
-    def _search(self, here: FloatArray) -> bool:
-        """Try parts of the map, in turn, and let them vote; whether a place has won."""
-        for pose, merit in self._map.search(self._recent, self.correction is None):
-            self._votes.append(_Vote(compose(pose, invert(here)), merit, self._serial, self._path))
+    def _look(self) -> bool:
+        """Try as many parts of the map as are due, in turn; whether with the last of them a place has won."""
+        while self._looking is not None and self._due >= 1.0:
+            self._due -= 1.0
+            placed = next(self._looking, None)
+            if placed is None:
+                return self._decide()
+            for pose, merit in placed:
+                self._votes.append(_Vote(compose(pose, invert(self._key)), merit, self._serial, self._path))
+        return False
+
+    def _decide(self) -> bool:
+        """Let the placements vote; whether a place has won."""
+        self._looking, here = None, self._key
         self._votes = [vote for vote in self._votes if self._serial - vote.serial < MEMORY]
         if not self._votes:
             return False

@@ -8,6 +8,7 @@ stands upright: flat ground fits on all flat ground.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,9 @@ from loop_closure.slam.cloud_closing import LEAF, anywhere, as_cloud, local_clou
 from registration.laser.scan import Scan
 from registration.laser.submap import Submap
 from registration.placement.align_submaps import Placement, align_submaps, ambiguous
+
+Placed = list[tuple[FloatArray, float]]
+"""Placements, (3,) or (4, 4) in the map, with metres of outline, or how much else, that speak for each."""
 
 SPACING = 3.0  # metres between places of the map that are tried
 EDGE = 0.9  # of the window around where the robot should be; farther out it is not believed to be
@@ -78,27 +82,21 @@ class PlanarMap:
                 best = fits[0], j
         return None if best is None else compose(self._poses[best[1]], best[0].pose)
 
-    def search(self, recent: Keyframes, lost: bool) -> list[tuple[FloatArray, float]]:
-        """Placements of the robot's newest keyframe on parts of the map, with metres of outline that speak for each.
+    def search(self, recent: Keyframes, lost: bool) -> Iterator[Placed]:
+        """Placements of the robot's newest keyframe on one part of the map after the other.
 
         lost : whether nothing is known of where it is; only a few parts in turn are tried otherwise.
         """
-        source, found = self._seen(recent), []
-        for j in self._turns(MOST_TRIED if lost else TRIED):
+        source = self._seen(recent)
+        for _ in range(min(MOST_TRIED if lost else TRIED, len(self._parts))):
+            j = self._parts[self._next]
+            self._next = (self._next + 1) % len(self._parts)
             target = self._places.local_map(j, AROUND, AROUND)
-            for fit in align_submaps(source, target, np.zeros(3), NEAR, np.pi):
-                if fit.sure:
-                    found.append((compose(self._poses[j], fit.pose), fit.merit))
-        return found
+            fits = align_submaps(source, target, np.zeros(3), NEAR, np.pi)
+            yield [(compose(self._poses[j], fit.pose), fit.merit) for fit in fits if fit.sure]
 
     def _seen(self, recent: Keyframes) -> Submap:
         return recent.local_map(len(recent) - 1, AROUND, 0.0)
-
-    def _turns(self, most: int) -> list[int]:
-        count = min(most, len(self._parts))
-        turns = [self._parts[(self._next + n) % len(self._parts)] for n in range(count)]
-        self._next = (self._next + count) % max(len(self._parts), 1)
-        return turns
 
 
 class SpatialMap:
@@ -151,17 +149,15 @@ class SpatialMap:
             return None
         return compose(self._poses[j], laid[0])
 
-    def search(self, recent: Keyframes, lost: bool) -> list[tuple[FloatArray, float]]:
-        """Placements of the robot's newest keyframe on parts of the map, with how much speaks for each.
+    def search(self, recent: Keyframes, lost: bool) -> Iterator[Placed]:
+        """Placements of the robot's newest keyframe on one part of the map after the other.
 
         lost : as of `PlanarMap`; clouds are laid on few places in any case.
         """
-        source, found = self._seen(recent), []
+        source = self._seen(recent)
         for j in self._turns(recent):
             laid = anywhere(source, local_cloud(self._places, j, AROUND, AROUND))
-            if laid is not None:
-                found.append((compose(self._poses[j], laid[0]), laid[1]))
-        return found
+            yield [] if laid is None else [(compose(self._poses[j], laid[0]), laid[1])]
 
     def _seen(self, recent: Keyframes) -> FloatArray:
         return local_cloud(recent, len(recent) - 1, AROUND, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from loop_closure.maps.map_search import SpatialMap
 from loop_closure.slam.cloud_closing import common, common_standing, lay
 from loop_closure.slam.trajectory import Slam
 from registration import Scan
+from registration.placement.align_submaps import Placement, align_submaps
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined, random_floor
 from whereabouts.simulation.scenes.outdoor import (
     Neighbourhood,
@@ -290,6 +292,31 @@ def test_a_robot_that_was_carried_away_is_found_again(seed: int) -> None:
     assert max(misses[:40]) < 0.2
     assert misses[41] > 0.5, "not carried away"
     assert max(misses[-10:]) < 0.2, "not found within 30 m"
+
+
+def test_a_lost_robot_searches_no_more_in_a_scan_than_its_time_allows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng, lidar = np.random.default_rng(15), Lidar(181, np.pi, range_max=8.0)
+    world, waypoints = random_floor(rng, 4)
+    drive, tried = Drive(waypoints, speed=0.5), []
+
+    def counted(*given: Any) -> list[Placement]:
+        tried.append(len(scans))
+        return align_submaps(*given)
+
+    monkeypatch.setattr("loop_closure.maps.map_search.align_submaps", counted)
+    localizer, scans, found = Localizer(*mapped(world, lidar, drive)), [], np.inf
+    for time in np.arange(0.0, 30.0, 0.1):
+        scans.append(time)
+        said = localizer.process(lidar.scan(world, drive(time), rng, time).scan, drive(time))
+        if said.pose is not None:
+            found = np.hypot(*(said.pose[:2] - drive(time)[:2]))
+            break
+    assert found < 0.2
+    assert len(tried) > 20
+    # Three is to follow it, with the scan that finds it.
+    assert np.bincount(tried).max() <= 3
 
 
 def test_a_slow_sweep_is_undone() -> None:
