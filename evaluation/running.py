@@ -80,17 +80,6 @@ def experiments() -> dict[str, ModuleType]:
     return modules
 
 
-def run_all_parts(name: str, options: RunOptions) -> Report:
-    """All parts of an experiment at one seed in one report, without files: for tests and for a quick look."""
-    whole = Report(name)
-    for part in parts_of(name).values():
-        if _absent(part, options.data):
-            whole.notes.append(f"left out, for want of recordings: {', '.join(part.needs)}")
-        else:
-            part.run(options, whole)
-    return whole
-
-
 def parts_of(name: str) -> Mapping[str, Part]:
     """The parts of an experiment.
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from whereabouts.node_interfaces import NODE_INTERFACES, Interface, interfaces_of
-from whereabouts.node_names import NODES
+from whereabouts.node_interfaces import Interface, interfaces_of
 from whereabouts.parameters.registry import model_of
 from whereabouts.suite_config import SuiteConfig
 
@@ -144,14 +143,3 @@ def _policy(namespace: str, name: str, rules: Rules) -> ET.Element:
         for item in sorted(names):
             ET.SubElement(found, element).text = item
     return policy
-
-
-def unclassified() -> set[tuple[str, str]]:
-    """(node, service) of which nobody has said what it can cost; empty, or a policy would leave it out in silence."""
-    return {
-        (node, item.name)
-        for node in NODES
-        for item in NODE_INTERFACES[node]
-        if item.kind == "service"
-        and item.name not in {RESETS, *WRITES_OR_FORGETS.get(node, ()), *ASKS.get(node, ())}
-    }

@@ -34,10 +34,6 @@ class Roc:
         """D at the loosest threshold whose FA is at most `false_alarm`: pairs of equal score are called alike."""
         return float(self.detection[np.searchsorted(self.false_alarm, false_alarm, side="right") - 1])
 
-    def threshold_at(self, false_alarm: float) -> float:
-        """The threshold of `detection_at`."""
-        return float(self.threshold[np.searchsorted(self.false_alarm, false_alarm, side="right") - 1])
-
     @property
     def area(self) -> float:
         """Area under the curve: how likely a positive pair scores above a negative one (ties count half)."""

@@ -25,21 +25,6 @@ def scan(rng: np.random.Generator) -> FloatArray:
     return np.concatenate([*parts, rng.uniform(-HALF, HALF, (rng.poisson(CLUTTER), 2))])
 
 
-def algorithm_5(points: FloatArray, threshold: float) -> frozenset[tuple[int, ...]]:
-    """The partition of (N, 2) at a distance threshold, m, by growing cells return by return, as the listing has it."""
-    close = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) <= threshold
-    cell = np.zeros(len(points), dtype=int)
-    for i in range(len(points)):
-        waiting = [] if cell[i] else [i]
-        number = int(cell.max()) + 1
-        while waiting:
-            here = waiting.pop()
-            if cell[here] == 0:
-                cell[here] = number
-                waiting += np.flatnonzero(close[here] & (cell == 0)).tolist()
-    return frozenset(tuple(np.flatnonzero(cell == k).tolist()) for k in np.unique(cell))
-
-
 def distinct(points: FloatArray, low: float = 0.0, high: float = np.inf) -> int:
     """Distinct partitions of (N, 2) over all thresholds of D (12) with low < d < high, and d = 0 where low is 0.
 

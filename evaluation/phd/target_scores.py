@@ -1,4 +1,4 @@
-"""How well a tracker does against known targets: OSPA and GOSPA over time, cardinality error, CLEAR MOT."""
+"""How well a tracker does against known targets: OSPA and GOSPA over time, cardinality error, labels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.metrics.statistics import gospa_parts, ospa
-from tracking.mixture.components import IntArray
 from tracking.mixture.target import Target
 from tracking.tracker_evaluation import positions
 
@@ -58,38 +57,6 @@ class Score:
     def count_bias(self) -> float:
         """Mean of reported less true targets."""
         return float(np.mean(np.array(self.count) - np.array(self.true_count)))
-
-    @property
-    def expected_bias(self) -> float:
-        """Mean of the expected number less the true one."""
-        return float(np.mean(np.array(self.expected) - np.array(self.true_count)))
-
-
-def clear_mot(
-    score: Score, truth: list[FloatArray], identities: list[IntArray], gate: float
-) -> dict[str, float]:
-    """CLEAR MOT and IDF1 of a scored run: mota, motp (m), idf1, num_switches, num_misses, num_false_positives.
-
-    truth, identities : positions (n, 2) and numbers (n,) per scan; gate : m within which a report may be a target.
-    Needs `motmetrics` (requirements/evaluation.txt).
-    """
-    import motmetrics
-
-    events = motmetrics.MOTAccumulator(auto_id=True)
-    for found, labels, true, names in zip(score.found, score.labels, truth, identities, strict=True):
-        squares = (
-            ((true[:, None] - found[None]) ** 2).sum(-1)
-            if len(true) and len(found)
-            else np.zeros((len(true), 0))
-        )
-        distances = np.sqrt(squares)
-        distances[distances > gate] = np.nan
-        events.update(names.tolist(), labels if distances.shape[1] else [], distances)
-        if len(true) == 0 and labels:
-            events.update([], labels, [])
-    wanted = ["mota", "motp", "idf1", "num_switches", "num_misses", "num_false_positives"]
-    row = motmetrics.metrics.create().compute(events, metrics=wanted, name="run").iloc[0]
-    return {name: float(row[name]) for name in wanted}
 
 
 def labels_kept(score: Score, truth: list[FloatArray], before: int, after: int) -> bool:

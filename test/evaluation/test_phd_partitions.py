@@ -2,8 +2,24 @@
 
 import numpy as np
 
-from evaluation.phd.phd_partitions import algorithm_5, bell_exponent, distinct
+from estimation.checks import FloatArray
+from evaluation.phd.phd_partitions import bell_exponent, distinct
 from tracking.phd.partitioning import all_partitions
+
+
+def algorithm_5(points: FloatArray, threshold: float) -> frozenset[tuple[int, ...]]:
+    """The partition of (N, 2) at a distance threshold, m, by growing cells return by return, as the listing has it."""
+    close = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) <= threshold
+    cell = np.zeros(len(points), dtype=int)
+    for i in range(len(points)):
+        waiting = [] if cell[i] else [i]
+        number = int(cell.max()) + 1
+        while waiting:
+            here = waiting.pop()
+            if cell[here] == 0:
+                cell[here] = number
+                waiting += np.flatnonzero(close[here] & (cell == 0)).tolist()
+    return frozenset(tuple(np.flatnonzero(cell == k).tolist()) for k in np.unique(cell))
 
 
 def test_distinct_partitions_are_those_of_algorithm_5():

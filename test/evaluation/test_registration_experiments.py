@@ -8,8 +8,7 @@ import pytest
 from evaluation.experiments import odometry, registration
 from evaluation.peers.point_to_line import PointToLine
 from evaluation.registration.odometry_wheels import FAULTS, with_faults
-from evaluation.report import Report, RunOptions
-from evaluation.running import run_all_parts
+from evaluation.running import Run, run
 from registration import align
 from whereabouts.datasets import recording
 from whereabouts.logs import open_log
@@ -40,9 +39,8 @@ def test_other_libraries_have_the_signature_of_align() -> None:
 def test_absent_recordings_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded = {key: part for key, part in odometry.PARTS.items() if part.needs}
     monkeypatch.setattr(odometry, "PARTS", recorded)
-    report = run_all_parts("odometry", RunOptions(out=tmp_path, quick=True))
-    assert isinstance(report, Report)
-    assert any("want of recordings" in note for note in report.notes)
+    found = run(Run("odometry", tmp_path, quick=True))
+    assert any("want of recordings" in note for note in found.content["notes"])
 
 
 def test_relative_errors_of_a_stretched_path() -> None:

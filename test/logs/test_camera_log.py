@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from depth_camera import DepthCamera, Framed, looking
 from scipy.spatial.transform import Rotation
 
 from whereabouts.logs import McapWriter, Topic
@@ -15,7 +16,6 @@ from whereabouts.recorded.evidence_messages import Reader
 from whereabouts.recorded.world_bag import SuiteMessages
 from whereabouts.recorded.world_log import EvidenceLog
 from whereabouts.simulation.home.apartment_camera import Item
-from whereabouts.simulation.home.depth_camera import DepthCamera, Framed, looking
 from whereabouts.simulation.home.floor_plan import apartment
 from whereabouts.system.log_errors import NothingRecognisedError
 from world_model import WorldModel, WorldModelConfig

@@ -17,7 +17,7 @@ from loop_closure.slam.closing import Gate
 from loop_closure.slam.thinning import BATCH, Thinning
 from loop_closure.slam.trajectory import Slam
 from registration import Scan
-from whereabouts.recorded.mapping import MapGrid, map_grid
+from whereabouts.recorded.mapping import MapGrid
 from whereabouts.simulation import Lidar, Shapes, box, joined
 
 ROUND = 20  # scans of a round of 12 m
@@ -103,7 +103,9 @@ def test_what_has_changed_is_in_the_map(run: tuple[Slam, MapGrid, list[int], np.
     slam, grid, _, truth = run
     # The near side of the new cupboard, as seen from the first pose.
     side = between(truth[0], np.array([NEW[0] + 0.4, NEW[1], 0.0]))[:2]
-    for drawn in (grid.grid, map_grid(slam)):
+    anew = MapGrid(0.05)
+    anew.update(slam)
+    for drawn in (grid.grid, anew.grid):
         cells = drawn.cells(side) + np.stack(np.mgrid[-2:3, -2:3], axis=-1)
         assert drawn.occupied[cells[..., 0], cells[..., 1]].any()
 

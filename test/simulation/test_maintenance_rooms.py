@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +13,13 @@ from estimation.errors import InputError
 from whereabouts.simulation.scenes.maintenance_world import (
     MaintenanceRoom,
     RoomPlan,
+    TourAccount,
     fixed_path,
     maintained,
-    maintained_by,
     shortest_tour,
 )
+from whereabouts.simulation.scenes.maintenance_world_kernels import HERE, drive, look_around
+from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig
 from world_model.tasks.maintenance_kernels import shortest_way
@@ -25,6 +28,50 @@ PLAN = RoomPlan(duration=150.0)
 LASER = Sensor("laser", 0.2, 4.0, 0.09 * np.eye(2), cost=1.0)
 # What it is told to look at is often not where it looks: it comes nearer, from another side.
 NARROW = Sensor("narrow", 0.4, 0.8, 0.09 * np.eye(2))
+
+
+def maintained_by(maintenance: Maintenance, plan: RoomPlan, seed: int) -> TourAccount:
+    """The same room, where `Maintenance` itself says what to do; much slower."""
+    room, time, task = MaintenanceRoom(plan, seed), 0.0, None
+    pose = np.array([0.5 * plan.size, 0.5 * plan.size, 0.0])
+    updates, goals, path = (
+        np.zeros(plan.objects, np.int64),
+        np.zeros(plan.objects, np.int64),
+        [pose[:2].copy()],
+    )
+    worst = total = distance = 0.0
+    for noise in room.noise:
+        if task is None:
+            task = maintenance.next_task(_state(room, time), pose, plan.sensors)
+            if task is not None:
+                goals[int(task.object_id)] += 1
+        if task is not None:
+            distance += drive(pose, task.goal[:2], plan.speed * plan.time_step)
+        time += plan.time_step
+        before = updates.copy()
+        summed, largest = look_around(
+            (room.positions, room.growth), room.variances, room.means, pose, room.sensors, noise, updates
+        )
+        worst, total = worst + largest, total + summed
+        path.append(pose[:2].copy())
+        if task is not None and math.hypot(*(pose[:2] - task.goal[:2])) <= HERE:
+            k = int(task.object_id)
+            maintenance.report(task, "found" if updates[k] > before[k] else "occluded", time)
+            task = None
+    steps = len(room.noise)
+    return TourAccount(worst / steps, total / steps, distance, updates, goals, np.array(path))
+
+
+def _state(room: MaintenanceRoom, time: float) -> WorldState:
+    """What a world model would say, planar; objects are called after their numbers."""
+    objects = tuple(
+        WorldObject(
+            str(k), np.array([*room.means[k], 0.0]), np.zeros(3), np.diag([variance, variance, 0.0]), {}, 1.0, False,
+            time, process_noise=np.diag([growth, growth, 0.0]) / room.plan.time_step,
+        )
+        for k, (variance, growth) in enumerate(zip(room.variances, room.growth, strict=True))
+    )  # fmt: skip
+    return WorldState(objects, 1.0, float(len(objects)), time)
 
 
 @pytest.mark.parametrize("sensors", [PLAN.sensors, (*PLAN.sensors, LASER), (NARROW,)])

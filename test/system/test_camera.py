@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from depth_camera import DepthCamera, Framed, looking
 from geometry_msgs.msg import Point
 from harness import Graph, mounting
 from lifecycle_msgs.msg import Transition
@@ -30,7 +31,6 @@ from vision_msgs.msg import (
 from whereabouts.nodes.messages.stamps import time_message
 from whereabouts.nodes.ros.base import TF_STATIC_QOS
 from whereabouts.simulation.home.apartment_camera import Item
-from whereabouts.simulation.home.depth_camera import DepthCamera, Framed, looking
 from whereabouts.simulation.home.floor_plan import apartment, places_file
 from world_model.camera import ImageBox
 from world_model.warm_up import warm_up

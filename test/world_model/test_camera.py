@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from depth_camera import DepthCamera, looking
 
 from estimation.errors import InputError
 from whereabouts.recorded.camera_messages import Cameras, camera_from_message, check_depth, depth_from_message
 from whereabouts.simulation.home.apartment_camera import Item
-from whereabouts.simulation.home.depth_camera import DepthCamera, looking
 from whereabouts.simulation.home.floor_plan import apartment
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 from world_model.camera import (

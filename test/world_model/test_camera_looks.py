@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from depth_camera import looking
 from scipy.spatial.transform import Rotation
 
 from whereabouts.recorded.camera_messages import Cameras
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
-from whereabouts.simulation.home.depth_camera import looking
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.camera import CameraModel, CameraView, DepthImage, ImageBox, located, overlap
 

@@ -336,13 +336,6 @@ def _placed(slam: Slam, among: Container[int]) -> list[tuple[Keyframe, Array]]:
     return [(slam.keyframes[k], poses[k]) for k, number in enumerate(numbers) if number in among]
 
 
-def map_grid(slam: Slam, resolution: float = 0.05) -> OccupancyGrid:
-    """Occupancy grid of the keyframes of a planar map, in the map frame; bounded as `TiledGrid.view` has it."""
-    made = MapGrid(resolution)
-    made.update(slam)
-    return made.grid
-
-
 def map_points(slam: Slam, tiles: TiledGrid) -> Array:
     """The map as points (M, 2 | 3): occupied cells in the plane, thinned clouds in space."""
     if slam.keyframes[0].scan is not None:

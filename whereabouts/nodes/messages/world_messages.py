@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Point32, PoseWithCovariance, Vector3
+from geometry_msgs.msg import Point, PoseWithCovariance, Vector3
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose
@@ -220,12 +220,6 @@ def region_from_message(message: Region, transform: Array) -> Place | str | None
         z = float(corners[:, 2].mean())
         given["height"] = (z - 0.5 * message.size.z, z + 0.5 * message.size.z)
     return Place.checked(message.name or "region", given)
-
-
-def polygon_message(place: Place) -> Region:
-    """A place as a message."""
-    points = [Point32(x=float(x), y=float(y), z=0.0) for x, y in place.polygon]
-    return Region(name=place.name, polygon=points)
 
 
 def by_id(objects: Iterable[WorldObject]) -> list[WorldObject]:

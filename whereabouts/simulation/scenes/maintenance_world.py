@@ -1,8 +1,7 @@
 """The world of section 3.7.1: a square room, objects that grow uncertain while nobody looks, one robot.
 
 The robot is perfectly localised and drives straight. Whatever is within range at a time step is measured and
-filtered, whatever strategy drives it. `maintained` and `fixed_path` are compiled, `maintained_by` asks `Maintenance`
-itself.
+filtered, whatever strategy drives it.
 """
 
 from __future__ import annotations
@@ -14,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.errors import InputError
-from whereabouts.simulation.scenes.maintenance_world_kernels import HERE, drive, look_around, run
-from world_model.state import WorldObject, WorldState
+from whereabouts.simulation.scenes.maintenance_world_kernels import run
 from world_model.tasks.looks import Sensor
-from world_model.tasks.maintenance import Maintenance
 from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import shortest_way
 
@@ -107,50 +104,6 @@ def fixed_path(plan: RoomPlan, seed: int, order: str = "given") -> TourAccount:
 def maintained(plan: RoomPlan, seed: int, config: MaintenanceConfig) -> TourAccount:
     """The proposed strategy, compiled."""
     return MaintenanceRoom(plan, seed).run(config)
-
-
-def maintained_by(maintenance: Maintenance, plan: RoomPlan, seed: int) -> TourAccount:
-    """The same room, where `Maintenance` itself says what to do; much slower."""
-    room, time, task = MaintenanceRoom(plan, seed), 0.0, None
-    pose = np.array([0.5 * plan.size, 0.5 * plan.size, 0.0])
-    updates, goals, path = (
-        np.zeros(plan.objects, np.int64),
-        np.zeros(plan.objects, np.int64),
-        [pose[:2].copy()],
-    )
-    worst = total = distance = 0.0
-    for noise in room.noise:
-        if task is None:
-            task = maintenance.next_task(_state(room, time), pose, plan.sensors)
-            if task is not None:
-                goals[int(task.object_id)] += 1
-        if task is not None:
-            distance += drive(pose, task.goal[:2], plan.speed * plan.time_step)
-        time += plan.time_step
-        before = updates.copy()
-        summed, largest = look_around(
-            (room.positions, room.growth), room.variances, room.means, pose, room.sensors, noise, updates
-        )
-        worst, total = worst + largest, total + summed
-        path.append(pose[:2].copy())
-        if task is not None and math.hypot(*(pose[:2] - task.goal[:2])) <= HERE:
-            k = int(task.object_id)
-            maintenance.report(task, "found" if updates[k] > before[k] else "occluded", time)
-            task = None
-    steps = len(room.noise)
-    return TourAccount(worst / steps, total / steps, distance, updates, goals, np.array(path))
-
-
-def _state(room: MaintenanceRoom, time: float) -> WorldState:
-    """What a world model would say, planar; objects are called after their numbers."""
-    objects = tuple(
-        WorldObject(
-            str(k), np.array([*room.means[k], 0.0]), np.zeros(3), np.diag([variance, variance, 0.0]), {}, 1.0, False,
-            time, process_noise=np.diag([growth, growth, 0.0]) / room.plan.time_step,
-        )
-        for k, (variance, growth) in enumerate(zip(room.variances, room.growth, strict=True))
-    )  # fmt: skip
-    return WorldState(objects, 1.0, float(len(objects)), time)
 
 
 def shortest_tour(points: Array) -> Array:

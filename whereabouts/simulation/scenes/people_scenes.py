@@ -14,7 +14,7 @@ from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.people import SimulatedWalker, positions, random_build, seen, wander
 from whereabouts.simulation.robot import Drive
 from whereabouts.simulation.rooms import random_floor, random_room
-from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon
+from whereabouts.simulation.shapes import Array, Shapes, circle, joined, polygon
 
 SCANNER = Lidar(beams=361, opening=np.pi, range_max=12.0, sigma=0.01)
 
@@ -73,12 +73,6 @@ class PeopleScene:
             distance = np.hypot(away[:, 0], away[:, 1])
             in_view = (bearing < 0.5 * self.lidar.opening - 0.05) & (distance < 0.95 * self.lidar.range_max)
             yield PeopleScan(simulated.scan, simulated.pose, people, returns, in_view)
-
-
-def _hall(rng: np.random.Generator) -> Shapes:
-    """A bare hall 10 m by 8 m in front of the scanner."""
-    shift = rng.uniform(-0.3, 0.3, 2)
-    return box(10.0, 8.0, (4.0 + shift[0], shift[1], 0.0))
 
 
 def crossing(rng: np.random.Generator, body: str = "legs") -> PeopleScene:
