@@ -104,6 +104,20 @@ class Report:
     pictures: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
+    def add(
+        self,
+        title: str,
+        columns: list[str],
+        rows: list[list[Any]],
+        note: str = "",
+        name: str = "",
+        printed: Mapping[str, str] | None = None,
+        data: str | Mapping[str, str] = "",
+        samples: int | Mapping[str, int] | None = None,
+    ) -> None:
+        """One more table, by the fields of `Table`."""
+        self.tables.append(Table(title, columns, rows, note, name, printed or {}, data, samples))
+
     def every_figure(self) -> dict[str, Figure]:
         """All figures by key: those of the tables (`table/row/column`) and those beside them."""
         found = {key: figure for table in self.tables for key, figure in figures_of(table)}

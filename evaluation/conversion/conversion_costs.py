@@ -9,7 +9,7 @@ import numpy as np
 from estimation.conversion.map_frame import convert_with_ratio
 from evaluation.conversion import conversion_pictures as pictures
 from evaluation.conversion import conversion_tracking as tracking
-from evaluation.report import Printed, Report, RunOptions, Table
+from evaluation.report import Printed, Report, RunOptions
 
 
 def costs(options: RunOptions, report: Report) -> None:
@@ -45,11 +45,9 @@ def costs(options: RunOptions, report: Report) -> None:
         f"Walks of {seconds:g} s, 1,000 particles. Processor time. Without the robot's position in K: 'polar K'; "
         "without the switch: always particles."
     )
-    report.tables.append(
-        Table(
-            "Cost beside a filter of particles only", columns, rows, note, "costs",
-            {columns[-1]: "section 6.8.2"}, "simulated", len(scenes[1].truth),
-        )
+    report.add(
+        "Cost beside a filter of particles only", columns, rows, note, "costs",
+        {columns[-1]: "section 6.8.2"}, "simulated", len(scenes[1].truth),
     )  # fmt: skip
     polar = {s: runs[s, "switching, polar K"] for s in scenes}
     printed = {s: runs[s, "Algorithm 1 as printed"] for s in scenes}
@@ -118,17 +116,15 @@ def _tables_of_the_text(
         "Algorithm 1 with the weights (6.16) to (6.18); the text's process noise is not printed."
     )
     title = "Steps of each kind, and what they take"
-    report.tables.append(
-        Table(
-            title,
-            ["step", "here", "as printed, here", "text"],
-            rows,
-            note,
-            "steps",
-            {"text": "Tables 6.1 to 6.3"},
-            "simulated",
-            len(polar[3].kinds),
-        )
+    report.add(
+        title,
+        ["step", "here", "as printed, here", "text"],
+        rows,
+        note,
+        "steps",
+        {"text": "Tables 6.1 to 6.3"},
+        "simulated",
+        len(polar[3].kinds),
     )
 
 

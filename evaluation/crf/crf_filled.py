@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from registration.crf import JointModel
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.movers import Mover
@@ -41,16 +41,14 @@ def filled(options: RunOptions, report: Report) -> None:
         f"A box moves 0.3 to 1 m away in streets, halls and offices. The columns count pairs. Wrong: accepted, but off "
         f"by more than {WRONG} m or {WRONG_TURN} rad."
     )
-    report.tables.append(
-        Table(
-            "One box fills the scan",
-            ["filled", "right ↑", "refused ↓", "wrong ↓"],
-            rows,
-            note,
-            "filled",
-            data="simulated",
-            samples=int(answers.sum()),
-        )
+    report.add(
+        "One box fills the scan",
+        ["filled", "right ↑", "refused ↓", "wrong ↓"],
+        rows,
+        note,
+        "filled",
+        data="simulated",
+        samples=int(answers.sum()),
     )
 
 

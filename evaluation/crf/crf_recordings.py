@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimation.geometry.poses import between
 from evaluation.crf.crf_metrics import f1_of
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from registration import Odometry, Scan, align
 from registration.crf import JointModel
 from registration.crf.window import partners, segment
@@ -106,16 +106,14 @@ def recordings(options: RunOptions, report: Report) -> None:
         "Truth is from motion capture. No recording was used in training, but the windows of scans and what the trees "
         "look at were chosen on these two."
     )
-    report.tables.append(
-        Table(
-            "Moving beams, recordings",
-            ["recording", "from", "F1 ↑", "precision ↑", "recall ↑"],
-            rows,
-            note,
-            "recordings",
-            data="tuned on",
-            samples=samples,
-        )
+    report.add(
+        "Moving beams, recordings",
+        ["recording", "from", "F1 ↑", "precision ↑", "recall ↑"],
+        rows,
+        note,
+        "recordings",
+        data="tuned on",
+        samples=samples,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.geometry.poses import compound
 from evaluation.crf.crf_metrics import Scores, f1_of, scores
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from registration.crf import JointModel
 from registration.crf.as_printed import PrintedCrf
 from registration.crf.estimate import JointEstimate, nothing
@@ -41,9 +41,7 @@ def stages(options: RunOptions, report: Report) -> None:
         "run, which decides on moving beams only."
     )
     columns = ["scene", "stage", "F1 ↑", "objects right, % ↑", "association, % ↑", "clustering, % ↑"]
-    report.tables.append(
-        Table("Stages", columns, rows, note, "stages", data="simulated", samples=LENGTH * runs_of_scene)
-    )
+    report.add("Stages", columns, rows, note, "stages", data="simulated", samples=LENGTH * runs_of_scene)
 
 
 def _runs(scene: str, seed: int, count: int) -> list[list[LabelledPair]]:

@@ -18,7 +18,7 @@ from evaluation.anchoring.anchoring_pictures import CUP_FIGURES, TABLE_FIGURES, 
 from evaluation.anchoring.anchoring_recorded import anchored, landmark_run, tracking_run
 from evaluation.anchoring.anchoring_scenes import AntRun, ants, known, play, scenes, walk
 from evaluation.anchoring.anchoring_table import ambiguous_cups, dynamic_table
-from evaluation.report import Part, Printed, Report, RunOptions, Table
+from evaluation.report import Part, Printed, Report, RunOptions
 from whereabouts.logs.formats import kitti
 from whereabouts.simulation.scenes.ants import AntScene
 from whereabouts.system.progress import track
@@ -83,7 +83,7 @@ def _scenes(options: RunOptions, report: Report) -> None:
     note = f"{LOOKS} updates at 20 Hz, 100 hypotheses, p_D 0.95 and 0.2 false detections per look, processor time. "
     note += "As printed, (2.4) to (2.11): nothing is taken away or put elsewhere. WIRE is the text's implementation."
     title = "Scenes of objects"
-    report.tables.append(Table(title, columns, rows, note, "scenes", printed, "simulated", 1))
+    report.add(title, columns, rows, note, "scenes", printed, "simulated", 1)
     report.pictures.append(_draw_world(options, seed))
 
 
@@ -136,7 +136,7 @@ def _walkers(options: RunOptions, report: Report) -> None:
         f"{looks} looks at 20 Hz, ten in view on average. The last share but one is that of looks in which all in view "
         "had been detected twice there: what one detection tells of may as well be a false one."
     )
-    report.tables.append(Table("Movers", columns, rows, note, "movers", data="simulated", samples=1))
+    report.add("Movers", columns, rows, note, "movers", data="simulated", samples=1)
 
 
 def _situations(options: RunOptions, report: Report) -> None:
@@ -160,7 +160,7 @@ def _situations(options: RunOptions, report: Report) -> None:
     )
     title = "Situations that the text describes"
     printed = {"text": "sections 2.6.1 and 2.6.2"}
-    report.tables.append(Table(title, columns, rows, note, "situations", printed, "simulated", count))
+    report.add(title, columns, rows, note, "situations", printed, "simulated", count)
 
 
 ANTS_PRINTED: dict[str, Any] = {
@@ -207,10 +207,8 @@ def _ants(options: RunOptions, report: Report) -> None:
     note = f"20 ants. The text's sixteen videos have {VIDEO} images on average; 12 of them stay unmixed. As "
     note += "printed: no detection is of two ants, none is missed twice because of the first time."
     title = "Ants, simulated"
-    report.tables.append(
-        Table(
-            title, ["", *columns, "text"], rows, note, "ants", {"text": "section 2.6.3"}, "simulated", count
-        )
+    report.add(
+        title, ["", *columns, "text"], rows, note, "ants", {"text": "section 2.6.3"}, "simulated", count
     )
     report.pictures.append(_draw_counts(options.out, found[looks][0]))
     report.pictures.append(draw_ants(options.out, found[VIDEO][0], made[0].side))
@@ -247,9 +245,7 @@ def _simulated_landmarks(options: RunOptions, report: Report) -> None:
     columns = ["camera", "at once, nothing learned, % ↑", "at once, % ↑", "looking back, % ↑"]
     note = f"Detections that get the right landmark of those 17 cm apart; {minutes:g} minutes of driving."
     title = "Landmarks, simulated"
-    report.tables.append(
-        Table(title, columns, rows, note, "simulated-landmarks", data="simulated", samples=detections)
-    )
+    report.add(title, columns, rows, note, "simulated-landmarks", data="simulated", samples=detections)
 
 
 def _landmarks(options: RunOptions, report: Report) -> None:
@@ -264,7 +260,7 @@ def _landmarks(options: RunOptions, report: Report) -> None:
     note = "True poses, σ 0.05 m and 0.015 rad, the camera's errors learned. Asked for: 98 %."
     title = "Landmarks without their barcodes, mrclam6"
     counts = {row[0]: row[1] for row in rows}
-    report.tables.append(Table(title, columns, rows, note, "mrclam6", data="tuned on", samples=counts))
+    report.add(title, columns, rows, note, "mrclam6", data="tuned on", samples=counts)
 
 
 KITTI = "objects_3d/kitti_tracking"
@@ -295,7 +291,7 @@ def _vehicles(options: RunOptions, report: Report) -> None:
     title = "Vehicles and pedestrians of KITTI, simulated detections"
     labels = {str(row[0]): int(row[1]) for row in rows[:-1]}
     labels["all"] = sum(labels.values())
-    report.tables.append(Table(title, columns, rows, note, "kitti", data="tuned on", samples=labels))
+    report.add(title, columns, rows, note, "kitti", data="tuned on", samples=labels)
 
 
 RUNS = (1.0, 10.0, 60.0)
@@ -325,7 +321,7 @@ def _hidden(options: RunOptions, report: Report) -> None:
         "labels count, hidden ones too. The depth image is drawn from the labelled boxes."
     )
     title = "Hidden traffic of KITTI, simulated detections"
-    report.tables.append(Table(title, columns, rows, note, "hidden", data="tuned on", samples=labels))
+    report.add(title, columns, rows, note, "hidden", data="tuned on", samples=labels)
 
 
 PARTS = {

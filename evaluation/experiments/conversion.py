@@ -14,7 +14,7 @@ from evaluation.conversion import conversion_drive as driving
 from evaluation.conversion import conversion_limits as limits
 from evaluation.conversion import conversion_pictures as pictures
 from evaluation.conversion import conversion_tracking as tracking
-from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.report import Part, Report, RunOptions
 from whereabouts.system.parallel import each
 
 DEGREES = np.arange(0.5, 20.25, 0.5)
@@ -42,11 +42,9 @@ def consistency(options: RunOptions, report: Report) -> None:
         "2 is consistent. Up to: inside the 95 % interval of a mean over the text's 500 measurements. The methods are "
         "the text's as printed, without and with each of its corrections; the unscented transform is not in it."
     )
-    report.tables.append(
-        Table(
-            "Consistency of converted measurements, exact", columns, rows, note, "consistency",
-            {columns[2]: "Figure 6.3"}, "simulated",
-        )
+    report.add(
+        "Consistency of converted measurements, exact", columns, rows, note, "consistency",
+        {columns[2]: "Figure 6.3"}, "simulated",
     )  # fmt: skip
     lines: dict[str, FloatArray] = {
         m: np.array([analysis.exact_kl(s, m) for s in sigmas]) for m in analysis.METHODS[:4]
@@ -54,11 +52,9 @@ def consistency(options: RunOptions, report: Report) -> None:
     at = [int(np.flatnonzero(d == DEGREES)[0]) for d in SOME]
     rows = [[f"{d}°", *(line[k] for line in lines.values())] for d, k in zip(SOME, at, strict=True)]
     note = "In the text linearisation has the smallest distance. Without bins the MUCM must have it."
-    report.tables.append(
-        Table(
-            "Kullback-Leibler distance, exact", ["σ_θ", *(f"{m}, nat ↓" for m in lines)], rows, note,
-            "distances", data="simulated",
-        )
+    report.add(
+        "Kullback-Leibler distance, exact", ["σ_θ", *(f"{m}, nat ↓" for m in lines)], rows, note,
+        "distances", data="simulated",
     )  # fmt: skip
     report.pictures.append(
         pictures.curves(options.out, "figure-6-5-kl", DEGREES, lines, "exact distance, nat", True)
@@ -72,12 +68,10 @@ def sampled(options: RunOptions, report: Report) -> None:
     found: dict[str, FloatArray] = {
         m: np.array([analysis.sampled_anes(s, m, rng) for s in np.radians(DEGREES)]) for m in analysis.METHODS
     }
-    report.tables.append(
-        Table(
-            "Consistency of converted measurements, 500 samples", ["method", "ANES at 2.5°", "ANES at 20°"],
-            [[m, values[4], values[-1]] for m, values in found.items()], "2 is consistent.",
-            "consistency-sampled", data="simulated", samples=analysis.ANES_SAMPLES,
-        )
+    report.add(
+        "Consistency of converted measurements, 500 samples", ["method", "ANES at 2.5°", "ANES at 20°"],
+        [[m, values[4], values[-1]] for m, values in found.items()], "2 is consistent.",
+        "consistency-sampled", data="simulated", samples=analysis.ANES_SAMPLES,
     )  # fmt: skip
     report.pictures.append(
         pictures.curves(options.out, "figure-6-3-anes", DEGREES, found, "ANES, 500 measurements", True)
@@ -86,12 +80,10 @@ def sampled(options: RunOptions, report: Report) -> None:
     steps = np.arange(0.5, 5.01, 0.25)
     sets = options.share(100, 20)
     passing = np.array([analysis.passing_fraction(np.radians(s), sets, rng) for s in steps])
-    report.tables.append(
-        Table(
-            "Sets of 500 samples that pass Mardia's test", ["σ_θ", "passing, %"],
-            [[f"{s:g}°", 100.0 * f] for s, f in zip(steps[::2], passing[::2], strict=True)],
-            "In the text (Figure 6.6) none passes above 2.5°.", "mardia", data="simulated", samples=sets,
-        )
+    report.add(
+        "Sets of 500 samples that pass Mardia's test", ["σ_θ", "passing, %"],
+        [[f"{s:g}°", 100.0 * f] for s, f in zip(steps[::2], passing[::2], strict=True)],
+        "In the text (Figure 6.6) none passes above 2.5°.", "mardia", data="simulated", samples=sets,
     )  # fmt: skip
     report.pictures.append(
         pictures.curves(options.out, "figure-6-6-mardia", steps, {"passing": passing}, "fraction", False)
@@ -118,11 +110,9 @@ def _binned(report: Report, rng: np.random.Generator) -> None:
         "Some samples lie where the Gaussian has no mass. If their bins are skipped, linearisation looks best at large "
         "angles."
     )
-    report.tables.append(
-        Table(
-            "Kullback-Leibler distance over bins", columns, rows, note, "distances-binned",
-            data="simulated", samples=analysis.KL_SAMPLES,
-        )
+    report.add(
+        "Kullback-Leibler distance over bins", columns, rows, note, "distances-binned",
+        data="simulated", samples=analysis.KL_SAMPLES,
     )  # fmt: skip
 
 
@@ -156,17 +146,13 @@ def operating_points(options: RunOptions, report: Report) -> None:
     note = "Ranges 1 to 10 m, σ_r 0.01 to 0.05 m, all around: drawn from the text's 810 points."
     printed = dict.fromkeys((columns[2], columns[4]), "Figure 6.8")
     title = "The largest angle that is still Gaussian, predicted"
-    report.tables.append(
-        Table(title, columns, rows, note, "limits", printed, data="simulated", samples=len(found))
-    )
+    report.add(title, columns, rows, note, "limits", printed, data="simulated", samples=len(found))
     boxes = limits.normalised(found)
     rows = [[name, float(np.subtract(*np.nanpercentile(v, [75, 25])))] for name, v in boxes.items()]
     note = "In the text (Figure 6.8) it is least for K, and most for the absolute bias and the angle."
-    report.tables.append(
-        Table(
-            "How much the critical value varies", ["measure", "interquartile range over mean ↓"], rows, note,
-            "boxes", data="simulated", samples=len(found),
-        )
+    report.add(
+        "How much the critical value varies", ["measure", "interquartile range over mean ↓"], rows, note,
+        "boxes", data="simulated", samples=len(found),
     )  # fmt: skip
     report.pictures.append(pictures.boxes(options.out, "figure-6-8-boxes", boxes, "critical value / mean"))
 
@@ -185,7 +171,7 @@ def where_k_fails(options: RunOptions, report: Report) -> None:
     )
     columns = ["σ_r / range", "largest angle, °", "largest by K, °"]
     title = "Where K fails: range noise large against the range"
-    report.tables.append(Table(title, columns, rows, note, "range-noise", data="simulated"))
+    report.add(title, columns, rows, note, "range-noise", data="simulated")
     rows = []
     far = (2.0, 8.0) if options.quick else (2.0, 4.0, 6.0, 8.0)
     for p, r in [(p, r) for p in (0.02, 0.05, 0.1) for r in far]:
@@ -197,7 +183,7 @@ def where_k_fails(options: RunOptions, report: Report) -> None:
     columns = ["σ_position", "range", "largest angle, °", "by K in the map, °", "by K of the measurement, °"]
     note = "σ_r = 0.02 m. K in the map takes the covariance of the robot's position in."
     title = "K with an uncertain robot position"
-    report.tables.append(Table(title, columns, rows, note, "robot-position", data="simulated"))
+    report.add(title, columns, rows, note, "robot-position", data="simulated")
 
 
 def drive(options: RunOptions, report: Report) -> None:
@@ -222,9 +208,7 @@ def drive(options: RunOptions, report: Report) -> None:
     )
     columns = ["σ_θ,obj", "K of", "10 of 100 below, m", "median, m", "90 of 100 below, m"]
     title = "Range from which on K exceeds 1.075"
-    report.tables.append(
-        Table(title, columns, rows, note, "drive", data="simulated", samples=len(simulated.stamps))
-    )
+    report.add(title, columns, rows, note, "drive", data="simulated", samples=len(simulated.stamps))
     report.pictures.append(pictures.drive_ranges(options.out, simulated, ranges))
 
 
@@ -269,7 +253,7 @@ def comparison(options: RunOptions, report: Report) -> None:
         "prints no errors of its filters."
     )
     title = "Error and consistency of the filters"
-    report.tables.append(Table(title, columns, rows, note, "filters", data="simulated", samples=count))
+    report.add(title, columns, rows, note, "filters", data="simulated", samples=count)
 
 
 def between(options: RunOptions, report: Report) -> None:
@@ -295,7 +279,7 @@ def between(options: RunOptions, report: Report) -> None:
     )
     columns = ["filter", "RMSE, mm ↓", "ANEES", "RMSE less the Kalman filter's, mm ↓", "step, µs ↓"]
     title = "What a third mode could gain, scenario 2"
-    report.tables.append(Table(title, columns, rows, note, "between", data="simulated", samples=count))
+    report.add(title, columns, rows, note, "between", data="simulated", samples=count)
 
 
 PARTS = {

@@ -13,7 +13,7 @@ from evaluation.crf.crf_metrics import Scores, f1_of, scores
 from evaluation.crf.crf_pictures import busiest, draw_associations, draw_clusters
 from evaluation.crf.crf_recordings import recordings
 from evaluation.crf.crf_stages import NEAREST, stages
-from evaluation.report import Figure, Part, Printed, Report, RunOptions, Table, heading
+from evaluation.report import Figure, Part, Printed, Report, RunOptions, heading
 from registration import Scan, align
 from registration.crf import JointEstimate, JointModel
 from registration.crf.as_printed import PrintedCrf
@@ -121,9 +121,7 @@ def _tables(options: RunOptions, report: Report) -> None:
             rows.append([name, begin, *numbers, *_theirs(theirs, name, begin, 4)])
         texts = {f"text: {heading(name)[0]}": title.partition(":")[0] for name in names}
         columns = ["technique", "begins", *names, *texts]
-        report.tables.append(
-            Table(title, columns, rows, note, kind, printed=texts, data="simulated", samples=len(left))
-        )
+        report.add(title, columns, rows, note, kind, printed=texts, data="simulated", samples=len(left))
     true = 100.0 * float(np.mean([each.true_outliers for each in found[HERE[2], SAME]]))
     report.figures["true outliers"] = Figure(
         true, "%", data="simulated", samples=len(left), printed=Printed(11.07, "Section VI")
@@ -162,17 +160,8 @@ def _table_of_motions(found: dict[tuple[str, str], list[Scores]], report: Report
         f"object that was not found counts as stationary. The first seed has {total} objects."
     )
     columns = [*columns, *texts]
-    report.tables.append(
-        Table(
-            "Table III: motions",
-            columns,
-            rows,
-            note,
-            "motions",
-            printed=texts,
-            data="simulated",
-            samples=total,
-        )
+    report.add(
+        "Table III: motions", columns, rows, note, "motions", printed=texts, data="simulated", samples=total
     )
 
 
@@ -201,9 +190,7 @@ def _moving(options: RunOptions, report: Report) -> None:
     note = (
         "The shipped model, which was trained on other seeds of such scenes. Protocol: the pairs of Table I."
     )
-    report.tables.append(
-        Table("Moving beams, simulation", columns, rows, note, "moving", data="simulated", samples=count)
-    )
+    report.add("Moving beams, simulation", columns, rows, note, "moving", data="simulated", samples=count)
 
 
 def _crowds(options: RunOptions, report: Report) -> None:
@@ -221,7 +208,7 @@ def _crowds(options: RunOptions, report: Report) -> None:
     columns = ["crowds of", "F1 ↑", "precision ↑", "recall ↑", "pairs refused ↓"]
     note = "122 pairs of each seed. All moving beams of a refused pair count as missed."
     title = "Crowds, 361 beams over 180°, seed by seed"
-    report.tables.append(Table(title, columns, rows, note, "crowds", data="simulated", samples=122))
+    report.add(title, columns, rows, note, "crowds", data="simulated", samples=122)
 
 
 def _free_space(pair: LabelledPair) -> JointEstimate:
@@ -260,9 +247,7 @@ def _poses(options: RunOptions, report: Report) -> None:
         "Crowds in which `align` accepts the placement. Many: movers cover over a quarter of the view. "
         "An error above 0.5 m counts as 0.5 m."
     )
-    report.tables.append(
-        Table("Pose among movers", columns, rows, note, "poses", data="simulated", samples=len(pairs))
-    )
+    report.add("Pose among movers", columns, rows, note, "poses", data="simulated", samples=len(pairs))
 
 
 def _timing(options: RunOptions, report: Report) -> None:
@@ -287,9 +272,7 @@ def _timing(options: RunOptions, report: Report) -> None:
             rows.append([label, name, 1e3 * float(np.median(seconds)), late])
     columns = ["scanner", "method", "median, ms ↓", "99 % within, ms ↓"]
     note = "One core, offices and crowds. The text takes up to 4 minutes."
-    report.tables.append(
-        Table("Time of a pair", columns, rows, note, "time", data="simulated", samples=2 * count)
-    )
+    report.add("Time of a pair", columns, rows, note, "time", data="simulated", samples=2 * count)
 
 
 def _pictures(options: RunOptions, report: Report) -> None:

@@ -16,7 +16,7 @@ from evaluation.intentions import intentions_days as elsewhere
 from evaluation.intentions import intentions_pictures as pictures
 from evaluation.intentions import intentions_protocol as protocol
 from evaluation.intentions.social_forces_fit import fit_forces
-from evaluation.report import Figure, Part, Report, RunOptions, Table
+from evaluation.report import Figure, Part, Report, RunOptions
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.prediction.social_forces import Forces
 from whereabouts.logs.formats.trajectories import read_trajectories
@@ -79,7 +79,7 @@ def hall(options: RunOptions, report: Report) -> None:
     columns = ["walks", "method", *elsewhere.COLUMNS, *printed]
     counts = {day: len(found["routes"].correct) for day, found in kept.items()}
     title = "Correct exits of the hall, 1 August"
-    report.tables.append(Table(title, columns, rows, note, "hall", printed, "tuned on", counts))
+    report.add(title, columns, rows, note, "hall", printed, "tuned on", counts)
     shown = {NAMES[method]: kept[BY_TIME][method].rates for method in protocol.METHODS}
     theirs_drawn = {
         NAMES[m]: (0.01 * low, None, None, None, 0.01 * high) for m, (low, high) in THEIRS.items()
@@ -118,7 +118,7 @@ def growth(options: RunOptions, report: Report, outcomes: dict[str, protocol.Onl
     ]
     note = "The text learns a measurement in less than 4 ms and updates a belief in 0.5 ms. Here it is whole walks."
     title = "Growth of map and model, 1 August by time"
-    report.tables.append(Table(title, columns, rows, note, "growth", data="tuned on", samples=1))
+    report.add(title, columns, rows, note, "growth", data="tuned on", samples=1)
     for name, outcome in (("ghmm", plain), ("routes", routes)):
         for what, times in (("learn", outcome.learn_ms), ("believe", outcome.belief_ms)):
             median = Figure(float(np.median(times)), "ms", "lower", "tuned on", len(times))
@@ -139,7 +139,7 @@ def swings(options: RunOptions, report: Report) -> None:
     columns = ["method", "mean, m ↓", "median, m ↓", "90 of 100 below, m ↓"]
     note = "Mean distance of two predictions half a second apart, over the 5 s both look at. The text has pictures."
     title = "How much predicted paths swing, complete walks of the hall"
-    report.tables.append(Table(title, columns, rows, note, "swing", data="tuned on", samples=counts))
+    report.add(title, columns, rows, note, "swing", data="tuned on", samples=counts)
 
 
 def orders(options: RunOptions, report: Report) -> None:
@@ -153,7 +153,7 @@ def orders(options: RunOptions, report: Report) -> None:
     count = len(chosen) * (len(walks) - protocol.FIRST)
     columns = ["walks", "method", *elsewhere.COLUMNS]
     title = "Correct exits in random orders"
-    report.tables.append(Table(title, columns, rows, note, "orders", data="tuned on", samples=count))
+    report.add(title, columns, rows, note, "orders", data="tuned on", samples=count)
     elsewhere.more_walks(options, report, walks, NAMES)
 
 
@@ -190,13 +190,13 @@ def hotel(options: RunOptions, report: Report) -> None:
         "GHMM, the Kalman filter with social forces, Table 4.2 for everybody; mass and noises are not printed."
     )
     title = "Displacement errors at the hotel"
-    report.tables.append(Table(title, columns, rows, note, "hotel", data="tuned on", samples=moments))
+    report.add(title, columns, rows, note, "hotel", data="tuned on", samples=moments)
     gone = [walk for walk in people.values() if np.hypot(*(walk[-1] - walk[0])[:2]) > 3.0]
     rows = elsewhere.correct("hotel", [by_time(gone)], NAMES)
     note = f"All people who walked more than 3 m. The exits are the open ends of a street. {elsewhere.ONLINE}"
     columns = ["walks", "method", *elsewhere.COLUMNS]
     title, count = "Correct exits at the hotel", len(gone) - protocol.FIRST
-    report.tables.append(Table(title, columns, rows, note, "hotel-exits", data="tuned on", samples=count))
+    report.add(title, columns, rows, note, "hotel-exits", data="tuned on", samples=count)
     forces(report, list(people.values()))
     model = IntentionModel()
     ordered = sorted(people.values(), key=lambda rows_: float(rows_[-1, 2]))
@@ -221,9 +221,7 @@ def forces(report: Report, people: list[Array]) -> None:
         "of 4 s and a range of 1.24 m, at 24.7 mm a pixel."
     )
     title = "Social forces from the hotel's people"
-    report.tables.append(
-        Table(title, columns, rows, note, "forces", data="tuned on", samples=fitted.followed)
-    )
+    report.add(title, columns, rows, note, "forces", data="tuned on", samples=fitted.followed)
 
 
 def timing(options: RunOptions, report: Report) -> None:
@@ -255,7 +253,7 @@ def timing(options: RunOptions, report: Report) -> None:
         rows.append([NAMES[method], *numbers])
     columns = ["method", "learn a walk, ms ↓", "belief of a person, ms ↓", "20 people over 10 s, ms ↓"]
     note = f"{learned} learned walks of some 100 observations. The belief is over the whole walk so far."
-    report.tables.append(Table("Times", columns, rows, note, "times", data="simulated", samples=20))
+    report.add("Times", columns, rows, note, "times", data="simulated", samples=20)
 
 
 def days(options: RunOptions, report: Report) -> None:

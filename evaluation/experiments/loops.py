@@ -28,7 +28,7 @@ from evaluation.loops.loops_retrieval import retrieval
 from evaluation.loops.place_evaluation import Validation, balanced, k_fold
 from evaluation.loops.place_training import Recording
 from evaluation.loops.roc import roc
-from evaluation.report import Figure, Part, Report, RunOptions, Table
+from evaluation.report import Figure, Part, Report, RunOptions
 from loop_closure import (
     AdaBoost,
     PlaceDatabase,
@@ -139,20 +139,18 @@ def within_recordings(options: RunOptions, report: Report, recordings: dict[str,
                     *([""] * 4 if alone else _by_ours(options, recording, pairs, repetitions)),
                 ]
             )  # fmt: skip
-    report.tables.append(
-        Table(
-            "Table 5: within one data set",
-            ["data set", "pairs", "D at 0 % FA, % ↑", "D at 1 % FA, % ↑", *TEXTS, *OURS],
-            rows,
-            "D: detection rate; FA: false alarm rate. 10-fold cross validation, AdaBoost with 50 stumps, "
-            "as many positive as negative pairs: as printed. The text's figures are of the data sets that these stand "
-            "in for. Ours: boosted trees, which also see how well the outlines can be laid on each other. The shipped "
-            "cascade has a gate and pairs of other buildings besides, so it cannot be judged within one.",
-            "within",
-            printed=TEXTS,
-            data=JUDGED,
-            samples=samples,
-        )
+    report.add(
+        "Table 5: within one data set",
+        ["data set", "pairs", "D at 0 % FA, % ↑", "D at 1 % FA, % ↑", *TEXTS, *OURS],
+        rows,
+        "D: detection rate; FA: false alarm rate. 10-fold cross validation, AdaBoost with 50 stumps, "
+        "as many positive as negative pairs: as printed. The text's figures are of the data sets that these stand "
+        "in for. Ours: boosted trees, which also see how well the outlines can be laid on each other. The shipped "
+        "cascade has a gate and pairs of other buildings besides, so it cannot be judged within one.",
+        "within",
+        printed=TEXTS,
+        data=JUDGED,
+        samples=samples,
     )
     if curves:
         report.pictures.append(options.out / "roc.png")
@@ -199,19 +197,17 @@ def _resolution(options: RunOptions, report: Report, recordings: dict[str, Recor
         rows.append([label, *_rates(found), zero, one])
         samples[label] = pairs.positives
     texts = dict.fromkeys(TEXTS, "Table 6")
-    report.tables.append(
-        Table(
-            "Table 6: 2D against 3D, and angular resolution",
-            ["data", "D at 0 % FA, % ↑", "D at 1 % FA, % ↑", *texts],
-            rows,
-            "Within 3 m, as printed; ours on the same pairs is in Table 5. The text's are of syd2 at 1° and 0.5° and "
-            "of hann2 in 3D. Its 2D slices of hann2 "
-            "(2.1 and 44 %) have no counterpart here.",
-            "resolution",
-            printed=texts,
-            data="tuned on",
-            samples=samples,
-        )
+    report.add(
+        "Table 6: 2D against 3D, and angular resolution",
+        ["data", "D at 0 % FA, % ↑", "D at 1 % FA, % ↑", *texts],
+        rows,
+        "Within 3 m, as printed; ours on the same pairs is in Table 5. The text's are of syd2 at 1° and 0.5° and "
+        "of hann2 in 3D. Its 2D slices of hann2 "
+        "(2.1 and 44 %) have no counterpart here.",
+        "resolution",
+        printed=texts,
+        data="tuned on",
+        samples=samples,
     )
 
 
@@ -233,18 +229,16 @@ def _times(options: RunOptions, report: Report) -> None:
         ["classify a pair", _least(lambda: model.score(F)) / len(F), 0.78],
     ]
     texts = {"text": "Table 2"}
-    report.tables.append(
-        Table(
-            "Table 2: execution times",
-            ["step", "least of 20, ms ↓", *texts],
-            rows,
-            "One core; the text's on a machine of its day. The steps are the text's as printed: ours are the last "
-            "columns of 'Candidates from a long history' and `bench/`.",
-            "times",
-            printed=texts,
-            data="simulated",
-            samples=20,
-        )
+    report.add(
+        "Table 2: execution times",
+        ["step", "least of 20, ms ↓", *texts],
+        rows,
+        "One core; the text's on a machine of its day. The steps are the text's as printed: ours are the last "
+        "columns of 'Candidates from a long history' and `bench/`.",
+        "times",
+        printed=texts,
+        data="simulated",
+        samples=20,
     )
 
 
@@ -279,9 +273,7 @@ def _unseen(options: RunOptions, report: Report) -> None:
             rows.append([name, f"{distance:g} m", *figures, curve.positives])
     columns = ["model", "within", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑", "positives"]
     note = "csail, single scans with headings within 45°; seeds draw the 6000 negative pairs."
-    report.tables.append(
-        Table("Shipped models on an unseen building", columns, rows, note, "unseen", data="left out")
-    )
+    report.add("Shipped models on an unseen building", columns, rows, note, "unseen", data="left out")
 
 
 PARTS = {

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.maintenance import maintenance_scenes as scenes
-from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
 from whereabouts.system.parallel import each
 from whereabouts.system.progress import track
@@ -142,9 +142,7 @@ def _table(
             "0.65 × the distance; at 15 nat 0.1 × the distance."
         )
     columns = [parameter, *COLUMNS, *printed]
-    report.tables.append(
-        Table(title, columns, rows, note, name, printed, data="simulated", samples=len(fixed))
-    )
+    report.add(title, columns, rows, note, name, printed, data="simulated", samples=len(fixed))
 
 
 def _cells(accounts: list[TourAccount], fixed: list[TourAccount]) -> list[float]:
@@ -162,11 +160,9 @@ def _sensors(options: RunOptions, report: Report) -> None:
         accounts = _many(options, [_config(5.0)], rooms, name, plan)[0]
         rows.append([name, *(_mean(accounts, quantity) for quantity in QUANTITIES)])
     note = "IG_thr = 5 nat. Camera: 0.4 to 2 m, σ 0.1 m. Laser: 0.2 to 6 m, σ 0.3 m."
-    report.tables.append(
-        Table(
-            "One sensor or two", ["sensors", *COLUMNS[:3]], rows, note, "sensors",
-            data="simulated", samples=len(rooms),
-        )
+    report.add(
+        "One sensor or two", ["sensors", *COLUMNS[:3]], rows, note, "sensors",
+        data="simulated", samples=len(rooms),
     )  # fmt: skip
 
 
@@ -209,11 +205,9 @@ def _as_printed(options: RunOptions, report: Report) -> None:
         "text: distance of the fixed path's, ×",
         *COLUMNS[3:5],
     ]
-    report.tables.append(
-        Table(
-            "The rule as printed", columns, rows, note, "as-printed", {columns[2]: "Figure 3.4"}, "simulated",
-            len(rooms),
-        )
+    report.add(
+        "The rule as printed", columns, rows, note, "as-printed", {columns[2]: "Figure 3.4"}, "simulated",
+        len(rooms),
     )  # fmt: skip
 
 
@@ -256,11 +250,9 @@ def _counts(options: RunOptions, report: Report) -> None:
         "numbers; other pairs of speed and step have them, too. The rule then makes more updates and goals than in the "
         "text. Ours: 0.5 m/s, every object in view is updated twice a second."
     )
-    report.tables.append(
-        Table(
-            "Updates and goals of a run, ω = 1, IG_thr = 8 nat", columns, rows, note, "counts",
-            {"text: updates": "Figure 3.7", "text: goals": "Figure 3.7"}, "simulated", len(rooms),
-        )
+    report.add(
+        "Updates and goals of a run, ω = 1, IG_thr = 8 nat", columns, rows, note, "counts",
+        {"text: updates": "Figure 3.7", "text: goals": "Figure 3.7"}, "simulated", len(rooms),
     )  # fmt: skip
     report.pictures.append(_draw_counts(options.out, printed))
 
@@ -318,7 +310,7 @@ def _cat(options: RunOptions, report: Report) -> None:
         "not printed: they are chosen so that the mean rate is near the text's. As there it falls when the cat is far."
     )
     printed = dict.fromkeys((columns[3], columns[5]), "Figure 3.9")
-    report.tables.append(Table("A running cat", columns, rows, note, "cat", printed, "simulated", count))
+    report.add("A running cat", columns, rows, note, "cat", printed, "simulated", count)
     report.pictures.append(scenes.draw_cat(options.out, shown))
 
 
@@ -345,9 +337,7 @@ def _clean_up(options: RunOptions, report: Report) -> None:
         "A trigger before each grab (Table 3.1), the torso laser where the object stands above 0.7 m, the Kinect "
         "below. Nothing is looked at because it grew uncertain, as only the robot moves things; the tea never is."
     )
-    report.tables.append(
-        Table("A robot that clears a room", columns, rows, note, "clean-up", data="simulated", samples=count)
-    )
+    report.add("A robot that clears a room", columns, rows, note, "clean-up", data="simulated", samples=count)
 
 
 def _draw(

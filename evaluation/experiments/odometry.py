@@ -158,16 +158,14 @@ def _recorded(options: RunOptions, report: Report) -> None:
         "are; `experiment slam` says how good these are. 20 m error: median over 20 m of path. Corrected logs hold one "
         "scan per metre and no wheels; an endless corridor then leaves the motion along it open."
     )
-    report.tables.append(
-        Table(
-            "Recorded logs, no loop closure",
-            ["log", "method", *COLUMNS],
-            rows,
-            note,
-            "logs",
-            data=JUDGED,
-            samples=samples,
-        )
+    report.add(
+        "Recorded logs, no loop closure",
+        ["log", "method", *COLUMNS],
+        rows,
+        note,
+        "logs",
+        data=JUDGED,
+        samples=samples,
     )
 
 
@@ -209,16 +207,14 @@ def _noise(options: RunOptions, report: Report) -> None:
     for label, make in _corridors(options, records).items():
         outcome = follow(make(), False)
         rows.append([label, *errors(outcome, outcome.poses, truth)])
-    report.tables.append(
-        Table(
-            "An endless corridor again, with noise on its ranges",
-            ["noise added", *COLUMNS],
-            rows,
-            f"{name}, without wheels; one run for each seed. The log was looked at when odometry was tuned.",
-            "corridor",
-            data="tuned on",
-            samples=len(records),
-        )
+    report.add(
+        "An endless corridor again, with noise on its ranges",
+        ["noise added", *COLUMNS],
+        rows,
+        f"{name}, without wheels; one run for each seed. The log was looked at when odometry was tuned.",
+        "corridor",
+        data="tuned on",
+        samples=len(records),
     )
 
 
@@ -425,9 +421,7 @@ def _simulated(options: RunOptions, report: Report) -> None:
         )
     columns = ["scanner", "ATE, m ↓", "NEES of increments", "NEES of poses", "95 % of the time within"]
     note = "NEES per dimension, 1 is right; the bounds are for independent increments."
-    report.tables.append(
-        Table("Simulated floors", columns, rows, note, "floors", data="simulated", samples=floors)
-    )
+    report.add("Simulated floors", columns, rows, note, "floors", data="simulated", samples=floors)
 
 
 PARTS = {

@@ -26,7 +26,7 @@ from evaluation.peers.kiss_slam_peer import installed, kiss_slam
 from evaluation.peers.stone_soup_phd import StoneSoupPhd
 from evaluation.phd.phd_recorded import config_of
 from evaluation.registration.registration_data import read_ply
-from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.report import Part, Report, RunOptions
 from loop_closure import features_2d, pair_features
 from loop_closure.slam.trajectory import Slam
 from registration import Odometry, OdometryConfig, align
@@ -130,9 +130,7 @@ def _clouds_around(options: RunOptions, report: Report) -> None:
     errors = [absolute_trajectory_error(each, truth).rmse for each in (ours, theirs[:, :3, 3])]
     row = ["clouds to map, KISS-SLAM", *taken, taken[1] / taken[0], *errors, len(slam.closures), closures]
     columns = [*COLUMNS, "ours: ATE, m ↓", "peer: ATE, m ↓", "ours: closures", "peer: closures"]
-    report.tables.append(
-        Table("A round of clouds", columns, [row], ROUND, "round", data="simulated", samples=len(clouds))
-    )
+    report.add("A round of clouds", columns, [row], ROUND, "round", data="simulated", samples=len(clouds))
 
 
 def _places(seed: int, count: int) -> tuple[Array, Array]:
@@ -240,9 +238,7 @@ def _add(
 ) -> None:
     quality = title.partition(": ")[2]
     columns = [*COLUMNS, f"ours: {quality}", f"peer: {quality}"]
-    report.tables.append(
-        Table(title.partition(":")[0], columns, rows, note, name, data=data, samples=samples)
-    )
+    report.add(title.partition(":")[0], columns, rows, note, name, data=data, samples=samples)
 
 
 def _installed(

@@ -27,7 +27,7 @@ from evaluation.people.people_judging import (
 from evaluation.people.people_marked import MARKED, marked_legs
 from evaluation.people.people_picture import hidden_episodes, picture
 from evaluation.people.people_sensitivity import sensitivity
-from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.report import Part, Report, RunOptions
 from tracking.people.people_tracker import PeopleTracker
 from whereabouts.simulation.home.apartment_day import SCAN_RATE
 from whereabouts.simulation.scenes.occlusion_scenes import (
@@ -61,19 +61,17 @@ def _following(options: RunOptions, report: Report) -> None:
         ["changes of the label ↓", judged.changes, 49],
         ["false people, /scan ↓", judged.false_per_scan, 1.7],
     ]
-    report.tables.append(
-        Table(
-            "One person followed outdoors by a moving robot",
-            ["", "ours", "reference tracker"],
-            rows,
-            f"{FOLLOWING}; tracked: within 0.75 m of the label; odometry from the scans; 1 mm of noise on the ranges. "
-            "It trained nothing; its first 1,500 scans were looked at for the numbers that decide whether a frame jumps, and two pieces of 20 s for "  # noqa: E501
-            "what a new target has of somebody known.",
-            "following",
-            printed={"reference tracker": REFERENCE},
-            data="model left out",
-            samples=judged.labelled,
-        )
+    report.add(
+        "One person followed outdoors by a moving robot",
+        ["", "ours", "reference tracker"],
+        rows,
+        f"{FOLLOWING}; tracked: within 0.75 m of the label; odometry from the scans; 1 mm of noise on the ranges. "
+        "It trained nothing; its first 1,500 scans were looked at for the numbers that decide whether a frame jumps, and two pieces of 20 s for "  # noqa: E501
+        "what a new target has of somebody known.",
+        "following",
+        printed={"reference tracker": REFERENCE},
+        data="model left out",
+        samples=judged.labelled,
     )
 
 
@@ -84,21 +82,19 @@ def _nobody(options: RunOptions, report: Report) -> None:
     for topic in ("left_scan",) if options.quick else ("left_scan", "rear_scan", "right_scan"):
         rng = np.random.default_rng([options.seed, 4])
         rows.append([topic, phantoms(path, topic, rng), "1.0 to 1.8"])
-    report.tables.append(
-        Table(
-            "People where there are none: a robot drives among furniture",
-            [
-                "scanner",
-                "false people, /scan ↓",
-                "text: false people, /scan",
-            ],
-            rows,
-            f"{NEGATIVE}, with 1 mm of noise on the ranges. Shape and class were trained on this recording too. "
-            "Last column: the reference tracker.",
-            "nobody",
-            printed={"text: false people, /scan": REFERENCE},
-            data="tuned on",
-        )
+    report.add(
+        "People where there are none: a robot drives among furniture",
+        [
+            "scanner",
+            "false people, /scan ↓",
+            "text: false people, /scan",
+        ],
+        rows,
+        f"{NEGATIVE}, with 1 mm of noise on the ranges. Shape and class were trained on this recording too. "
+        "Last column: the reference tracker.",
+        "nobody",
+        printed={"text: false people, /scan": REFERENCE},
+        data="tuned on",
     )
 
 
@@ -111,16 +107,14 @@ def _crossings(options: RunOptions, report: Report) -> None:
             rng = np.random.default_rng([options.seed, 1, k])
             kept.append(crossing_kept(judge_scene(crossing(rng, body), rng)))
         rows.append([body, 100.0 * float(np.mean(kept))])
-    report.tables.append(
-        Table(
-            "Two people cross",
-            ["seen as", "both keep their label, % ↑"],
-            rows,
-            "",
-            "crossings",
-            data="simulated",
-            samples=few,
-        )
+    report.add(
+        "Two people cross",
+        ["seen as", "both keep their label, % ↑"],
+        rows,
+        "",
+        "crossings",
+        data="simulated",
+        samples=few,
     )
 
 
@@ -137,10 +131,8 @@ def _rooms(options: RunOptions, report: Report) -> None:
         "Four people walk, rest and get hidden for 20 s. OSPA with c = 1 m, p = 1; label changes per person and "
         "minute. A person must be found once in plain view for 1.5 s, and until hidden for 3 s."
     )
-    report.tables.append(
-        Table(
-            "Furnished rooms", ["", "OSPA, m ↓", *SCENE], rows, note, "rooms", data="simulated", samples=rooms
-        )
+    report.add(
+        "Furnished rooms", ["", "OSPA, m ↓", *SCENE], rows, note, "rooms", data="simulated", samples=rooms
     )
 
 
@@ -163,17 +155,7 @@ def _to_and_fro(options: RunOptions, report: Report) -> None:
         "missed 0.06 per scan."
     )
     columns = ["among", "seen as", "OSPA, m ↓", "OSPA from 1 s on, m ↓", *SCENE]
-    report.tables.append(
-        Table(
-            "People who walk to and fro",
-            columns,
-            rows,
-            note,
-            "to-and-fro",
-            data="simulated",
-            samples=few,
-        )
-    )
+    report.add("People who walk to and fro", columns, rows, note, "to-and-fro", data="simulated", samples=few)
 
 
 def _occlusions(options: RunOptions, report: Report) -> None:
@@ -192,16 +174,14 @@ def _occlusions(options: RunOptions, report: Report) -> None:
         "Two to four people for 20 s; everybody counts from the first scan on, hidden or not. Wanted: OSPA 0.12 m, "
         "missed 0.06 per scan."
     )
-    report.tables.append(
-        Table(
-            "Pillars, screens and people who hide people",
-            ["seen as", "robot", "OSPA, m ↓", *SCENE],
-            rows,
-            note,
-            "occlusions",
-            data="simulated",
-            samples=few,
-        )
+    report.add(
+        "Pillars, screens and people who hide people",
+        ["seen as", "robot", "OSPA, m ↓", *SCENE],
+        rows,
+        note,
+        "occlusions",
+        data="simulated",
+        samples=few,
     )
 
 
@@ -218,22 +198,20 @@ def _home(options: RunOptions, report: Report) -> None:
     )
     if options.quick:
         note += " The first three minutes of each day."
-    report.tables.append(
-        Table(
-            "A home with three people",
-            ["", "OSPA, m ↓", *SCENE, "labels for three people ↓"],
+    report.add(
+        "A home with three people",
+        ["", "OSPA, m ↓", *SCENE, "labels for three people ↓"],
+        [
             [
-                [
-                    "other days than the demo's",
-                    *figures,
-                    len({int(n) for told in judged.labels for n in told if n >= 0}),
-                ]
-            ],
-            note,
-            "home",
-            data="simulated",
-            samples=len(judged.labels),
-        )
+                "other days than the demo's",
+                *figures,
+                len({int(n) for told in judged.labels for n in told if n >= 0}),
+            ]
+        ],
+        note,
+        "home",
+        data="simulated",
+        samples=len(judged.labels),
     )
 
 
@@ -258,10 +236,8 @@ def _hidden(options: RunOptions, report: Report) -> None:
         "Hidden for 1.4 to 2.2 s. The text has one sequence: lost with constant p_D, kept with variable p_D. "
         "Who was lost has the label again by place and time, which the text does not do."
     )
-    report.tables.append(
-        Table(
-            "Figure 4: a person wholly hidden", columns, rows, note, "hidden", data="simulated", samples=few
-        )
+    report.add(
+        "Figure 4: a person wholly hidden", columns, rows, note, "hidden", data="simulated", samples=few
     )
 
 
@@ -275,9 +251,7 @@ def _demo(options: RunOptions, report: Report) -> None:
             report.pictures.append(picture(tracks, options.out / "people.png"))
     columns = ["p_D", "labels in all ↓", "hidden 0.2 s or more and found again ↑", "longest, s"]
     note = f"{DEMO}; no truth is known. The shape model learned from its walkers."
-    report.tables.append(
-        Table("Figure 4 on a recording", columns, rows, note, "recorded", data="tuned on", samples=1265)
-    )
+    report.add("Figure 4 on a recording", columns, rows, note, "recorded", data="tuned on", samples=1265)
 
 
 PARTS = {

@@ -15,7 +15,7 @@ from evaluation.phd import phd_hidden as hiding
 from evaluation.phd import phd_monte_carlo as monte_carlo
 from evaluation.phd import phd_partitions as partitions
 from evaluation.phd import phd_recorded as recorded
-from evaluation.report import Part, Printed, Report, RunOptions, Table
+from evaluation.report import Part, Printed, Report, RunOptions
 from whereabouts.simulation.scenes.hidden_people import PERIOD
 from whereabouts.system.parallel import each
 
@@ -81,16 +81,14 @@ def _figure_3(options: RunOptions, report: Report) -> None:
         "are close; distances are better than K-means. PDA and JPDA know one return per target and get centroids of "
         "clusters; PDA lets several tracks fall on one target. One hypothesis: the mixture without the others."
     )
-    report.tables.append(
-        Table(
-            "Figure 3: filters on the text's scenes",
-            columns,
-            rows,
-            note,
-            "figure-3",
-            data="simulated",
-            samples=count,
-        )
+    report.add(
+        "Figure 3: filters on the text's scenes",
+        columns,
+        rows,
+        note,
+        "figure-3",
+        data="simulated",
+        samples=count,
     )
 
 
@@ -107,16 +105,14 @@ def _crossings(options: RunOptions, report: Report) -> None:
         "Two targets meet at 30° to 150°; labels 12 scans before and after. The text's filter has no labels; these are "
         "those that its components carry."
     )
-    report.tables.append(
-        Table(
-            "Crossings that keep both labels",
-            ["filter", "kept, % ↑"],
-            rows,
-            note,
-            "crossings",
-            data="simulated",
-            samples=count,
-        )
+    report.add(
+        "Crossings that keep both labels",
+        ["filter", "kept, % ↑"],
+        rows,
+        note,
+        "crossings",
+        data="simulated",
+        samples=count,
     )
 
 
@@ -151,16 +147,14 @@ def _figure_4(options: RunOptions, report: Report) -> None:
         "expected number jumps when the person re-appears: 1 + P_E (1 - p_D) at a detection. As printed it jumps so "
         "here, and at sweeps of half a body, too."
     )
-    report.tables.append(
-        Table(
-            "Figure 4, a person hidden by another",
-            columns,
-            rows,
-            note,
-            "figure-4",
-            data="simulated",
-            samples=count,
-        )
+    report.add(
+        "Figure 4, a person hidden by another",
+        columns,
+        rows,
+        note,
+        "figure-4",
+        data="simulated",
+        samples=count,
     )
     report.pictures.append(hiding.draw(options.out, shown))
 
@@ -194,16 +188,14 @@ def _recorded(options: RunOptions, report: Report) -> None:
         "others' OSPA and times as published with the scans."
     )
     columns = ["tracker", *(f"{scene}, m ↓" for scene in recorded.SCENES), "bias of the count", "time, ms ↓"]
-    report.tables.append(
-        Table(
-            "Scans of extended_targets",
-            [*columns, "99 % of the scans within, ms ↓"],
-            rows,
-            note,
-            "scans",
-            data="simulated",
-            samples=used,
-        )
+    report.add(
+        "Scans of extended_targets",
+        [*columns, "99 % of the scans within, ms ↓"],
+        rows,
+        note,
+        "scans",
+        data="simulated",
+        samples=used,
     )
 
 

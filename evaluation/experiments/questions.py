@@ -20,7 +20,7 @@ import numpy as np
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
-from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.report import Part, Report, RunOptions
 from whereabouts.system.progress import track
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject, WorldState
 from world_model.memory.store import Store
@@ -450,16 +450,14 @@ def _answers(options: RunOptions, report: Report) -> None:
     rows.append(["all", len(everything.right), 100.0 * float(np.mean(everything.right)), everything.brier])
     wrong = [line for tally in tallies.values() for line in tally.wrong]
     report.notes += [f"Wrong: {line}" for line in wrong[:5]]
-    report.tables.append(
-        Table(
-            "Questions about two weeks",
-            ["question", "asked", "right, % ↑", "Brier ↓"],
-            rows,
-            "Ten things, seven pieces of furniture, each looked at every 14 minutes of the day. How often is right to "
-            "the number, how long and last seen to within two or three rounds. Wanted: 95 % right, Brier 0.05.",
-            "answers",
-            data="simulated",
-        )
+    report.add(
+        "Questions about two weeks",
+        ["question", "asked", "right, % ↑", "Brier ↓"],
+        rows,
+        "Ten things, seven pieces of furniture, each looked at every 14 minutes of the day. How often is right to "
+        "the number, how long and last seen to within two or three rounds. Wanted: 95 % right, Brier 0.05.",
+        "answers",
+        data="simulated",
     )
 
 
@@ -535,16 +533,14 @@ def _puzzles(options: RunOptions, report: Report) -> None:
         found = [_puzzle(kind, UNSEEN + 1000 * options.seed + k) for k in range(scenes)]
         ghosts, swaps, count = (sum(column) for column in zip(*found, strict=True))
         rows.append([kind, count, ghosts, swaps])
-    report.tables.append(
-        Table(
-            "Told as sure, and wrong",
-            ["out of sight", "asked", "ghosts ↓", "exchanges ↓"],
-            rows,
-            f"Sure: a probability of at least {SURE:g}. Ghost: nothing like it is there. "
-            "Exchange: another one is there.",
-            "puzzles",
-            data="simulated",
-        )
+    report.add(
+        "Told as sure, and wrong",
+        ["out of sight", "asked", "ghosts ↓", "exchanges ↓"],
+        rows,
+        f"Sure: a probability of at least {SURE:g}. Ghost: nothing like it is there. "
+        "Exchange: another one is there.",
+        "puzzles",
+        data="simulated",
     )
 
 
@@ -683,18 +679,16 @@ def _times(options: RunOptions, report: Report) -> None:
             slowest.append(np.max(found, axis=0).tolist())
             rows.append([kind, each, *slowest[-1]])
     rows.append(["slowest", each * len(KINDS), *np.max(slowest, axis=0).tolist()])
-    report.tables.append(
-        Table(
-            "Time of a question, store of a year",
-            ["question", "asked", "first, ms ↓", "after a message, ms ↓", "again, ms ↓"],
-            rows,
-            f"{DAYS} days of twenty things that are moved six times a day each: {history} rows of history, as many "
-            f"as a store keeps. The slowest of each kind; one question is the median of {TIMES_ASKED}. First: nothing "
-            "has been read yet of the store, which is held open. After a message: something was moved and written "
-            "since the last question. Again: the same question once more. Wanted: 50 ms.",
-            "times",
-            data="simulated",
-        )
+    report.add(
+        "Time of a question, store of a year",
+        ["question", "asked", "first, ms ↓", "after a message, ms ↓", "again, ms ↓"],
+        rows,
+        f"{DAYS} days of twenty things that are moved six times a day each: {history} rows of history, as many "
+        f"as a store keeps. The slowest of each kind; one question is the median of {TIMES_ASKED}. First: nothing "
+        "has been read yet of the store, which is held open. After a message: something was moved and written "
+        "since the last question. Again: the same question once more. Wanted: 50 ms.",
+        "times",
+        data="simulated",
     )
 
 

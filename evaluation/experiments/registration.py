@@ -19,7 +19,7 @@ from estimation.metrics.statistics import anees_bounds
 from evaluation.registration.registration_data import read_3dtk, read_ply
 from evaluation.registration.registration_others import extruded_gicp, kiss_icp, open3d_point_to_plane
 from evaluation.registration.registration_pictures import draw_cloud, draw_icp, draw_uncertainty
-from evaluation.report import Part, Report, RunOptions, Table, slug
+from evaluation.report import Part, Report, RunOptions, slug
 from registration import Registration, Scan, align, align_globally
 from registration.laser.prepared import prepared
 from registration.placement.align import agreements, settle
@@ -131,16 +131,14 @@ def _pairs(options: RunOptions, report: Report) -> None:
             f"Movers cover {covered:.0%} of the beams. Success: less than 5 cm and 1° off. No search and movers stay: "
             "ours without a stage. icp, point_to_line and ndt are the text's, which prints no figures of them."
         )
-        report.tables.append(
-            Table(
-                f"Pairwise registration, {label}",
-                columns,
-                rows,
-                note,
-                f"pairs-{slug(label)}",
-                data="simulated",
-                samples={str(row[0]): count if row[0] == "robust" else min(compared, count) for row in rows},
-            )
+        report.add(
+            f"Pairwise registration, {label}",
+            columns,
+            rows,
+            note,
+            f"pairs-{slug(label)}",
+            data="simulated",
+            samples={str(row[0]): count if row[0] == "robust" else min(compared, count) for row in rows},
         )
 
 
@@ -167,16 +165,12 @@ def _honesty(options: RunOptions, report: Report) -> None:
         strange.append([label, 100.0 * float(believed)])
     columns = ["scanner", "data", "NEES per dimension", "95 % of the time within"]
     note = "1 is right. The corridor's motion along it is drawn from the doubt stated for an unknown guess."
-    report.tables.append(
-        Table(
-            "Are the covariances right?", columns, rows, note, "covariances", data="simulated", samples=count
-        )
+    report.add(
+        "Are the covariances right?", columns, rows, note, "covariances", data="simulated", samples=count
     )
-    report.tables.append(
-        Table(
-            "Scans of different rooms", ["scanner", "accepted, % ↓"], strange, "", "strangers",
-            data="simulated", samples=count,
-        )
+    report.add(
+        "Scans of different rooms", ["scanner", "accepted, % ↓"], strange, "", "strangers",
+        data="simulated", samples=count,
     )  # fmt: skip
 
 
@@ -215,9 +209,7 @@ def _globally(options: RunOptions, report: Report) -> None:
     note = (
         "Pairs of places up to 3.5 m from the middle of one room, any direction. Histogram: refined by ICP."
     )
-    report.tables.append(
-        Table("Registration without a guess", columns, rows, note, "global", data="simulated", samples=count)
-    )
+    report.add("Registration without a guess", columns, rows, note, "global", data="simulated", samples=count)
 
 
 def _spatial(options: RunOptions, report: Report) -> None:
@@ -250,7 +242,7 @@ def _spatial(options: RunOptions, report: Report) -> None:
             away = 1e3 * float(np.linalg.norm(off[:3, 3]))
             rows.append([name, how, round(away, 3), round(float(angle), 5), found.converged, found.fitness])
     columns = ["clouds", "from", "off, mm ↓", "turned, ° ↓", "accepted", "fitness ↑"]
-    report.tables.append(Table("Clouds", columns, rows, "", "clouds", data="left out", samples=1))
+    report.add("Clouds", columns, rows, "", "clouds", data="left out", samples=1)
 
 
 def _nearby(rng: np.random.Generator) -> np.ndarray:

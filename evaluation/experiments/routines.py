@@ -276,7 +276,7 @@ def _partial(options: RunOptions, report: Report) -> None:
         "household", "right, % ↑", "right of what moved, % ↑", "Brier ↓", "F1 ↑", "F1, best ↑",
     ]  # fmt: skip
     title = "Learned from views of three places"
-    report.tables.append(Table(title, columns, rows, note, "partial", data="tuned on"))
+    report.add(title, columns, rows, note, "partial", data="tuned on")
 
 
 PARTS = {

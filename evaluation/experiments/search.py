@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.geometry.places import Places
-from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.recipe_rooms import (
     RECIPE_SIZE,
     RecipeRoom,
@@ -50,7 +50,7 @@ def _relations(options: RunOptions, report: Report) -> None:
     ]
     note = "The text does not print its recipe: its rooms are others."
     title = "What is seen together, learned from simulation"
-    report.tables.append(Table(title, columns, rows, note, "relations", theirs, "simulated", ROOMS_SEEN))
+    report.add(title, columns, rows, note, "relations", theirs, "simulated", ROOMS_SEEN)
 
 
 def _strategies(options: RunOptions, report: Report) -> None:
@@ -82,9 +82,7 @@ def _strategies(options: RunOptions, report: Report) -> None:
             "direct and the sweep know where the room's middle is.",
         ),
     ):  # fmt: skip
-        report.tables.append(
-            Table(title, ["view scale", *columns], rows, said, name, data="simulated", samples=count)
-        )
+        report.add(title, ["view scale", *columns], rows, said, name, data="simulated", samples=count)
     _draw(options.out, outcomes, scales, report)
     report.pictures.append(_draw_room(options.out, relations, options.seed))
 
@@ -216,11 +214,9 @@ def _sizes(options: RunOptions, report: Report) -> None:
             )
     note = "In small rooms some neighbour of the target is in view from the middle."
     columns = ["side", "", *(f"{name}, % ↓" for name in strategies)]
-    report.tables.append(
-        Table(
-            "Searches that fail, by the size of the room", columns, rows, note, "sizes",
-            data="simulated", samples=4 * rooms,
-        )
+    report.add(
+        "Searches that fail, by the size of the room", columns, rows, note, "sizes",
+        data="simulated", samples=4 * rooms,
     )  # fmt: skip
 
 
@@ -237,7 +233,7 @@ def _teachers(options: RunOptions, report: Report) -> None:
             row.append(_length(outcome))
     columns = ["view scale", *(f"learned at {teacher:g}, m ↓" for teacher in teachers)]
     title, note = "Path by the view scale while learning", "The text sees no effect (Figure 5.4)."
-    report.tables.append(Table(title, columns, rows, note, "teachers", data="simulated", samples=4 * rooms))
+    report.add(title, columns, rows, note, "teachers", data="simulated", samples=4 * rooms)
 
 
 def _draw(out: Path, outcomes: Outcomes, scales: tuple[float, ...], report: Report) -> None:

@@ -117,7 +117,7 @@ def _logs(options: RunOptions, report: Report) -> None:
         rows.append(slam_as_node.row(name, slam_proximity.KIND, log, plain, 0.5))
     for name, (error, relations, spread, turn) in PUBLISHED.items():
         rows.append(_published(name, error, relations, spread, turn))
-    report.tables.append(Table("Recorded logs", COLUMNS, rows, NOTE, "logs", data=JUDGED, samples=samples))
+    report.add("Recorded logs", COLUMNS, rows, NOTE, "logs", data=JUDGED, samples=samples)
     report.tables.append(slam_places.table(names, options))
     report.tables += [_checked(checked, samples), _singles(single, samples), _about(about, samples)]
 
@@ -242,17 +242,7 @@ def _killian(options: RunOptions, report: Report) -> None:
         run = slam_as_node.driven(log)
     node = slam_as_node.row("killian.g2o", "as the node", log, run, 3.0)
     plain = slam_as_node.row("killian.g2o", slam_proximity.KIND, log, slam_proximity.driven(log), 3.0)
-    report.tables.append(
-        Table(
-            "Killian Court",
-            COLUMNS,
-            [row, node, plain],
-            NOTE,
-            "killian",
-            data=JUDGED,
-            samples=scans,
-        )
-    )
+    report.add("Killian Court", COLUMNS, [row, node, plain], NOTE, "killian", data=JUDGED, samples=scans)
     revisits = slam_as_node.known_revisits(run, log, read_g2o(path))
     report.figures |= {f"killian {what}": value for what, value in revisits.items()}
     second = replace(
@@ -290,16 +280,14 @@ def _outdoor(options: RunOptions, report: Report) -> None:
     after = slam.trajectory()
     first = absolute_trajectory_error(np.array(before)[:, :3, 3], truth[:, :3, 3]).rmse
     error = absolute_trajectory_error(after[:, 1:4], truth[:, :3, 3]).rmse
-    report.tables.append(
-        Table(
-            "Simulated outdoor round",
-            ["drive", "ATE before, m ↓", "ATE, m ↓", "closures"],
-            [["200 clouds of a neighbourhood", float(first), float(error), len(slam.closures)]],
-            "",
-            "outdoor",
-            data="simulated",
-            samples=len(poses),
-        )
+    report.add(
+        "Simulated outdoor round",
+        ["drive", "ATE before, m ↓", "ATE, m ↓", "closures"],
+        [["200 clouds of a neighbourhood", float(first), float(error), len(slam.closures)]],
+        "",
+        "outdoor",
+        data="simulated",
+        samples=len(poses),
     )
 
 

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from estimation.geometry.poses import pose_to_matrix
-from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.report import Part, Report, RunOptions
 from whereabouts.demo.live.live_suite import library_settings
 from whereabouts.recorded.evidence_messages import SeenFrame
 from whereabouts.simulation.home.apartment_day import THINGS
@@ -198,23 +198,19 @@ def _weeks(options: RunOptions, report: Report) -> None:
             rows.append([name, len(asked), 100.0 * len(places) / len(asked), visits])
     columns = ["thing", "searches", f"found within {MOST_PLACES} places, % ↑", "places looked at ↓"]
     note = f"{days} days, {len(CARRIED)} things, {ASKED} searches a day. A published system: 72.7 % over 60 days."
-    report.tables.append(
-        Table("Searches", columns, rows, note, "searches", data="simulated", samples=len(searched))
-    )
+    report.add("Searches", columns, rows, note, "searches", data="simulated", samples=len(searched))
     early = min(FLAT_FROM, days) - 1
     growth = [
         [name, kept[early], kept[-1]] for name, kept in (("store", found.store), ("memory", found.memory))
     ]
     columns = ["", f"day {early + 1}, MiB ↓", "last day, MiB ↓"]
     note = f"Of {HISTORY} rows the older half is thinned out."
-    report.tables.append(Table("What is kept", columns, growth, note, "kept", data="simulated", samples=1))
+    report.add("What is kept", columns, growth, note, "kept", data="simulated", samples=1)
     times = 1e3 * np.array(found.answers)
     row = ["where was it", float(np.mean(times)), float(times.max()), 100.0 * float(np.mean(found.right))]
     columns = ["question about the past", "mean, ms ↓", "slowest, ms ↓", "right place, % ↑"]
     note = f"Of the last seven days. An update takes {np.mean(found.update_ms):.1f} ms."
-    report.tables.append(
-        Table("Answers", columns, [row], note, "answers", data="simulated", samples=len(times))
-    )
+    report.add("Answers", columns, [row], note, "answers", data="simulated", samples=len(times))
 
 
 PARTS = {"weeks": Part(_weeks, quick_seeds=1)}

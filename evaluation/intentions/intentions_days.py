@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.intentions import intentions_protocol as protocol
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ def more_walks(options: RunOptions, report: Report, walks: list[Array], names: d
     note = "Each walk is judged after others drawn at random. Times are unknown."
     title = "Correct exits over walks learned, complete walks of 1 August"
     columns = ["learned", "method", *COLUMNS]
-    report.tables.append(Table(title, columns, rows, note, "learned", data="tuned on", samples=judged))
+    report.add(title, columns, rows, note, "learned", data="tuned on", samples=judged)
 
 
 def simulated_days(options: RunOptions, report: Report, names: dict[str, str]) -> None:
@@ -107,4 +107,4 @@ def simulated_days(options: RunOptions, report: Report, names: dict[str, str]) -
     note = f"Six exits, {count} walks, habits drawn anew for each day. {ONLINE}"
     columns = ["walks", "method", *COLUMNS]
     title, judged = "Correct exits on simulated days", count - protocol.FIRST
-    report.tables.append(Table(title, columns, rows, note, "days", data="simulated", samples=judged))
+    report.add(title, columns, rows, note, "days", data="simulated", samples=judged)

@@ -13,7 +13,7 @@ from estimation.learning.gradient_boosting import GradientBoosting
 from evaluation.loops.place_evaluation import balanced, cross_environment
 from evaluation.loops.place_training import Recording
 from evaluation.loops.roc import roc
-from evaluation.report import Figure, Report, RunOptions, Table
+from evaluation.report import Figure, Report, RunOptions
 from loop_closure import AdaBoost, shipped_model
 from loop_closure.places.pairs import PairRule, compare_pairs
 from loop_closure.places.place_model import NAMES
@@ -47,22 +47,20 @@ def across_places(
             rows += _judged(scans, sets, protocol, f"{distance:g} m", options.seed)
             if distance == 2.0 and not change:
                 _training_sets(report, sets, options.seed)
-    report.tables.append(
-        Table(
-            "The text's features, trained on the other buildings",
-            [
-                "log", "pairs", "within", "method", "positives", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑",
-                "D at 1 % FA, % ↑",
-            ],
-            rows,
-            "D: detection rate; FA: false alarm rate. Every building is judged by a classifier of the "
-            "others; the features, the rules and the number of rounds were chosen on all but csail. "
-            "infinite-corridor and killian are one building and are never on both sides. Loose: positive "
-            "pairs may be near along the path, negative ones are at least 10 m apart.",
-            "across",
-            data={name: "left out" if name == UNSEEN else "model left out" for name in (*scans, "mean")},
-            samples=samples,
-        )
+    report.add(
+        "The text's features, trained on the other buildings",
+        [
+            "log", "pairs", "within", "method", "positives", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑",
+            "D at 1 % FA, % ↑",
+        ],
+        rows,
+        "D: detection rate; FA: false alarm rate. Every building is judged by a classifier of the "
+        "others; the features, the rules and the number of rounds were chosen on all but csail. "
+        "infinite-corridor and killian are one building and are never on both sides. Loose: positive "
+        "pairs may be near along the path, negative ones are at least 10 m apart.",
+        "across",
+        data={name: "left out" if name == UNSEEN else "model left out" for name in (*scans, "mean")},
+        samples=samples,
     )  # fmt: skip
 
 
@@ -121,15 +119,13 @@ def _training_sets(report: Report, sets: Pairs, seed: int) -> None:
     for name in sets:
         if name != "freiburg-079":
             row(f"{name} alone", *balanced([sets[name]], 1500, seed))
-    report.tables.append(
-        Table(
-            "Choice of the training set, judged on freiburg-079 within 2 m",
-            ["trained on", "positives", "negatives", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑"],
-            rows,
-            "The text: 16 positive pairs out of hann2 give 72 ± 19 % at 0 % FA where all give 63 ± 6.",
-            "training-sets",
-            data="tuned on",
-        )
+    report.add(
+        "Choice of the training set, judged on freiburg-079 within 2 m",
+        ["trained on", "positives", "negatives", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑"],
+        rows,
+        "The text: 16 positive pairs out of hann2 give 72 ± 19 % at 0 % FA where all give 63 ± 6.",
+        "training-sets",
+        data="tuned on",
     )
 
 
@@ -149,15 +145,13 @@ def shipped_models(report: Report) -> None:
             rows.append(
                 [name, f"{card['trained_on'][0]}, {method}", f"{card['distance_m']:g} m", *entry["mean"]]
             )
-    report.tables.append(
-        Table(
-            "Shipped models: each place judged by a model trained without it",
-            ["model", "judged on", "within", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑"],
-            rows,
-            "From the cards of the shipped models; docs/loop_closure_models.md has the commands. Features, depth and "
-            "grades were chosen with these buildings in view.",
-            "shipped",
-            data="model left out",
-            samples={name: max(shipped_model(name).card.get("places", [0])) for name in NAMES},
-        )
+    report.add(
+        "Shipped models: each place judged by a model trained without it",
+        ["model", "judged on", "within", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑"],
+        rows,
+        "From the cards of the shipped models; docs/loop_closure_models.md has the commands. Features, depth and "
+        "grades were chosen with these buildings in view.",
+        "shipped",
+        data="model left out",
+        samples={name: max(shipped_model(name).card.get("places", [0])) for name in NAMES},
     )

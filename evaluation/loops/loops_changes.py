@@ -11,7 +11,7 @@ import numpy as np
 
 from evaluation.loops.loops_data import MAX_RANGE
 from evaluation.loops.place_training import Recording
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from loop_closure import PlaceFeatures, PlaceModel, features_2d, pair_features, shipped_model
 from whereabouts.simulation import Lidar, crowd, joined, outlines, random_room
 from whereabouts.simulation.scenes.scan_pairs import free_pose
@@ -41,17 +41,15 @@ def translation(options: RunOptions, report: Report, recordings: Mapping[str, Re
         if inside.any():
             means = [float(scores[name][inside].mean()) for name in scores]
             rows.append([f"{low:g} to {high:g} m apart", int(inside.sum()), *means])
-    report.tables.append(
-        Table(
-            "Figure 7: mean likelihood by translation",
-            ["pairs", "number", "plain", "best"],
-            rows,
-            "First stretch of freiburg-079. The text: a rapid decay, as the scene itself changes. The "
-            "shipped models have seen this log.",
-            "translation",
-            data="tuned on",
-            samples={str(row[0]): int(row[1]) for row in rows},
-        )
+    report.add(
+        "Figure 7: mean likelihood by translation",
+        ["pairs", "number", "plain", "best"],
+        rows,
+        "First stretch of freiburg-079. The text: a rapid decay, as the scene itself changes. The "
+        "shipped models have seen this log.",
+        "translation",
+        data="tuned on",
+        samples={str(row[0]): int(row[1]) for row in rows},
     )
 
 
@@ -96,24 +94,22 @@ def dynamic_objects(options: RunOptions, report: Report) -> None:
             [f"{movers} movers", float(np.median(root)), *(float(np.median(v)) for v in (plain, best))]
         )
         rows[-1] += [100.0 * float(np.mean(plain >= 0.5)), 100.0 * float(np.mean(best >= 0.5))]
-    report.tables.append(
-        Table(
-            "Figure 9: the same pose with moving things around",
-            [
-                "around",
-                "difference (24)",
-                "plain ↑",
-                "best ↑",
-                "plain at least 0.5, % ↑",
-                "best at least 0.5, % ↑",
-            ],
-            rows,
-            "Medians of the difference of features and of the likelihood; 361 beams all round. The text "
-            "sees no clear trend up to a difference of 5.25 and about 0.5 there.",
-            "movers",
-            data="simulated",
-            samples=count,
-        )
+    report.add(
+        "Figure 9: the same pose with moving things around",
+        [
+            "around",
+            "difference (24)",
+            "plain ↑",
+            "best ↑",
+            "plain at least 0.5, % ↑",
+            "best at least 0.5, % ↑",
+        ],
+        rows,
+        "Medians of the difference of features and of the likelihood; 361 beams all round. The text "
+        "sees no clear trend up to a difference of 5.25 and about 0.5 there.",
+        "movers",
+        data="simulated",
+        samples=count,
     )
 
 

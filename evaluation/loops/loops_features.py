@@ -8,7 +8,7 @@ import numpy as np
 
 from evaluation.loops.place_evaluation import first_features, removal_errors, repetitiveness, round_curve
 from evaluation.loops.place_training import Recording
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from loop_closure.places.pairs import PairRule, compare_pairs
 from whereabouts.system.progress import track
 
@@ -38,16 +38,14 @@ def training_rounds(
         half = np.random.default_rng(options.seed).permutation(len(y)) < len(y) // 2
         for rounds, train, validation in round_curve(ROUNDS, (F[half], y[half]), (F[~half], y[~half])):
             rows.append([name, f"T = {rounds}", 100.0 * train, 100.0 * validation])
-    report.tables.append(
-        Table(
-            "Figure 4: error rate by number of training rounds",
-            ["data set", "T", "training error, % ↓", "validation error, % ↓"],
-            rows,
-            "The text: validation errors stop decreasing after about 50 rounds.",
-            "rounds",
-            data="tuned on",
-            samples=samples,
-        )
+    report.add(
+        "Figure 4: error rate by number of training rounds",
+        ["data set", "T", "training error, % ↓", "validation error, % ↓"],
+        rows,
+        "The text: validation errors stop decreasing after about 50 rounds.",
+        "rounds",
+        data="tuned on",
+        samples=samples,
     )
 
 
@@ -66,14 +64,12 @@ def informative_features(
         removed = " ".join(f"{feature}" for feature, _ in missed)
         errors = " ".join(f"{100 * error:.1f}" for _, error in missed)
         rows.append([name, first, removed, errors, *THEIRS[name]])
-    report.tables.append(
-        Table(
-            "Tables 3 and 4: most informative features (1 m; numbers of App. A.A)",
-            ["data set", "test 1", "test 2", "error without, %", "theirs of", "test 1", "test 2"],
-            rows,
-            "As in the text, they differ from one data set to another.",
-            "features",
-        )
+    report.add(
+        "Tables 3 and 4: most informative features (1 m; numbers of App. A.A)",
+        ["data set", "test 1", "test 2", "error without, %", "theirs of", "test 1", "test 2"],
+        rows,
+        "As in the text, they differ from one data set to another.",
+        "features",
     )
 
 
@@ -90,17 +86,15 @@ def repetitive_structure(
         alike = np.flatnonzero((means >= 0.9) | (deviations >= 0.9)) + 1
         low = [100.0 * float(np.mean(ratios < 0.5)) for ratios in (means, deviations)]
         rows.append([name, *low, " ".join(map(str, alike)) or "none"])
-    report.tables.append(
-        Table(
-            "Figure 10: repetitive structure",
-            ["data set", "means below 0.5, %", "deviations below 0.5, %", "features at 0.9 or more"],
-            rows,
-            "Ratios of means and of deviations, positive to negative pairs. The text: both below 0.5 in "
-            "about 80 % of the cases, outdoors. Corridors repeat themselves more.",
-            "repetition",
-            data="tuned on",
-            samples=samples,
-        )
+    report.add(
+        "Figure 10: repetitive structure",
+        ["data set", "means below 0.5, %", "deviations below 0.5, %", "features at 0.9 or more"],
+        rows,
+        "Ratios of means and of deviations, positive to negative pairs. The text: both below 0.5 in "
+        "about 80 % of the cases, outdoors. Corridors repeat themselves more.",
+        "repetition",
+        data="tuned on",
+        samples=samples,
     )
 
 

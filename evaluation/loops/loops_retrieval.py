@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from evaluation.loops.place_training import Recording
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from loop_closure import shipped_model
 from loop_closure.places.retrieval import NearestPlaces
 
@@ -53,22 +53,20 @@ def retrieval(options: RunOptions, report: Report, recordings: Mapping[str, Reco
                 possible,
             ]
         )
-    report.tables.append(
-        Table(
-            "Candidates from a long history",
-            [
-                "asked for",
-                "of the nearest by brute force, % ↑",
-                "queries with a revisit among them, % ↑",
-                "queries",
-            ],
-            rows,
-            f"{len(vectors)} places. Beyond the text, which compares all. The metric has seen all recordings but "
-            "csail.",
-            "retrieval",
-            data="tuned on",
-            samples=len(queries),
-        )
+    report.add(
+        "Candidates from a long history",
+        [
+            "asked for",
+            "of the nearest by brute force, % ↑",
+            "queries with a revisit among them, % ↑",
+            "queries",
+        ],
+        rows,
+        f"{len(vectors)} places. Beyond the text, which compares all. The metric has seen all recordings but "
+        "csail.",
+        "retrieval",
+        data="tuned on",
+        samples=len(queries),
     )
 
 

@@ -22,7 +22,7 @@ from evaluation.people.people_yardsticks import (
     nobody_recorded,
     nobody_there,
 )
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from tracking.people.people_tracker import PeopleTracker
 from whereabouts.simulation.scenes.occlusion_scenes import (
     one_hardly_moves,
@@ -95,7 +95,7 @@ def among_people(options: RunOptions, report: Report) -> None:
     ):
         rows = [[tracker, *_figures(marks)] for tracker, marks in
                 _measured(options, draw, number, scenes, False).items()]  # fmt: skip
-        report.tables.append(Table(title, columns, rows, text, name, data="simulated", samples=scenes))
+        report.add(title, columns, rows, text, name, data="simulated", samples=scenes)
 
 
 def _cheaply_seen(rng: np.random.Generator) -> PeopleScene:
@@ -132,8 +132,8 @@ def one_stands(options: RunOptions, report: Report) -> None:
         "hidden or not. OSPA with p = 2, c = 1 m, from scan 11; of people, and of targets of any class. Wanted: missed "
         "3 and 10 %, OSPA of all 0.08 m."
     )
-    report.tables.append(
-        Table("One of four hardly moves", columns, rows, note, "one-stands", data="simulated", samples=scenes)
+    report.add(
+        "One of four hardly moves", columns, rows, note, "one-stands", data="simulated", samples=scenes
     )
 
 
@@ -163,20 +163,18 @@ def phantom_benchmark(options: RunOptions, report: Report) -> None:
         "parts of all recordings but mit-csail, which was looked at meanwhile. "
         "Learned detectors on empty floors have 1.4 to 1.9."
     )
-    report.tables.append(
-        Table(
-            "People where there is nobody, by building",
-            ["building", *(f"{name}, /scan ↓" for name in TRACKERS)],
-            rows,
-            note,
-            "phantoms",
-            data={
-                "simulated rooms": "simulated",
-                **{
-                    name: "model left out" if file == CSAIL else "tuned on"
-                    for file, (name, _) in BUILDINGS.items()
-                },
+    report.add(
+        "People where there is nobody, by building",
+        ["building", *(f"{name}, /scan ↓" for name in TRACKERS)],
+        rows,
+        note,
+        "phantoms",
+        data={
+            "simulated rooms": "simulated",
+            **{
+                name: "model left out" if file == CSAIL else "tuned on"
+                for file, (name, _) in BUILDINGS.items()
             },
-            samples=most,
-        )
+        },
+        samples=most,
     )

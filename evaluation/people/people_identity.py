@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import compound
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from registration.laser.scan import Scan
 from tracking.mixture.target import Target
 from tracking.people.identity import AwayPerson, Name, ReturningPeople, Walking
@@ -197,9 +197,7 @@ def who_comes_back(options: RunOptions, report: Report) -> None:
         "Comings into view while somebody is away who was there before. Right: the label that the true person had, or "
         "a new one for who had none or is nobody. Other seeds than those the numbers were learned on."
     )
-    report.tables.append(
-        Table("Who comes back", columns, rows, note, "comings", data="simulated", samples=len(found[0]))
-    )
+    report.add("Who comes back", columns, rows, note, "comings", data="simulated", samples=len(found[0]))
 
 
 def main() -> None:

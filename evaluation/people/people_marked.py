@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.people.people_training import USED, ClusterExamples, examples, marks_of, trained
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from tracking.people.legs import FEATURES
 from tracking.people.people_shape import ShapeModel
 from tracking.people.people_tracker import PeopleTracker
@@ -81,16 +81,14 @@ def marked_legs(options: RunOptions, report: Report) -> None:
         "false ones and unmarked ones."
     )
     columns = ["recording", "marked legs followed, % ↑", "people elsewhere, /scan", "marks", "scans"]
-    report.tables.append(
-        Table(
-            "People walking, one recording left out of the training",
-            columns,
-            rows,
-            note,
-            "marked",
-            data="left out",
-            samples=samples,
-        )
+    report.add(
+        "People walking, one recording left out of the training",
+        columns,
+        rows,
+        note,
+        "marked",
+        data="left out",
+        samples=samples,
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from evaluation.people.people_yardsticks import measure
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from tracking.people import cluster_model, person_class
 from tracking.people import people_tracker as people
 from tracking.people.people_config import PeopleConfig
@@ -69,10 +69,8 @@ def sensitivity(options: RunOptions, report: Report) -> None:
     )
     if options.quick:
         note += " The quick run has the first of each kind only."
-    report.tables.append(
-        Table(
-            "What each number does", columns, rows, note, "sensitivity", data="simulated", samples=len(scenes)
-        )
+    report.add(
+        "What each number does", columns, rows, note, "sensitivity", data="simulated", samples=len(scenes)
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from estimation.checks import FloatArray
-from evaluation.report import Printed, Report, RunOptions, Table
+from evaluation.report import Printed, Report, RunOptions
 from tracking.mixture.phd_config import PhdConfig
 from tracking.phd.partitioning import Distances, Tree
 from tracking.phd.partitions import PredictedTargets
@@ -77,9 +77,7 @@ def table(options: RunOptions, report: Report) -> None:
         "considered cell joins have thresholds of their own: the sum over partitions factorises. The text's 27 does "
         "not come out between its own quantiles."
     )
-    report.tables.append(
-        Table(
-            "How many partitions are weighed", ["what", "text", "as printed, here", "ours"], rows, note, "partitions",
-            {"text": where}, "simulated", len(scans),
-        )
+    report.add(
+        "How many partitions are weighed", ["what", "text", "as printed, here", "ours"], rows, note, "partitions",
+        {"text": where}, "simulated", len(scans),
     )  # fmt: skip

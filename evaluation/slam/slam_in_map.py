@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from loop_closure.keyframes import Keyframes
 from loop_closure.maps.localization import Localizer
 from loop_closure.slam.trajectory import Slam
@@ -72,16 +72,14 @@ def table(options: RunOptions, report: Report) -> None:
         "clouds confirmed",
     ]
     note = "A map of 120 clouds along 124 m; drives of 12 clouds. Nothing is to be confirmed in another neighbourhood."
-    report.tables.append(
-        Table(
-            "In a saved map of clouds",
-            columns,
-            rows,
-            note,
-            "in-a-map",
-            data="simulated",
-            samples=len(STARTS) * options.share(PLACES, PLACES),
-        )
+    report.add(
+        "In a saved map of clouds",
+        columns,
+        rows,
+        note,
+        "in-a-map",
+        data="simulated",
+        samples=len(STARTS) * options.share(PLACES, PLACES),
     )
 
 

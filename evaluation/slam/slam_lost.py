@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound
 from evaluation.experiments.odometry import RAW
-from evaluation.report import Figure, Report, RunOptions, Table
+from evaluation.report import Figure, Report, RunOptions
 from evaluation.slam.slam_following import followed
 from evaluation.slam.slam_judging import Followed, keyframe_truth, true_poses
 from loop_closure.keyframes import Keyframes
@@ -62,9 +62,7 @@ def table(options: RunOptions, report: Report) -> None:
     report.figures["lost in half a map, wrong poses confirmed"] = Figure(
         wrong, "", "lower", "left out", sum(samples.values())
     )
-    report.tables.append(
-        Table("Lost in half a map", COLUMNS, rows, NOTE, "lost", data="left out", samples=samples)
-    )
+    report.add("Lost in half a map", COLUMNS, rows, NOTE, "lost", data="left out", samples=samples)
 
 
 def _driven(

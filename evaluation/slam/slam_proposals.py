@@ -8,7 +8,7 @@ import numpy as np
 
 from estimation.metrics.statistics import absolute_trajectory_error
 from evaluation.experiments.odometry import RAW
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from evaluation.slam import slam_places
 from evaluation.slam.slam_following import followed, mapped
 from evaluation.slam.slam_judging import (
@@ -59,14 +59,6 @@ def table(options: RunOptions, report: Report) -> None:
                 largest_miss(slam, places), 100.0 * closed / max(revisits, 1),
                 100.0 * overlapping[0] / max(overlapping[1], 1), len(slam.keyframes) / elapsed,
             ])  # fmt: skip
-    report.tables.append(
-        Table(
-            "What proposes closures",
-            COLUMNS,
-            rows,
-            NOTE,
-            "proposals",
-            data=slam_places.JUDGED,
-            samples=samples,
-        )
+    report.add(
+        "What proposes closures", COLUMNS, rows, NOTE, "proposals", data=slam_places.JUDGED, samples=samples
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimation.geometry.poses import between, compound
 from estimation.metrics.statistics import absolute_trajectory_error
 from evaluation.experiments.odometry import CORRECTED
-from evaluation.report import Report, RunOptions, Table
+from evaluation.report import Report, RunOptions
 from evaluation.slam import slam_places
 from evaluation.slam.slam_following import followed_records, mapped
 from evaluation.slam.slam_judging import (
@@ -119,8 +119,6 @@ def shaken(options: RunOptions, report: Report) -> None:
         "revisits closed, % ↑",
         "ATE, m ↓",
     ]
-    report.tables.append(
-        Table(
-            "Closures on shaken logs", columns, rows, note, "shaken", data="model left out", samples=samples
-        )
+    report.add(
+        "Closures on shaken logs", columns, rows, note, "shaken", data="model left out", samples=samples
     )
