@@ -13,6 +13,7 @@ from matplotlib.patches import Ellipse
 
 from evaluation.anchoring.anchoring_scenes import AntRun
 from evaluation.anchoring.anchoring_table import Shot
+from evaluation.drawing import saved
 from world_model import ObjectEvidence
 
 TABLE_FIGURES: dict[str, tuple[tuple[str, str, bool], ...]] = {
@@ -40,7 +41,6 @@ def draw_shots(
     folder: Path, figures: Mapping[str, Sequence[tuple[str, str, bool]]], shots: Mapping[str, Shot]
 ) -> list[Path]:
     """One picture of each of `figures`: {name: (title of a panel, name of a moment, detections or world state)}."""
-    folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, panels in figures.items():
         figure = Figure(figsize=(3.4 * len(panels), 3.6), layout="constrained")
@@ -49,8 +49,7 @@ def draw_shots(
         ):
             (_detections if detections else _world)(axes, shots[moment])
             axes.set(title=title, xlabel="x, m", ylabel="y, m", aspect="equal", xlim=(-1, 1), ylim=(-1, 1))
-        paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=100)
+        paths.append(saved(figure, folder / f"{name}.png", 100))
     return paths
 
 
@@ -96,7 +95,4 @@ def draw_ants(folder: Path, run: AntRun, side: float) -> Path:
         axes.plot(*(100.0 * np.array(path)).T, linewidth=0.8)
     half = 50.0 * side
     axes.set(xlabel="x, cm", ylabel="y, cm", aspect="equal", xlim=(-half, half), ylim=(-half, half))
-    folder.mkdir(parents=True, exist_ok=True)
-    path_of_picture = folder / "figure-2-10-ants.png"
-    figure.savefig(path_of_picture, dpi=120)
-    return path_of_picture
+    return saved(figure, folder / "figure-2-10-ants.png", 120)

@@ -3,46 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
 from estimation.checks import FloatArray
 from estimation.conversion.polar import convert
 from evaluation.conversion import conversion_analysis as analysis
 from evaluation.conversion.conversion_drive import RecordedDrive
 from evaluation.conversion.conversion_tracking import TrackedWalk
+from evaluation.drawing import saved
 
 COLOURS: dict[str, str] = dict(zip(analysis.METHODS, ("C3", "C1", "C0", "C2", "C4"), strict=True))
 
 
-def _save(figure: Any, out: Path, name: str) -> Path:
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / f"{name}.png"
-    figure.tight_layout()
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
-    return path
-
-
 def curves(out: Path, name: str, x: FloatArray, lines: dict[str, FloatArray], ylabel: str, log: bool) -> Path:
     """One line per entry over the angular noise in degrees."""
-    figure, axes = plt.subplots(figsize=(6, 3.6))
+    figure = Figure(figsize=(6, 3.6))
+    axes = figure.subplots()
     for label, y in lines.items():
         axes.plot(x, y, label=label, color=COLOURS.get(label))
     axes.set(xlabel="σ_θ, degrees", ylabel=ylabel, yscale="log" if log else "linear")
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3)
-    return _save(figure, out, name)
+    return saved(figure, out / f"{name}.png", 100)
 
 
 def bananas(out: Path, seed: int) -> Path:
     """Figure 6.4: samples with each conversion's 95 % ellipse."""
-    figure, panels = plt.subplots(2, 2, figsize=(8, 7))
+    figure = Figure(figsize=(8, 7))
+    panels = figure.subplots(2, 2)
     for axes, degrees in zip(panels.ravel(), (2, 5, 10, 20), strict=True):
         sigma = np.radians(degrees)
         axes.plot(*analysis.banana(sigma, seed).T, ".", color="0.6", ms=2)
@@ -52,22 +42,24 @@ def bananas(out: Path, seed: int) -> Path:
             axes.plot(*mean, "+", color=COLOURS[method])
         axes.set(title=f"σ_θ = {degrees}°", xlabel="x, m", ylabel="y, m", aspect="equal")
     panels[0, 0].legend(fontsize=8)
-    return _save(figure, out, "figure-6-4-bananas")
+    return saved(figure, out / "figure-6-4-bananas.png", 100)
 
 
 def boxes(out: Path, name: str, values: dict[str, FloatArray], ylabel: str, log: bool = False) -> Path:
     """A box plot per entry: Figures 6.8, 6.12, 6.13, 6.15."""
-    figure, axes = plt.subplots(figsize=(6.5, 3.6))
+    figure = Figure(figsize=(6.5, 3.6))
+    axes = figure.subplots()
     axes.boxplot([v[np.isfinite(v)] for v in values.values()], tick_labels=list(values), flierprops={"ms": 2})
     axes.set(ylabel=ylabel, yscale="log" if log else "linear")
     axes.tick_params(axis="x", labelsize=8)
     axes.grid(alpha=0.3, axis="y")
-    return _save(figure, out, name)
+    return saved(figure, out / f"{name}.png", 100)
 
 
 def drive_ranges(out: Path, drive: RecordedDrive, ranges: dict[str, FloatArray]) -> Path:
     """Figure 6.11: localisation along the drive, and the critical ranges."""
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 6), sharex=True)
+    figure = Figure(figsize=(7, 6))
+    top, bottom = figure.subplots(2, 1, sharex=True)
     deviations = np.sqrt(np.diagonal(drive.covariances, axis1=1, axis2=2))
     for k, label in enumerate(("σ_x, m", "σ_y, m", "σ_θ, rad")):
         top.plot(drive.stamps, deviations[:, k], label=label)
@@ -78,12 +70,13 @@ def drive_ranges(out: Path, drive: RecordedDrive, ranges: dict[str, FloatArray])
     for axes in (top, bottom):
         axes.legend(fontsize=7, ncols=2)
         axes.grid(alpha=0.3)
-    return _save(figure, out, "figure-6-11-drive")
+    return saved(figure, out / "figure-6-11-drive.png", 100)
 
 
 def modes(out: Path, runs: dict[str, TrackedWalk], rate: float) -> Path:
     """Figures 6.14 and 6.16: K, the mode and the time of every update in the third scenario."""
-    figure, panels = plt.subplots(3, 1, figsize=(7, 7), sharex=True)
+    figure = Figure(figsize=(7, 7))
+    panels = figure.subplots(3, 1, sharex=True)
     for k, (label, run) in enumerate(runs.items()):
         t = np.arange(len(run.ratio)) / rate
         panels[0].plot(t, run.ratio, lw=0.8, label=label, color=f"C{k}")
@@ -94,4 +87,4 @@ def modes(out: Path, runs: dict[str, TrackedWalk], rate: float) -> Path:
     panels[1].set(ylabel="mode: 0 KF, 1 PF")
     panels[2].set(ylabel="update, ms", xlabel="time, s")
     panels[0].legend(fontsize=8)
-    return _save(figure, out, "figure-6-14-modes")
+    return saved(figure, out / "figure-6-14-modes.png", 100)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import compound, transform_points
+from evaluation.drawing import saved
 from registration.laser.scan import Scan
 from whereabouts.simulation.scenes.labelled_pairs import LabelledPair
 
@@ -65,7 +66,7 @@ def draw_associations(
         _frame(rows[0, column], middle - 0.5 * SPAN, middle + 0.5 * SPAN)
         _frame(rows[1, column], low, high)
         rows[0, column].set_title(name, fontsize=9)
-    return _saved(figure, folder, "figure-3-associations.png")
+    return saved(figure, folder / "figure-3-associations.png", 110)
 
 
 def _around_movers(
@@ -93,14 +94,8 @@ def draw_clusters(folder: Path, pair: LabelledPair, found: Mapping[str, NDArray[
         axes.set(aspect="equal", xticks=[], yticks=[])
         axes.set_title(name, fontsize=9)
         _frame(axes, middle - 0.5 * SPAN, middle + 0.5 * SPAN)
-    return _saved(figure, folder, "figure-4-clusters.png")
+    return saved(figure, folder / "figure-4-clusters.png", 110)
 
 
 def _frame(axes: Axes, low: FloatArray, high: FloatArray) -> None:
     axes.set(xlim=(float(low[0]), float(high[0])), ylim=(float(low[1]), float(high[1])))
-
-
-def _saved(figure: Figure, folder: Path, name: str) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / name, dpi=110)
-    return folder / name

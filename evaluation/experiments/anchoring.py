@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from evaluation.anchoring.anchoring_hidden import hidden_run, in_space, through_camera
 from evaluation.anchoring.anchoring_landmarks import LandmarkWorld
@@ -18,6 +19,7 @@ from evaluation.anchoring.anchoring_pictures import CUP_FIGURES, TABLE_FIGURES, 
 from evaluation.anchoring.anchoring_recorded import anchored, landmark_run, tracking_run
 from evaluation.anchoring.anchoring_scenes import AntRun, ants, known, play, scenes, walk
 from evaluation.anchoring.anchoring_table import ambiguous_cups, dynamic_table
+from evaluation.drawing import saved
 from evaluation.report import Part, Printed, Report, RunOptions
 from whereabouts.logs.formats import kitti
 from whereabouts.simulation.scenes.ants import AntScene
@@ -89,7 +91,6 @@ def _scenes(options: RunOptions, report: Report) -> None:
 
 def _draw_world(options: RunOptions, seed: int) -> Path:
     """A world from above: symbols, most probable colours and 99 % ellipses of one scene."""
-    from matplotlib.figure import Figure
     from matplotlib.patches import Ellipse
 
     scene = scenes(seed)["20 objects"]
@@ -111,10 +112,7 @@ def _draw_world(options: RunOptions, seed: int) -> Path:
         axes.add_patch(Ellipse((x, y), width, height, angle=turn, fill=False))
         axes.annotate(item.id, (x, y), xytext=(6, 4), textcoords="offset points", fontsize=7)
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
-    options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / "world-symbols.png"
-    figure.savefig(path, dpi=100)
-    return path
+    return saved(figure, options.out / "world-symbols.png", 100)
 
 
 def _walkers(options: RunOptions, report: Report) -> None:
@@ -216,18 +214,13 @@ def _ants(options: RunOptions, report: Report) -> None:
 
 def _draw_counts(folder: Path, run: AntRun) -> Path:
     """Figure 2.11: expected number of ants, and detections, over time."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(7.0, 3.0), layout="constrained")
     axes = figure.add_subplot()
     axes.plot(run.counts[:, 1], ".", color="tab:red", markersize=3, label="detections")
     axes.plot(run.counts[:, 0], color="black", label="expected number of ants")
     axes.set(xlabel="image", ylabel="ants", ylim=(0, None))
     axes.legend(loc="lower right")
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "figure-2-11-ants.png"
-    figure.savefig(path, dpi=120)
-    return path
+    return saved(figure, folder / "figure-2-11-ants.png", 120)
 
 
 def _simulated_landmarks(options: RunOptions, report: Report) -> None:

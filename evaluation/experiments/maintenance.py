@@ -11,7 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from evaluation.drawing import saved
 from evaluation.maintenance import maintenance_scenes as scenes
 from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
@@ -264,23 +266,15 @@ def _sum_of(runs: Sequence[PrintedRun | TourAccount], what: str) -> float:
 
 def _draw_counts(out: Path, runs: dict[str, list[PrintedRun]]) -> Path:
     """Figure 3.7: updates and goals of each object in one run."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(1, 2, figsize=(9, 3.2))
+    figure = Figure(figsize=(9, 3.2))
+    panels = figure.subplots(1, 2)
     for axes, what in zip(panels, ("updates", "goals"), strict=True):
         for k, name in enumerate(("rule", "fixed")):
             values = getattr(runs[name][0], what)
             axes.bar(np.arange(len(values)) + 0.4 * k - 0.2, values, 0.4, label=f"{name}, as printed")
         axes.set(xlabel="object", ylabel=what)
     panels[0].legend(fontsize=7)
-    figure.tight_layout()
-    path = out / "figure-3-7.png"
-    figure.savefig(path, dpi=80)
-    plt.close(figure)
-    return path
+    return saved(figure, out / "figure-3-7.png", 80)
 
 
 def _cat(options: RunOptions, report: Report) -> None:
@@ -345,12 +339,8 @@ def _draw(
     benchmarks: Benchmarks, file: str = "figure-3-4", parameter: str = "IG_thr, nat",
 ) -> None:  # fmt: skip
     """Figures 3.4 and 3.6."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(1, 3, figsize=(11, 3.4))
+    figure = Figure(figsize=(11, 3.4))
+    panels = figure.subplots(1, 3)
     for axes, quantity, label in zip(
         panels, QUANTITIES, ("worst case, nat", "total, nat", "distance, m"), strict=True
     ):
@@ -365,25 +355,17 @@ def _draw(
         axes.set(xlabel=parameter, ylabel=label)
         axes.grid(alpha=0.3)
     panels[2].legend(fontsize=8, loc="lower left")
-    figure.tight_layout()
-    path = out / f"{file}.png"
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
-    report.pictures.append(path)
+    report.pictures.append(saved(figure, out / f"{file}.png", 130))
 
 
 def _draw_paths(out: Path, report: Report, seed: int) -> None:
     """Figure 3.5: where the robot drives in 100 s."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     from whereabouts.simulation.scenes.maintenance_world import MaintenanceRoom
 
     things = MaintenanceRoom(PLAN, seed).positions
     steps = int(100.0 / PLAN.time_step)
-    figure, panels = plt.subplots(1, 3, figsize=(11, 3.8))
+    figure = Figure(figsize=(11, 3.8))
+    panels = figure.subplots(1, 3)
     accounts = {
         "IG_thr = 5 nat": maintained(PLAN, seed, _config(5.0)),
         "IG_thr = 15 nat": maintained(PLAN, seed, _config(15.0)),
@@ -395,11 +377,7 @@ def _draw_paths(out: Path, report: Report, seed: int) -> None:
         axes.set(
             title=name, xlim=(0, PLAN.size), ylim=(0, PLAN.size), aspect="equal", xlabel="x, m", ylabel="y, m"
         )
-    figure.tight_layout()
-    path = out / "figure-3-5.png"
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
-    report.pictures.append(path)
+    report.pictures.append(saved(figure, out / "figure-3-5.png", 130))
 
 
 PARTS = {

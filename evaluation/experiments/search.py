@@ -11,8 +11,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from estimation.geometry.places import Places
+from evaluation.drawing import saved
 from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.recipe_rooms import (
     RECIPE_SIZE,
@@ -237,12 +239,8 @@ def _teachers(options: RunOptions, report: Report) -> None:
 
 
 def _draw(out: Path, outcomes: Outcomes, scales: tuple[float, ...], report: Report) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(1, 2, figsize=(10, 3.6))
+    figure = Figure(figsize=(10, 3.6))
+    panels = figure.subplots(1, 2)
     for name, found in outcomes.items():
         if name != "sweep":
             panels[0].plot(scales, [_failure(one) for one in found], marker=".", label=name)
@@ -252,16 +250,11 @@ def _draw(out: Path, outcomes: Outcomes, scales: tuple[float, ...], report: Repo
     panels[1].legend(fontsize=8)
     for axes in panels:
         axes.grid(alpha=0.3)
-    figure.tight_layout()
-    path = out / "figures-5-2-and-5-3.png"
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
-    report.pictures.append(path)
+    report.pictures.append(saved(figure, out / "figures-5-2-and-5-3.png", 130))
 
 
 def _draw_room(out: Path, relations: Relations, seed: int) -> Path:
     """One search, with its reasons."""
-    import matplotlib.pyplot as plt
     from matplotlib.patches import Circle
 
     room = recipe_room(np.random.default_rng([seed, 6]), redesigned=True)
@@ -277,7 +270,8 @@ def _draw_room(out: Path, relations: Relations, seed: int) -> Path:
         return step.goal
 
     driven(room, room.corners()[0], TARGET, 4.0, next_goal, search.reached)
-    figure, axes = plt.subplots(figsize=(7.5, 6))
+    figure = Figure(figsize=(7.5, 6))
+    axes = figure.subplots()
     for name, spot in room.positions.items():
         size = room.sizes[name]
         x, y = float(spot[0]), float(spot[1])
@@ -294,11 +288,7 @@ def _draw_room(out: Path, relations: Relations, seed: int) -> Path:
     axes.set_title(title, fontsize=7, loc="left")
     side = math.ceil(room.width)
     axes.set(xlim=(0, side), ylim=(0, side), aspect="equal", xlabel="x, m", ylabel="y, m")
-    figure.tight_layout()
-    path = out / "a-search.png"
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
-    return path
+    return saved(figure, out / "a-search.png", 130)
 
 
 PARTS = {

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
+from evaluation.drawing import saved
 from evaluation.intentions.intentions_protocol import FIRST, FRACTIONS, Online
 from tracking.intentions import IntentionModel, Prediction
 
@@ -21,12 +19,8 @@ Array = NDArray[np.float64]
 COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9")
 
 
-def _save(figure: Any, out: Path, name: str) -> Path:
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / f"{name}.png"
-    figure.tight_layout()
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
+def _save(figure: Figure, out: Path, name: str) -> Path:
+    path = saved(figure, out / f"{name}.png", 90)
     # A palette is enough for lines, and a third of the bytes.
     with Image.open(path) as drawn:
         few = drawn.convert("RGB").quantize(64)
@@ -36,7 +30,8 @@ def _save(figure: Any, out: Path, name: str) -> Path:
 
 def fractions(out: Path, rates: Mapping[str, Array], theirs: Mapping[str, Sequence[float | None]]) -> Path:
     """Figure 4.9: correct exits over the share of the walk that was seen."""
-    figure, axes = plt.subplots(figsize=(6, 3.8))
+    figure = Figure(figsize=(6, 3.8))
+    axes = figure.subplots()
     share = 100.0 * np.array(FRACTIONS)
     for k, (name, values) in enumerate(rates.items()):
         axes.plot(share, values, "o-", color=COLOURS[k], label=name)
@@ -52,7 +47,8 @@ def fractions(out: Path, rates: Mapping[str, Array], theirs: Mapping[str, Sequen
 
 def over_learned(out: Path, correct: Mapping[str, NDArray[np.bool_]]) -> Path:
     """Figure 4.8: ratio of correct exits up to each number of learned walks, after 20 and 40 % of the walk."""
-    figure, axes = plt.subplots(figsize=(6, 3.8))
+    figure = Figure(figsize=(6, 3.8))
+    axes = figure.subplots()
     for k, (name, right) in enumerate(correct.items()):
         count = np.arange(1, len(right) + 1)
         for fraction, style in ((0.2, "--"), (0.4, "-")):
@@ -67,7 +63,8 @@ def over_learned(out: Path, correct: Mapping[str, NDArray[np.bool_]]) -> Path:
 
 def growth(out: Path, outcome: Online) -> Path:
     """Figure 4.6: nodes, states and edges, and the time to learn, over the number of learned walks."""
-    figure, axes = plt.subplots(figsize=(6, 3.8))
+    figure = Figure(figsize=(6, 3.8))
+    axes = figure.subplots()
     sizes = np.array(outcome.sizes)
     for column, name in enumerate(("nodes", "states", "edges")):
         axes.plot(sizes[:, column], color=COLOURS[column], label=name)
@@ -83,7 +80,8 @@ def manifolds(out: Path, model: IntentionModel, walks: Sequence[Array]) -> Path:
     """Figures 4.5 and 4.7: the topological map, and the three largest manifolds."""
     hmm = model.hmm
     places = hmm.places.positions
-    figure, panels = plt.subplots(2, 2, figsize=(10, 7.5), sharex=True, sharey=True)
+    figure = Figure(figsize=(10, 7.5))
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
     goals, sizes = np.unique(hmm.goal, return_counts=True)
     largest = goals[np.argsort(-sizes, kind="stable")[:3]]
     for axes in panels.ravel():
@@ -113,7 +111,8 @@ def consistency(out: Path, walks: Sequence[Array], complete: Sequence[Array]) ->
     for walk in walks:
         if walk[-1, 2] < chosen[0, 2]:
             model.learn(walk)
-    figure, panels = plt.subplots(2, 2, figsize=(10, 7.5), sharex=True, sharey=True)
+    figure = Figure(figsize=(10, 7.5))
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, share in zip(panels.ravel(), (0.15, 0.25, 0.35, 0.6), strict=True):
         seen = chosen[: max(3, int(share * len(chosen)))]
         rest = float(chosen[-1, 2] - seen[-1, 2]) + 2.0
@@ -146,7 +145,8 @@ def scenes(out: Path, model: IntentionModel, walks: Sequence[Array], name: str) 
             moments.append(float(times[k]))
         if len(moments) == 4:
             break
-    figure, panels = plt.subplots(2, 2, figsize=(10, 8), sharex=True, sharey=True)
+    figure = Figure(figsize=(10, 8))
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, moment in zip(panels.ravel(), sorted(moments), strict=False):
         here = [walk for walk in walking if walk[0, 2] + 1.0 < moment < walk[-1, 2] - 2.0]
         seen = [walk[walk[:, 2] <= moment] for walk in here]

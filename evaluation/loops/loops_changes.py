@@ -8,7 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from evaluation.drawing import saved
 from evaluation.loops.loops_data import MAX_RANGE
 from evaluation.loops.place_training import Recording
 from evaluation.report import Report, RunOptions
@@ -117,24 +119,16 @@ def likelihood_matrix(options: RunOptions, report: Report, recordings: Mapping[s
     """Figure 12: likelihood of every pair of a log, by the text's method and by the best, as a picture."""
     if "belgioioso" not in recordings:
         return
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     recording = recordings["belgioioso"]
     step = 3 if options.quick else 1
     places = list(recording.places[::step])
-    figure, axes = pyplot.subplots(1, 3, figsize=(13, 4), layout="constrained")
+    figure = Figure(figsize=(13, 4), layout="constrained")
     positions = recording.poses[::step, :2]
     near = np.linalg.norm(positions[:, None] - positions[None], axis=2) < 2.0
     pictures = {"within 2 m": near.astype(float)}
     for name in ("plain_2d", "best_2d"):
         pictures[name] = _rows(shipped_model(name), places, range(len(places))).reshape(len(places), -1)
-    for axis, (title, values) in zip(axes, pictures.items(), strict=True):
+    for axis, (title, values) in zip(figure.subplots(1, 3), pictures.items(), strict=True):
         axis.imshow(values, vmin=0.0, vmax=1.0, cmap="gray_r", interpolation="nearest")
         axis.set_title(title)
-    path = options.out / "likelihood_matrix.png"
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
-    report.pictures.append(path)
+    report.pictures.append(saved(figure, options.out / "likelihood_matrix.png", 100))

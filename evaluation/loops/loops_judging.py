@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
+from evaluation.drawing import saved
 from evaluation.loops.place_evaluation import (
     Validation,
     balanced,
@@ -150,12 +152,8 @@ def _trained(recordings: Sequence[Recording], rule: PairRule, plan: JudgingPlan)
 
 def draw_curves(found: Sequence[Judgement], path: Path) -> None:
     """ROC curves as a picture, false alarms on a logarithmic axis."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(9, 5), layout="constrained")
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    axes = figure.subplots()
     for k, row in enumerate(found):
         axes.plot(
             100 * np.maximum(row.curve.false_alarm, 1e-4),
@@ -167,8 +165,7 @@ def draw_curves(found: Sequence[Judgement], path: Path) -> None:
     axes.set(xscale="log", xlim=(0.01, 100), ylim=(0, 100), xlabel="FA, %", ylabel="D, %")
     axes.grid(True, alpha=0.3)
     figure.legend(fontsize=7, loc="outside right upper")
-    figure.savefig(path, dpi=120)
-    pyplot.close(figure)
+    saved(figure, path, 120)
 
 
 def look_into(recording: Recording, rule: PairRule, rounds: int, most: int, seed: int) -> dict[str, Any]:

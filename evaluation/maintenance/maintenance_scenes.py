@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
@@ -14,6 +15,7 @@ from estimation.checks import FloatArray, as_floats
 from estimation.conversion.particles import log_total, normalise_log, systematic_resample
 from estimation.errors import InputError
 from estimation.filters import kalman
+from evaluation.drawing import saved
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig
@@ -183,12 +185,8 @@ def watch_with_particles(scene: Film, seed: int) -> Watched:
 
 def draw_cat(out: Path, runs: dict[str, Watched]) -> Path:
     """Figures 3.9 and 3.10: when the cat was looked at, and the entropy of its position."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (bars, lines) = plt.subplots(2, 1, figsize=(8, 4.6), sharex=True)
+    figure = Figure(figsize=(8, 4.6))
+    bars, lines = figure.subplots(2, 1, sharex=True)
     for row, (name, run) in enumerate(runs.items()):
         t = FRAME * np.arange(len(run.looks))
         bars.vlines(t[run.looks], row - 0.4, row + 0.4, lw=1, color=f"C{row}")
@@ -196,11 +194,7 @@ def draw_cat(out: Path, runs: dict[str, Watched]) -> Path:
     bars.set(yticks=range(len(runs)), yticklabels=list(runs))
     lines.set(xlabel="time, s", ylabel="entropy of the position, nat")
     lines.legend(fontsize=7)
-    figure.tight_layout()
-    path = out / "figure-3-9-cat.png"
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
-    return path
+    return saved(figure, out / "figure-3-9-cat.png", 90)
 
 
 @dataclass(frozen=True)

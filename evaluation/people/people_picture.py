@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from evaluation.drawing import saved
 from tracking.people.people_tracker import PeopleTracker
 from whereabouts.logs import open_log
 
@@ -59,8 +61,6 @@ def hidden_episodes(path: Path, tracker: PeopleTracker) -> RecordedTracks:
 
 def picture(tracks: RecordedTracks, path: Path) -> Path:
     """Paths of `SHOWN` by label over the returns of some scans; dotted where hidden, a dot at the end."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(7.5, 5.5), layout="constrained")
     axes = figure.subplots()
     axes.plot(*tracks.surroundings.T, ".", color="0.75", markersize=1.5, zorder=0)
@@ -91,5 +91,4 @@ def picture(tracks: RecordedTracks, path: Path) -> Path:
     axes.set_aspect("equal")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
-    figure.savefig(path, dpi=110)
-    return path
+    return saved(figure, path, 110)

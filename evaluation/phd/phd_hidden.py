@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from evaluation.drawing import saved
 from tracking import ExtendedTargetPhd, PhdConfig
 from whereabouts.simulation.scenes.hidden_people import ENTRY, PERIOD, POSE, RANGE, hidden_person
 
@@ -108,12 +110,8 @@ def _nearest(found: dict[int, np.ndarray], position: np.ndarray) -> int | None:
 
 def draw(out: Path, runs: dict[str, HiddenRun]) -> Path:
     """Figures 4c and 4d: expected number of targets over the sweeps."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(2, 1, figsize=(7, 5), sharex=True)
+    figure = Figure(figsize=(7, 5))
+    panels = figure.subplots(2, 1, sharex=True)
     for name, run in runs.items():
         panels[int(name.startswith("mixture"))].plot(run.expected, label=name)
     for axes, run in zip(panels, (next(iter(runs.values())),) * 2, strict=True):
@@ -122,8 +120,4 @@ def draw(out: Path, runs: dict[str, HiddenRun]) -> Path:
         axes.set(ylabel="expected number", ylim=(0, 3))
         axes.legend(fontsize=7, loc="upper left")
     panels[1].set_xlabel(f"sweep ({PERIOD} s)")
-    path = out / "figure-4-hidden.png"
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
-    return path
+    return saved(figure, out / "figure-4-hidden.png", 120)

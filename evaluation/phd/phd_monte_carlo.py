@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from evaluation.drawing import saved
 from evaluation.phd.target_scores import Score, labels_kept
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
 from tracking.mixture.target import Target
@@ -81,12 +83,8 @@ def crossing_kept(settings: dict[str, Any], seed: int | Sequence[int]) -> bool:
 
 def draw(out: Path, name: str, runs: dict[str, np.ndarray], scene: TargetScene) -> Path:
     """Figures 3b and 3c: mean OSPA with one standard deviation, and mean expected number, over the scans."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
     scans = np.arange(1, len(scene) + 1)
     for label, values in runs.items():
         mean, deviation = values[:, :, 0].mean(0), values[:, :, 0].std(0)
@@ -97,7 +95,4 @@ def draw(out: Path, name: str, runs: dict[str, np.ndarray], scene: TargetScene) 
     left.set(xlabel="scan", ylabel="OSPA, m", ylim=(0, None))
     right.set(xlabel="scan", ylabel="expected number of targets", ylim=(0, 6))
     figure.legend(*left.get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside lower center")
-    path = out / f"{name}.png"
-    figure.savefig(path, dpi=75)
-    plt.close(figure)
-    return path
+    return saved(figure, out / f"{name}.png", 75)

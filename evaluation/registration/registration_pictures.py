@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from estimation.checks import FloatArray
 from estimation.conversion.polar import convert
 from estimation.geometry.poses import transform_points
+from evaluation.drawing import saved
 from registration import Scan, align
 
 MEASURED = (10.0, np.deg2rad(45.0))  # m, rad: section 2.2
@@ -50,7 +51,7 @@ def draw_uncertainty(folder: Path) -> Path:
     panels[0].set(title="polar", xlabel="range, m", ylabel="bearing, °")
     for axes, title in zip(panels[1:], ("carried over by (2.5)", "first order, (2.9)"), strict=True):
         axes.set(title=title, xlabel="x, m", ylabel="y, m", aspect="equal", xlim=(4, 10), ylim=(4, 10))
-    return _saved(figure, folder, "figure-2-3.png")
+    return saved(figure, folder / "figure-2-3.png", 110)
 
 
 def draw_cloud(folder: Path, scan: Scan) -> Path:
@@ -70,7 +71,7 @@ def draw_cloud(folder: Path, scan: Scan) -> Path:
     figure.suptitle(f"3σ ellipses, {ENLARGED:g} times as large", fontsize=9)
     left.set(xlabel="bearing, °", ylabel="range, m")
     right.set(xlabel="x, m", ylabel="y, m", aspect="equal")
-    return _saved(figure, folder, "figure-2-4.png")
+    return saved(figure, folder / "figure-2-4.png", 110)
 
 
 def draw_icp(folder: Path, source: Scan, target: Scan) -> Path:
@@ -82,10 +83,4 @@ def draw_icp(folder: Path, source: Scan, target: Scan) -> Path:
         axes.plot(*target.points().T, ".", color="black", markersize=3)
         axes.plot(*transform_points(pose, source.points()).T, ".", color="tab:red", markersize=3)
         axes.set(title=title, xlabel="x, m", ylabel="y, m", aspect="equal")
-    return _saved(figure, folder, "figure-2-7.png")
-
-
-def _saved(figure: Figure, folder: Path, name: str) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / name, dpi=110)
-    return folder / name
+    return saved(figure, folder / "figure-2-7.png", 110)

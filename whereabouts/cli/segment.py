@@ -176,18 +176,16 @@ def _write(out: Path, labels: Any, stamps: Any, poses: Any) -> None:
 
 def draw(folder: Path, scans: list[Scan], labels: Any, stamps: Any, count: int = 6) -> list[Path]:
     """Pictures of `count` scans spread over the recording, what moves in colour."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
     import numpy as np
+    from matplotlib.figure import Figure
 
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for index in np.unique(np.linspace(0, len(scans) - 1, count).astype(int)):
         scan = scans[index]
         points, found = scan.points(), labels[index, : len(scan)][scan.valid]
-        figure, axes = plt.subplots(figsize=(6, 6))
+        figure = Figure(figsize=(6, 6))
+        axes = figure.subplots()
         axes.plot(points[found <= 0, 0], points[found <= 0, 1], ".", color="0.5", markersize=3)
         moving = found > 0
         axes.scatter(points[moving, 0], points[moving, 1], c=found[moving], cmap="tab10", s=10)
@@ -196,6 +194,5 @@ def draw(folder: Path, scans: list[Scan], labels: Any, stamps: Any, count: int =
         axes.set_title(f"{stamps[index] - stamps[0]:.1f} s")
         path = folder / f"scan_{index:05d}.png"
         figure.savefig(path, dpi=80)
-        plt.close(figure)
         written.append(path)
     return written
