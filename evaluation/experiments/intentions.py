@@ -16,7 +16,7 @@ from evaluation.intentions import intentions_days as elsewhere
 from evaluation.intentions import intentions_pictures as pictures
 from evaluation.intentions import intentions_protocol as protocol
 from evaluation.intentions.social_forces_fit import fit_forces
-from evaluation.report import Figure, Part, Report, RunOptions
+from evaluation.report import Part, Report, RunOptions
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.prediction.social_forces import Forces
 from whereabouts.logs.formats.trajectories import read_trajectories
@@ -119,10 +119,6 @@ def growth(options: RunOptions, report: Report, outcomes: dict[str, protocol.Onl
     note = "The text learns a measurement in less than 4 ms and updates a belief in 0.5 ms. Here it is whole walks."
     title = "Growth of map and model, 1 August by time"
     report.add(title, columns, rows, note, "growth", data="tuned on", samples=1)
-    for name, outcome in (("ghmm", plain), ("routes", routes)):
-        for what, times in (("learn", outcome.learn_ms), ("believe", outcome.belief_ms)):
-            median = Figure(float(np.median(times)), "ms", "lower", "tuned on", len(times))
-            report.figures[f"hall-{what}-{name}"] = median
     report.pictures.append(pictures.growth(options.out, plain))
 
 

@@ -47,7 +47,6 @@ from loop_closure.graph.esdf import EsdfGraph
 from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph
 from loop_closure.slam.trajectory import Slam
 from registration import Odometry
-from whereabouts.logs.formats.g2o import read_g2o
 from whereabouts.simulation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
 from whereabouts.system.progress import track
 
@@ -243,8 +242,6 @@ def _killian(options: RunOptions, report: Report) -> None:
     node = slam_as_node.row("killian.g2o", "as the node", log, run, 3.0)
     plain = slam_as_node.row("killian.g2o", slam_proximity.KIND, log, slam_proximity.driven(log), 3.0)
     report.add("Killian Court", COLUMNS, [row, node, plain], NOTE, "killian", data=JUDGED, samples=scans)
-    revisits = slam_as_node.known_revisits(run, log, read_g2o(path))
-    report.figures |= {f"killian {what}": value for what, value in revisits.items()}
     second = replace(
         _checked([checked], scans),
         title="Closures of Killian Court by a second judge",

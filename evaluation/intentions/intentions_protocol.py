@@ -35,7 +35,6 @@ class Online:
 
     correct: NDArray[np.bool_]
     learn_ms: list[float] = field(default_factory=list)
-    belief_ms: list[float] = field(default_factory=list)
     sizes: list[tuple[int, int, int]] = field(default_factory=list)  # nodes, states, edges
     model: IntentionModel | None = None
 
@@ -75,7 +74,6 @@ def online(
     walks: list[Array],
     method: str,
     on_step: Callable[[], None] = lambda: None,
-    radius: float = CORRECT,
     ended: bool = False,
 ) -> Online:
     """Predict each walk's exit after each fraction, then learn it; the first ten are only learned.
@@ -95,13 +93,11 @@ def online(
         if k >= FIRST:
             row = []
             for fraction in FRACTIONS:
-                begun = time.process_time()
                 if method == "linear":
                     goal = linear_exit(part(walk, fraction), low, high)
                 else:
                     goal = model.intentions(part(walk, fraction), 10.0)[0][0]
-                outcome.belief_ms.append(1e3 * (time.process_time() - begun))
-                row.append(bool(np.hypot(*(goal - walk[-1, :2])) <= radius))
+                row.append(bool(np.hypot(*(goal - walk[-1, :2])) <= CORRECT))
             correct.append(row)
         if method != "linear":
             waiting.append(walk)

@@ -19,8 +19,6 @@ from evaluation.slam.slam_judging import (
     true_poses,
 )
 from loop_closure.slam.trajectory import Slam
-from whereabouts.logs.formats.g2o import G2oGraph
-from whereabouts.recorded.replayed import Replayed, revisit_recall
 
 Array = NDArray[np.float64]
 
@@ -89,15 +87,3 @@ def false_closures(run: Driven, log: Followed, tolerance: float) -> list[int]:
     earlier = true_poses(log, [a for a, _, _ in run.closures])
     later = true_poses(log, [b for _, b, _ in run.closures])
     return false_among(earlier, later, [relative for _, _, relative in run.closures], tolerance)
-
-
-def known_revisits(run: Driven, log: Followed, graph: G2oGraph) -> dict[str, float]:
-    """How many of the graph's own revisits were closed."""
-    stamps = np.array([record.stamp for record in log.records])
-    replayed = Replayed(
-        stamps,
-        log.poses,
-        keyframes={float(stamps[n]): run.estimate[n] for n in run.kept},
-        closures=[(float(stamps[a]), float(stamps[b]), relative) for a, b, relative in run.closures],
-    )
-    return revisit_recall(replayed, graph)

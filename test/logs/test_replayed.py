@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.geometry.poses import between, compound
-from whereabouts.logs import G2oEdge, G2oGraph, McapWriter, OdometryRecord
-from whereabouts.recorded.replayed import read_replay, revisit_errors
+from whereabouts.logs import McapWriter, OdometryRecord
+from whereabouts.recorded.replayed import read_replay
 
 
 def test_poses_and_closures_are_read_by_their_stamps(tmp_path: Path) -> None:
@@ -32,18 +31,3 @@ def test_a_robot_that_stands_still_drives_no_way(tmp_path: Path) -> None:
             pose = np.array([*rng.normal(0.0, 0.01, 2), 0.0])
             writer.write_odometry(OdometryRecord(pose, 0.1 * k, topic="odometry"))
     assert read_replay(path).path_length == 0.0
-
-
-def test_revisit_error_is_what_the_trajectory_misses() -> None:
-    rng = np.random.default_rng(1)
-    poses = [np.zeros(3)]
-    for _ in range(99):
-        poses.append(compound(poses[-1], rng.normal([0.5, 0.0, 0.0], [0.1, 0.02, 0.2])))
-    truth = np.array(poses)
-    edge = G2oEdge(3, 90, between(truth[3], truth[90]), np.eye(3))
-    near = G2oEdge(3, 5, np.array([9.0, 9.0, 0.0]), np.eye(3))
-    graph = G2oGraph(np.arange(100), truth, [edge, near])
-    assert np.allclose(revisit_errors(truth, graph), [0.0], atol=1e-9)
-    drifted = truth.copy()
-    drifted[90, :2] += [0.3, -0.4]
-    assert np.allclose(revisit_errors(drifted, graph), [0.5])

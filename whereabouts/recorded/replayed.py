@@ -1,4 +1,4 @@
-"""What was recorded of a replay: poses, closures and diagnostics, and how well they meet known revisits."""
+"""What was recorded of a replay: poses, closures and diagnostics."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound
-from whereabouts.logs import G2oGraph, MessageRecord, OdometryRecord, open_log
+from whereabouts.logs import MessageRecord, OdometryRecord, open_log
 
 Array = NDArray[np.float64]
 STEP = 0.1
 """m: the robot has moved once it is so far from where it was."""
-BEST_REVISIT_AGE = 50
 
 
 @dataclass
@@ -94,54 +93,3 @@ def _planar(pose: Any) -> Array:
     p, q = pose.position, pose.orientation
     yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     return np.array([p.x, p.y, yaw])
-
-
-def revisit_errors(poses: Array, graph: G2oGraph) -> Array:
-    """Distance (K,) in metres by which the trajectory misses each known revisit of the graph.
-
-    poses : (N, 3), one per vertex. For a constraint between vertices i and j with motion z the trajectory
-    says that j lies at inverse(p_i) + p_j; the error is the distance between that and z.
-    """
-    rank = {int(vertex): index for index, vertex in enumerate(graph.ids)}
-    errors = []
-    for edge in graph.revisits:
-        i, j = rank[edge.source], rank[edge.target]
-        if abs(i - j) < BEST_REVISIT_AGE or max(i, j) >= len(poses):
-            continue
-        error = between(edge.motion, between(poses[i], poses[j]))
-        errors.append(float(np.hypot(error[0], error[1])))
-    return np.array(errors)
-
-
-def revisit_recall(replayed: Replayed, graph: G2oGraph, near: float = 2.0) -> dict[str, float]:
-    """How many known revisits of the graph were closed, and how well the corrected trajectory meets them.
-
-    A revisit counts as closed where a closure joins places within `near` metres of path of its two ends. Closures are
-    held against the solved poses too; those more than 3 m off are counted.
-    """
-    if not replayed.keyframes:
-        return {}
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(replayed.poses[:, :2], axis=0).T))))
-    ends = np.array([(a, b) for a, b, _ in replayed.closures]).reshape(-1, 2)
-    index = np.clip(np.searchsorted(replayed.stamps, ends - 1e-4), 0, len(along) - 1)
-    rank = {int(vertex): number for number, vertex in enumerate(graph.ids)}
-    closed = 0
-    for edge in graph.revisits:
-        i, j = sorted((rank[edge.source], rank[edge.target]))
-        if j - i < BEST_REVISIT_AGE or j >= len(along):
-            continue
-        close = (np.abs(along[index[:, 0]] - along[i]) < near) & (
-            np.abs(along[index[:, 1]] - along[j]) < near
-        )
-        closed += bool(close.any())
-    off = 0
-    for (a, b), (_, _, relative) in zip(index, replayed.closures, strict=True):
-        error = between(between(graph.poses[a], graph.poses[b]), relative)
-        off += bool(np.hypot(*error[:2]) > 3.0)
-    misses = revisit_errors(replayed.corrected, graph)
-    return {
-        "revisits_closed": closed,
-        "closures_off": off,
-        "closed_error_median_m": float(np.median(misses)) if len(misses) else float("nan"),
-        "closed_error_95_m": float(np.quantile(misses, 0.95)) if len(misses) else float("nan"),
-    }
