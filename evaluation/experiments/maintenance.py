@@ -114,8 +114,8 @@ def _many(
     return results
 
 
-def _mean(accounts: list[TourAccount], quantity: str) -> float:
-    return float(np.mean([getattr(account, quantity) for account in accounts]))
+def _mean(runs: Sequence[TourAccount | PrintedRun], quantity: str) -> float:
+    return float(np.mean([getattr(run, quantity) for run in runs]))
 
 
 def _interval(accounts: list[TourAccount], quantity: str) -> float:
@@ -180,18 +180,18 @@ def _as_printed(options: RunOptions, report: Report) -> None:
     rooms = _rooms(options, options.share(250, 50))
     fixed = _printed_runs(options, rooms, PrintedRule(), "fixed")
     rows: list[list[object]] = []
-    far = _mean_of(fixed, "distance")
+    far = _mean(fixed, "distance")
     cases = [
         (t, 0.75)
         for t in ((3.0, 5.0, 9.0, 16.0) if options.quick else (1.0, 3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 16.0))
     ]
     for threshold, weight in [*cases, (8.0, 0.05), (8.0, 2.0)]:
         found = _printed_runs(options, rooms, PrintedRule(threshold, weight), "rule")
-        worst, total, distance = (_mean_of(found, quantity) for quantity in QUANTITIES)
+        worst, total, distance = (_mean(found, quantity) for quantity in QUANTITIES)
         theirs = {3.0: 1.0, 5.0: 1.0, 9.0: 0.5, 16.0: 0.1}.get(threshold, "")
         rows.append([
             f"{threshold:g} nat, ω = {weight:g}", distance / far, theirs,
-            worst - _mean_of(fixed, "worst"), total - _mean_of(fixed, "total"),
+            worst - _mean(fixed, "worst"), total - _mean(fixed, "total"),
         ])  # fmt: skip
     rule = PrintedRule()
     note = (
@@ -211,10 +211,6 @@ def _as_printed(options: RunOptions, report: Report) -> None:
         "The rule as printed", columns, rows, note, "as-printed", {columns[2]: "Figure 3.4"}, "simulated",
         len(rooms),
     )  # fmt: skip
-
-
-def _mean_of(runs: Sequence[PrintedRun], quantity: str) -> float:
-    return float(np.mean([getattr(found, quantity) for found in runs]))
 
 
 def _counts(options: RunOptions, report: Report) -> None:

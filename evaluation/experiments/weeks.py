@@ -15,15 +15,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from estimation.geometry.poses import pose_to_matrix
 from evaluation.report import Part, Report, RunOptions
-from whereabouts.demo.live.live_suite import library_settings
-from whereabouts.recorded.evidence_messages import SeenFrame
+from whereabouts.demo.live.live_suite import library_settings, placed
 from whereabouts.simulation.home.apartment_day import THINGS
-from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
 from whereabouts.simulation.home.household_weeks import CARRIED, DAY, HOUR, MINUTE, Weeks
 from whereabouts.system.progress import track
-from world_model import WorldEvidence, WorldModel, WorldObject
+from world_model import WorldModel, WorldObject
 from world_model.memory.store import Store
 from world_model.queries import Words
 
@@ -78,9 +75,9 @@ class VisitingRobot:
         """Look at a place; returns when it is done."""
         self._looked[place] = stamp
         for now, pose, evidence in self.weeks.look(place, stamp):
-            placed = _placed(evidence, pose, self._pose_covariance)
+            seen = placed(evidence, pose, 0.0, self._pose_covariance)
             begun = time.process_time()
-            self.model.update(placed, now)
+            self.model.update(seen, now)
             self.spent.append(1e3 * (time.process_time() - begun))
         return now
 
@@ -118,21 +115,6 @@ class VisitingRobot:
             if np.linalg.norm(found.position - np.array(spot)) < NEAR:
                 return len(visited)
         return 0
-
-
-def _placed(evidence: WorldEvidence, pose: np.ndarray, covariance: np.ndarray) -> WorldEvidence:
-    """What the camera says, in the world; covariance (3, 3) of the robot's pose."""
-    eye = pose_to_matrix(np.array([pose[0], pose[1], CAMERA_HEIGHT, 0.0, 0.0, pose[2]]))
-    frame = SeenFrame(eye, pose[:2], covariance)
-    objects = []
-    for item in evidence.objects:
-        spread = None if item.covariance is None else np.asarray(item.covariance)
-        position, turned = frame.position(np.asarray(item.position), spread)
-        objects.append(replace(item, position=position, covariance=turned))
-    assert evidence.sensor is not None
-    x, y, z, yaw = evidence.sensor["pose"]
-    middle = eye[:3, 3] + np.array([x, y, z])
-    return WorldEvidence(objects, {**evidence.sensor, "pose": (*middle, pose[2] + yaw)})
 
 
 def live_weeks(seed: int, days: int) -> Week:

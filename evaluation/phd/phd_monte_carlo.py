@@ -27,11 +27,8 @@ SCENES = {"crossing and spawning": cross_and_spawn, "side by side": side_by_side
 
 def follow(scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[int]) -> np.ndarray:
     """One run: OSPA, expected and reported number over the scans, (K, 3). "point" among the settings: GM-PHD."""
-    return np.column_stack(_columns(scored(scene, settings, seed)))
-
-
-def _columns(score: Score) -> list[np.ndarray]:
-    return [np.array(score.ospa), np.array(score.expected), np.array(score.count, dtype=float)]
+    score = scored(scene, settings, seed)
+    return np.column_stack([score.ospa, score.expected, score.count])
 
 
 def scored(

@@ -56,6 +56,10 @@ def target_folder(path: Path | None) -> Path | None:
     return path
 
 
+AnyLog = Annotated[
+    Path,
+    typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
+]
 TopicToUse = Annotated[
     str | None, typer.Option("--topic", help="Topic of the scans or clouds; default: the first one found.")
 ]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from estimation.errors import InputError
 from whereabouts.cli.common import JsonFile, target_folder, write_figures
+
+if TYPE_CHECKING:
+    from whereabouts.demo.page import Row
 
 LASER_NODES = ("scan_registration", "loop_closure", "target_tracker", "motion_predictor")
 """What a laser alone is enough for; clouds go through the first two."""
@@ -112,21 +116,12 @@ def _apartment(out: Path, rate: float | None, seconds: float | None, json_file: 
     path = apartment_bag(out, seconds)
     typer.echo(f"replaying {path} through eight nodes over DDS")
     with share_bar("replaying") as share:
-        recording, run = replay(
-            path,
-            out,
-            rate,
-            on_event=lambda text: typer.echo(text, err=True),
-            on_progress=share,
-        )
+        recording, run = replay(path, out, rate, on_event=_say, on_progress=share)
     typer.echo("writing the report")
     judged = judge(recording, path, run)
     page = write(out, judged)
     write_figures(json_file, figures(judged))
-    for row in summary(figures(judged), judged):
-        wanted = f" (wanted: {row.wanted})" if row.wanted else ""
-        typer.echo(f"  {row.name}: {row.value}{wanted}")
-    typer.echo(f"report: {page}")
+    _tell(summary(figures(judged), judged), page)
 
 
 def _live(out: Path, seeds: range, json_file: Path | None) -> None:
@@ -167,14 +162,7 @@ def _live_day(out: Path, seed: int) -> dict[str, Any]:
     day, script, begun = LiveDay(seed), Script(), monotonic()
     typer.echo("a simulated robot drives where eight nodes send it, over DDS")
     with share_bar("living") as share:
-        story, robot = run_live(
-            out,
-            day,
-            script,
-            None,
-            lambda text: typer.echo(text, err=True),
-            share,
-        )
+        story, robot = run_live(out, day, script, None, _say, share)
         wall = monotonic() - begun
         share(1.0)
     typer.echo("the same day with a robot that patrols and searches directly")
@@ -184,10 +172,7 @@ def _live_day(out: Path, seed: int) -> dict[str, Any]:
     page = write(out, told)
     for sentence in sentences(told):
         typer.echo(f"  {sentence}")
-    for row in summary(told):
-        wanted = f" (wanted: {row.wanted})" if row.wanted else ""
-        typer.echo(f"  {row.name}: {row.value}{wanted}")
-    typer.echo(f"report: {page}")
+    _tell(summary(told), page)
     return figures(told)
 
 
@@ -203,9 +188,7 @@ def _weeks(out: Path, weeks: int, seed: int, json_file: Path | None) -> None:
     write_figures(json_file, figures(month))
     for question, answer, _ in month.answers:
         typer.echo(f"  {question}? {answer.sentence}")
-    for row in summary(month):
-        typer.echo(f"  {row.name}: {row.value}{f' (wanted: {row.wanted})' if row.wanted else ''}")
-    typer.echo(f"report: {page}")
+    _tell(summary(month), page)
 
 
 def _recorded(
@@ -222,19 +205,24 @@ def _recorded(
     given = node_parameters(bag)
     typer.echo(f"replaying {bag} through {' and '.join(given)} over DDS")
     with share_bar("replaying") as share:
-        said, account = run_recorded(
-            bag,
-            out,
-            given,
-            rate,
-            lambda text: typer.echo(text, err=True),
-            share,
-        )
+        said, account = run_recorded(bag, out, given, rate, _say, share)
     page = write(out, bag, said, account)
     found = figures(said, account)
     write_figures(json_file, found)
     for key, value in found.items():
         typer.echo(f"  {key}: {value:g}")
+    typer.echo(f"report: {page}")
+
+
+def _say(text: str) -> None:
+    """What happens meanwhile."""
+    typer.echo(text, err=True)
+
+
+def _tell(rows: Iterable[Row], page: Path) -> None:
+    """What was wanted, what came of it, and where the report is."""
+    for row in rows:
+        typer.echo(f"  {row.name}: {row.value}{f' (wanted: {row.wanted})' if row.wanted else ''}")
     typer.echo(f"report: {page}")
 
 

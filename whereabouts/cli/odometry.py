@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from whereabouts.cli.common import (
+    AnyLog,
     JsonFile,
     ParamsFile,
     TopicToUse,
@@ -20,14 +20,9 @@ from whereabouts.cli.common import (
     write_figures,
 )
 
-Source = Annotated[
-    Path,
-    typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
-]
-
 
 def odometry(
-    source: Source,
+    source: AnyLog,
     out: TumFile = None,
     topic: TopicToUse = None,
     wheels: WithWheels = True,

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from whereabouts.cli.common import (
+    AnyLog,
     JsonFile,
     LogReading,
     ParamsFile,
@@ -32,10 +33,6 @@ class Proposals(StrEnum):
     places = "places"
 
 
-Source = Annotated[
-    Path,
-    typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
-]
 ClosuresOption = Annotated[
     Path | None,
     typer.Option(
@@ -74,7 +71,7 @@ ProposalsOption = Annotated[
 
 
 def slam(
-    source: Source,
+    source: AnyLog,
     out: TumFile = None,
     closures: ClosuresOption = None,
     map_file: MapFile = None,

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.geometry.poses import pose_to_matrix
 from whereabouts.demo.belief_judging import JudgedBeliefs, judged
-from whereabouts.demo.live.live_suite import library_settings
+from whereabouts.demo.live.live_suite import library_settings, placed
 from whereabouts.parameters.object_search import BELIEVED
-from whereabouts.recorded.evidence_messages import SeenFrame
 from whereabouts.simulation.home.apartment_day import ROUND, THINGS, TICKS
-from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
 from whereabouts.simulation.home.live_apartment import ARM, ASKED, GLANCE, STARE, LiveDay, tour
-from world_model import Maintenance, ObjectSearch, WorldEvidence, WorldModel, WorldObject, WorldState
+from world_model import Maintenance, ObjectSearch, WorldModel, WorldObject, WorldState
 from world_model.state import MOVED_ON
 from world_model.tasks.growth import Growth
 from world_model.tasks.search import SearchStep
@@ -85,7 +82,7 @@ class LibraryRobot:
         """Look, and let an eighth of a second pass."""
         told = self.day.step()
         if told.evidence is not None:
-            evidence = _placed(told.evidence, told.pose, told.pan, self._pose_covariance)
+            evidence = placed(told.evidence, told.pose, told.pan, self._pose_covariance)
             self.state = self.model.update(evidence, told.time)
             self._growth.observe(self.state)
         if self._keeping and self.state is not None and round(self.day.time * TICKS) % SECOND == 0:
@@ -311,22 +308,6 @@ def _is(item: WorldObject, kind: str, color: str) -> bool:
 def _rounds() -> Iterator[Array]:
     while True:
         yield from (np.array([*stop[:2], math.nan]) for stop in ROUND)
-
-
-def _placed(evidence: WorldEvidence, pose: Array, pan: float, covariance: Array) -> WorldEvidence:
-    """What the camera says, in the world. pose (3,) of the robot; covariance (3, 3) that is taken for it."""
-    eye = pose_to_matrix(np.array([pose[0], pose[1], CAMERA_HEIGHT, 0.0, 0.0, pose[2] + pan]))
-    frame = SeenFrame(eye, pose[:2], covariance)
-    objects = []
-    for item in evidence.objects:
-        spread = None if item.covariance is None else np.asarray(item.covariance)
-        position, turned = frame.position(np.asarray(item.position), spread)
-        objects.append(replace(item, position=position, covariance=turned))
-    assert evidence.sensor is not None
-    x, y, z, yaw = evidence.sensor["pose"]
-    middle = eye[:3, 3] + np.array([x, y, z])
-    sensor = {**evidence.sensor, "pose": (*middle, pose[2] + pan + yaw)}
-    return WorldEvidence(objects, sensor)
 
 
 def run_ours(seed: int, maintained: float = 200.0, timeout: float = 240.0) -> Outcome:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.geometry.poses import pose_to_matrix
 from whereabouts.demo.demo_suite import parameters
 from whereabouts.parameters.object_search import ObjectSearchParameters
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
 from whereabouts.parameters.world_model import WorldModelParameters
+from whereabouts.recorded.evidence_messages import SeenFrame
+from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
+from world_model import WorldEvidence
+
+Array = NDArray[np.float64]
 
 DESCRIBED = ("rate_hz", "classes", "colors", "region", "places_file", "store_path")
 """What the world model is told: how often the camera looks, what there is, where, and the file of its memory."""
@@ -43,3 +53,22 @@ def library_settings() -> tuple[WorldModelParameters, WorldMaintenanceParameters
         WorldMaintenanceParameters(**given["world_maintenance"]),
         ObjectSearchParameters(**given["object_search"]),
     )
+
+
+def placed(evidence: WorldEvidence, pose: Array, pan: float, covariance: Array) -> WorldEvidence:
+    """What the simulated camera says, in the world.
+
+    pose (3,) of the robot; pan, rad, of the camera on it; covariance (3, 3) that is taken for the pose.
+    """
+    eye = pose_to_matrix(np.array([pose[0], pose[1], CAMERA_HEIGHT, 0.0, 0.0, pose[2] + pan]))
+    frame = SeenFrame(eye, pose[:2], covariance)
+    objects = []
+    for item in evidence.objects:
+        spread = None if item.covariance is None else np.asarray(item.covariance)
+        position, turned = frame.position(np.asarray(item.position), spread)
+        objects.append(replace(item, position=position, covariance=turned))
+    assert evidence.sensor is not None
+    x, y, z, yaw = evidence.sensor["pose"]
+    middle = eye[:3, 3] + np.array([x, y, z])
+    sensor = {**evidence.sensor, "pose": (*middle, pose[2] + pan + yaw)}
+    return WorldEvidence(objects, sensor)

@@ -6,7 +6,7 @@ are the same however long it is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -139,13 +139,7 @@ class ApartmentDay:
 
     def things(self, time: float) -> dict[str, Array | None]:
         """Where each thing is, None while somebody carries it."""
-        where: dict[str, Array | None] = {name: np.array(spot) for name, (_, spot) in THINGS.items()}
-        puts = {name: iter(spots) for name, spots in PUT.items()}
-        every = sorted(event for person in self.people for event in person.handled)
-        for when, name, taken in every:
-            if when <= time:
-                where[name] = None if taken else np.array(next(puts[name]))
-        return where
+        return things_at(time, self.people, PUT)
 
     def moments(self, duration: float | None = None) -> Iterator[Moment]:
         """The run, `TICKS` moments per second, for all of it or its first `duration` seconds."""
@@ -158,6 +152,18 @@ class ApartmentDay:
             velocities = np.array([walker.velocity(time) for walker in walkers])
             people = (positions(walkers, time), velocities, outlines)
             yield senses.moment(tick, self.drive(time), people, self.things(time))
+
+
+def things_at(
+    time: float, people: Iterable[Resident], puts: Mapping[str, Sequence[tuple[float, float, float]]]
+) -> dict[str, Array | None]:
+    """Where each thing is, None while one of `people` carries it; puts : where each is put down, in this order."""
+    where: dict[str, Array | None] = {name: np.array(spot) for name, (_, spot) in THINGS.items()}
+    spots = {name: iter(every) for name, every in puts.items()}
+    for when, name, taken in sorted(event for person in people for event in person.handled):
+        if when <= time:
+            where[name] = None if taken else np.array(next(spots[name]))
+    return where
 
 
 @dataclass

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whereabouts.simulation.home.apartment_camera import Camera
-from whereabouts.simulation.home.apartment_day import MOVED, ROUND, THINGS, TICKS, Moment, Senses
+from whereabouts.simulation.home.apartment_day import MOVED, ROUND, TICKS, Moment, Senses, things_at
 from whereabouts.simulation.home.apartment_people import Resident, Stay, live
 from whereabouts.simulation.home.driving import Driver, floor_plan
 from whereabouts.simulation.home.floor_plan import Apartment, apartment
@@ -64,12 +64,7 @@ class LiveHousehold:
 
     def things(self, time: float) -> dict[str, Array | None]:
         """Where each thing is, None while somebody carries it."""
-        where: dict[str, Array | None] = {name: np.array(spot) for name, (_, spot) in THINGS.items()}
-        puts = {name: iter(spots) for name, spots in self.puts.items()}
-        for when, name, taken in sorted(event for person in self.people for event in person.handled):
-            if when <= time:
-                where[name] = None if taken else np.array(next(puts[name]))
-        return where
+        return things_at(time, self.people, self.puts)
 
     @property
     def moves(self) -> list[tuple[float, str]]:
