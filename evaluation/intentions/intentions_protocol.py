@@ -169,7 +169,6 @@ def swing(walks: list[Array], method: str, count: int = 40) -> Array:
 def displacement(
     people: dict[int, Array],
     method: str,
-    config: IntentionConfig | None = None,
     others: bool = False,
     stride: int = 1,
 ) -> tuple[Array, Array]:
@@ -178,7 +177,7 @@ def displacement(
     method : "printed" (chapter 4 as printed, online), "learned" (online, people learned when their tracks end),
         "fresh" (nothing learned), "last step" or "mean of 8" (constant velocity of the last step, or over the 3.2 s).
     """
-    model = PrintedModel() if method == PRINTED else IntentionModel(config)
+    model = PrintedModel() if method == PRINTED else IntentionModel()
     learns = method in ("learned", PRINTED)
     ended = sorted(people, key=lambda label: float(people[label][-1, 2]))
     errors, squares = [], []

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.checks import FloatArray, require_positive
+from estimation.checks import FloatArray
 from estimation.errors import InputError
 from tracking.intentions.walking_motion import estimate
-from tracking.prediction.social_forces import Forces, Obstacles, Walker, simulate
+from tracking.prediction.social_forces import Forces, Walker, simulate
 
+HORIZON = 4.8  # s that are predicted
 FITTED = ("relaxation", "people_strength", "people_range")
 BOUNDS = {"relaxation": (0.3, 20.0), "people_strength": (0.01, 10.0), "people_range": (0.05, 2.0)}
 
@@ -41,9 +42,7 @@ class _Scene:
 def fit_forces(
     trajectories: Sequence[FloatArray],
     start: Forces | None = None,
-    horizon: float = 4.8,
     scenes: int = 150,
-    obstacles: Obstacles | None = None,
 ) -> FittedForces:
     """Relaxation time, strength and range of other people from trajectories (N, 3) x, y, t seen at the same times.
 
@@ -57,11 +56,10 @@ def fit_forces(
     # Forces are fitted at home, from what was recorded; nodes that follow people do without scipy.optimize.
     from scipy.optimize import minimize
 
-    require_positive("horizon", horizon)
     first = start or Forces()
-    made = _scenes(trajectories, horizon, scenes)
+    made = _scenes(trajectories, scenes)
     if len(made) < 2:
-        raise InputError(f"trajectories: nobody is there for {horizon:g} s after 1 s of being seen")
+        raise InputError(f"trajectories: nobody is there for {HORIZON:g} s after 1 s of being seen")
     train, judge = made[::2], made[1::2]
     x0 = np.log([getattr(first, name) for name in FITTED])
 
@@ -71,29 +69,29 @@ def fit_forces(
 
     simplex = np.vstack((x0, x0 + 0.7 * np.eye(len(x0))))
     found = minimize(
-        lambda x: _error(train, forces_of(x), horizon, obstacles),
+        lambda x: _error(train, forces_of(x)),
         x0,
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "maxfev": 120, "xatol": 0.02, "fatol": 1e-5},
     )
-    before, after = (_error(judge, f, horizon, obstacles) for f in (first, forces_of(found.x)))
+    before, after = (_error(judge, f) for f in (first, forces_of(found.x)))
     followed = sum(len(scene.walkers) for scene in made)
     if after < before:
         return FittedForces(forces_of(found.x), after, before, followed)
     return FittedForces(first, before, before, followed)
 
 
-def _scenes(trajectories: Sequence[FloatArray], horizon: float, count: int) -> list[_Scene]:
-    long = [rows for rows in trajectories if len(rows) > 2 and rows[-1, 2] - rows[0, 2] > horizon + 1.0]
+def _scenes(trajectories: Sequence[FloatArray], count: int) -> list[_Scene]:
+    long = [rows for rows in trajectories if len(rows) > 2 and rows[-1, 2] - rows[0, 2] > HORIZON + 1.0]
     if not long:
         return []
     starts = np.sort(np.concatenate([rows[(rows[:, 2] > rows[0, 2] + 1.0), 2] for rows in long]))
     made = []
     for moment in starts[np.unique(np.linspace(0, len(starts) - 1, count).round().astype(int))]:
         walkers, truths = [], []
-        times = np.linspace(horizon / 4.0, horizon, 4)
+        times = np.linspace(HORIZON / 4.0, HORIZON, 4)
         for rows in trajectories:
-            if not rows[0, 2] + 1.0 < moment <= rows[-1, 2] - horizon:
+            if not rows[0, 2] + 1.0 < moment <= rows[-1, 2] - HORIZON:
                 continue
             motion = estimate(rows[rows[:, 2] <= moment], 1.5, 0.06)
             now = float(rows[rows[:, 2] <= moment][-1, 2])
@@ -104,12 +102,12 @@ def _scenes(trajectories: Sequence[FloatArray], horizon: float, count: int) -> l
     return made
 
 
-def _error(scenes: list[_Scene], forces: Forces, horizon: float, obstacles: Obstacles | None) -> float:
+def _error(scenes: list[_Scene], forces: Forces) -> float:
     """Mean distance of simulated and recorded places, m."""
     total, number = 0.0, 0
     for scene in scenes:
-        run = simulate(scene.walkers, horizon, forces, obstacles)
-        index = np.round(scene.times / horizon * (len(run) - 1)).astype(int)
+        run = simulate(scene.walkers, HORIZON, forces)
+        index = np.round(scene.times / HORIZON * (len(run) - 1)).astype(int)
         for k, truth in enumerate(scene.truths):
             total += float(np.hypot(*(run[index, k, :2] - truth).T).mean())
             number += 1

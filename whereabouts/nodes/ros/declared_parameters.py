@@ -39,7 +39,6 @@ class ParameterSet(Generic[Model]):
 
     def __init__(self, node: Node, model: type[Model]) -> None:
         self._model = model
-        self._listeners: list[Any] = []
         self._configured = False
         given = {name: override.value for name, override in node._parameter_overrides.items()}
         self._warn_unknown(node, given)
@@ -53,10 +52,6 @@ class ParameterSet(Generic[Model]):
     def freeze(self, configured: bool) -> None:
         """Whether the node is configured: what is read then cannot be changed until it is cleaned up."""
         self._configured = configured
-
-    def on_change(self, listener: Any) -> None:
-        """Call `listener(values)` after every change."""
-        self._listeners.append(listener)
 
     def _warn_unknown(self, node: Node, given: dict[str, Any]) -> None:
         known = [*self._model.model_fields, "use_sim_time"]
@@ -93,8 +88,6 @@ class ParameterSet(Generic[Model]):
         except Exception as error:  # a ParameterError, or what a validator has not thought of
             return SetParametersResult(successful=False, reason=str(error))
         self.values = values
-        for listener in self._listeners:
-            listener(values)
         return SetParametersResult(successful=True)
 
 

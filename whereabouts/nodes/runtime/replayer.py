@@ -107,7 +107,6 @@ class Replayer:
         rate: float | None = None,
         watched: Sequence[str] = (),
         namespace: str = "",
-        topics: Sequence[str] | None = None,
         is_running: Callable[[str], bool] = lambda name: True,
         clock_period: float = 0.005,
     ) -> None:
@@ -117,7 +116,7 @@ class Replayer:
         self.watched = list(watched)
         self._namespace = namespace.rstrip("/")
         self._is_running = is_running
-        self._log: MessageLog = open_raw(bag, topics) if isinstance(bag, Path) else bag
+        self._log: MessageLog = open_raw(bag) if isinstance(bag, Path) else bag
         self._publishers: dict[str, Any] = {}
         self._latched: set[str] = set()
         self._sent: Counter[str] = Counter()
