@@ -14,8 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import rclpy
-from rclpy.context import Context
 from scipy.stats import theilslopes
 
 from evaluation.chaos.faults import PATIENCE, Faults, Laboratory, Spot, floor
@@ -24,6 +22,7 @@ from evaluation.chaos.network import Link
 from evaluation.chaos.times import FAR
 from whereabouts.node_names import NODES
 from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.ros.private_node import leave
 from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
 from whereabouts_msgs.msg import WorldEvidence
 
@@ -54,14 +53,11 @@ def _quiet() -> Iterator[None]:
 def days(seconds: float, seed: int, folder: Path) -> Faults:
     """One day, and further ones until the time is over."""
     with _quiet():
-        context = Context()
-        rclpy.init(context=context)
-        laboratory = Laboratory(seed, folder, context)
+        laboratory = Laboratory(seed, folder)
         try:
             _live(laboratory, seconds, seed)
         finally:
-            laboratory.node.destroy_node()
-            context.try_shutdown()
+            leave(laboratory.node)
     return laboratory.found
 
 

@@ -13,9 +13,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -25,7 +23,7 @@ from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.ros.base import LATCHED
-from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.private_node import private_node
 from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from whereabouts_msgs.msg import Attribute, DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldState
 
@@ -86,10 +84,8 @@ class Laboratory:
     now : stamp of the next look, ns. known : places of the things that the world model knows.
     """
 
-    def __init__(self, seed: int, folder: Path, context: Context) -> None:
-        self.node = Node("chaos", context=context)
-        self.executor = NodeExecutor(context)
-        self.executor.add_node(self.node)
+    def __init__(self, seed: int, folder: Path) -> None:
+        self.node, self.executor = private_node("chaos")
         self.supervisor = Supervisor(folder / "nodes", patient=True)
         self.found = Faults()
         self.known: dict[str, Spot] = {}

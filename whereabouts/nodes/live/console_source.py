@@ -11,11 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action.client import ActionClient
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
@@ -25,7 +22,7 @@ from whereabouts.console.sources import ConsoleError, StoreSource
 from whereabouts.messages.cdr import UnreadableTypeError, reader
 from whereabouts.nodes.live.live_actions import goal_for
 from whereabouts.nodes.messages.message_types import definition, message_class
-from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import SaveMap
 
@@ -46,11 +43,7 @@ class LiveSource:
 
     def __init__(self, namespace: str = "", store: Path | None = None) -> None:
         self._past = StoreSource(store) if store is not None else None
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self._node = Node("whereabouts_console", context=self._context, namespace=namespace or None)
-        self._executor = NodeExecutor(self._context)
-        self._executor.add_node(self._node)
+        self._node, self._executor = private_node("whereabouts_console", namespace)
         self._heard = Heard(namespace)
         self._waiting: deque[tuple[str, bytes]] = deque(maxlen=10_000)
         self._newest: dict[str, bytes] = {}
@@ -75,8 +68,7 @@ class LiveSource:
     def __exit__(self, *_: object) -> None:
         self._ended.set()
         self._thread.join()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        leave(self._node)
         if self._past is not None:
             self._past.close()
 
@@ -116,7 +108,7 @@ class LiveSource:
         return actions[name](arguments)
 
     def _spin(self) -> None:
-        while not self._ended.is_set() and self._context.ok():
+        while not self._ended.is_set() and self._node.context.ok():
             self._executor.spin_once(timeout_sec=0.1)
 
     def _keep(self, topic: str) -> Any:

@@ -10,17 +10,14 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any
 
-import rclpy
 from rclpy.action.client import ActionClient
-from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.ros.base import LATCHED
-from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.private_node import private_node
 from whereabouts.nodes.ros.turns import goal_id, goals_name, mark_of, results_name
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import QueryWorld, TriggerVerification
@@ -80,11 +77,7 @@ class Director:
         self.is_over: Callable[[str], bool] | None = None
 
     def __enter__(self) -> Director:
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self._node = Node("whereabouts_demo", context=self._context)
-        self._executor = NodeExecutor(self._context)
-        self._executor.add_node(self._node)
+        self._node, self._executor = private_node("whereabouts_demo")
         self._base = self._node.create_publisher(Bool, "base_available", LATCHED)
         self._trigger = self._node.create_client(TriggerVerification, "world_maintenance/trigger")
         self._query = self._node.create_client(QueryWorld, "world_model/query")
@@ -102,13 +95,13 @@ class Director:
     ) -> None:
         if self._result is not None and self._result.done():
             self._end()
-        self._context.try_shutdown()
+        self._node.context.try_shutdown()
         self._thread.join()
         self._node.destroy_node()
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
-            while self._context.ok():
+            while self._node.context.ok():
                 self._executor.spin_once(timeout_sec=0.1)
 
     def look(self, message: RawMessage) -> None:

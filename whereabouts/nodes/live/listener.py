@@ -6,13 +6,11 @@ import time
 from collections.abc import Callable, Collection
 from typing import Any
 
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
-from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.system.interrupts import interrupts_kept
 
 DEPTH = 20
@@ -78,11 +76,7 @@ def listen(
     done: Callable[[], bool] = lambda: False,
 ) -> list[str]:
     """Listen until Ctrl-C, for so many seconds, or until it is done; returns the topics that were heard."""
-    context = Context()
-    rclpy.init(context=context)
-    node = Node("whereabouts_view", context=context)
-    executor = NodeExecutor(context)
-    executor.add_node(node)
+    node, executor = private_node("whereabouts_view")
     listener = Listener(node, types, take, namespace)
     start, looked = time.monotonic(), -LOOK_PERIOD
     try:
@@ -96,6 +90,5 @@ def listen(
     except KeyboardInterrupt:
         pass
     finally:
-        node.destroy_node()
-        context.try_shutdown()
+        leave(node)
     return sorted(listener.topics)

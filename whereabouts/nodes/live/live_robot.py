@@ -14,14 +14,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
 from rclpy.action.client import ActionClient
 from rclpy.action.server import ActionServer, CancelResponse
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Bool, Header
 
@@ -31,8 +28,8 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.world_reading import grid_from_message, pose_stamped, state_from_message
 from whereabouts.nodes.navigation.goals import Navigator, navigate_type
 from whereabouts.nodes.ros.base import LATCHED
-from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.nodes.ros.inputs import EVENTS, HEARD_LATCHED
+from whereabouts.nodes.ros.private_node import private_node
 from whereabouts.nodes.ros.turns import goal_id, goals_name
 from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts.simulation.home.apartment_bag import START
@@ -88,11 +85,7 @@ class LiveRobot:
         self._current: tuple[Any, Future, DriveGoal] | None = None
 
     def __enter__(self) -> LiveRobot:
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self.node = Node("whereabouts_live", context=self._context)
-        self._executor = NodeExecutor(self._context)
-        self._executor.add_node(self.node)
+        self.node, self._executor = private_node("whereabouts_live")
         kind = navigate_type()
         self._server = ActionServer(
             self.node, kind, "navigate_to_pose", partial(self._navigate, kind.Result),
@@ -119,7 +112,7 @@ class LiveRobot:
             self._client.destroy()
             self._find.destroy()
             self.node.destroy_node()
-        self._context.try_shutdown()
+        self.node.context.try_shutdown()
 
     # Time.
 

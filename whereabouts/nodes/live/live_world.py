@@ -9,16 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rcl_interfaces.srv import GetParameters
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from estimation.errors import WhereaboutsError
 from estimation.geometry.places import Places
 from whereabouts.nodes.messages.world_reading import state_from_message
-from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.nodes.runtime.suite_run import prepare_environment
 from whereabouts.system.interrupts import interrupts_kept
 from whereabouts_msgs.msg import WorldState as StateMessage
@@ -40,16 +37,11 @@ class Client:
 
     def __init__(self, namespace: str = "") -> None:
         prepare_environment()
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self.node = Node("whereabouts_client", context=self._context, namespace=namespace or None)
-        self._executor = NodeExecutor(self._context)
-        self._executor.add_node(self.node)
+        self.node, self._executor = private_node("whereabouts_client", namespace)
 
     def close(self) -> None:
         """Leave the graph."""
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        leave(self.node)
 
     def until(self, done: Callable[[], bool], seconds: float = PATIENCE) -> bool:
         """Spin until it is done or the time is over; returns whether it is done."""

@@ -11,14 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
-from rclpy.context import Context
 from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
-from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.nodes.runtime.domain import free_domain
 from whereabouts.nodes.runtime.recorder import Recorder
 from whereabouts.nodes.runtime.replayer import PATIENCE, MessageLog, ReplayAccount, Replayer
@@ -83,13 +81,8 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
     LogError : the bag cannot be read.
     """
     with ExitStack() as stack:
-        context = Context()
-        rclpy.init(context=context)
-        stack.callback(context.try_shutdown)
-        node = Node("whereabouts_replay", context=context, namespace=run.namespace or None)
-        executor = NodeExecutor(context)
-        executor.add_node(node)
-        stack.callback(node.destroy_node)
+        node, executor = private_node("whereabouts_replay", run.namespace)
+        stack.callback(leave, node)
         supervisor = stack.enter_context(
             Supervisor(run.log_directory, on_event=run.on_event, hosted=len(run.nodes) > 1)
         )
