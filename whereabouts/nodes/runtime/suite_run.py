@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from lifecycle_msgs.msg import State
-from lifecycle_msgs.srv import GetState
 from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
 from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.runtime.bring_up import LifecycleClient
 from whereabouts.nodes.runtime.domain import free_domain
 from whereabouts.nodes.runtime.recorder import Recorder
 from whereabouts.nodes.runtime.replayer import PATIENCE, MessageLog, ReplayAccount, Replayer
@@ -142,7 +142,7 @@ class _Watch:
         self._replayer = replayer
         self._recorded = recorded
         self._on_event = on_event
-        self._clients = {name: node.create_client(GetState, f"{name}/get_state") for name in replayer.watched}
+        self._clients = [LifecycleClient(node, executor, name) for name in replayer.watched]
         self._deaths = 0
 
     def look(self) -> None:
@@ -161,13 +161,13 @@ class _Watch:
         SuiteError : one is not active in time, or has ended.
         """
         deadline = time.monotonic() + START_TIMEOUT
-        for name, client in self._clients.items():
-            while not self._is_active(client):
+        for client in self._clients:
+            while client.state() != State.PRIMARY_STATE_ACTIVE:
                 self._supervisor.check()
                 if time.monotonic() > deadline:
-                    tail = self._supervisor.nodes[name].log_tail()
+                    tail = self._supervisor.nodes[client.name].log_tail()
                     raise SuiteError(
-                        f"{name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
+                        f"{client.name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
                     )
         deadline = time.monotonic() + CONNECT_TIMEOUT
         while missing := self._replayer.unconnected(self._recorded):
@@ -182,17 +182,6 @@ class _Watch:
             self._executor.spin_once(timeout_sec=0.05)
         self._replayer.nodes_changed()
         self._replayer.begin_turns()
-
-    def _is_active(self, client: Any) -> bool:
-        if not client.service_is_ready():
-            self._executor.spin_once(timeout_sec=0.05)
-            return False
-        future = client.call_async(GetState.Request())
-        self._executor.spin_until_future_complete(future, timeout_sec=1.0)
-        if not future.done():
-            client.remove_pending_request(future)
-            return False
-        return bool(future.result().current_state.id == State.PRIMARY_STATE_ACTIVE)
 
 
 class _CatchUp:
