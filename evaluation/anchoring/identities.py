@@ -39,8 +39,6 @@ class IdentityScore:
     switches: int = 0
     true_count: int = 0
     found_count: int = 0
-    misses: int = 0
-    false: int = 0
     _last: dict[Hashable, Hashable] = field(default_factory=dict)
     _together: Counter[tuple[Hashable, Hashable]] = field(default_factory=Counter)
     _matched: Counter[tuple[Hashable, Hashable]] = field(default_factory=Counter)
@@ -73,8 +71,6 @@ class IdentityScore:
             self.switches += name in self._last and self._last[name] != ids[j]
             self._last[name] = ids[j]
             self._matched[name, ids[j]] += 1
-        self.misses += len(names) - len(pairs)
-        self.false += len(ids) - len(pairs)
 
     @property
     def idf1(self) -> float:

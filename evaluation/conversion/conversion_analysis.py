@@ -72,10 +72,9 @@ def exact_kl(sigma_bearing: float, method: Method) -> float:
 
 @dataclass(frozen=True)
 class BinnedKl:
-    """(6.9) over 60 × 60 bins in three readings, nat, and the share of samples each leaves out."""
+    """(6.9) over 60 × 60 bins in three readings, nat, and the share of samples that `skipping_empty` leaves out."""
 
     around_gaussian: float
-    dropped_outside: float
     skipping_empty: float
     dropped_empty: float
     every_bin: float
@@ -97,7 +96,6 @@ def binned_kl(sigma_bearing: float, method: Method, rng: np.random.Generator) ->
     kept = np.where(filled, ps2, 0.0)
     return BinnedKl(
         _kl(ps / ps.sum(), log_pc),
-        1.0 - float(ps.sum()),
         _kl(kept, log_pc2),
         1.0 - float(kept.sum()),
         _kl(ps2, log_pc2),

@@ -24,10 +24,6 @@ BEARINGS = np.radians(np.arange(-160.0, 170.0, 40.0))
 class Limit:
     """One operating point: the largest admissible σ_θ by Mardia's test and by K, rad, NaN where none is."""
 
-    range: float
-    bearing: float
-    sigma_range: float
-    position: float
     measured: float
     by_ratio: float
     by_polar_ratio: float
@@ -79,10 +75,6 @@ def find_limit(r: float, bearing: float, sr: float, position: float, seed: int, 
     at = measured if np.isfinite(measured) else STEP
     covariance = position**2 * np.eye(2) if position > 0 else None
     return Limit(
-        r,
-        bearing,
-        sr,
-        position,
         measured,
         predicted(r, sr, position),
         predicted(r, sr, 0.0),

@@ -178,17 +178,15 @@ def look(home: AskedHome, place: str, stamp: float, rng: np.random.Generator) ->
 
 @dataclass
 class AnswerTally:
-    """Answers by kind of question: right, probability, s."""
+    """Answers to one kind of question; wrong: in words."""
 
     right: list[bool] = field(default_factory=list)
     probability: list[float] = field(default_factory=list)
-    spent: list[float] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
 
-    def add(self, right: bool, probability: float, spent: float) -> None:
+    def add(self, right: bool, probability: float) -> None:
         self.right.append(right)
         self.probability.append(probability)
-        self.spent.append(spent)
 
     @property
     def brier(self) -> float:
@@ -423,15 +421,13 @@ def _interview(
     asking = asked(home, now, rng)
     for _ in range(count):
         kind, question, check = next(asking)
-        begun = time.perf_counter()
         answer = ask(store, question)
-        spent = time.perf_counter() - begun
         try:
             right = check(answer)
         except (TypeError, AttributeError, ValueError):
             right = False
         tally = tallies.setdefault(kind, AnswerTally())
-        tally.add(right, answer.probability, spent)
+        tally.add(right, answer.probability)
         if not right:
             tally.wrong.append(f"{datetime.fromtimestamp(now):%d %H:%M} {question} {answer.sentence}")
 
@@ -470,7 +466,6 @@ def _puzzle(kind: str, seed: int) -> tuple[int, int, int]:
     names = ["red cup", "red cup" if "twin" in kind else "blue cup", "book"]
     places = list(rng.choice(SPOTS, 4, replace=False))
     at = {index: spot(str(places[index]), rng) for index in range(3)}
-    model = WorldModel(settings(), HOME, None, looks_back=False)
     with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "home.sqlite") as store:
         model = WorldModel(settings(), HOME, store, looks_back=False)
         stamp = BEGIN + 9 * HOUR

@@ -36,7 +36,7 @@ class Outcome:
 
     metres : driven while the beliefs were kept, and on the search. beliefs : once a second while they were kept.
     fetched : what the robot took, None for nothing. reached : m to the asked thing when the robot thought it was there.
-    seconds : of the search. failures : sentences. waits : how often the robot stood for somebody. closest : m.
+    seconds : of the search. failures : sentences. closest : m to somebody.
     """
 
     metres: float = 0.0
@@ -47,7 +47,6 @@ class Outcome:
     reached: float = math.nan
     failures: list[str] = field(default_factory=list)
     looks: int = 0
-    waits: int = 0
     closest: float = math.inf
 
     @property
@@ -189,7 +188,7 @@ class LibraryRobot:
                 out.failures.append("nothing is left to try")
                 break
         out.searched, out.seconds = day.robot.metres - before, day.time - begun
-        out.waits, out.closest = len(day.robot.stands), day.robot.closest
+        out.closest = day.robot.closest
 
     def _go_to(self, found: WorldObject, asked: str, end: float) -> None:
         name, begun = found.id, self.day.time
