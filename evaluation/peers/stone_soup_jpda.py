@@ -24,24 +24,16 @@ class StoneSoupJpda:
     def __init__(self, config: PhdConfig, joint: bool = True) -> None:
         from stonesoup.dataassociator.probability import JPDA, PDA
         from stonesoup.hypothesiser.probability import PDAHypothesiser
-        from stonesoup.models.measurement.linear import LinearGaussian
-        from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
-        from stonesoup.predictor.kalman import KalmanPredictor
-        from stonesoup.types.array import CovarianceMatrix
-        from stonesoup.updater.kalman import KalmanUpdater
 
-        self.config = config
-        noise = config.measurement_noise**2 / max(config.measurement_rate, 1.0)
-        self.model = LinearGaussian(4, (0, 2), CovarianceMatrix(noise * np.eye(2)))
-        transition = CombinedLinearGaussianTransitionModel([ConstantVelocity(config.process_noise**2)] * 2)
-        self.updater = KalmanUpdater(self.model)
+        # The same clusters and motion as the other peer's, so that the association alone differs.
+        peer = StoneSoupPhd(config)
+        self.config, self.model, self.updater = config, peer.model, peer.kalman
+        self._clusters = peer._clusters
         # Clutter of clusters, not of returns: few of three and more close together.
         hypothesiser = PDAHypothesiser(
-            KalmanPredictor(transition), self.updater, 0.1 / config.area, config.detection_probability, GATE
+            peer.predictor, self.updater, 0.1 / config.area, config.detection_probability, GATE
         )
         self.associator = JPDA(hypothesiser) if joint else PDA(hypothesiser)
-        # The same clusters as the other peer's, so that the association alone differs.
-        self._clusters = StoneSoupPhd(config)._clusters
         self.start = datetime(2020, 1, 1)
         self.tracks: dict[Any, list[int]] = {}
 

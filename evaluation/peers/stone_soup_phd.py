@@ -31,11 +31,11 @@ class StoneSoupPhd:
         noise = config.measurement_noise**2 / max(config.measurement_rate, 1.0)
         self.model = LinearGaussian(4, (0, 2), CovarianceMatrix(noise * np.eye(2)))
         transition = CombinedLinearGaussianTransitionModel([ConstantVelocity(config.process_noise**2)] * 2)
-        updater = KalmanUpdater(self.model)
-        gates = DistanceHypothesiser(KalmanPredictor(transition), updater, Mahalanobis(), missed_distance=5)
+        self.predictor, self.kalman = KalmanPredictor(transition), KalmanUpdater(self.model)
+        gates = DistanceHypothesiser(self.predictor, self.kalman, Mahalanobis(), missed_distance=5)
         self.hypothesiser = GaussianMixtureHypothesiser(gates, order_by_detection=True)
         self.updater = PHDUpdater(
-            updater,
+            self.kalman,
             clutter_spatial_density=1.0 / config.area,
             prob_detection=config.detection_probability,
             prob_survival=config.survival_probability,
