@@ -119,7 +119,8 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
         if smallest == np.inf:
             return found[:0]
         u[i] = smallest
-        step = augment(costs, i, 0, no_ban, -1, np.inf, row_of, columns, u, v)
+        # As integers, not as literals, of which each would be compiled for itself.
+        step = augment(costs, i, np.int64(0), no_ban, np.int64(-1), np.inf, row_of, columns, u, v)
         if step == np.inf:
             return found[:0]
     for i in range(n):
@@ -131,7 +132,7 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
     pool_banned = np.empty((k, m), np.bool_)
     pool_u, pool_v = np.empty((k, n)), np.empty((k, m))
     pool_cost[0] = total
-    pool_columns[0], pool_banned[0], pool_u[0], pool_v[0] = columns, no_ban, u, v
+    _put(pool_columns[0], pool_banned[0], pool_u[0], pool_v[0], columns, no_ban, u, v)
     size = 1
     count = 0
     while size > 0:
@@ -139,7 +140,8 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
         cost, first = pool_cost[at], pool_first[at]
         columns, banned = pool_columns[at].copy(), pool_banned[at].copy()
         u, v = pool_u[at].copy(), pool_v[at].copy()
-        found[count] = columns
+        for i in range(n):
+            found[count, i] = columns[i]
         count += 1
         size -= 1
         if at != size:
@@ -171,8 +173,16 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
                 continue
             pool_cost[slot] = cost + step
             pool_first[slot] = t
-            pool_columns[slot], pool_banned[slot] = child_columns, banned
-            pool_u[slot], pool_v[slot] = child_u, child_v
+            _put(
+                pool_columns[slot],
+                pool_banned[slot],
+                pool_u[slot],
+                pool_v[slot],
+                child_columns,
+                banned,
+                child_u,
+                child_v,
+            )
             size = max(size, slot + 1)
     return found[:count]
 
@@ -180,5 +190,21 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _move(cost, first, columns, banned, u, v, source, target):  # type: ignore[no-untyped-def]
     cost[target], first[target] = cost[source], first[source]
-    columns[target], banned[target] = columns[source], banned[source]
-    u[target], v[target] = u[source], v[source]
+    _put(
+        columns[target],
+        banned[target],
+        u[target],
+        v[target],
+        columns[source],
+        banned[source],
+        u[source],
+        v[source],
+    )
+
+
+@numba.njit(cache=True)
+def _put(columns, banned, u, v, new_columns, new_banned, new_u, new_v):  # type: ignore[no-untyped-def]
+    for i in range(u.size):
+        columns[i], u[i] = new_columns[i], new_u[i]
+    for j in range(v.size):
+        banned[j], v[j] = new_banned[j], new_v[j]

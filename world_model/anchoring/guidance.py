@@ -26,15 +26,17 @@ DOUBT_SECONDS = 5.0  # What was found out about who keeps to the predicted path 
 def lead(leaves, i, stamp, motion, removed, step, growth, velocity):  # type: ignore[no-untyped-def]
     """Propagate a mover's leaf to `stamp`: one filter along the path, the other straight on, in place."""
     dt = stamp - leaves.stamp[i]
-    row = class_of(leaves, i, motion.shape[0] - 1)
+    row = class_of(leaves.attributes[i], motion.shape[0] - 1)
     share = motion[row, 4]
     if dt <= 0.0 or motion[row, 0] < 0.5 or share <= 0.0:
         return
     leaves.stamp[i] = stamp
     pi = leaves.behavior[i]
     if pi[REST] <= 0.0:
-        leaves.rest[i] = leaves.moving[i, :3]
-        leaves.rest_cov[i] = leaves.moving_cov[i, :3, :3]
+        for a in range(3):
+            leaves.rest[i, a] = leaves.moving[i, a]
+            for b in range(3):
+                leaves.rest_cov[i, a, b] = leaves.moving_cov[i, a, b]
         pi[REST] = share * pi[MOVING]
         pi[MOVING] -= pi[REST]
     elif pi[MOVING] <= 0.0:
@@ -44,9 +46,11 @@ def lead(leaves, i, stamp, motion, removed, step, growth, velocity):  # type: ig
     pi[REST] += fade * (share * here - pi[REST])
     pi[MOVING] = here - pi[REST]
     walk(leaves, i, dt, motion[row, 1] ** 2, motion[row, 5])
-    leaves.rest[i] += step
-    leaves.rest_cov[i] += growth
-    leaves.led[i] = velocity
+    for a in range(3):
+        leaves.rest[i, a] += step[a]
+        leaves.led[i, a] = velocity[a]
+        for b in range(3):
+            leaves.rest_cov[i, a, b] += growth[a, b]
     gone = 1.0 - np.exp(-removed * dt)
     for m in range(3):
         pi[NONE] += gone * pi[m]

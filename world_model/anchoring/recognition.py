@@ -140,7 +140,7 @@ class Recognition:
                 leaves = anchors.leaves
                 copy_leaf(leaves, leaf, slot)
                 leaves.track[slot] = known.number
-                learn_attributes(leaves, slot, leaves.attributes[old], anchors.vocabulary.blocks)
+                learn_attributes(leaves.attributes[slot], leaves.attributes[old], anchors.vocabulary.blocks)
                 leaves.first[slot] = leaves.first[old]
                 made[leaf, old] = slot
             row = whole.rows[h].copy()

@@ -163,6 +163,7 @@ def cells_in_view(centres, size, sensor):  # type: ignore[no-untyped-def]
     """Share (nx, ny) of each cell that a sensor sees, at its own height."""
     out = np.zeros(centres.shape[:2])
     reach = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
+    planar = np.bool_(True)
     point = np.empty(3)
     point[2] = sensor[2]
     for a in range(centres.shape[0]):
@@ -170,7 +171,7 @@ def cells_in_view(centres, size, sensor):  # type: ignore[no-untyped-def]
             point[0], point[1] = centres[a, b, 0], centres[a, b, 1]
             if max(abs(point[0] - sensor[0]), abs(point[1] - sensor[1])) > sensor[5] + reach:
                 continue
-            inside = clearance(point, sensor, True)
+            inside = clearance(point, sensor, planar)
             if abs(inside) >= reach:
                 out[a, b] = 1.0 if inside > 0.0 else 0.0
                 continue
@@ -179,6 +180,6 @@ def cells_in_view(centres, size, sensor):  # type: ignore[no-untyped-def]
                 for q in range(SAMPLES):
                     point[0] = centres[a, b, 0] + ((p + 0.5) / SAMPLES - 0.5) * size[0]
                     point[1] = centres[a, b, 1] + ((q + 0.5) / SAMPLES - 0.5) * size[1]
-                    seen += clearance(point, sensor, True) > 0.0
+                    seen += clearance(point, sensor, planar) > 0.0
             out[a, b] = seen / SAMPLES**2
     return out

@@ -99,7 +99,7 @@ class Corrections:
         unlike = {}
         for number, slot in self.anchors.resting(bias.ids).items():
             factor = [
-                attribute_factor(leaves, slot, line, self.anchors.vocabulary.blocks)
+                attribute_factor(leaves.attributes[slot], line, self.anchors.vocabulary.blocks)
                 for line in look.seen.likelihood
             ]
             height = (look.seen.positions[:, 2] - leaves.rest[slot, 2]) ** 2 / spread

@@ -87,7 +87,9 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
         if x < x0 - high or x > x1 + high or y < y0 - high or y > y1 + high:
             continue
         count, before = 0, 0
-        now[:] = P[n]
+        for i in range(3):
+            for j in range(3):
+                now[i, j] = P[n, i, j]
         for k in range(1, last + 1):
             dx, dy = x - path[k, 0], y - path[k, 1]
             away = math.hypot(dx, dy)

@@ -36,7 +36,7 @@ def begin(rows, tracks, which, seen, classes):  # type: ignore[no-untyped-def]
     """New leaves for detections `which` (n,) of new tracks (n,); returns their rows (n,)."""
     slots = np.empty(which.size, np.int64)
     for k in range(which.size):
-        slots[k] = claim(rows)
+        slots[k] = claim(rows.free, rows.top)
         create(rows.leaves, slots[k], tracks[k], which[k], seen, classes)
     return slots
 
@@ -76,14 +76,14 @@ def realise(rows, slots, local, children, missing, clear, seen, tracks, classes)
             if taken[j]:
                 continue
             if begun[j] < 0:
-                begun[j] = claim(rows)
+                begun[j] = claim(rows.free, rows.top)
                 create(rows.leaves, begun[j], tracks[j], j, seen, classes)
             out[c, T + j] = begun[j]
     for k in range(slots.size):
         if missed[k]:
             miss(rows.leaves, slots[k], missing[k], clear[k])
         else:
-            release(rows.leaves, rows.free, rows.top, slots[k])
+            release(rows.leaves.track, rows.free, rows.top, slots[k])
     return out
 
 
@@ -91,7 +91,7 @@ def realise(rows, slots, local, children, missing, clear, seen, tracks, classes)
 def _variant(rows, slots, at, j, groups, seen, blocks):  # type: ignore[no-untyped-def]
     """A leaf with a detection of its own, or with that of the group j // M - 1; its row."""
     leaves, M = rows.leaves, seen.log_new.size
-    slot, d, stamp = claim(rows), j % M, seen.stamp - seen.lag
+    slot, d, stamp = claim(rows.free, rows.top), j % M, seen.stamp - seen.lag
     copy_leaf(leaves, slots[at], slot)
     z, R = seen.positions[d], seen.covariances[d]
     if j < M:
@@ -103,16 +103,16 @@ def _variant(rows, slots, at, j, groups, seen, blocks):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True)
-def claim(rows):  # type: ignore[no-untyped-def]
+def claim(free, top):  # type: ignore[no-untyped-def]
     """A free row."""
-    rows.top[0] -= 1
-    return rows.free[rows.top[0]]
+    top[0] -= 1
+    return free[top[0]]
 
 
 @numba.njit(cache=True)
-def release(leaves, free, top, slot):  # type: ignore[no-untyped-def]
-    """Give a row back."""
-    leaves.track[slot] = -1
+def release(track, free, top, slot):  # type: ignore[no-untyped-def]
+    """Give a row back; track (L,) : owners of all."""
+    track[slot] = -1
     free[top[0]] = slot
     top[0] += 1
 
@@ -188,7 +188,7 @@ def join(pool, rows, log_weights, persistence, attributes):  # type: ignore[no-u
                 for h in range(H):
                     if rows[h, t] == b:
                         rows[h, t] = a
-                release(leaves, pool.free, pool.top, b)
+                release(leaves.track, pool.free, pool.top, b)
                 slots[order[y]] = -1
 
 

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.loops.kernels import inverse_3x3, log_gauss, symmetric
+from world_model.anchoring.loops.kernels import inverse_3x3, log_gauss, step
 from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
 
 MERGED = 0.3  # that two movers at the same place, told apart at the last look, are detected as one
@@ -98,19 +98,22 @@ def group_weight(members, size, j, local, touching, seen, movers):  # type: igno
     for p in range(size):
         if common[local[members[p]], 0, 0] > 0.0:
             # One that was in a group stays in it: where that is, is known better than who is where in it.
-            S += common[local[members[p]]]
+            for a in range(3):
+                for b in range(3):
+                    S[a, b] += common[local[members[p]], a, b]
             known = True
             break
-    if not known:
-        for p in range(size):
-            S += movers.spreads[local[members[p]]] / size**2
     for p in range(size):
-        centre += centres[local[members[p]]] / size
+        for a in range(3):
+            centre[a] += centres[local[members[p]], a] / size
+            for b in range(3):
+                if not known:
+                    S[a, b] += movers.spreads[local[members[p]], a, b] / size**2
     for p in range(size):
-        off = centres[local[members[p]]] - centre
+        x = centres[local[members[p]]]
         for a in range(3):
             for b in range(3):
-                S[a, b] += off[a] * off[b] * SCATTER / size
+                S[a, b] += (x[a] - centre[a]) * (x[b] - centre[b]) * SCATTER / size
     z = seen.positions[j]
     return weight + log_gauss(z[0] - centre[0], z[1] - centre[1], z[2] - centre[2], S, inverse)
 
@@ -138,11 +141,17 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
                     near = near or touching[groups[g, p], w] > 0.0
                 if inside or not near or count >= MOST_TRIED:
                     continue
-                groups[count] = groups[g]
+                at = 0
                 groups[count, size] = w
-                groups[count, : size + 1].sort()
+                for p in range(size):
+                    if groups[g, p] < w:
+                        groups[count, p] = groups[g, p]
+                        at = p + 1
+                    else:
+                        groups[count, p + 1] = groups[g, p]
+                groups[count, at] = w
                 for other in range(end, count):
-                    if (groups[other] == groups[count]).all():
+                    if same(groups[other], groups[count]):
                         groups[count] = -1
                         break
                 if groups[count, 0] >= 0:
@@ -150,6 +159,15 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
         begin = end
         size += 1
     return groups, count
+
+
+@numba.njit(cache=True)
+def same(one, other):  # type: ignore[no-untyped-def]
+    """Whether two groups (MOST_MEMBERS,) have the same members."""
+    alike = True
+    for q in range(MOST_MEMBERS):
+        alike = alike and one[q] == other[q]
+    return alike
 
 
 @numba.njit(cache=True)
@@ -175,7 +193,8 @@ def merge_events(local, touching, used, missing, seen, movers, threshold):  # ty
             if gain > -threshold and gain > gains[worst]:
                 gains[worst] = gain
                 row[worst] = r
-                members[worst] = groups[g]
+                for p in range(MOST_MEMBERS):
+                    members[worst, p] = groups[g, p]
     order = np.argsort(-gains)
     kept = 0
     while kept < MOST_EVENTS and gains[order[kept]] > -np.inf:
@@ -248,12 +267,17 @@ def resolved_weight(touching, chosen, local, missing, seen, movers):  # type: ig
 @numba.njit(cache=True)
 def _parting(a, b, i, j, seen, movers):  # type: ignore[no-untyped-def]
     """How much likelier detections i and j of two that part are, as their centre is known by a filter of its own."""
-    noise = 0.25 * (seen.covariances[i] + seen.covariances[j])
-    off = 0.5 * (seen.positions[i] + seen.positions[j] - movers.centres[a] - movers.centres[b])
-    inverse = np.empty((3, 3))
-    well = log_gauss(off[0], off[1], off[2], 0.5 * (movers.common[a] + movers.common[b]) + noise, inverse)
-    badly = log_gauss(off[0], off[1], off[2], 0.25 * (movers.spreads[a] + movers.spreads[b]) + noise, inverse)
-    return well - badly
+    off, known, spread, inverse = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for p in range(3):
+        off[p] = 0.5 * (
+            seen.positions[i, p] + seen.positions[j, p] - movers.centres[a, p] - movers.centres[b, p]
+        )
+        for q in range(3):
+            noise = 0.25 * (seen.covariances[i, p, q] + seen.covariances[j, p, q])
+            known[p, q] = 0.5 * (movers.common[a, p, q] + movers.common[b, p, q]) + noise
+            spread[p, q] = 0.25 * (movers.spreads[a, p, q] + movers.spreads[b, p, q]) + noise
+    well = log_gauss(off[0], off[1], off[2], known, inverse)
+    return well - log_gauss(off[0], off[1], off[2], spread, inverse)
 
 
 @numba.njit(cache=True)
@@ -280,7 +304,9 @@ def correct_shared(leaves, i, slots, group, z, R, stamp):  # type: ignore[no-unt
             centre[a] += leaves.moving[other, a] / size
             spread += leaves.moving_cov[other, a, a] / size
         if leaves.together[i] == 0:
-            C += leaves.moving_cov[other] / size**2
+            for a in range(6):
+                for b in range(6):
+                    C[a, b] += leaves.moving_cov[other, a, b] / size**2
     for a in range(3):
         for b in range(3):
             S[a, b] = C[a, b] + R[a, b]
@@ -291,13 +317,17 @@ def correct_shared(leaves, i, slots, group, z, R, stamp):  # type: ignore[no-unt
                     off = (leaves.moving[slots[g], a] - centre[a]) * (leaves.moving[slots[g], b] - centre[b])
                     S[a, b] += SCATTER * off / size
     inverse_3x3(S, inverse)
-    CH = np.ascontiguousarray(C[:, :3])
+    CH, off, P = np.empty((6, 3)), np.empty(3), leaves.moving_cov[i]
+    for b in range(3):
+        off[b] = z[b] - centre[b]
+        for a in range(6):
+            CH[a, b] = C[a, b]
     gain = CH @ inverse
-    x, P = leaves.moving[i], leaves.moving_cov[i]
-    # Who is known less well is moved more.
-    x += (P[0, 0] + P[1, 1] + P[2, 2]) / spread * (gain @ (z - centre))
-    C -= gain @ CH.T
-    symmetric(C)
+    moved = gain @ off
+    for a in range(6):
+        # Who is known less well is moved more.
+        moved[a] *= (P[0, 0] + P[1, 1] + P[2, 2]) / spread
+    step(leaves.moving[i], C, moved, gain @ CH.T)
     leaves.together[i] += 1
     here = leaves.behavior[i, REST] + leaves.behavior[i, MOVING]
     if here > 0.0:

@@ -20,6 +20,7 @@ from world_model.anchoring.loops.contacts import (
     contacts,
     merge_events,
     resolved_weight,
+    same,
 )
 from world_model.anchoring.loops.leaves import IntArray
 
@@ -78,10 +79,13 @@ def expand(rows, log_weights, matrix, missing, seen, movers, keep, threshold):  
         # may gain a little more.
         if weight + most < best - (3.0 if sharing else 1.0) * threshold:
             break
-        columns = np.flatnonzero(rows[h] >= 0)
-        local = rows[h][columns]
-        for leaf in local:
-            weight += missing[leaf]
+        columns, local, n = np.empty(T, np.int64), np.empty(T, np.int64), 0
+        for t in range(T):
+            if rows[h, t] >= 0:
+                columns[n], local[n] = t, rows[h, t]
+                weight += missing[rows[h, t]]
+                n += 1
+        columns, local = columns[:n], local[:n]
         touching = np.zeros((0, 0))
         if sharing and local.size > 1:
             touching = contacts(local, movers)
@@ -223,12 +227,13 @@ def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):
                 member[q] = parent.local[events[event, q]]
         code = -1
         for g in range(counts[1]):
-            if (groups[g] == member).all():
+            if same(groups[g], member):
                 code = g
                 break
         if code < 0:
             code = min(counts[1], groups.shape[0] - 1)
-            groups[code] = member
+            for q in range(MOST_MEMBERS):
+                groups[code, q] = member[q]
             counts[1] = code + 1
         for q in range(MOST_MEMBERS):
             if events[event, q] >= 0:

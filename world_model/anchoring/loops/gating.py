@@ -31,17 +31,17 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, c
     """
     stamp, lag, positions = seen.stamp, seen.lag, seen.positions
     count = 0
-    wider = sensor.copy()
+    wider, x = sensor.copy(), np.empty(3)
     for k in range(active.size):
         i = active[k]
         pi = leaves.behavior[i]
         dt = stamp - leaves.stamp[i]
-        row = class_of(leaves, i, motion.shape[0] - 1)
+        row = class_of(leaves.attributes[i], motion.shape[0] - 1)
         moves = motion[row, 0] > 0.5
         moving = pi[MOVING] > pi[REST]
         variance = 0.0
-        x = leaves.moving[i, :3] + dt * leaves.moving[i, 3:] if moving else leaves.rest[i].copy()
         for a in range(3):
+            x[a] = leaves.moving[i, a] + dt * leaves.moving[i, a + 3] if moving else leaves.rest[i, a]
             if moving:
                 P = leaves.moving_cov[i]
                 v = P[a, a] + 2.0 * dt * abs(P[a, a + 3]) + dt * dt * P[a + 3, a + 3]
@@ -62,7 +62,9 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, c
                 wider[5] = sensor[5]
                 if leaves.hits[i] < SETTLED_HITS and stamp - leaves.last[i] < RECENT:
                     wider[5] += margin * sigma + 0.06
-                inside = min(clearance(x, wider, False), clearance(x, wider, True))
+                inside = np.inf
+                for planar in (False, True):
+                    inside = min(inside, clearance(x, wider, planar))
                 view = min(max((inside - margin * sigma - 0.01) / 0.05, 0.0), 1.0)
         # What may begin to move while it is looked for is found a little farther away.
         reach = 6.0 * sigma + (0.0 if moves else motion[row, 3] * min(dt, 0.5) * 3.0)
@@ -131,8 +133,8 @@ def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # t
     for k in range(chosen.size):
         i = chosen[k]
         dt = stamp - leaves.stamp[i]
-        runs = detector[int(motion[class_of(leaves, i, motion.shape[0] - 1), 0] > 0.5)]
-        visible = visible_probability(leaves, i, dt, runs[0], runs[2], runs[3])
+        runs = detector[int(motion[class_of(leaves.attributes[i], motion.shape[0] - 1), 0] > 0.5)]
+        visible = visible_probability(leaves.visible[i], dt, runs[0], runs[2], runs[3])
         detected = visible * runs[1]
         predict(leaves, i, stamp, motion, runs[4])
         leaves.visible[i] = visible
@@ -154,6 +156,6 @@ def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # t
             if top < OUT_OF_GATE or here <= 0.0:
                 continue
             weight = pi[REST] * np.exp(out[0] - top) + pi[MOVING] * np.exp(out[1] - top)
-            factor = attribute_factor(leaves, i, seen.likelihood[j], classes.blocks)
+            factor = attribute_factor(leaves.attributes[i], seen.likelihood[j], classes.blocks)
             if weight > 0.0 and factor > 0.0:
                 matrix[k, j] = found + top + np.log(weight * factor)

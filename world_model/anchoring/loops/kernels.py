@@ -46,12 +46,12 @@ def inverse_3x3(m, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def class_of(leaves, i, classes):  # type: ignore[no-untyped-def]
-    """Row of `motion` for a leaf: its most probable class, the default where there are none."""
+def class_of(attributes, classes):  # type: ignore[no-untyped-def]
+    """Row of `motion` for the attributes (A,) of a leaf: its most probable class, the default where there are none."""
     best, at = 0.0, classes
     for k in range(classes):
-        if leaves.attributes[i, k] > best:
-            best, at = leaves.attributes[i, k], k
+        if attributes[k] > best:
+            best, at = attributes[k], k
     return at
 
 
@@ -78,7 +78,7 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
     if dt <= 0.0:
         return
     leaves.stamp[i] = stamp
-    row = class_of(leaves, i, motion.shape[0] - 1)
+    row = class_of(leaves.attributes[i], motion.shape[0] - 1)
     q, carried, speed = motion[row, 1] ** 2, motion[row, 2], motion[row, 3]
     # Turns without notice are of what moves by itself, where turning is no part of its motion anyway.
     walks = motion[row, 0] > 0.5 and motion[row, 5] <= 0.0
@@ -89,7 +89,8 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
         if pi[REST] > 0.0:
             if pi[REST] >= pi[MOVING]:
                 start_moving(leaves, i, speed, 0.0)
-                leaves.moving[i, 3:] = leaves.led[i]
+                for a in range(3):
+                    leaves.moving[i, a + 3] = leaves.led[i, a]
             pi[MOVING] += pi[REST]
             pi[REST] = 0.0
         walk(leaves, i, dt, q, motion[row, 5])
@@ -105,7 +106,10 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
         here = settled
         if pi[MOVING] > 1e-3 * pi[REST]:
             flow(leaves.moving[i], leaves.moving_cov[i], dt, q)
-            if not put_down(leaves, i, pi[REST] - begun, settled):
+            rest, moving = leaves.rest[i], leaves.moving[i]
+            stayed = pi[REST] - begun
+            likely = pi[MOVING] < stayed
+            if not put_down(rest, leaves.rest_cov[i], moving, leaves.moving_cov[i], likely, stayed, settled):
                 here = 0.0
         else:
             start_moving(leaves, i, speed, min(dt, CARRY_SECONDS))
@@ -119,8 +123,10 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def put_down(leaves, i, stayed, settled):  # type: ignore[no-untyped-def]
+def put_down(rest, P, moving, Q, likely, stayed, settled):  # type: ignore[no-untyped-def]
     """Mix what was put down into the resting filter, matching moments; whether that was possible.
+
+    rest (3,), P (3, 3), moving (6,), Q (6, 6) : the two filters; `likely` where it more probably stayed.
 
     What may have been put down far from where it rested, or nobody knows where, is not: the mixture would blur a place
     that is known well.
@@ -129,14 +135,12 @@ def put_down(leaves, i, stayed, settled):  # type: ignore[no-untyped-def]
     if total <= 0.0 or settled <= 1e-9 * total:
         return True
     share = settled / total
-    rest, P = leaves.rest[i], leaves.rest_cov[i]
-    moving, Q = leaves.moving[i], leaves.moving_cov[i]
     around = 0.0
     for a in range(3):
         around += Q[a, a] / 3.0
-        if leaves.behavior[i, MOVING] < stayed:
+        if likely:
             around += (moving[a] - rest[a]) ** 2
-    if around > (HAND if leaves.behavior[i, MOVING] < stayed else NEARBY) ** 2:
+    if around > (HAND if likely else NEARBY) ** 2:
         return False
     for a in range(3):
         for b in range(3):
@@ -148,14 +152,15 @@ def put_down(leaves, i, stayed, settled):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def visible_probability(leaves, i, dt, visible, persistence, rate):  # type: ignore[no-untyped-def]
+def visible_probability(before, dt, visible, persistence, rate):  # type: ignore[no-untyped-def]
     """Probability that the object is not in a run of misses at a look `dt` after its last, (2.10).
 
-    A chain with two states, `visible` in the long run; `persistence` is its eigenvalue per look.
+    before : the same at its last look. A chain with two states, `visible` in the long run; `persistence` is its
+    eigenvalue per look.
     """
     frames = max(1.0, dt * rate)
     fade = persistence**frames if persistence > 0.0 else 0.0
-    return max(visible + (leaves.visible[i] - visible) * fade, 0.02 * visible)
+    return max(visible + (before - visible) * fade, 0.02 * visible)
 
 
 @numba.njit(cache=True)
@@ -183,20 +188,19 @@ def innovation(P, R, lag, S):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def inflate_rest(leaves, i, R):  # type: ignore[no-untyped-def]
-    """Keep the resting filter from believing that more than `MEMORY` detections were independent."""
-    have = leaves.rest_cov[i, 0, 0] + leaves.rest_cov[i, 1, 1] + leaves.rest_cov[i, 2, 2]
+def inflate_rest(P, R):  # type: ignore[no-untyped-def]
+    """Keep the resting filter, P (3, 3), from believing that more than `MEMORY` detections were independent."""
+    have = P[0, 0] + P[1, 1] + P[2, 2]
     least = (R[0, 0] + R[1, 1] + R[2, 2]) / MEMORY
     if have < least:
         for a in range(3):
-            leaves.rest_cov[i, a, a] += (least - have) / 3.0
+            P[a, a] += (least - have) / 3.0
 
 
 @numba.njit(cache=True)
-def widen(leaves, i, S):  # type: ignore[no-untyped-def]
-    """Add to a covariance (3, 3) where a mover may be that turned since it was last seen."""
-    x, P = leaves.moving[i], leaves.moving_cov[i]
-    unseen = 2.0 * min(max(leaves.stamp[i] - leaves.last[i], 0.0), UNSEEN)
+def widen(x, P, since, S):  # type: ignore[no-untyped-def]
+    """Add to a covariance (3, 3) where a mover may be that turned since it was last seen, `since` seconds ago."""
+    unseen = 2.0 * min(max(since, 0.0), UNSEEN)
     square = 0.0
     for a in range(3):
         square += x[a + 3] ** 2
@@ -223,22 +227,22 @@ def log_likelihoods(leaves, i, z, R, lag, out, S, inverse):  # type: ignore[no-u
         dx, dy, dz = z[0] - y[0] + lag * y[3], z[1] - y[1] + lag * y[4], z[2] - y[2] + lag * y[5]
         out[1] = log_gauss(dx, dy, dz, S, inverse)
         if leaves.hits[i] >= SETTLED_HITS and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
-            widen(leaves, i, S)
+            widen(y, leaves.moving_cov[i], leaves.stamp[i] - leaves.last[i], S)
             wide = log_gauss(dx, dy, dz, S, inverse) + np.log(TURNS)
             if wide > out[1]:
                 out[1] = wide
 
 
 @numba.njit(cache=True)
-def attribute_factor(leaves, i, likelihood, blocks):  # type: ignore[no-untyped-def]
-    """How much better a leaf explains the measured attributes than an unknown object does."""
+def attribute_factor(attributes, likelihood, blocks):  # type: ignore[no-untyped-def]
+    """How much better a leaf with attributes (A,) explains the measured attributes than an unknown object does."""
     factor = 1.0
     for k in range(blocks.shape[0]):
         if blocks[k, 0] == blocks[k, 1]:
             continue
         total = 0.0
         for c in range(blocks[k, 0], blocks[k, 1]):
-            total += leaves.attributes[i, c] * likelihood[c]
+            total += attributes[c] * likelihood[c]
         factor *= total
     return factor
 
@@ -246,31 +250,33 @@ def attribute_factor(leaves, i, likelihood, blocks):  # type: ignore[no-untyped-
 @numba.njit(cache=True)
 def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
     for array in literal_unroll(leaves):
-        array[target] = array[source]
+        flat, width = array.ravel(), array.size // len(array)
+        for k in range(width):
+            flat[target * width + k] = flat[source * width + k]
     leaves.said[target] = -1
 
 
 @numba.njit(cache=True)
-def learn_attributes(leaves, i, likelihood, blocks):  # type: ignore[no-untyped-def]
-    """Bayes' rule for every discrete attribute; nothing becomes impossible."""
+def learn_attributes(attributes, likelihood, blocks):  # type: ignore[no-untyped-def]
+    """Bayes' rule for every discrete attribute (A,), in place; nothing becomes impossible."""
     for k in range(blocks.shape[0]):
         total = 0.0
         for c in range(blocks[k, 0], blocks[k, 1]):
-            leaves.attributes[i, c] *= likelihood[c]
-            total += leaves.attributes[i, c]
+            attributes[c] *= likelihood[c]
+            total += attributes[c]
         if total <= 0.0:
             continue
         size = blocks[k, 1] - blocks[k, 0]
         for c in range(blocks[k, 0], blocks[k, 1]):
-            kept = leaves.attributes[i, c] / total
-            leaves.attributes[i, c] = (kept + ATTRIBUTE_FLOOR / size) / (1.0 + ATTRIBUTE_FLOOR)
+            kept = attributes[c] / total
+            attributes[c] = (kept + ATTRIBUTE_FLOOR / size) / (1.0 + ATTRIBUTE_FLOOR)
 
 
 @numba.njit(cache=True)
 def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no-untyped-def]
     """Correct a leaf (already predicted) with its detection, in place."""
-    out, S, inverse = np.empty(2), np.empty((3, 3)), np.empty((3, 3))
-    inflate_rest(leaves, i, R)
+    out, S, inverse, off = np.empty(2), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    inflate_rest(leaves.rest_cov[i], R)
     log_likelihoods(leaves, i, z, R, lag, out, S, inverse)
     pi = leaves.behavior[i]
     top = max(out[0], out[1])
@@ -279,57 +285,70 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
     if not a + b > 0.0:
         a, b = pi[REST], pi[MOVING]
     if pi[REST] > 0.0:
-        _correct_rest(leaves.rest[i], leaves.rest_cov[i], z + lag * leaves.led[i], R, S, inverse)
+        for k in range(3):
+            off[k] = z[k] + lag * leaves.led[i, k] - leaves.rest[i, k]
+        _correct_rest(leaves.rest[i], leaves.rest_cov[i], off, R, S, inverse)
     if pi[MOVING] > 0.0:
         moves = pi[MOVING] > pi[REST] and leaves.hits[i] >= SETTLED_HITS and lag <= 0.0
         if moves and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
-            y = leaves.moving[i]
             innovation(leaves.moving_cov[i], R, lag, S)
             inverse_3x3(S, inverse)
-            off = z - y[:3]
+            for k in range(3):
+                off[k] = z[k] - leaves.moving[i, k]
             leaves.strain[i] += LATE * (off @ inverse @ off - leaves.strain[i])
             if leaves.strain[i] > STRAINED:
-                turned(leaves, i)
+                turned(leaves.moving[i], leaves.moving_cov[i], leaves.stamp[i] - leaves.last[i])
                 leaves.strain[i] = 0.0
-        _correct_moving(leaves.moving[i], leaves.moving_cov[i], z, R, lag, S, inverse)
+        for k in range(3):
+            off[k] = z[k] - leaves.moving[i, k] + lag * leaves.moving[i, k + 3]
+        _correct_moving(leaves.moving[i], leaves.moving_cov[i], off, R, lag, S, inverse)
     pi[REST], pi[MOVING], pi[AWAY], pi[NONE] = a / (a + b), b / (a + b), 0.0, 0.0
     leaves.visible[i] = 1.0
     leaves.last[i] = max(stamp, leaves.last[i])
     leaves.hits[i] += 1
     leaves.missed[i] = 0.0
     leaves.together[i] = 0
-    learn_attributes(leaves, i, likelihood, blocks)
+    learn_attributes(leaves.attributes[i], likelihood, blocks)
 
 
 @numba.njit(cache=True)
-def _correct_rest(x, P, z, R, S, inverse):  # type: ignore[no-untyped-def]
-    """Kalman update of the constant-position filter; H is the identity."""
+def _correct_rest(x, P, off, R, S, inverse):  # type: ignore[no-untyped-def]
+    """Kalman update of the constant-position filter, measured `off` (3,) from where it is; H is the identity."""
     innovation(P, R, 0.0, S)
     inverse_3x3(S, inverse)
     gain = P @ inverse
-    x += gain @ (z - x)
-    P -= gain @ P.copy()
-    symmetric(P)
+    step(x, P, gain @ off, gain @ P)
 
 
 @numba.njit(cache=True)
-def _correct_moving(x, P, z, R, lag, S, inverse):  # type: ignore[no-untyped-def]
-    """Kalman update of the constant-velocity filter with a position `lag` seconds ago; H = [I, -lag I]."""
+def _correct_moving(x, P, off, R, lag, S, inverse):  # type: ignore[no-untyped-def]
+    """Kalman update of the constant-velocity filter with a position `lag` seconds ago, measured `off` (3,) from where
+    it was; H = [I, -lag I]."""
     innovation(P, R, lag, S)
     inverse_3x3(S, inverse)
-    PH = np.ascontiguousarray(P[:, :3]) - lag * np.ascontiguousarray(P[:, 3:])
+    PH = np.empty((6, 3))
+    for a in range(6):
+        for b in range(3):
+            PH[a, b] = P[a, b] - lag * P[a, b + 3]
     gain = PH @ inverse
-    x += gain @ (z - x[:3] + lag * x[3:])
-    P -= gain @ PH.T
+    step(x, P, gain @ off, gain @ PH.T)
+
+
+@numba.njit(cache=True)
+def step(x, P, moved, known):  # type: ignore[no-untyped-def]
+    """A mean moves on, and its covariance shrinks by what is known now, in place."""
+    for a in range(x.size):
+        x[a] += moved[a]
+        for b in range(x.size):
+            P[a, b] -= known[a, b]
     symmetric(P)
 
 
 @numba.njit(cache=True)
-def turned(leaves, i):  # type: ignore[no-untyped-def]
-    """A mover went otherwise than expected accelerations explain, as at a wall: since it was last seen its speed is
-    about what it was, in whatever direction."""
-    x, P = leaves.moving[i], leaves.moving_cov[i]
-    unseen = 2.0 * min(max(leaves.stamp[i] - leaves.last[i], 0.0), UNSEEN)
+def turned(x, P, since):  # type: ignore[no-untyped-def]
+    """A mover went otherwise than expected accelerations explain, as at a wall: since it was last seen, `since` seconds
+    ago, its speed is about what it was, in whatever direction."""
+    unseen = 2.0 * min(max(since, 0.0), UNSEEN)
     square = x[3] ** 2 + x[4] ** 2 + x[5] ** 2
     for a in range(3):
         if P[a + 3, a + 3] + x[a + 3] ** 2 > 1e-3 * square:
@@ -373,12 +392,15 @@ def create(leaves, i, track, j, seen, classes):  # type: ignore[no-untyped-def]
     """A leaf for an object first seen now, with detection j of `look.Detections`."""
     motion, stamp, existence = classes.motion, seen.stamp - seen.lag, seen.existence[j]
     leaves.track[i] = track
-    leaves.rest[i] = seen.positions[j]
-    leaves.rest_cov[i] = seen.covariances[j]
+    for a in range(3):
+        leaves.rest[i, a] = seen.positions[j, a]
+        for b in range(3):
+            leaves.rest_cov[i, a, b] = seen.covariances[j, a, b]
     leaves.led[i] = 0.0
-    leaves.attributes[i] = classes.prior
-    learn_attributes(leaves, i, seen.likelihood[j], classes.blocks)
-    row = class_of(leaves, i, motion.shape[0] - 1)
+    for c in range(classes.prior.size):
+        leaves.attributes[i, c] = classes.prior[c]
+    learn_attributes(leaves.attributes[i], seen.likelihood[j], classes.blocks)
+    row = class_of(leaves.attributes[i], motion.shape[0] - 1)
     start_moving(leaves, i, motion[row, 3], 0.0)
     leaves.behavior[i] = 0.0
     leaves.behavior[i, MOVING if motion[row, 0] > 0.5 else REST] = existence

@@ -68,10 +68,16 @@ def walk(leaves, i, dt, q, turning):  # type: ignore[no-untyped-def]
     for a in range(3):
         F[a, a + 3] = along if a < 2 else dt
         F[a + 3, a + 3] = slower if a < 2 else 1.0
-    x[:] = F @ x
-    P[:, :] = F @ P @ F.T
+    ahead, spread = F @ x, F @ P @ F.T
+    for a in range(6):
+        x[a] = ahead[a]
+        for b in range(6):
+            P[a, b] = spread[a, b]
     if together:
-        C[:, :] = F @ C @ F.T
+        spread = F @ C @ F.T
+        for a in range(6):
+            for b in range(6):
+                C[a, b] = spread[a, b]
     for a in range(3):
         for b in range(3):
             n = noise[a, b]
