@@ -71,9 +71,12 @@ def _more(tiles, marks, count, need):  # type: ignore[no-untyped-def]
     """Room for at least `need` tiles; the first `count` stay."""
     room = max(need, 2 * len(marks))
     longer = np.empty((room, 2), dtype=np.int64)
-    longer[:count] = tiles[:count]
     wider = np.zeros((room, TILE, TILE), dtype=np.uint8)
-    wider[:count] = marks[:count]
+    for k in range(count):
+        longer[k, 0], longer[k, 1] = tiles[k, 0], tiles[k, 1]
+        for j in range(TILE):
+            for i in range(TILE):
+                wider[k, j, i] = marks[k, j, i]
     return longer, wider
 
 
@@ -102,7 +105,7 @@ def mark_scan(start, ends):  # type: ignore[no-untyped-def]
     table = np.full((rows, columns), -1, dtype=np.int32)
     tiles = np.empty((16, 2), dtype=np.int64)
     marks = np.zeros((16, TILE, TILE), dtype=np.uint8)
-    count = 0
+    count = np.int64(0)  # as a literal, what takes it would be compiled for it and again for any other
     for k in range(len(placed)):
         ex, ey = placed[k]
         # A way of n steps crosses no more than n / TILE + 2 borders between tiles, and has an end.
@@ -116,8 +119,9 @@ def mark_scan(start, ends):  # type: ignore[no-untyped-def]
     for k in range(len(placed)):
         i, j = math.floor(placed[k, 0]), math.floor(placed[k, 1])
         marks[table[j // TILE, i // TILE], j % TILE, i % TILE] = 2
-    tiles[:count, 0] += low_j
-    tiles[:count, 1] += low_i
+    for k in range(count):
+        tiles[k, 0] += low_j
+        tiles[k, 1] += low_i
     return tiles[:count].copy(), marks[:count].copy()
 
 

@@ -215,7 +215,9 @@ def _describe_2d(r, P, full_circle, limit, multiples, starts):  # type: ignore[n
     """Scalar features (35,) and concatenated histograms of ranges (N,) at positions (N, 3)."""
     steps = _steps(P, full_circle)
     values = np.empty(SCALARS_2D)
-    values[:SCALARS_3D] = _common(r, P, steps, limit, 2)
+    common = _common(r, P, steps, limit, 2)
+    for k in range(SCALARS_3D):
+        values[k] = common[k]
     values[32], values[33] = define.groups(r, steps, DISTANCE_GATE, GROUP_MINIMUM)
     values[34] = define.angular_difference(r, P, steps, limit)
     return values, define.range_histograms(r, multiples, starts)

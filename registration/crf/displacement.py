@@ -208,9 +208,7 @@ def best_motion(  # type: ignore[no-untyped-def]
     best = least - 1e-6
     for k in range(len(peaks)):
         dx, dy = peaks[k]
-        trial[:] = background
-        trial[0] += dx
-        trial[1] += dy
+        trial[0], trial[1], trial[2] = background[0] + dx, background[1] + dy, background[2]
         if not fit_group(points[::stride], spacing[::stride], background, targets, weights, sigma, trial):
             continue
         bonus = HIT * claim(points, near, trial, fresh, claimed) - DISTANCE_COST * length(dx, dy)
@@ -219,5 +217,5 @@ def best_motion(  # type: ignore[no-untyped-def]
         )
         if score > best:
             best = score
-            motion[:] = trial
+            motion[0], motion[1], motion[2] = trial
     return best if best >= least else -math.inf

@@ -37,7 +37,8 @@ def _rasters(points, origin, cell, width, height, levels):  # type: ignore[no-un
         half = 1 << (level - 1)
         finer, coarser = rasters[level - 1], rasters[level]
         for b in range(height):
-            coarser[b] = finer[b]
+            for a in range(width):
+                coarser[b, a] = finer[b, a]
             _larger(finer[b, : width - half], finer[b, half:], coarser[b])
         for b in range(height - half):
             _larger(coarser[b], coarser[b + half], coarser[b])

@@ -82,7 +82,14 @@ def _more(rest, whole):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyped-def]
     """Write what the piece the answer hangs on most adds to the covariance, if more than `added` (3, 3) has."""
-    total, noise, pull = H.sum(axis=0), slack.sum(axis=0), g.sum(axis=0)
+    total, noise, pull = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    for p in range(len(H)):
+        for a in range(3):
+            pull[a] += g[p, a]
+            for b in range(3):
+                total[a, b] += H[p, a, b]
+                noise[a, b] += slack[p, a, b]
+    others, blur, force = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     values, vectors = np.linalg.eigh(total)
     whole = _variance(total, noise, variance, prior)
     for p in range(len(H)):
@@ -93,18 +100,27 @@ def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyp
             share = max(share, vectors[:, a] @ H[p] @ vectors[:, a] / max(values[a], 1e-9))
         if share < LEAST_SHARE:
             continue
-        rest = _variance(total - H[p], noise - slack[p], variance, prior)
-        shift = -rest @ (pull - g[p]) / variance
+        for a in range(3):
+            force[a] = pull[a] - g[p, a]
+            for b in range(3):
+                others[a, b], blur[a, b] = total[a, b] - H[p, a, b], noise[a, b] - slack[p, a, b]
+        rest = _variance(others, blur, variance, prior)
+        shift = -rest @ force / variance
         # What is not known can be anywhere within the doubt, not farther.
         shift *= min(1.0, math.sqrt(prior) / max(math.sqrt(shift @ shift), 1e-9))
-        doubt = _more(rest, whole) + np.outer(shift, shift)
+        doubt = _more(rest, whole)
+        for a in range(3):
+            for b in range(3):
+                doubt[a, b] += shift[a] * shift[b]
         grown = 0.0
         for a in range(3):
             grown = max(
                 grown, vectors[:, a] @ doubt @ vectors[:, a] / (vectors[:, a] @ whole @ vectors[:, a])
             )
         if grown > GROWTH and np.trace(doubt) > np.trace(added):
-            added[:, :] = doubt
+            for a in range(3):
+                for b in range(3):
+                    added[a, b] = doubt[a, b]
 
 
 def borrowed(refined: Refined, source: Surface, target: Surface, noise: float, prior: float) -> FloatArray:

@@ -184,7 +184,9 @@ def _newton(H, slack, g, variance, arm, information, step):  # type: ignore[no-u
 def _hold(information, step, away, prior):  # type: ignore[no-untyped-def]
     """Write the step that lines and a prior make together; `away` : (3,) of the pose from where it is expected."""
     away[2] = math.atan2(math.sin(away[2]), math.cos(away[2]))
-    step[:] = np.linalg.solve(information + prior, information @ step - prior @ away)
+    held = np.linalg.solve(information + prior, information @ step - prior @ away)
+    for a in range(3):
+        step[a] = held[a]
 
 
 @njit(cache=True)
@@ -228,8 +230,14 @@ def _straighten(information, arm, target_normals, target_tilt, matched):  # type
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
     free = np.array([-math.sin(angle), math.cos(angle), 0.0])
     if abs(free @ vectors[:, 0]) > 0.99:
-        keep = np.eye(3) - np.outer(free, free)
-        information[:, :] = keep @ information @ keep
+        keep = np.eye(3)
+        for a in range(3):
+            for b in range(3):
+                keep[a, b] -= free[a] * free[b]
+        kept = keep @ information @ keep
+        for a in range(3):
+            for b in range(3):
+                information[a, b] = kept[a, b]
 
 
 @njit(cache=True)

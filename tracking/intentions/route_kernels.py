@@ -130,11 +130,12 @@ def gather(ends: FloatArray, weights: FloatArray, radius: float, most: int) -> t
         if at < 0 or (found and best < 1e-4):
             break
         # The best place may lie between ends none of which is the best by itself.
-        goals[found], value = _refined(ends, left, ends[at], radius)
+        place, value = _refined(ends, left, ends[at], radius)
+        goals[found, 0], goals[found, 1] = place
         if amid != at:
             place, other = _refined(ends, left, ends[amid], radius)
             if other > value:
-                goals[found] = place
+                goals[found, 0], goals[found, 1] = place
         share = 0.0
         for j in range(count):
             x, y = ends[j, 0] - goals[found, 0], ends[j, 1] - goals[found, 1]

@@ -98,9 +98,10 @@ def posed(z: Any, sources: Any) -> Problem:
 def with_constants(sources: Any) -> Any:
     """Sources (S, 25) with what follows from their first 17 columns."""
     whole = np.empty((len(sources), QYY + 1))
-    whole[:, :COLUMNS] = sources
     for k in range(len(sources)):
         s = whole[k]
+        for q in range(COLUMNS):
+            s[q] = sources[k, q]
         volume, p = s[XXX] * s[XYY] - s[XXY] ** 2, s[PXX] * s[PYY] - s[PXY] ** 2
         s[LOG_RATE], s[LOG_X] = math.log(s[ALPHA] / s[BETA]), math.log(volume)
         s[WXX], s[WXY], s[WYY] = s[XYY] / volume, -s[XXY] / volume, s[XXX] / volume
@@ -334,6 +335,16 @@ class Structure(NamedTuple):
 
 
 @njit(cache=True)
+def _copy(base: Structure, on: Any, cells: Any, centres: Any) -> None:
+    """Writes a structure into arrays like its own."""
+    for k in range(len(on)):
+        on[k] = base.on[k]
+        for q in range(CELL):
+            cells[k, q] = base.cells[k, q]
+        centres[k, 0], centres[k, 1] = base.centres[k, 0], base.centres[k, 1]
+
+
+@njit(cache=True)
 def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, seeds: Any) -> bool:
     """Makes `into` what `base` is with source k on or off instead; False if that may not be."""
     births = known + len(seeds)
@@ -345,7 +356,7 @@ def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, 
     first = births + 2 * k
     if k < known and first < len(sources) and (base.on[first] or base.on[first + 1]):
         return False
-    on[:], cells[:], centres[:] = base.on, base.cells, base.centres
+    _copy(base, on, cells, centres)
     on[k] = not on[k]
     if not on[k]:
         return True
@@ -353,12 +364,13 @@ def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, 
     if spawned:
         way = 1.0 if (k - births) % 2 == 0 else -1.0
         _divide(base.cells[parent], way, centres[parent], centres[k])
-        cells[parent] *= 0.5
-        cells[k] = cells[parent]
+        for q in range(CELL):
+            cells[parent, q] *= 0.5
+            cells[k, q] = cells[parent, q]
         return True
     centres[k, 0], centres[k, 1] = s[MX], s[MY]
     if k >= known:
-        centres[k] = seeds[k - known]
+        centres[k, 0], centres[k, 1] = seeds[k - known, 0], seeds[k - known, 1]
     expected = s[ALPHA] / s[BETA]
     cells[k, N], cells[k, SXX] = expected, expected * s[XXX]
     cells[k, SXY], cells[k, SYY] = expected * s[XXY], expected * s[XYY]
@@ -371,7 +383,8 @@ def _first(problem: Problem, known: int, model: CellModel, kept: Kept) -> None:
     on, cell, centre = kept.active[0], kept.cells[0], kept.centres[0]
     on[:known] = True
     for _ in range(known + 1):
-        kept.values[0] = evaluate(problem, on, cell, centre, False, model)
+        # Not as a literal, for each of which it would be compiled.
+        kept.values[0] = evaluate(problem, on, cell, centre, np.bool_(False), model)
         if kept.values[0] > -np.inf:
             return
         weakest = -1
@@ -407,16 +420,18 @@ def search(
     _first(problem, known, model, kept)
     count, best = 1, kept.values[0]
     for _ in range(budget.expansions):
-        left = np.where(kept.done[:count], -np.inf, kept.values[:count])
-        chosen = np.argmax(left)
-        if left[chosen] <= best - margin:
+        likeliest, chosen = -np.inf, 0
+        for m in range(count):
+            if not kept.done[m] and kept.values[m] > likeliest:
+                likeliest, chosen = kept.values[m], m
+        if likeliest <= best - margin:
             break
         kept.done[chosen] = True
         base = Structure(kept.active[chosen].copy(), kept.cells[chosen].copy(), kept.centres[chosen].copy())
         for k in range(S):
             if not _varied(base, new, k, sources, known, seeds) or _any_equal(kept.active[:count], new.on):
                 continue
-            value = evaluate(problem, new.on, new.cells, new.centres, True, model)
+            value = evaluate(problem, new.on, new.cells, new.centres, np.bool_(True), model)
             if value < best - margin or value == -np.inf:
                 continue
             best = max(best, value)
@@ -424,8 +439,8 @@ def search(
             if count == most and kept.values[place] >= value:
                 continue
             count = min(count + 1, most)
-            kept.values[place], kept.active[place], kept.done[place] = value, new.on, False
-            kept.cells[place], kept.centres[place] = new.cells, new.centres
+            kept.values[place], kept.done[place] = value, False
+            _copy(new, kept.active[place], kept.cells[place], kept.centres[place])
     order = np.argsort(-kept.values[:count])
     order = order[: max(int((kept.values[:count] > best - margin).sum()), 1)]
     return kept.values[order], kept.active[order], kept.cells[order]

@@ -156,7 +156,9 @@ def walk(
     """States (steps + 1, P, 4) x, y, vx, vy of people who push each other away and are pushed away by walls."""
     count = len(walkers.states)
     out = np.empty((steps + 1, count, 4))
-    out[0] = walkers.states
+    for p in range(count):
+        for a in range(4):
+            out[0, p, a] = walkers.states[p, a]
     at = np.zeros(count, dtype=np.int64)
     # What somebody bears already, from companions or along a wall, does not turn him: only more of it does.
     borne = _borne(walkers.states, people, repulsion, walls)
