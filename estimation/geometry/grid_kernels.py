@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -105,7 +106,8 @@ def mark_scan(start, ends):  # type: ignore[no-untyped-def]
     table = np.full((rows, columns), -1, dtype=np.int32)
     tiles = np.empty((16, 2), dtype=np.int64)
     marks = np.zeros((16, TILE, TILE), dtype=np.uint8)
-    count = np.int64(0)  # as a literal, what takes it would be compiled for it and again for any other
+    # As a literal, what takes it would be compiled for it and again for any other.
+    count: Any = np.int64(0)
     for k in range(len(placed)):
         ex, ey = placed[k]
         # A way of n steps crosses no more than n / TILE + 2 borders between tiles, and has an end.

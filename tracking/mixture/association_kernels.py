@@ -258,7 +258,7 @@ def _recentre(s: Any, total: Any, cell: Any, centre: Any) -> float:
 
 
 @njit(cache=True)
-def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: bool, model: CellModel) -> float:
+def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: Any, model: CellModel) -> float:
     """F of a structure: the sources `on` (S,) share the returns with clutter.
 
     cells (S, 9), centres (S, 2) : with `started` where the sweeps begin, otherwise from the predictions; filled with

@@ -250,10 +250,21 @@ def attribute_factor(attributes, likelihood, blocks):  # type: ignore[no-untyped
 @numba.njit(cache=True)
 def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
     for array in literal_unroll(leaves):
-        flat, width = array.ravel(), array.size // len(array)
-        for k in range(width):
-            flat[target * width + k] = flat[source * width + k]
+        _copy_row(array, source, target)
     leaves.said[target] = -1
+
+
+@numba.njit(cache=True)
+def _copy_row(array, source, target):  # type: ignore[no-untyped-def]
+    if array.ndim == 1:
+        array[target] = array[source]
+    elif array.ndim == 2:
+        for a in range(array.shape[1]):
+            array[target, a] = array[source, a]
+    else:
+        for a in range(array.shape[1]):
+            for b in range(array.shape[2]):
+                array[target, a, b] = array[source, a, b]
 
 
 @numba.njit(cache=True)
