@@ -291,7 +291,7 @@ def _swept(options: RunOptions, report: Report) -> None:
                 found.setdefault((pace, method), []).append(errors(outcome, outcome.poses, truth))
     note = (
         "Rooms along a corridor, 360 beams all round, each swept in 0.2 s, ranges to 3.5 m with 1.5 cm of noise. Slow: "
-        "0.22 m/s and turning with 46 °/s; fast: 0.7 m/s and 86 °/s. Who turns on the spot stops between two beams."
+        "0.22 m/s and turning with 46 °/s; fast: 0.7 m/s and 86 °/s. Turns begin and end within sweeps."
     )
     report.tables.append(
         _compared("Sweeps and wheels, simulated", "robot", found, note, "sweeps", "simulated", runs)

@@ -17,7 +17,7 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from loop_closure.keyframes import AROUND, MOST, Keyframes
 from loop_closure.maps.map_search import Placed, PlanarMap, SpatialMap
-from loop_closure.motions import as_pose, compose, invert, length, motion, planar, turn
+from loop_closure.motions import as_pose, compose, invert, length, motion, planar, positions, turns
 from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
 from registration.laser.sweep import at_first_beam
@@ -186,13 +186,12 @@ class Localizer:
         if not self._votes:
             return False
         # Compared where the robot is now: odometry may have begun far away, where the least turn moves everything.
-        placed = [compose(vote.correction, here) for vote in self._votes]
-        groups = [self._group(pose, placed) for pose in placed]
+        placed = compose(np.array([vote.correction for vote in self._votes]), here)
+        agree = np.array([same(pose, placed) for pose in placed])
+        groups = [self._group(row) for row in agree]
         best = max(range(len(groups)), key=lambda n: groups[n][0])
         merit, count, span = groups[best]
-        rivals = [
-            group[0] for group, pose in zip(groups, placed, strict=True) if not same(pose, placed[best])
-        ]
+        rivals = [groups[n][0] for n in np.flatnonzero(~agree[best])]
         if count < VOTES or span < SPAN or max(rivals, default=0.0) >= 0.7 * merit:
             return False
         self.correction = self._votes[best].correction
@@ -201,17 +200,17 @@ class Localizer:
         self._votes.clear()
         return True
 
-    def _group(self, pose: FloatArray, placed: list[FloatArray]) -> tuple[float, int, float]:
-        """What speaks for `pose`: merit of votes that say the same, the best of each keyframe; of how many; over what
-        path, m."""
-        alike = [vote for other, vote in zip(placed, self._votes, strict=True) if same(pose, other)]
+    def _group(self, agree: npt.NDArray[np.bool_]) -> tuple[float, int, float]:
+        """What speaks for a pose: merit of the votes that say the same, (V,) bool, the best of each keyframe; of how
+        many; over what path, m."""
+        alike = [self._votes[n] for n in np.flatnonzero(agree)]
         best: dict[int, float] = {}
         for vote in alike:
             best[vote.serial] = max(best.get(vote.serial, 0.0), vote.merit)
         return sum(best.values()), len(best), alike[-1].path - alike[0].path
 
 
-def same(a: FloatArray, b: FloatArray) -> bool:
-    """Whether two placements (3,) or (4, 4) say the same."""
+def same(a: FloatArray, b: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which placements b, (N, 3) or (N, 4, 4), say the same as a, (3,) or (4, 4); (N,)."""
     off = motion(a, b)
-    return length(off) < AGREE[0] and turn(off) < AGREE[1]
+    return np.asarray((np.linalg.norm(positions(off), axis=-1) < AGREE[0]) & (turns(off) < AGREE[1]))

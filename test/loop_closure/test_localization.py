@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from estimation.errors import InputError
 from estimation.geometry.poses import between, compound
+from loop_closure.graph.uncertainty import window
 from loop_closure.keyframes import MOST, Keyframes
 from loop_closure.maps.localization import Localizer, Located
 from loop_closure.maps.map_file import read_map, write_map
-from loop_closure.maps.map_search import SpatialMap
+from loop_closure.maps.map_search import PlanarMap, SpatialMap
 from loop_closure.slam.cloud_closing import common, common_standing, lay
 from loop_closure.slam.trajectory import Slam
 from registration import Scan
@@ -292,6 +293,26 @@ def test_a_robot_that_was_carried_away_is_found_again(seed: int) -> None:
     assert max(misses[:40]) < 0.2
     assert misses[41] > 0.5, "not carried away"
     assert max(misses[-10:]) < 0.2, "not found within 30 m"
+
+
+def test_a_robot_is_not_believed_at_the_edge_of_where_it_may_be() -> None:
+    """Where the map has changed, something else may fit there."""
+    rng, lidar = np.random.default_rng(16), Lidar(181, np.pi, range_max=8.0)
+    world, waypoints = random_floor(rng, 2)
+    drive, recent = Drive(waypoints, speed=0.5), Keyframes()
+    places = PlanarMap(*mapped(world, lidar, drive))
+    for time in np.arange(0.0, 8.0, 0.6):
+        pose = drive(time)
+        places.remember(recent, lidar.scan(world, pose, rng, time).scan, pose)
+    sigma, turn = 0.3, 0.1
+    reach, _ = window(sigma, turn)
+    found = []
+    for share in (0.5, 0.95):
+        # Diagonally: so far along an axis of whichever place it is laid on.
+        found.append(places.track(recent, pose + share * np.array([reach, reach, 0.0]), sigma, turn))
+    assert found[0] is not None
+    assert np.hypot(*(found[0] - pose)[:2]) < 0.1
+    assert found[1] is None
 
 
 def test_a_lost_robot_searches_no_more_in_a_scan_than_its_time_allows(
