@@ -70,7 +70,7 @@ def _percent(part: float, whole: float) -> float:
 
 def among_people(options: RunOptions, report: Report) -> None:
     """A robot drives through rooms with up to twelve people, with the usual scanner and with the cheapest."""
-    scenes = options.share(10, 2)
+    scenes = options.share(30, 12)
     columns = [
         "tracker",
         "found, % ↑",
@@ -111,7 +111,7 @@ def _figures(marks: Yardstick) -> list[float]:
 
 def one_stands(options: RunOptions, report: Report) -> None:
     """Three round people who walk and one who all but stands; everybody counts, hidden or not."""
-    scenes = options.share(10, 5)
+    scenes = options.share(30, 30)
     rows: list[list[Any]] = []
     for name, marks in _measured(options, one_hardly_moves, 8, scenes, True).items():
         missed = [100.0 - _percent(marks.found[k], marks.there[k]) for k in range(2)]

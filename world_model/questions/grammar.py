@@ -14,7 +14,7 @@ from pathlib import Path
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.memory.store import Store
-from world_model.questions import company, past, usual, where
+from world_model.questions import company, nearby, past, usual, where
 from world_model.questions.answers import (
     AmbiguousError,
     Answer,
@@ -40,8 +40,10 @@ CAN_BE_ASKED = (
     "is the cup on the desk", "who was in the kitchen yesterday morning", "what will be needed next",
     "what happened to the cup", "which room is the cup in", "who moved the cup", "what has left the desk since noon",
     "where will the cup be tomorrow at eight", "what came to the desk today", "what is out of place",
+    "what is next to the laptop", "how far is the cup from the book", "which cups are not in the kitchen",
 )  # fmt: skip
 _AT = rf"(?P<place>(?:{PREPOSITIONS}) .+)"
+_BY = r"(?:right |just |directly )?(?:next to|close to|closest to|nearest to|nearest|near|beside|by|around)"
 _TO = r"(?P<to>to|onto|into|on|in|at|from|out of) (?P<place>.+)"
 _HERE = r"(?:here|there|around|home|at home|in the house|in the home)"
 _BE = r"(?P<verb>is|was)"
@@ -76,6 +78,7 @@ class ParsedQuestion:
     empty: str = ""
     to: str = ""
     left: str = ""
+    other: str = ""
 
     @property
     def way(self) -> str:
@@ -219,6 +222,8 @@ _CALLS: dict[str, Call] = {
     "changed": lambda q: past.what_changed(q.world, q.since, q.place),
     "all_moved": lambda q: past.what_moved(q.world, q.around, q.place),
     "missing": lambda q: past.what_is_missing(q.world, q.since),
+    "near": lambda q: nearby.what_is_near(q.world, q.what, q.then),
+    "far": lambda q: nearby.how_far(q.world, q.what, q.other, q.then),
     "left": lambda q: past.what_left(q.world, q.place, q.since),
     "usually_here": lambda q: usual.what_is_usually_here(q.always, q.place),
     "who_moved": lambda q: company.who_moved(q.world, q.what, q.around, q.who, q.place, q.way),
@@ -290,10 +295,15 @@ many         (?:how many|number of) {_W}(?: {_AT})?
 many         (?:is|was) there {_W}(?: left)? {_HERE}
 many         did {_I} did {_W}(?: {_HERE})?
 everything   {_WHAT} (?:did|was) {_I} (?:seen|know|know about|know of)(?: {_HERE})?
+near         {_WHAT} {_BE}(?: there| left| kept)* {_BY} {_W}
+near         {_BE}(?: there)? anything {_BY} {_W}
+far          how far (?:away )?{_BE} {_W} (?:away )?from (?P<other>.+)
+far          (?:how far apart|what is the distance between) (?:{_BE} )?{_W} and (?P<other>.+)
+far          {_BE} {_W} {_BY} (?P<other>.+)
 what_at      {_WHAT} (?:{_BE}|(?:did|can) {_I} (?:seen|did|came))(?: there| left| kept)* {_AT}
 what_at      {_BE}(?: there)? anything(?: left)? {_AT}
 what_at      {_BE} (?P<empty>.+) (?:empty|clear|free)
-listed       (?:what|which) (?P<what>.+) {_BE} {_AT}
+listed       (?:what|which) (?P<what>.+) {_BE} (?P<place>(?:not )?(?:{PREPOSITIONS}) .+)
 listed       (?:list|show|give me|name)(?: me)? (?:all |all of )?{_W}
 history      what (?:happened|was done|is the history|did {_I} know|did {_I} did|did {_I} do) (?:to|with|of|about) {_W}
 history      (?:tell me |show me |give me )?(?:about|the history of|history of|history) {_W}
@@ -387,7 +397,7 @@ def _matched(world: Recall, text: str, question: str) -> Answer:
                     where.within(world, then)  # of what is ahead nothing else is known
                 return call(q)
             except (NothingKnownError, NotUnderstoodError) as raised:
-                if not _UNREAD.search(f"{q.what} {q.place} {q.who}"):
+                if not _UNREAD.search(f"{q.what} {q.place.removeprefix('not ')} {q.who} {q.other}"):
                     error = error or raised
     raise error or NotUnderstoodError(_not_understood(question))
 

@@ -190,9 +190,10 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
     if exact:
         return Meant((exact,), words, by_name=True)
     wanted = plain(words)
-    within = re.search(rf" (?:that (?:is|was|are|were) )?(?:{AT}) (?P<place>.+)$", wanted)
-    place = ""
+    within = re.search(rf" (?:that (?:is|was|are|were) )?(?P<no>not )?(?:{AT}) (?P<place>.+)$", wanted)
+    place, there = "", True
     if within:
+        there = not within["no"]
         try:
             place = place_named(world, within["place"])
         except NothingKnownError:
@@ -206,7 +207,7 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
         several = [things_named(world, part, past).ids for part in re.split(r",? and |, ", wanted) if part]
         return Meant(tuple(dict.fromkeys(name for found in several for name in found)), words, plural=True)
     if place:
-        ids = [name for name in ids if _is_at(world, name, place)]
+        ids = [name for name in ids if _is_at(world, name, place) == there]
     if not ids:
         other = in_known_words(world, words)
         if other:

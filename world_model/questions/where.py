@@ -84,7 +84,7 @@ def where_was(world: Recall, what: str, when: str | float | Span | None = None) 
         return when_last_seen(world, what)
     span = within(world, when)
     if len(meant.ids) > 1:
-        known = [each for each in meant.ids if _line_at(world, each, span.end).at(span.end)[1] is not None]
+        known = [each for each in meant.ids if line_at(world, each, span.end).at(span.end)[1] is not None]
         if len(known) > 1:
             each = [_where(world, one, span.middle, "where_was", False) for one in known]
             return _several(world, known, each, meant.plural)
@@ -94,7 +94,7 @@ def where_was(world: Recall, what: str, when: str | float | Span | None = None) 
     return _during(world, name, span)
 
 
-def _line_at(world: Recall, name: str, stamp: float) -> Timeline:
+def line_at(world: Recall, name: str, stamp: float) -> Timeline:
     """As much of a timeline as a moment needs."""
     run = world.epochs.get(name, world.epoch)
     if run != world.epoch:
@@ -132,7 +132,7 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
 def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> Answer:
     if by_name and world.has_changed(name):
         return _exchanged(world, name, stamp, kind)
-    line = _line_at(world, name, stamp)
+    line = line_at(world, name, stamp)
     chances, stay = line.at(stamp)
     if stay is None:
         first = f"; it was first seen at {clock(line.stays[0].since)}" if line.stays else ""
@@ -548,7 +548,7 @@ def _not_at(world: Recall, meant: Meant, where: str, found: _Found, verbs: tuple
 
 
 def _elsewhere(world: Recall, name: str, stamp: float) -> str:
-    chances = _chances(world, _line_at(world, name, stamp), stamp)
+    chances = _chances(world, line_at(world, name, stamp), stamp)
     if sum(chances.values()) < BELIEVED:
         return "at no place that I know"
     return spoken(world, max(chances, key=lambda each: chances[each]))
