@@ -18,7 +18,7 @@ from estimation.checks import FloatArray, as_floats, require_positive
 from estimation.errors import InputError
 from tracking.intentions.ghmm import GrowingHmm
 from tracking.intentions.intention_config import IntentionConfig
-from tracking.intentions.observations import clean, spaced
+from tracking.intentions.observations import FASTEST, clean, spaced
 from tracking.intentions.path_errors import LAGS, PathErrors, squared_rates
 from tracking.intentions.prediction import PredictedWay, Prediction, parse_others, path_covariances
 from tracking.intentions.routes import RouteBelief, Routes
@@ -99,7 +99,7 @@ class IntentionModel:
 
         Rows that are not finite, repeat a time, run back in time or jump away and back are left out; gaps, loops and
         jumps that last are taken as they are, unless one is wider than any room. A person that stayed within
-        `min_length` teaches nothing.
+        `min_length` teaches nothing, and neither does what is mostly faster than people are.
 
         Raises
         ------
@@ -115,6 +115,9 @@ class IntentionModel:
         longest = float(np.hypot(*np.diff(points, axis=0).T).max())
         if longest > WIDEST_GAP:
             return LearnedIntentions(False, f"a gap of {longest:.3g} m", dropped)
+        steps = np.diff(cleaned.rows, axis=0)
+        if float(np.median(np.hypot(steps[:, 0], steps[:, 1]) / steps[:, 2])) > FASTEST:
+            return LearnedIntentions(False, "faster than people are: metres and seconds expected", dropped)
         self._judge(cleaned.rows)
         if self.config.method == "routes":
             self.routes.learn(cleaned.rows)
