@@ -184,6 +184,13 @@ def test_a_room_that_the_map_shows_closed_is_not_driven_to(door: bool) -> None:
         assert grid.lookup(step.goal) < 0.0
 
 
+def test_a_robot_that_is_off_the_map_drives_to_rooms_all_the_same() -> None:
+    relations, places = two_rooms([[1.0, 0.5], [4.0, 0.5], [4.0, 3.5], [1.0, 3.5]])
+    grid = OccupancyGrid.from_values(np.zeros((50, 100), dtype=int), 0.1)
+    step = ObjectSearch(relations, places=places, grid=grid).next_goal({}, "t", [30.0, 30.0, 0.0])
+    assert "kitchen" in step.reason
+
+
 def test_a_class_nobody_has_heard_of_is_looked_for_all_the_same() -> None:
     search = ObjectSearch(example())
     step = search.next_goal({"a": [2.0, 0.0]}, "unicorn", HERE)

@@ -15,7 +15,7 @@ from world_model.tasks.maintenance_kernels import straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
 ASIDE = math.radians(60.0)  # between directions that are different sides
-AGAIN = 0.5  # m a robot drives before the ways to rooms are worked out anew
+AGAIN = 2.0  # m a robot drives before the ways to rooms are worked out anew
 INNER = 21  # points along a side of a room, the middle among them, of which one is where it is entered
 SIDES = 16  # directions from which an object may be looked at
 
@@ -138,15 +138,16 @@ class Entrances:
 
         grid : None is an empty floor.
         """
-        rooms = list(self._places.rooms)
-        if grid is None:
-            spots = {room.name: _nearest_to_middle(room, _lattice(room)) for room in rooms}
-            return {name: (spot, math.dist(spot, place)) for name, spot in spots.items()}
         known = self._worked_out
         if known is not None and known[0] is grid and math.dist(known[1], place) < AGAIN:
             return known[2]
+        rooms = list(self._places.rooms)
         # What nobody has mapped yet may be floor.
-        paths = GridPaths(grid, place, CLEARANCE, through_unknown=True)
+        paths = None if grid is None else GridPaths(grid, place, CLEARANCE, through_unknown=True)
+        if grid is None or paths is None or not paths.reachable().any():
+            # Of a robot that stands in a wall, or off the map, the map tells no way at all.
+            spots = {room.name: _nearest_to_middle(room, _lattice(room)) for room in rooms}
+            return {name: (spot, math.dist(spot, place)) for name, spot in spots.items()}
         free = grid.centres(np.argwhere(paths.reachable()))
         found = [_nearest_to_middle(room, free) for room in rooms]
         lengths = paths.lengths(np.array(found).reshape(-1, 2)).tolist()
