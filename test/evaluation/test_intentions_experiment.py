@@ -35,8 +35,7 @@ def test_displacement_of_constant_velocity_is_what_is_expected() -> None:
     for method in ("last step", "mean of 8", "fresh"):
         errors, _ = protocol.displacement({1: straight}, method)
         assert errors.shape == (5, 12)
-        # What noise could have left open of the velocity draws it to zero, by less than a thousandth.
-        np.testing.assert_allclose(errors, 0.0, atol=0.005 if method == "fresh" else 1e-6)
+        np.testing.assert_allclose(errors, 0.0, atol=1e-6)
     errors, _ = protocol.displacement({1: turning}, "last step")
     assert errors[0, 11] > 2.0
 

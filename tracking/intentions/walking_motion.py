@@ -65,7 +65,8 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
     recent = rows[rows[:, 2] >= last[2] - LONGEST]
     if len(recent) < 2:
         recent = rows[-2:]
-    noise, rate = max(_noise(recent), LEAST), (len(recent) - 1) / (last[2] - recent[0, 2])
+    measured, rate = _noise(recent), (len(recent) - 1) / (last[2] - recent[0, 2])
+    noise = max(measured, LEAST)
     fade = memory * np.sqrt(noise / 0.02) * (2.5 / rate) ** 0.25
     t = recent[:, 2] - last[2]
     weights = np.exp(2.0 * t / fade)
@@ -76,7 +77,7 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
     if spread < 1e-12:
         return WalkingMotion(np.array([last[0], last[1], 0.0, 0.0]), rows)
     lever = weights * (t - mean_t) / spread
-    open_ = noise**2 * float(lever @ lever)
+    open_ = measured**2 * float(lever @ lever)
     known = UNKNOWN**2 / (UNKNOWN**2 + open_)
     velocity = known * (lever @ (recent[:, :2] - mean))
     trust = noise**2 / (noise**2 + manoeuvre**2)
