@@ -75,7 +75,9 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
     mean = weights @ recent[:, :2]
     spread = float(weights @ (t - mean_t) ** 2)
     if spread < 1e-12:
-        return WalkingMotion(np.array([last[0], last[1], 0.0, 0.0]), rows)
+        passed = float(last[2] - recent[-2, 2])
+        velocity = (last[:2] - recent[-2, :2]) / passed
+        return WalkingMotion(np.concatenate((last[:2], velocity)), rows, 2.0 * (measured / passed) ** 2)
     lever = weights * (t - mean_t) / spread
     open_ = measured**2 * float(lever @ lever)
     known = UNKNOWN**2 / (UNKNOWN**2 + open_)
