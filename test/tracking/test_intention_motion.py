@@ -54,7 +54,8 @@ def test_one_and_two_observations() -> None:
         estimate(np.array([[1.0, 2.0, 3.0]]), 1.5, 0.06).state, [1.0, 2.0, 0.0, 0.0]
     )
     state = estimate(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 1.0]]), 1.5, 0.06).state
-    np.testing.assert_allclose(state, [1.0, 0.0, 1.0, 0.0], atol=1e-9)
+    # Noise of 3 cm leaves 4 cm/s open, beside the 1 m/s of people at large.
+    np.testing.assert_allclose(state, [1.0, 0.0, 1.0 / 1.0018, 0.0], atol=2e-4)
     # After a gap of an hour.
     state = estimate(np.array([[0.0, 0.0, 0.0], [3.6, 0.0, 3600.0]]), 1.5, 0.06).state
     np.testing.assert_allclose(state, [3.6, 0.0, 0.001, 0.0], atol=1e-9)

@@ -192,6 +192,14 @@ def test_a_track_of_one_point_teaches_nothing_and_can_be_predicted(method: str) 
     check(IntentionModel().predict(partial, 3.0), partial, 3.0)
 
 
+@pytest.mark.parametrize("units", [(100.0, 100.0, 1.0), (1.0, 1.0, 1e-3)], ids=["cm", "ks"])
+def test_a_walk_in_other_units_teaches_nothing_and_says_so(units: tuple[float, float, float]) -> None:
+    model = IntentionModel()
+    outcome = model.learn(walk("up") * units)
+    assert not outcome.taken
+    assert "metres and seconds" in outcome.reason
+
+
 def test_one_who_stands_teaches_nothing_and_stays() -> None:
     model = taught()
     rng = np.random.default_rng(0)

@@ -58,6 +58,8 @@ CHANGES: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     "routes far away": infinite("routes_points"),
     "routes missing": lambda arrays: {k: v for k, v in arrays.items() if k != "routes_points"},
     "bounds elsewhere": lambda arrays: {**arrays, "routes_bounds": arrays["routes_bounds"] + 5},
+    "errors that are none": lambda arrays: {**arrays, "errors_squares": -arrays["errors_squares"]},
+    "errors of half the people": lambda arrays: {**arrays, "errors_walks": arrays["errors_walks"][:1]},
     "bounds empty": lambda arrays: {**arrays, "routes_bounds": np.zeros(0, np.int64)},
 }
 
@@ -71,6 +73,15 @@ def test_a_malformed_file_ends_in_one_sentence(saved: dict[str, Any], tmp_path: 
         IntentionModel.load(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_from_before_errors_were_learned_is_read(saved: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "hall.npz"
+    with path.open("wb") as file:
+        np.savez(file, **{name: array for name, array in saved.items() if not name.startswith("errors_")})
+    model = IntentionModel.load(path, "hall")
+    assert model.learned == 3
+    np.testing.assert_allclose(model.errors.rates(True, np.array([1.0, 5.0])), [[0.12, 0.1]] * 2)
 
 
 def test_what_is_no_archive_is_no_model(tmp_path: Path) -> None:

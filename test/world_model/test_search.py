@@ -125,6 +125,72 @@ def test_the_most_likely_room_is_gone_to_first_and_the_next_one_after_it_failed(
     assert step.object == "a"
 
 
+def two_rooms(kitchen: list[list[float]]) -> tuple[Relations, Places]:
+    """Relations by which T is in the kitchen, that kitchen, and a study far on its right."""
+    relations = example()
+    for _ in range(20):
+        relations.observe(["t"], room="kitchen")
+        relations.observe(["a"], room="office")
+    study = [[10.0, 0.0], [14.0, 0.0], [14.0, 4.0], [10.0, 4.0]]
+    rooms = {
+        "kitchen": {"polygon": kitchen, "type": "kitchen"},
+        "study": {"polygon": study, "type": "office"},
+    }
+    return relations, Places.from_mapping({"places": rooms})
+
+
+def test_a_room_that_cannot_be_entered_is_given_up_after_one_drive() -> None:
+    relations, places = two_rooms([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    search = ObjectSearch(relations, places=places)
+    step = search.next_goal({}, "t", [12.0, 2.0, 0.0])
+    assert "kitchen" in step.reason
+    # The robot never gets there, and says so.
+    search.reached(step.goal)
+    for _ in range(60):
+        step = search.next_goal({}, "t", [12.0, 2.0, 0.0])
+        assert "kitchen" not in step.reason
+        if step.goal is None:
+            break
+        search.reached(step.goal)
+    assert step.kind == "none"
+
+
+def test_a_room_is_entered_where_it_is_and_not_in_the_middle_of_its_box() -> None:
+    corner = [[0.0, 0.0], [8.0, 0.0], [8.0, 2.0], [2.0, 2.0], [2.0, 8.0], [0.0, 8.0]]
+    relations, places = two_rooms(corner)
+    search, place = ObjectSearch(relations, places=places), np.array([12.0, 2.0, 0.0])
+    for _ in range(2):
+        step = search.next_goal({}, "t", place)
+        if "kitchen" in step.reason:
+            assert places["kitchen"].contains(np.asarray(step.goal))
+            place = np.array([*step.goal, 0.0])
+            search.reached()
+    assert places["kitchen"].contains(place[:2])
+
+
+@pytest.mark.parametrize("door", [False, True])
+def test_a_room_that_the_map_shows_closed_is_not_driven_to(door: bool) -> None:
+    relations, places = two_rooms([[1.0, 0.5], [4.0, 0.5], [4.0, 3.5], [1.0, 3.5]])
+    values = np.zeros((50, 160), dtype=int)
+    values[:, 45:47] = 100
+    if door:
+        values[15:30, 45:47] = 0
+    values[10:30, 20:30] = 100  # a table, in the middle of the kitchen
+    grid = OccupancyGrid.from_values(values, 0.1)
+    step = ObjectSearch(relations, places=places, grid=grid).next_goal({}, "t", [12.0, 2.0, 0.0])
+    assert ("kitchen" in step.reason) == door
+    if door:
+        assert places["kitchen"].contains(np.asarray(step.goal))
+        assert grid.lookup(step.goal) < 0.0
+
+
+def test_a_robot_that_is_off_the_map_drives_to_rooms_all_the_same() -> None:
+    relations, places = two_rooms([[1.0, 0.5], [4.0, 0.5], [4.0, 3.5], [1.0, 3.5]])
+    grid = OccupancyGrid.from_values(np.zeros((50, 100), dtype=int), 0.1)
+    step = ObjectSearch(relations, places=places, grid=grid).next_goal({}, "t", [30.0, 30.0, 0.0])
+    assert "kitchen" in step.reason
+
+
 def test_a_class_nobody_has_heard_of_is_looked_for_all_the_same() -> None:
     search = ObjectSearch(example())
     step = search.next_goal({"a": [2.0, 0.0]}, "unicorn", HERE)

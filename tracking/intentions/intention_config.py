@@ -41,7 +41,7 @@ class IntentionConfig:
     max_goals: int = setting(10, "", "largest number of goals that are reported", 1, 100)
     alternatives: int = setting(3, "", "number of goals for which a path is predicted", 1, 20)
     velocity_memory: float = setting(
-        1.5, "s", "time constant of the velocity estimate, at 2 cm of noise", 0.05, 60.0
+        0.75, "s", "time constant of the velocity estimate, at 2 cm of noise", 0.05, 60.0
     )
     manoeuvre: float = setting(
         0.06, "m", "standard deviation of a walking person from a straight line", 0.001, 1.0
@@ -69,8 +69,16 @@ class IntentionConfig:
     position_sigma: float = setting(
         0.05, "m", "standard deviation of a predicted path at its start", 0.001, 5.0
     )
-    speed_sigma: float = setting(0.12, "m/s", "growth of the standard deviation along the path", 0.0, 5.0)
-    course_sigma: float = setting(0.10, "m/s", "growth of the standard deviation across the path", 0.0, 5.0)
+    speed_sigma: float = setting(
+        0.12, "m/s", "growth of the standard deviation along the path, before walks have taught it", 1e-3, 5.0
+    )
+    course_sigma: float = setting(
+        0.10,
+        "m/s",
+        "growth of the standard deviation across the path, before walks have taught it",
+        1e-3,
+        5.0,
+    )
     min_length: float = setting(0.5, "m", "trajectories shorter than this are not learned", 0.0, 100.0)
 
     def __post_init__(self) -> None:

@@ -18,10 +18,11 @@ from estimation.checks import FloatArray, as_floats, require_positive
 from estimation.errors import InputError
 from tracking.intentions.ghmm import GrowingHmm
 from tracking.intentions.intention_config import IntentionConfig
-from tracking.intentions.observations import clean, spaced
+from tracking.intentions.observations import FASTEST, clean, spaced
+from tracking.intentions.path_errors import LAGS, PathErrors, squared_rates
 from tracking.intentions.prediction import PredictedWay, Prediction, parse_others, path_covariances
 from tracking.intentions.routes import RouteBelief, Routes
-from tracking.intentions.walking_motion import WalkingMotion, estimate
+from tracking.intentions.walking_motion import WALKING, WalkingMotion, estimate
 from tracking.prediction.social_forces import Forces, Obstacles, Walker, simulate
 
 # Only a goal that is nearly certain stops a path; this power of its probability fits the hotel's people.
@@ -31,6 +32,8 @@ LOOK_AHEAD = 2.0
 # Somebody not seen for longer than this is taken to be where this time has led, s.
 MISSING = 5.0
 WAY_SPACING = 1.0
+# Shares of a finished walk from which it is predicted, to learn how far off predictions are.
+JUDGED = (0.2, 0.4, 0.6, 0.8)
 # Between two observations of one walk, m: what lies further apart is a tracker's or a frame's mistake.
 WIDEST_GAP = 100.0
 
@@ -69,6 +72,7 @@ class IntentionModel:
     learned : trajectories that taught something.
     hmm : the growing hidden Markov model, which learns with methods "ghmm" and "printed".
     routes : the learned walks, which are kept with method "routes".
+    errors : how far people were from predicted paths.
     """
 
     def __init__(self, config: IntentionConfig | None = None) -> None:
@@ -80,6 +84,7 @@ class IntentionModel:
         """Forget everything that was learned."""
         self.hmm = GrowingHmm(self.config)
         self.routes = Routes(self.config.routes)
+        self.errors = PathErrors((self.config.speed_sigma, self.config.course_sigma), self.config.memory)
         self.learned = 0
 
     @staticmethod
@@ -94,7 +99,7 @@ class IntentionModel:
 
         Rows that are not finite, repeat a time, run back in time or jump away and back are left out; gaps, loops and
         jumps that last are taken as they are, unless one is wider than any room. A person that stayed within
-        `min_length` teaches nothing.
+        `min_length` teaches nothing, and neither does what is mostly faster than people are.
 
         Raises
         ------
@@ -110,6 +115,10 @@ class IntentionModel:
         longest = float(np.hypot(*np.diff(points, axis=0).T).max())
         if longest > WIDEST_GAP:
             return LearnedIntentions(False, f"a gap of {longest:.3g} m", dropped)
+        steps = np.diff(cleaned.rows, axis=0)
+        if float(np.median(np.hypot(steps[:, 0], steps[:, 1]) / steps[:, 2])) > FASTEST:
+            return LearnedIntentions(False, "faster than people are: metres and seconds expected", dropped)
+        self._judge(cleaned.rows)
         if self.config.method == "routes":
             self.routes.learn(cleaned.rows)
         else:
@@ -199,6 +208,18 @@ class IntentionModel:
 
     # Below: one prediction from belief to paths.
 
+    def _judge(self, rows: FloatArray) -> None:
+        """Predict a finished walk (N, 3) from several moments, as if it went on, and learn how far off that is."""
+        judged = []
+        for share in JUDGED:
+            seen = int(np.searchsorted(rows[:, 2], rows[0, 2] + share * (rows[-1, 2] - rows[0, 2]), "right"))
+            told = self._predict([rows[:seen]], np.zeros((0, 4)), LAGS[-1], None, 1)[0]
+            ways = [PredictedWay(0, told.path, told.covariances), *told.alternatives]
+            chances = told.probabilities[[way.goal for way in ways]]
+            squares = squared_rates(ways, chances, rows[seen - 1 :])
+            judged.append((self._motion(rows[:seen]).speed > WALKING, squares))
+        self.errors.learn(judged)
+
     def _thinned(self, points: FloatArray) -> FloatArray:
         """Observations half a node apart: closer ones say the same again, and would be counted as if they did not."""
         return spaced(points, 0.5 * self.config.resolution)
@@ -281,11 +302,14 @@ class IntentionModel:
     def _told(self, person: _Person, runs: list[FloatArray], horizon: float, now: float) -> Prediction:
         belief = person.belief
         after = np.linspace(0.0, horizon, len(runs[0]))
+        unseen = now - person.stamp + after
+        motion = person.motion
+        rates = np.sqrt(np.square(self.errors.rates(motion.speed > WALKING, unseen)) + motion.variance)
         ways = []
         for rank in range(len(person.ways)):
             path = np.column_stack((runs[rank][:, :2], now + after))
-            unseen = now - person.stamp + after
-            ways.append(PredictedWay(rank, path, path_covariances(self.config, unseen, runs[rank])))
+            covariances = path_covariances(self.config.position_sigma, rates, unseen, runs[rank])
+            ways.append(PredictedWay(rank, path, covariances))
         first = ways[0]
         return Prediction(
             belief.goals, belief.probabilities, first.path, first.covariances, ways[1:], belief.novelty

@@ -41,6 +41,7 @@ def save(model: IntentionModel, path: Path, map_id: str) -> Path:
     arrays |= {f"routes_{name}": value for name, value in model.routes.as_arrays().items()}
     arrays |= {f"hmm_{name}": value for name, value in model.hmm.as_arrays().items()}
     arrays |= {f"places_{name}": value for name, value in model.hmm.places.as_arrays().items()}
+    arrays |= {f"errors_{name}": value for name, value in model.errors.as_arrays().items()}
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
@@ -82,7 +83,13 @@ def load(path: Path, map_id: str | None) -> IntentionModel:
         _check_magnitudes(arrays)
         model = IntentionModel.of(IntentionConfig(**header["config"]))
         model.learned = int(header["learned"])
-        for prefix, part in (("places_", model.hmm.places), ("hmm_", model.hmm), ("routes_", model.routes)):
+        parts: dict[str, Any] = {
+            "places_": model.hmm.places,
+            "hmm_": model.hmm,
+            "routes_": model.routes,
+            "errors_": model.errors,
+        }
+        for prefix, part in parts.items():
             part.from_arrays({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
     except (KeyError, TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
         raise InputError(f"{path}: is damaged or incomplete ({error})") from error

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from estimation.checks import FloatArray, as_floats
 from estimation.errors import InputError
-from tracking.intentions.intention_config import IntentionConfig
 
 
 @dataclass(frozen=True)
@@ -42,12 +41,13 @@ class Prediction:
     novelty: float = 0.0
 
 
-def path_covariances(config: IntentionConfig, after: FloatArray, run: FloatArray) -> FloatArray:
-    """Covariances (T, 2, 2) m² of a run (T, 4) x, y, vx, vy: along and across it, growing with the time `after`."""
-    c = config
+def path_covariances(start: float, rates: FloatArray, after: FloatArray, run: FloatArray) -> FloatArray:
+    """Covariances (T, 2, 2) m² of a run (T, 4) x, y, vx, vy: along and across it, growing with the time `after`, s.
+
+    start : m, standard deviation at its start. rates : (T, 2) m/s, growth of that along and across.
+    """
     speed = np.hypot(run[:, 2], run[:, 3])
-    along = c.position_sigma**2 + (c.speed_sigma * after) ** 2
-    across = c.position_sigma**2 + (c.course_sigma * after) ** 2
+    along, across = start**2 + np.maximum.accumulate(rates * after[:, None], axis=0).T ** 2
     # One who has arrived keeps the direction it came in.
     moving = np.maximum.accumulate(np.where(speed > 1e-2, np.arange(len(run)), 0))
     u = run[moving, 2:4] / np.maximum(speed[moving], 1e-2)[:, None]

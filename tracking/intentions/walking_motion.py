@@ -12,16 +12,24 @@ from estimation.checks import FloatArray
 LONGEST = 4.0
 # Noise where nothing is known, m.
 TYPICAL = 0.03
+# Standard deviation of the velocity of people, along each axis, of whom nothing is known yet, m/s.
+UNKNOWN = 1.0
+# Faster than this somebody gets on, m/s; slower is standing about.
+WALKING = 0.3
 # Recordings are often smoothed or interpolated: less noise than this is none of the sensor's.
 LEAST = 0.02
 
 
 @dataclass(frozen=True)
 class WalkingMotion:
-    """`state` (4,) x, y, vx, vy at the last observation of `rows` (N, 3)."""
+    """`state` (4,) x, y, vx, vy at the last observation of `rows` (N, 3).
+
+    variance : (m/s)², of the velocity along each axis, as far as noise and few observations leave it open.
+    """
 
     state: FloatArray
     rows: FloatArray
+    variance: float = UNKNOWN**2
 
     @property
     def speed(self) -> float:
@@ -38,7 +46,7 @@ class WalkingMotion:
         marks = np.unique(np.append(marks, len(t) - 1))
         steps = np.diff(self.rows[marks], axis=0)
         speed = np.hypot(steps[:, 0], steps[:, 1]) / steps[:, 2]
-        walking = speed > 0.3
+        walking = speed > WALKING
         return float(np.average(speed[walking], weights=steps[walking, 2])) if walking.any() else 0.0
 
 
@@ -48,7 +56,8 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
     The noise of the observations is judged by how far each is off the line between its neighbours. The time over which
     weights fade balances noise, which a longer line averages, against people who turn: `memory` s at 2 cm of noise and
     2.5 observations a second, and with the root of the noise. The position is the line's as far as the noise is above
-    `manoeuvre` m, what a walking person is off it anyway, and the last observation's otherwise.
+    `manoeuvre` m, what a walking person is off it anyway, and the last observation's otherwise. A velocity that the
+    noise leaves open is drawn to zero: two observations of a fast sensor say nearly nothing.
     """
     last = rows[-1]
     if len(rows) < 2:
@@ -56,7 +65,8 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
     recent = rows[rows[:, 2] >= last[2] - LONGEST]
     if len(recent) < 2:
         recent = rows[-2:]
-    noise, rate = max(_noise(recent), LEAST), (len(recent) - 1) / (last[2] - recent[0, 2])
+    measured, rate = _noise(recent), (len(recent) - 1) / (last[2] - recent[0, 2])
+    noise = max(measured, LEAST)
     fade = memory * np.sqrt(noise / 0.02) * (2.5 / rate) ** 0.25
     t = recent[:, 2] - last[2]
     weights = np.exp(2.0 * t / fade)
@@ -65,12 +75,16 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
     mean = weights @ recent[:, :2]
     spread = float(weights @ (t - mean_t) ** 2)
     if spread < 1e-12:
-        velocity = (last[:2] - recent[-2, :2]) / (last[2] - recent[-2, 2])
-        return WalkingMotion(np.concatenate((last[:2], velocity)), rows)
-    velocity = (weights * (t - mean_t)) @ (recent[:, :2] - mean) / spread
+        passed = float(last[2] - recent[-2, 2])
+        velocity = (last[:2] - recent[-2, :2]) / passed
+        return WalkingMotion(np.concatenate((last[:2], velocity)), rows, 2.0 * (measured / passed) ** 2)
+    lever = weights * (t - mean_t) / spread
+    open_ = measured**2 * float(lever @ lever)
+    known = UNKNOWN**2 / (UNKNOWN**2 + open_)
+    velocity = known * (lever @ (recent[:, :2] - mean))
     trust = noise**2 / (noise**2 + manoeuvre**2)
     position = trust * (mean - velocity * mean_t) + (1.0 - trust) * last[:2]
-    return WalkingMotion(np.concatenate((position, velocity)), rows)
+    return WalkingMotion(np.concatenate((position, velocity)), rows, known * open_)
 
 
 def _noise(rows: FloatArray) -> float:

@@ -25,6 +25,7 @@ from estimation.geometry.places import Place, Places
 from estimation.settings import check_settings, setting
 from world_model.tasks.coverage import Coverage, bounds_of, middle_of, where_more_is_seen
 from world_model.tasks.relations import IntArray, Relations
+from world_model.tasks.ways import Entrances
 
 METHODS = ("belief", "chain")
 # Where the middle of an unknown room may be, in distances from the door to the middle of what has been seen.
@@ -199,6 +200,9 @@ class ObjectSearch:
         self._worths = Worths(self.relations, self.config.chain_share, "")
         self._chain = self.chain_type(self.relations, self.config, "")
         self._rooms_left: set[str] = set()
+        self._room_ahead = ""
+        self._driven_to: set[str] = set()
+        self._entrances = Entrances(self.places or Places())
         self._middles: list[FloatArray] = []
         self._exploring: tuple[int, FloatArray] | None = None
         self._start: FloatArray | None = None
@@ -231,6 +235,7 @@ class ObjectSearch:
             self._looked.add(step.object)
         elif step.kind == "room":
             self._middles.append(step.goal)
+            self._driven_to |= {self._room_ahead} - {""}
         elif step.object:
             self._dead.setdefault(step.object, []).append((step.goal, np.array(where, dtype=np.float64)))
         if self._coverage is not None:
@@ -264,6 +269,7 @@ class ObjectSearch:
             self._begin(wanted, place)
         known = {name: as_vectors(f"position of {name!r}", spot, 2, 3)[:2] for name, spot in observed.items()}
         self._follow(place)
+        self._room_ahead = ""
         self._step = self._choose(known, place)
         return self._step
 
@@ -290,7 +296,8 @@ class ObjectSearch:
         room = self._room(place)
         if room is not None and not room.contains(place):
             said = f"The best room for {self._target} is {room.name}: drive there."
-            return SearchStep("room", np.asarray(room.center), "", said)
+            self._room_ahead = room.name
+            return SearchStep("room", self._entrances.seen_from(place, self.grid)[room.name][0], "", said)
         able = {
             name: spot
             for name, spot in known.items()
@@ -326,19 +333,22 @@ class ObjectSearch:
         return SearchStep("place", centres[best], best, said, able[best])
 
     def _room(self, place: FloatArray) -> Place | None:
-        """The best room that is left: probable by its type, and near."""
+        """The best room that is left: probable by its type, and near. A room that cannot be entered is none."""
         if self.places is None or not self._rooms_left:
             return None
         rooms = [room for room in self.places.rooms if room.name in self._rooms_left]
+        here = {room.name for room in rooms if room.contains(place)}
+        # A drive to it has ended, and the robot is not in it.
+        self._rooms_left -= self._driven_to - here
+        self._driven_to -= here
         types = sorted({room.type for room in rooms})
         share = self.relations.rooms(self._target, types) if types else {}
-        lengths = [
-            0.0 if room.contains(place) else math.dist(np.asarray(room.center), place) for room in rooms
-        ]
-        worth = [
-            share.get(room.type, 0.0) / (length + 3.0) for room, length in zip(rooms, lengths, strict=True)
-        ]
-        return rooms[int(np.argmax(worth))]
+        worth: dict[str, float] = {}
+        for room in rooms:
+            length = 0.0 if room.name in here else self._entrances.seen_from(place, self.grid)[room.name][1]
+            if room.name in self._rooms_left and math.isfinite(length):
+                worth[room.name] = share.get(room.type, 0.0) / (length + 3.0)
+        return self.places[max(worth, key=lambda name: worth[name])] if worth else None
 
     def _by_belief(
         self,
@@ -356,7 +366,7 @@ class ObjectSearch:
             if value > 0.0 and value >= self.config.relevance * most
         }
         if not related:
-            middle = self._middle(known, bool(able), room)
+            middle = self._middle(known, bool(able), place, room)
             if middle is not None and math.dist(middle, place) <= 1.0:
                 # It is there: going on must not lead back to it.
                 self._middles.append(middle)
@@ -394,13 +404,15 @@ class ObjectSearch:
                 value *= 1.0 - math.exp(-((math.dist(spot, dead) / radius) ** 2))
         return value
 
-    def _middle(self, known: Mapping[str, FloatArray], leads: bool, room: Place | None) -> FloatArray | None:
+    def _middle(
+        self, known: Mapping[str, FloatArray], leads: bool, place: FloatArray, room: Place | None
+    ) -> FloatArray | None:
         """The middle of the room, or where it should be by what has been seen; each once.
 
         leads : whether there are objects left to go to.
         """
         if room is not None:
-            middle = np.asarray(room.center, dtype=np.float64)
+            middle = self._entrances.seen_from(place, self.grid)[room.name][0]
         elif self.grid is not None:
             found = middle_of(self.grid)
             if found is None:
@@ -448,7 +460,10 @@ class ObjectSearch:
         goal = self._coverage.next_place(place)
         if goal is None:
             return SearchStep(
-                "none", None, "", f"{self._target} was not found: the whole floor has been seen."
+                "none",
+                None,
+                "",
+                f"{self._target} was not found: the whole floor that can be reached has been seen.",
             )
         why = f"No object hints at {self._target} any more"
         said = self._said(why, f"search the whole floor ({self._coverage.share:.0%} seen).")

@@ -10,10 +10,13 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
+from estimation.geometry.places import Place, Places
 from world_model.tasks.maintenance_kernels import straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
 ASIDE = math.radians(60.0)  # between directions that are different sides
+AGAIN = 2.0  # m a robot drives before the ways to rooms are worked out anew
+INNER = 21  # points along a side of a room, the middle among them, of which one is where it is entered
 SIDES = 16  # directions from which an object may be looked at
 
 
@@ -121,3 +124,51 @@ class Ways:
             if points is not None:
                 return Way(points, heading, float(np.hypot(*np.diff(points, axis=0).T).sum()))
         return None
+
+
+class Entrances:
+    """Where to drive in each room, and how far that is."""
+
+    def __init__(self, places: Places) -> None:
+        self._places = places
+        self._worked_out: tuple[OccupancyGrid, FloatArray, dict[str, tuple[FloatArray, float]]] | None = None
+
+    def seen_from(self, place: FloatArray, grid: OccupancyGrid | None) -> dict[str, tuple[FloatArray, float]]:
+        """By room, the place (2,) m next to its middle that is free, and metres there from `place` (2,); inf: no way.
+
+        grid : None is an empty floor.
+        """
+        known = self._worked_out
+        if known is not None and known[0] is grid and math.dist(known[1], place) < AGAIN:
+            return known[2]
+        rooms = list(self._places.rooms)
+        # What nobody has mapped yet may be floor.
+        paths = None if grid is None else GridPaths(grid, place, CLEARANCE, through_unknown=True)
+        if grid is None or paths is None or not paths.reachable().any():
+            # Of a robot that stands in a wall, or off the map, the map tells no way at all.
+            spots = {room.name: _nearest_to_middle(room, _lattice(room)) for room in rooms}
+            return {name: (spot, math.dist(spot, place)) for name, spot in spots.items()}
+        free = grid.centres(np.argwhere(paths.reachable()))
+        found = [_nearest_to_middle(room, free) for room in rooms]
+        lengths = paths.lengths(np.array(found).reshape(-1, 2)).tolist()
+        entrances = {
+            room.name: way for room, way in zip(rooms, zip(found, lengths, strict=True), strict=True)
+        }
+        self._worked_out = grid, place, entrances
+        return entrances
+
+
+def _lattice(room: Place) -> FloatArray:
+    """Points (N, 2) m over the box around a room."""
+    low, high = room.polygon.min(axis=0), room.polygon.max(axis=0)
+    sides = [np.linspace(low[a], high[a], INNER + 2)[1:-1] for a in range(2)]
+    return np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
+
+
+def _nearest_to_middle(room: Place, points: FloatArray) -> FloatArray:
+    """The one of `points` (N, 2) in a room that is nearest to its middle, (2,); the middle where none is in it."""
+    middle = np.asarray(room.center, dtype=np.float64)
+    inside = points[room.contains(points)] if len(points) else points
+    if not len(inside):
+        return middle
+    return np.asarray(inside[int(np.argmin(np.hypot(*(inside - middle).T)))])
