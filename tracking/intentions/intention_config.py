@@ -41,7 +41,7 @@ class IntentionConfig:
     max_goals: int = setting(10, "", "largest number of goals that are reported", 1, 100)
     alternatives: int = setting(3, "", "number of goals for which a path is predicted", 1, 20)
     velocity_memory: float = setting(
-        0.75, "s", "time constant of the velocity estimate, at 2 cm of noise", 0.05, 60.0
+        1.5, "s", "time constant of the velocity estimate, at 2 cm of noise", 0.05, 60.0
     )
     manoeuvre: float = setting(
         0.06, "m", "standard deviation of a walking person from a straight line", 0.001, 1.0

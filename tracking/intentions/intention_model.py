@@ -216,8 +216,10 @@ class IntentionModel:
             told = self._predict([rows[:seen]], np.zeros((0, 4)), LAGS[-1], None, 1)[0]
             ways = [PredictedWay(0, told.path, told.covariances), *told.alternatives]
             chances = told.probabilities[[way.goal for way in ways]]
-            squares = squared_rates(ways, chances, rows[seen - 1 :])
-            judged.append((self._motion(rows[:seen]).speed > WALKING, squares))
+            squares, motion = squared_rates(ways, chances, rows[seen - 1 :]), self._motion(rows[:seen])
+            # What is told besides is not to be learned as well.
+            known = np.square(self.config.position_sigma / np.array(LAGS[: len(squares)])) + motion.variance
+            judged.append((motion.speed > WALKING, squares - known[:, None]))
         self.errors.learn(judged)
 
     def _thinned(self, points: FloatArray) -> FloatArray:

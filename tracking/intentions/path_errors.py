@@ -34,7 +34,7 @@ class PathErrors:
 
     def rates(self, walking: bool, after: FloatArray) -> FloatArray:
         """(T, 2) m/s, by which the time ahead `after` (T,) s is multiplied for standard deviations along and across."""
-        squares = self._squares[int(walking)]
+        squares = np.maximum(self._squares[int(walking)], 0.0)
         return np.sqrt(np.column_stack([np.interp(after, LAGS, squares[:, axis]) for axis in (0, 1)]))
 
     def learn(self, judged: Sequence[tuple[bool, FloatArray]]) -> None:
@@ -57,7 +57,7 @@ class PathErrors:
             return
         squares, walks = (np.array(arrays[name], dtype=np.float64) for name in ("squares", "walks"))
         fits = squares.shape == self._squares.shape and walks.shape == self._walks.shape
-        if not (fits and (squares > 0.0).all() and (walks > 0.0).all()):
+        if not (fits and np.isfinite(squares).all() and (walks > 0.0).all()):
             raise ValueError("the errors of paths do not fit together")
         self._squares, self._walks = squares, walks
 
