@@ -9,11 +9,13 @@ digest of what it was made from, so a second call does only what has changed.
 import hashlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,6 +39,16 @@ VERSION_QUERY = "import sys; print('%d.%d' % sys.version_info[:2])"
 # How much of a whole set-up each step is, for the share and the estimate that are shown; what is not named is little.
 SHARES = {"requirements": 10, "whereabouts_msgs": 15, "compat/": 5, "package": 2, "compiled functions": 50}
 EVERY = 15.0  # seconds between two lines while a step takes long
+# What programs say when the fault is the machine's, and what to do: the last lines of a log rarely tell.
+ADVICE = {
+    "No space left on device": "the disk is full: make room; .venv takes more than 1 GB",
+    "quota exceeded": "your share of the disk is used up: make room; .venv takes more than 1 GB",
+    "Read-only file system": "nothing can be written to this folder: clone into another",
+    "Permission denied": "something in this folder belongs to another user: clone into a folder of your own",
+    "connection broken by": "the index of Python packages does not answer: look at the network, then try again",
+}
+# Programs at work; each leads a session.
+CHILDREN = set()
 
 
 class Progress:
@@ -111,16 +123,44 @@ def check_compilers():
         raise SetUpError("a C++ compiler is missing: install it with `apt install build-essential`.")
 
 
+def advice(text):
+    """What to do about a failure that says this; empty if it does not tell."""
+    return next((answer for sign, answer in ADVICE.items() if sign in text), "")
+
+
 def run(command, log, env=None):
-    """Run a command with its output in a log file; show the end of it on failure."""
+    """Run a command with its output in a log file; on failure show what to do, and the end of the log."""
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("w") as out:
-        code = subprocess.run(
-            [str(part) for part in command], stdout=out, stderr=subprocess.STDOUT, env=env, cwd=str(ROOT)
-        ).returncode
+        child = subprocess.Popen(
+            [str(part) for part in command],
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            env=env,
+            cwd=str(ROOT),
+            start_new_session=True,
+        )
+        CHILDREN.add(child)
+        code = child.wait()
+        CHILDREN.discard(child)
     if code != 0:
-        tail = "\n".join(log.read_text(errors="replace").splitlines()[-25:])
-        raise SetUpError(f"{command[0]} failed, its last lines:\n{tail}\nAll of it is in {log}")
+        said = log.read_text(errors="replace")
+        known = advice(said)
+        tail = "\n".join(said.strip().splitlines()[-3 if known else -25 :])
+        why = f"{known}.\n" if known else ""
+        raise SetUpError(f"{why}{command[0]} failed, its last lines:\n{tail}\nAll of it is in {log}")
+
+
+def end_children():
+    """End all programs at work with whatever they have started, such as compilers, which may not heed Ctrl-C."""
+    for child in list(CHILDREN):
+        with suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+
+
+def interrupt(*_):
+    """A set-up that is told to end, or whose terminal is closed, ends as by Ctrl-C."""
+    raise KeyboardInterrupt
 
 
 def clean_environment():
@@ -132,6 +172,7 @@ def clean_environment():
     # Dozens of short Python processes import the same modules, which none of them should have to compile anew.
     env.pop("PYTHONDONTWRITEBYTECODE", None)
     env["VIRTUAL_ENV"] = str(VENV)
+    env["LC_ALL"] = "C.UTF-8"  # ADVICE is by English messages
     # The wheels' start-up hook sets the guard and the library path; both would point into another environment.
     if env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None):
         env.pop("LD_LIBRARY_PATH", None)
@@ -200,10 +241,9 @@ def create_environment():
     answer = subprocess.run([interpreter, "-m", "venv", str(VENV)], capture_output=True, text=True)
     if answer.returncode != 0:
         shutil.rmtree(str(VENV), ignore_errors=True)
-        raise SetUpError(
-            "Python's venv module is missing or incomplete: install it with `apt install python3-venv`.\n"
-            + (answer.stdout + answer.stderr).strip()
-        )
+        said = (answer.stdout + answer.stderr).strip()
+        missing = "Python's venv module is missing or incomplete: install it with `apt install python3-venv`"
+        raise SetUpError(f"{advice(said) or missing}.\n{said}")
 
 
 def requirement_files(name):
@@ -220,19 +260,31 @@ def requirement_files(name):
 
 
 def install_requirements(name):
+    """All packages of a requirements file, also after an installation that was interrupted."""
+    begun = STATE / "installation-begun"
+    # What was being written then passes for installed, and lacks files.
+    anew = begun.exists()
+    begun.parent.mkdir(parents=True, exist_ok=True)
+    begun.touch()
+    install_packages(name, anew)
+    begun.unlink()
+
+
+def install_packages(name, anew):
     """With uv in a fraction of pip's time; with pip where that has an index of its own, which uv does not ask."""
     log, env = STATE / (f"requirements-{name}.log"), clean_environment()
     # Python compiles what is imported; most files never are.
-    pip = [PYTHON, "-m", "pip", "install", "--disable-pip-version-check", "--no-compile", "-r"]
+    pip = [PYTHON, "-m", "pip", "install", "--disable-pip-version-check", "--no-compile"]
+    pip += ["--ignore-installed"] * anew
     if not own_index(env):
         try:
-            run([*pip, "requirements/locking.txt"], log, env)
-            uv = [VENV / "bin" / "uv", "pip", "install", "-r", f"requirements/{name}.txt"]
-            run(uv, STATE / (f"requirements-{name}-uv.log"), env)
+            run([*pip, "-r", "requirements/locking.txt"], log, env)
+            uv = [VENV / "bin" / "uv", "pip", "install", *["--reinstall"] * anew, "-r"]
+            run([*uv, f"requirements/{name}.txt"], STATE / (f"requirements-{name}-uv.log"), env)
             return
         except SetUpError:
             say(f"requirements-{name}: uv failed, pip takes over")
-    run([*pip, f"requirements/{name}.txt"], log, env)
+    run([*pip, "-r", f"requirements/{name}.txt"], log, env)
 
 
 def own_index(env):
@@ -288,56 +340,68 @@ def compile_functions():
     run([PYTHON, "-m", "whereabouts.compile"], STATE / "compile.log", clean_environment())
 
 
-def main(names):
-    started = time.monotonic()
-    try:
-        check_compilers()
-        PROGRESS.plan(
-            [
-                *("requirements-" + name for name in names),
-                *INTERFACE_PACKAGES,
-                "package",
-                "compiled functions",
-            ]
+def set_up(names):
+    """All steps, in order; those that are done are left out."""
+    check_compilers()
+    PROGRESS.plan(
+        [*("requirements-" + name for name in names), *INTERFACE_PACKAGES, "package", "compiled functions"]
+    )
+    create_environment()
+    for name in names:
+        step("requirements-" + name, requirement_files(name), lambda name=name: install_requirements(name))
+    libraries = [path for name in COMPILED for path in (ROOT / name).rglob("*.py")]
+    build_files = [
+        ROOT / name
+        for name in (
+            "compat/generators/sitecustomize.py",
+            "compat/ros_wheels.cmake",
+            "requirements/build.txt",
         )
-        create_environment()
-        for name in names:
-            step(
-                "requirements-" + name, requirement_files(name), lambda name=name: install_requirements(name)
-            )
-        libraries = [path for name in COMPILED for path in (ROOT / name).rglob("*.py")]
-        build_files = [
-            ROOT / name
-            for name in (
-                "compat/generators/sitecustomize.py",
-                "compat/ros_wheels.cmake",
-                "requirements/build.txt",
-            )
-        ]
-        package_files = [
+    ]
+    package_files = [
+        ROOT / name
+        for name in (
             "setup.py",
             "setup.cfg",
             "package.xml",
             "evaluation/pyproject.toml",
             "evaluation/setup.py",
-        ]
-        # Compiling runs beside the builds, which run mostly on one core, and needs nothing of them.
-        with ThreadPoolExecutor(max_workers=1) as beside:
-            compiling = beside.submit(step, "compiled functions", libraries, compile_functions)
-            for folder in INTERFACE_PACKAGES:
-                step(folder, [*build_files, ROOT / folder], lambda folder=folder: build_interfaces(folder))
-            step("package", [ROOT / name for name in package_files], install_package, extra=str(ROOT))
-            compiling.result()
+        )
+    ]
+    # Compiling runs beside the builds, which run mostly on one core, and needs nothing of them.
+    compiling = ThreadPoolExecutor(max_workers=1).submit(
+        step, "compiled functions", libraries, compile_functions
+    )
+    for folder in INTERFACE_PACKAGES:
+        step(folder, [*build_files, ROOT / folder], lambda folder=folder: build_interfaces(folder))
+    step("package", package_files, install_package, extra=str(ROOT))
+    compiling.result()
+
+
+def main(names):
+    started = time.monotonic()
+    try:
+        set_up(names)
     except SetUpError as error:
         say(f"stopped: {error}")
+        return 1
+    except OSError as error:
+        say(f"stopped: {advice(str(error)) or 'a file cannot be used'}.\n{error}")
         return 1
     except KeyboardInterrupt:
         say("interrupted: what is done is kept; the same command goes on from here")
         return 130
+    finally:
+        # What runs beside a step that failed would hold the end of the set-up up for minutes.
+        end_children()
     if time.monotonic() - started > 5.0:
         say("ready after %.0f s" % (time.monotonic() - started))
     return 0
 
 
 if __name__ == "__main__":
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # Under nohup it stays ignored.
+        if signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, interrupt)
     sys.exit(main(sys.argv[1:] or ["runtime"]))

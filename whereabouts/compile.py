@@ -6,6 +6,7 @@ functions beside the sources does not. After an edit, only what depends on it is
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -51,18 +52,27 @@ PARTS: dict[str, Callable[[], None]] = {
 }
 
 
+def _heed_interrupts() -> None:
+    """End at Ctrl-C at once: llvmlite swallows the KeyboardInterrupt that comes inside the compiler."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def main() -> int:
     """Compile all parts, two at a time."""
     root = Path(__file__).resolve().parents[1]
     print(f"compiling what depends on {forget_stale(root)} new or edited files", flush=True)
-    with ProcessPoolExecutor(max_workers=2, mp_context=get_context("spawn")) as pool:
+    # Before it compiles: whatever is compiled when it is interrupted is kept, and what is edited meanwhile has changed.
+    keep_note(root)
+    with ProcessPoolExecutor(
+        max_workers=2, mp_context=get_context("spawn"), initializer=_heed_interrupts
+    ) as pool:
         running = {name: pool.submit(part) for name, part in PARTS.items()}
         for name, part in running.items():
             part.result()
             print(f"compiled: {name}", flush=True)
-    keep_note(root)
     return 0
 
 
 if __name__ == "__main__":
+    _heed_interrupts()
     sys.exit(main())

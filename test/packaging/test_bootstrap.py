@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import ModuleType
 
@@ -144,7 +145,7 @@ def test_an_interrupted_step_is_done_again(
 
 @pytest.mark.parametrize("index", ["", "https://mirror.example/simple"])
 def test_pip_takes_over_where_uv_fails_or_pip_has_its_own_index(
-    monkeypatch: pytest.MonkeyPatch, index: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, index: str
 ) -> None:
     bootstrap = load_bootstrap()
     called: list[list[str]] = []
@@ -160,8 +161,101 @@ def test_pip_takes_over_where_uv_fails_or_pip_has_its_own_index(
         monkeypatch.setenv("PIP_INDEX_URL", index)
     else:
         monkeypatch.delenv("PIP_INDEX_URL", raising=False)
+    monkeypatch.setattr(bootstrap, "STATE", tmp_path)
     bootstrap.install_requirements("test")
     asked = [command[-1] for command in called]
     before = [] if index else ["requirements/locking.txt", "requirements/test.txt"]
     assert asked == [*before, "requirements/test.txt"]
     assert called[-1][1:3] == ["-m", "pip"]
+
+
+def test_an_installation_that_was_interrupted_is_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it was writing looks installed to uv and pip, and lacks files."""
+    bootstrap = load_bootstrap()
+    monkeypatch.setattr(bootstrap, "STATE", tmp_path)
+    monkeypatch.setattr(bootstrap, "own_index", lambda env: False)
+    called: list[list[str]] = []
+    interrupts = [KeyboardInterrupt()]
+
+    def run(command: list[object], *_: object) -> None:
+        called.append([str(part) for part in command])
+        if called[-1][0].endswith("uv") and interrupts:
+            raise interrupts.pop()
+
+    monkeypatch.setattr(bootstrap, "run", run)
+    with pytest.raises(KeyboardInterrupt):
+        bootstrap.install_requirements("runtime")
+    assert not any("--reinstall" in command for command in called)
+    # Another command of make, with other requirements, finds the same environment.
+    bootstrap.install_requirements("test")
+    assert "--reinstall" in called[-1]
+    bootstrap.install_requirements("test")
+    assert "--reinstall" not in called[-1]
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("OSError: [Errno 28] No space left on device", "the disk is full"),
+        ("WARNING: Retrying after connection broken by 'X'\nERROR: No matching distribution", "the network"),
+    ],
+)
+def test_a_fault_of_the_machine_is_told_before_the_end_of_the_log(
+    tmp_path: Path, said: str, told: str
+) -> None:
+    bootstrap = load_bootstrap()
+    script = f"print({said!r}); raise SystemExit(1)"
+    with pytest.raises(bootstrap.SetUpError, match=told) as failure:
+        bootstrap.run([sys.executable, "-c", script], tmp_path / "log")
+    assert said.splitlines()[-1] in str(failure.value)
+
+
+def test_a_folder_that_cannot_be_written_to_is_no_missing_module(checkout: Path, tmp_path: Path) -> None:
+    said = "Error: [Errno 30] Read-only file system"
+    python = f'if [ "$1" = "-c" ]; then echo 3.12; else echo "{said}" >&2; exit 1; fi'
+    answer = set_up(checkout, tools(tmp_path / "bin", cc="exit 0", **{"c++": "exit 0", "python3_12": python}))
+    assert answer.returncode == 1
+    assert "clone into another" in answer.stdout
+    assert "apt install" not in answer.stdout
+
+
+WORKS = """
+import signal, subprocess, sys, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a compiler that swallows the interrupt
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(100)"])
+open(sys.argv[1], "w").write(str(child.pid))
+child.wait()
+"""
+
+
+@pytest.mark.parametrize("ends", [KeyboardInterrupt, "SetUpError"])
+def test_what_runs_beside_ends_with_the_set_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: type[BaseException] | str
+) -> None:
+    """A program that does not heed Ctrl-C, and what it has started, hold nothing up and are not left behind."""
+    bootstrap = load_bootstrap()
+    monkeypatch.setattr(bootstrap, "STATE", tmp_path / "state")
+    monkeypatch.setattr(bootstrap, "create_environment", lambda: None)
+    monkeypatch.setattr(bootstrap, "install_requirements", lambda name: None)
+    note, error = tmp_path / "pid", bootstrap.SetUpError if isinstance(ends, str) else ends
+    monkeypatch.setattr(
+        bootstrap,
+        "compile_functions",
+        lambda: bootstrap.run([sys.executable, "-c", WORKS, note], tmp_path / "log"),
+    )
+
+    def build(folder: str) -> None:
+        while not (note.exists() and note.read_text()):
+            time.sleep(0.01)
+        raise error("a build failed")
+
+    monkeypatch.setattr(bootstrap, "build_interfaces", build)
+    started = time.monotonic()
+    assert bootstrap.main(["runtime"]) == (130 if error is KeyboardInterrupt else 1)
+    assert time.monotonic() - started < 20.0
+    pid = int(note.read_text())
+    while Path(f"/proc/{pid}/stat").exists() and Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z":
+        assert time.monotonic() - started < 20.0
+        time.sleep(0.01)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 from whereabouts import compile as compiling
+from whereabouts.compiled_cache import forget_stale
 
 STARTS = """
 import gc
@@ -25,6 +29,24 @@ def test_a_second_start_compiles_nothing() -> None:
     count, missed = run.stdout.split(maxsplit=1)
     assert int(count) > 50
     assert missed.strip() == "[]"
+
+
+def test_what_was_compiled_before_an_interrupt_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(**_: object) -> None:
+        raise KeyboardInterrupt
+
+    source = tmp_path / "estimation" / "kernel.py"
+    source.parent.mkdir()
+    source.touch()
+    monkeypatch.setattr(compiling, "__file__", str(tmp_path / "whereabouts" / "compile.py"))
+    monkeypatch.setattr(compiling, "ProcessPoolExecutor", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        compiling.main()
+    assert forget_stale(tmp_path) == 0
+    source.write_text("# edited while it compiled", encoding="utf-8")
+    assert forget_stale(tmp_path) == 1
 
 
 BUSY_WORLD = """
