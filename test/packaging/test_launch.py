@@ -11,6 +11,7 @@ import yaml
 
 from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.node_names import NODES
+from whereabouts.nodes.runtime.launch_arguments import check
 from whereabouts.parameters.registry import model_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,9 +42,22 @@ def test_a_launch_file_describes_its_nodes(name: str) -> None:
 
 
 def test_launch_files_load_nothing_a_launch_machine_may_lack() -> None:
-    known = ("launch", "launch_ros", "ament_index_python", "pathlib", "os", "typing", "__future__")
-    ours = ("whereabouts.nodes.runtime.launching", "whereabouts.node_names")
-    for path in [*(ROOT / "launch").glob("*.py"), ROOT / "whereabouts/nodes/runtime/launching.py"]:
+    known = (
+        "launch",
+        "launch_ros",
+        "ament_index_python",
+        "pathlib",
+        "os",
+        "typing",
+        "collections",
+        "__future__",
+    )
+    runtime = "whereabouts.nodes.runtime"
+    ours = (f"{runtime}.launching", f"{runtime}.launch_arguments", "whereabouts.node_names")
+    modules = [
+        ROOT / "whereabouts/nodes/runtime" / f"{name}.py" for name in ("launching", "launch_arguments")
+    ]
+    for path in [*(ROOT / "launch").glob("*.py"), *modules]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             assert not isinstance(node, ast.Import) or all(a.name in known for a in node.names)
             if isinstance(node, ast.ImportFrom):
@@ -67,6 +81,23 @@ def test_all_arguments_are_declared_and_used() -> None:
         and isinstance(node.slice, ast.Constant)
     }
     assert read == set(arguments)
+
+
+def test_a_slip_in_an_argument_is_no_other_setting(tmp_path: Path) -> None:
+    plain = {name: default for name, (default, _) in constant("ARGUMENTS").items()}
+    file = tmp_path / "robot.yaml"
+    file.touch()
+    check({**plain, "params_file": str(file), "use_sim_time": " True", "rviz": "no"})
+    wrong = {
+        "use_sim_time": "flase",
+        "rviz": "auto",
+        "autostart": "",
+        "params_file": "robto.yaml",
+        "bag": "run.mcpa",
+    }
+    for name, word in wrong.items():
+        with pytest.raises(ValueError, match=f"{name}: .*{word}"):
+            check({**plain, name: word})
 
 
 def test_what_is_launched_is_installed() -> None:

@@ -24,6 +24,8 @@ from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 
+from whereabouts.nodes.runtime.launch_arguments import check, is_true
+
 # Name: default and meaning.
 ARGUMENTS = {
     "namespace": ("", "namespace of the nodes, such as robot1"),
@@ -63,6 +65,7 @@ def description(*nodes: str, nav2: bool = False) -> LaunchDescription:
 def _entities(context: Any, names: tuple[str, ...], arguments: tuple[str, ...]) -> list[Any]:
     """What the arguments ask for."""
     given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+    check(given)
     share = Path(get_package_share_directory("whereabouts"))
     entities: list[Any] = []
     if PROFILES not in os.environ:
@@ -70,21 +73,17 @@ def _entities(context: Any, names: tuple[str, ...], arguments: tuple[str, ...]) 
     entities += [_node(name, given, share) for name in names]
     if "nav2_params_file" in given:
         entities += _nav2(given, share)
-    if _is_true(given["rviz"]):
+    if is_true(given["rviz"]):
         entities.append(_rviz(given, share))
-    if _is_true(given["autostart"]):
+    if is_true(given["autostart"]):
         return entities + _bring_up(names, given)
     return entities + _bag(given)
-
-
-def _is_true(text: str) -> bool:
-    return text.strip().lower() in ("true", "1", "yes")
 
 
 def _sim_time(given: dict[str, str]) -> bool:
     """Whether /clock is followed."""
     choice = given["use_sim_time"].strip().lower()
-    return bool(given["bag"]) if choice == "auto" else _is_true(choice)
+    return bool(given["bag"]) if choice == "auto" else is_true(choice)
 
 
 def _node(name: str, given: dict[str, str], share: Path) -> LifecycleNode:
