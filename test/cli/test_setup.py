@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from mcap.writer import Writer
 from typer.testing import CliRunner, Result
 
 from estimation.geometry.poses import pose_to_matrix
@@ -326,6 +327,20 @@ def test_what_stands_in_the_way_is_said_and_nothing_is_written(
     examined = runner.invoke(app, ["doctor", str(bag)])
     assert examined.exit_code == 1
     assert f"error: {sentence}" in examined.output
+
+
+def test_a_scanner_that_never_spoke_is_no_robot_to_set_up(tmp_path: Path) -> None:
+    bag = tmp_path / "silent.mcap"
+    with bag.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema("sensor_msgs/msg/LaserScan", "ros2msg", b"float32 range_min")
+        writer.register_channel("/scan", "cdr", schema)
+        writer.finish()
+    result, _ = set_up(bag, tmp_path)
+    assert "/scan: no message came" in result.output
+    assert "was not written" in str(result.exception)
+    assert runner.invoke(app, ["doctor", str(bag)]).exit_code == 1
 
 
 def test_doctor_says_where_packages_come_from(tmp_path: Path) -> None:

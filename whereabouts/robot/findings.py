@@ -45,9 +45,12 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
                 "error", f"{other.name} is a {other.kind.rpartition('/')[2]}: {UNTAKEN[other.kind]}"
             )
         return
+    followed = (choice.scans or choice.clouds)[0]
     for item in [*scans, *clouds]:
         if item.count == 0:
-            yield Finding("warning", f"{item.name}: no message came within {survey.seconds:.0f} s")
+            # Nothing is known of a sensor that is silent: neither its frame nor whether its stamps are right.
+            level = "error" if item.name == followed else "warning"
+            yield Finding(level, f"{item.name}: no message came within {survey.seconds:.0f} s")
         elif item.unstamped:
             yield Finding("error", f"{item.name}: its stamps are all 0: the driver has to set header.stamp")
         elif item.blind:
@@ -59,7 +62,6 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
             yield Finding("error", f"{item.name}: its frame_id is empty: set it in the driver")
         elif item.frame.startswith("/"):
             yield Finding("note", f"{item.name}: frame '{item.frame}' has a leading slash, which is ignored")
-    followed = (choice.scans or choice.clouds)[0]
     item = survey.topics[followed]
     reach = f", up to {item.range_max:g} m" if item.range_max else ""
     rate = f" at {item.rate:.1f} Hz" if item.rate else ""
