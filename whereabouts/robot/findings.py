@@ -49,8 +49,10 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
     for item in [*scans, *clouds]:
         if item.count == 0:
             # Nothing is known of a sensor that is silent: neither its frame nor whether its stamps are right.
-            level = "error" if item.name == followed else "warning"
-            yield Finding(level, f"{item.name}: no message came within {survey.seconds:.0f} s")
+            yield Finding(
+                "error" if item.name == followed else "warning",
+                f"{item.name}: no message came within {survey.seconds:.0f} s",
+            )
         elif item.unstamped:
             yield Finding("error", f"{item.name}: its stamps are all 0: the driver has to set header.stamp")
         elif item.blind:
