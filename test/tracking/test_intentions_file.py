@@ -58,7 +58,7 @@ CHANGES: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     "routes far away": infinite("routes_points"),
     "routes missing": lambda arrays: {k: v for k, v in arrays.items() if k != "routes_points"},
     "bounds elsewhere": lambda arrays: {**arrays, "routes_bounds": arrays["routes_bounds"] + 5},
-    "errors that are none": lambda arrays: {**arrays, "errors_squares": -arrays["errors_squares"]},
+    "errors that are none": infinite("errors_squares"),
     "errors of half the people": lambda arrays: {**arrays, "errors_walks": arrays["errors_walks"][:1]},
     "bounds empty": lambda arrays: {**arrays, "routes_bounds": np.zeros(0, np.int64)},
 }

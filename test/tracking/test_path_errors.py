@@ -86,3 +86,24 @@ def test_what_errors_taught_is_saved(tmp_path: Path) -> None:
     for walking in (False, True):
         np.testing.assert_array_equal(again.errors.rates(walking, AHEAD), model.errors.rates(walking, AHEAD))
     assert (model.errors.rates(True, AHEAD) > 0.15).all()
+
+
+def straight(rng: np.random.Generator, start: float) -> np.ndarray:
+    """A walk along the x axis at 1.2 m/s, (N, 3), each place seen with 5 cm of noise, as a model expects."""
+    t = np.arange(0.0, 9.0, 0.4)
+    places = np.column_stack((1.2 * t, np.zeros_like(t))) + rng.normal(0.0, 0.05, (len(t), 2))
+    return np.column_stack((places, start + t))
+
+
+def test_what_noise_is_told_of_is_not_learned_as_well() -> None:
+    rng, model = np.random.default_rng(4), IntentionModel()
+    for k in range(60):
+        model.learn(straight(rng, 100.0 * k))
+    for ahead in AHEAD:
+        squares = []
+        for k in range(60, 140):
+            told = model.predict(straight(rng, 100.0 * k)[:10], ahead)
+            there = np.array([1.2 * (3.6 + ahead), 0.0]) + rng.normal(0.0, 0.05, 2)
+            off = there - told.path[-1, :2]
+            squares.append(off @ np.linalg.solve(told.covariances[-1], off))
+        assert 0.75 < np.mean(squares) / 2.0 < 1.4
