@@ -38,7 +38,10 @@ class PathErrors:
         return np.sqrt(np.column_stack([np.interp(after, LAGS, squares[:, axis]) for axis in (0, 1)]))
 
     def learn(self, judged: Sequence[tuple[bool, FloatArray]]) -> None:
-        """Take in one walk: whether the person walked, and squared rates (L, 2) m²/s² of the first lags, at moments."""
+        """Take in one walk: whether the person walked, and squared rates (L, 2) m²/s² of the first lags, at moments.
+
+        What is told besides, such as noise, is taken off them before, so that single ones may be below 0.
+        """
         for k, lag in np.ndindex(self._walks.shape):
             squares = [square[lag] for walking, square in judged if walking == bool(k) and lag < len(square)]
             if squares:

@@ -10,7 +10,7 @@ from estimation.checks import FloatArray
 from world_model.questions.answers import Answer, NothingKnownError, NotUnderstoodError, clean, clock, listed
 from world_model.questions.moments import Span
 from world_model.questions.naming import at_the, described, one_named, place_named, spoken
-from world_model.questions.recall import Recall
+from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import line_at, where_is, where_was, within
 from world_model.state import BELIEVED
 
@@ -57,7 +57,7 @@ def what_is_near(world: Recall, what: str, when: str | float | Span | None = Non
     sentence = f"Nearest to {subject}{then}: {listed(near)}"
     if not found:
         sentence = f"I know of nothing near {subject}{then}"
-    p = mine.p * (found[0][2] if found else 0.9)
+    p = mine.p * (found[0][2] if found else Trust.NOT_SEEN)
     options = tuple({"object": other, "distance": away, "probability": q} for away, other, q in found)
     return Answer.stated(sentence, "what_is_near", p, stamp, [other for _, other, _ in found], (), options)
 
@@ -94,7 +94,7 @@ def _moment(world: Recall, when: str | float | Span | None) -> float:
 
 
 def _furniture(world: Recall, what: str, error: NothingKnownError) -> str:
-    """The piece of furniture that is meant; what no room is beside is not known. Raises the error for other words."""
+    """The piece of furniture that is meant; what is near a whole room is not told. Raises the error for other words."""
     try:
         place = place_named(world, what)
     except NothingKnownError:

@@ -343,9 +343,10 @@ class ObjectSearch:
         self._driven_to -= here
         types = sorted({room.type for room in rooms})
         share = self.relations.rooms(self._target, types) if types else {}
+        ways = self._entrances.seen_from(place, self.grid)
         worth: dict[str, float] = {}
         for room in rooms:
-            length = 0.0 if room.name in here else self._entrances.seen_from(place, self.grid)[room.name][1]
+            length = 0.0 if room.name in here else ways[room.name][1]
             if room.name in self._rooms_left and math.isfinite(length):
                 worth[room.name] = share.get(room.type, 0.0) / (length + 3.0)
         return self.places[max(worth, key=lambda name: worth[name])] if worth else None

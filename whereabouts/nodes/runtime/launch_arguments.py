@@ -24,5 +24,5 @@ def check(given: Mapping[str, str]) -> None:
             raise ValueError(f"{name}: true, false{auto} expected, got {given[name]!r}")
     for name in FILES:
         path = given.get(name, "")
-        if path and not Path(path).expanduser().exists():
+        if path and not Path(path).exists():
             raise ValueError(f"{name}: {path} does not exist in {Path.cwd()}")
