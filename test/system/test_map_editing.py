@@ -46,8 +46,7 @@ def test_a_map_is_paused_corrected_and_asked_for(graph: Graph) -> None:
     kept, told = paths[-1], len(robot.transforms)
     robot.go(6.0, 9.0, 0.25)
     graph.until(lambda: len(robot.transforms) > told, "transforms go on")
-    assert robot.in_map()
-    miss = between(robot.truth(8.75), robot.in_map()[0])
+    miss = between(robot.truth(8.75), graph.until(robot.in_map, "tf has the robot in the map")[0])
     assert np.hypot(*miss[:2]) < 0.15
     asked = graph.call(GetMap, "loop_closure/dynamic_map", GetMap.Request()).map
     assert asked.header.frame_id == "map"
@@ -59,7 +58,7 @@ def test_a_map_is_paused_corrected_and_asked_for(graph: Graph) -> None:
     assert graph.call(SetBool, "loop_closure/pause", SetBool.Request(data=False)).success
     robot.go(9.0, 30.0, 0.25)
     graph.until(lambda: closures, "a closure")
-    miss = between(robot.truth(29.75), robot.in_map()[0])
+    miss = between(robot.truth(29.75), graph.until(robot.in_map, "tf has the robot in the map")[0])
     assert np.hypot(*miss[:2]) < 0.25
 
     # Far from any closure nothing is taken out; without a point it is the newest one.

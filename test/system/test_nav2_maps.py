@@ -109,8 +109,8 @@ def test_a_map_is_saved_and_loaded_by_nav2s_names_and_nothing_foreign_is_touched
     graph.call(Empty, "reinitialize_global_localization", Empty.Request())
     robot.transforms.clear()
     robot.go(7.0, 12.0, 0.25)
-    graph.until(robot.in_map, "the robot is found again")
-    miss = between(robot.truth(11.75), robot.in_map()[0])
+    pose = graph.until(robot.in_map, "the robot is found again")[0]
+    miss = between(robot.truth(11.75), pose)
     assert np.hypot(*miss[:2]) < 0.25
     assert graph.log(spec).count("the robot was found in the map") == 2
     assert loaded("/etc/ring.yaml").result == LoadMap.Response.RESULT_UNDEFINED_FAILURE

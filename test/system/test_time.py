@@ -234,7 +234,7 @@ def test_one_late_odometry_message_leaves_the_map_alone_and_a_loop_takes_it_up_a
     assert figures["new runs"] == str(int(runs) + 1)
     assert "found in the map of the previous run" in graph.log(spec)
     assert int(figures["keyframes"]) >= kept
-    pose = robot.in_map()[0]
+    pose = graph.until(robot.in_map, "tf has the robot in the map")[0]
     miss = between(robot.truth(19.75), pose)
     assert np.hypot(*miss[:2]) < 0.3
     assert abs(miss[2]) < 0.1
