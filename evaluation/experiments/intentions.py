@@ -80,6 +80,12 @@ def hall(options: RunOptions, report: Report) -> None:
     counts = {day: len(found["routes"].correct) for day, found in kept.items()}
     title = "Correct exits of the hall, 1 August"
     report.add(title, columns, rows, note, "hall", printed, "tuned on", counts)
+    sure = [
+        [day, NAMES[method], *elsewhere.surety([found[method]])]
+        for day, found in kept.items()
+        for method in ("routes", "ghmm")
+    ]
+    elsewhere.how_sure(report, sure, "sure-hall", "tuned on", sum(counts.values()))
     shown = {NAMES[method]: kept[BY_TIME][method].rates for method in protocol.METHODS}
     theirs_drawn = {
         NAMES[m]: (0.01 * low, None, None, None, 0.01 * high) for m, (low, high) in THEIRS.items()
@@ -145,7 +151,7 @@ def orders(options: RunOptions, report: Report) -> None:
     chosen = [rng.permutation(len(walks)) for _ in range(options.share(20, 5))]
     alone = [walk - [0.0, 0.0, walk[0, 2]] for walk in walks]
     note = "Complete walks of 1 August. Times count from the start of each walk, so nobody is known to come together."
-    rows = elsewhere.correct("hall, random orders", [[alone[k] for k in order] for order in chosen], NAMES)
+    rows, _ = elsewhere.correct("hall, random orders", [[alone[k] for k in order] for order in chosen], NAMES)
     count = len(chosen) * (len(walks) - protocol.FIRST)
     columns = ["walks", "method", *elsewhere.COLUMNS]
     title = "Correct exits in random orders"
@@ -188,11 +194,12 @@ def hotel(options: RunOptions, report: Report) -> None:
     title = "Displacement errors at the hotel"
     report.add(title, columns, rows, note, "hotel", data="tuned on", samples=moments)
     gone = [walk for walk in people.values() if np.hypot(*(walk[-1] - walk[0])[:2]) > 3.0]
-    rows = elsewhere.correct("hotel", [by_time(gone)], NAMES)
+    rows, sure = elsewhere.correct("hotel", [by_time(gone)], NAMES)
     note = f"All people who walked more than 3 m. The exits are the open ends of a street. {elsewhere.ONLINE}"
     columns = ["walks", "method", *elsewhere.COLUMNS]
     title, count = "Correct exits at the hotel", len(gone) - protocol.FIRST
     report.add(title, columns, rows, note, "hotel-exits", data="tuned on", samples=count)
+    elsewhere.how_sure(report, sure, "sure-hotel", "tuned on", count)
     forces(report, list(people.values()))
     model = IntentionModel()
     ordered = sorted(people.values(), key=lambda rows_: float(rows_[-1, 2]))

@@ -75,13 +75,33 @@ def _walk(rng: np.random.Generator, pair: tuple[int, int], bend: float, pace: fl
     return np.column_stack((points.clip(LOW, HIGH), begun + t))
 
 
-def correct(name: str, days: list[list[Array]], names: dict[str, str]) -> list[list[object]]:
-    """Per method a row with the mean share of correct exits over some days, %."""
+def correct(
+    name: str, days: list[list[Array]], names: dict[str, str]
+) -> tuple[list[list[object]], list[list[object]]]:
+    """Per method a row with the mean share of correct exits over some days, %, and one of `surety`."""
     rows: list[list[object]] = []
+    sure: list[list[object]] = []
     for method in protocol.METHODS:
-        rates = [protocol.online(day, method).rates for day in track(days, f"{name}, {names[method]}")]
+        outcomes = [protocol.online(day, method) for day in track(days, f"{name}, {names[method]}")]
+        rates = [outcome.rates for outcome in outcomes]
         rows.append([name, names[method], *(100.0 * np.mean(rates, axis=0)).tolist()])
-    return rows
+        if method != "linear":
+            sure.append([name, names[method], *surety(outcomes)])
+    return rows, sure
+
+
+def surety(outcomes: list[protocol.Online]) -> list[float]:
+    """How often the first goal was right, %; how probable it was told to be, and among the goals alone, %."""
+    right = np.mean([outcome.correct.mean() for outcome in outcomes])
+    said = np.mean([outcome.said.mean(axis=(0, 1)) for outcome in outcomes], axis=0)
+    return [100.0 * float(right), *(100.0 * said).tolist()]
+
+
+def how_sure(report: Report, rows: list[list[object]], key: str, data: str, judged: int) -> None:
+    """The table of `surety`."""
+    columns = ["walks", "method", "right, % ↑", "told, %", "told among the goals alone, %"]
+    note = "The first goal, over all moments. A probability that is honest is as large as what is right is frequent."
+    report.add("How sure goals are told", columns, rows, note, key, data=data, samples=judged)
 
 
 def more_walks(options: RunOptions, report: Report, walks: list[Array], names: dict[str, str]) -> None:
@@ -103,8 +123,9 @@ def simulated_days(options: RunOptions, report: Report, names: dict[str, str]) -
     """Correct exits online on days of 510 walks, as many as on the text's day."""
     count = 60 if options.quick else 510
     day = simulated_day(int(np.random.default_rng([options.seed, 4]).integers(2**31)), count)
-    rows = correct("simulated day", [day], names)
+    rows, sure = correct("simulated day", [day], names)
     note = f"Six exits, {count} walks, habits drawn anew for each day. {ONLINE}"
     columns = ["walks", "method", *COLUMNS]
     title, judged = "Correct exits on simulated days", count - protocol.FIRST
     report.add(title, columns, rows, note, "days", data="simulated", samples=judged)
+    how_sure(report, sure, "sure-days", "simulated", judged)

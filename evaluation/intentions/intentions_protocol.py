@@ -31,12 +31,16 @@ PRINTED = "printed"
 
 @dataclass
 class Online:
-    """Online learning through a day: `correct` (predictions, fractions) and, per learned walk, sizes and times."""
+    """Online learning through a day: `correct` (predictions, fractions) and, per learned walk, sizes and times.
+
+    said : (predictions, fractions, 2), how probable the first goal was told to be, and among the goals alone.
+    """
 
     correct: NDArray[np.bool_]
     learn_ms: list[float] = field(default_factory=list)
     sizes: list[tuple[int, int, int]] = field(default_factory=list)  # nodes, states, edges
     model: IntentionModel | None = None
+    said: Array = field(default_factory=lambda: np.zeros((0, len(FRACTIONS), 2)))
 
     @property
     def rates(self) -> Array:
@@ -87,18 +91,21 @@ def online(
     if method in STAGES:
         model.routes = Routes(model.config.routes, STAGES[method])
     outcome = Online(np.zeros((0, len(FRACTIONS)), dtype=bool), model=model)
-    correct = []
+    correct, said = [], []
     waiting: list[Array] = []
     for k, walk in enumerate(walks):
         if k >= FIRST:
-            row = []
+            row, sure = [], []
             for fraction in FRACTIONS:
                 if method == "linear":
-                    goal = linear_exit(part(walk, fraction), low, high)
+                    goal, first = linear_exit(part(walk, fraction), low, high), np.nan
                 else:
-                    goal = model.intentions(part(walk, fraction), 10.0)[0][0]
+                    goals, probabilities = model.intentions(part(walk, fraction), 10.0)
+                    goal, first = goals[0], probabilities[0]
+                sure.append(((1.0 - model.errors.elsewhere) * first, first))
                 row.append(bool(np.hypot(*(goal - walk[-1, :2])) <= CORRECT))
             correct.append(row)
+            said.append(sure)
         if method != "linear":
             waiting.append(walk)
             following = walks[k + 1][0, 2] if ended and k + 1 < len(walks) else np.inf
@@ -111,6 +118,7 @@ def online(
         outcome.sizes.append((len(hmm.places), len(hmm), hmm.edge_count))
         on_step()
     outcome.correct = np.array(correct, dtype=bool).reshape(-1, len(FRACTIONS))
+    outcome.said = np.array(said, dtype=float).reshape(-1, len(FRACTIONS), 2)
     return outcome
 
 

@@ -131,8 +131,9 @@ def test_people_are_learned_predicted_saved_and_loaded(graph: Graph, tmp_path: P
     path = array.paths[0]
     assert path.label == people.label
     assert np.hypot(*(first_goal(array) - EXITS["up"])) < 0.75
-    assert path.goal_probabilities[0] > 0.6
-    assert sum(path.goal_probabilities) == pytest.approx(1.0)
+    # Of five walks learned the first ones ended where nobody had gone before.
+    assert 0.5 < sum(path.goal_probabilities) < 0.95
+    assert path.goal_probabilities[0] > 0.6 * sum(path.goal_probabilities)
     times = [seconds(p.time_from_start) for p in path.points]
     np.testing.assert_allclose(times, np.arange(0.0, 5.01, 0.5), atol=1e-6)
     place = along("up", 6.4)

@@ -86,6 +86,39 @@ def test_what_errors_taught_is_saved(tmp_path: Path) -> None:
     for walking in (False, True):
         np.testing.assert_array_equal(again.errors.rates(walking, AHEAD), model.errors.rates(walking, AHEAD))
     assert (model.errors.rates(True, AHEAD) > 0.15).all()
+    assert again.errors.elsewhere == model.errors.elsewhere != 0.5
+
+
+def to_a_door(rng: np.random.Generator, start: float, strays: float) -> np.ndarray:
+    """A walk of some 8 s (N, 3) from the middle of the south to one of three doors, or with `strays` just anywhere."""
+    doors = np.array([[-6.0, 8.0], [0.0, 10.0], [6.0, 8.0]])
+    end = rng.uniform((-8.0, 3.0), (8.0, 10.0)) if rng.random() < strays else doors[rng.integers(3)]
+    t = np.arange(0.0, 8.01, 0.2)
+    share = (t / 8.0)[:, None]
+    # All set out northward and turn to where they go.
+    places = share * np.array([0.0, 4.0]) * (1.0 - share) + share**2 * end
+    return np.column_stack((places + rng.normal(0.0, 0.03, places.shape), start + t))
+
+
+@pytest.mark.parametrize("strays", [0.0, 0.4])
+def test_goals_are_not_told_as_surer_than_they_are_right(strays: float) -> None:
+    rng, model = np.random.default_rng(6), IntentionModel()
+    told, right = [], []
+    for k in range(150):
+        walk = to_a_door(rng, 100.0 * k, strays)
+        if k >= 50:
+            seen = model.predict(walk[:21], 5.0)
+            told.append((1.0 - seen.elsewhere) * seen.probabilities[0])
+            right.append(np.hypot(*(seen.goals[0] - walk[-1, :2])) <= model.config.goal_radius)
+        model.learn(walk)
+    # Strays count twice a little: as walks that nearly fit, and as a share.
+    assert -0.15 < np.mean(told) - np.mean(right) < 0.03
+    assert (np.mean(right) > 0.95) == (strays == 0.0)
+
+
+def test_nothing_learned_is_as_likely_wrong_as_right() -> None:
+    seen = IntentionModel().predict(wandering(np.random.default_rng(1), 0.1, 0.0)[:50], 5.0)
+    assert (seen.probabilities.sum(), seen.elsewhere) == (1.0, 0.5)
 
 
 def straight(rng: np.random.Generator, start: float) -> np.ndarray:

@@ -158,7 +158,7 @@ class IntentionModel:
         return self._predict(list(partials), np.zeros((0, 4)), horizon, obstacles, len(partials))
 
     def intentions(self, partial: ArrayLike, horizon: float = 5.0) -> tuple[FloatArray, FloatArray]:
-        """Goals (G, 2) and their probabilities (G,) alone, the most probable first: (4.12)."""
+        """Goals (G, 2) and their probabilities (G,) alone, as `Prediction` has them: (4.12)."""
         belief = self._believe(self._motion(clean("partial", partial).rows), horizon)
         return belief.goals, belief.probabilities
 
@@ -210,7 +210,7 @@ class IntentionModel:
 
     def _judge(self, rows: FloatArray) -> None:
         """Predict a finished walk (N, 3) from several moments, as if it went on, and learn how far off that is."""
-        judged = []
+        judged, missed = [], []
         for share in JUDGED:
             seen = int(np.searchsorted(rows[:, 2], rows[0, 2] + share * (rows[-1, 2] - rows[0, 2]), "right"))
             told = self._predict([rows[:seen]], np.zeros((0, 4)), LAGS[-1], None, 1)[0]
@@ -220,7 +220,9 @@ class IntentionModel:
             # What is told besides is not to be learned as well.
             known = np.square(self.config.position_sigma / np.array(LAGS[: len(squares)])) + motion.variance
             judged.append((motion.speed > WALKING, squares - known[:, None]))
-        self.errors.learn(judged)
+            off = np.hypot(*(told.goals - rows[-1, :2]).T)
+            missed.append(bool(off.min() > self.config.goal_radius))
+        self.errors.learn(judged, float(np.mean(missed)))
 
     def _thinned(self, points: FloatArray) -> FloatArray:
         """Observations half a node apart: closer ones say the same again, and would be counted as if they did not."""
@@ -314,5 +316,11 @@ class IntentionModel:
             ways.append(PredictedWay(rank, path, covariances))
         first = ways[0]
         return Prediction(
-            belief.goals, belief.probabilities, first.path, first.covariances, ways[1:], belief.novelty
+            goals=belief.goals,
+            probabilities=belief.probabilities,
+            path=first.path,
+            covariances=first.covariances,
+            alternatives=ways[1:],
+            novelty=belief.novelty,
+            elsewhere=self.errors.elsewhere,
         )

@@ -26,7 +26,8 @@ class Prediction:
     """What one person is expected to do.
 
     goals : (G, 2) m, intended positions, the most probable first.
-    probabilities : (G,), they sum to one.
+    probabilities : (G,), of one who goes to one of them; they sum to one.
+    elsewhere : in [0, 1], how probable it is that he goes to none of them, as so many did of late.
     path : (T, 3) x, y, t to the most probable goal, from the last observation's time to the horizon; absolute times.
     covariances : (T, 2, 2) m² of the path's points; they grow with time.
     alternatives : paths to the next goals.
@@ -39,6 +40,7 @@ class Prediction:
     covariances: FloatArray
     alternatives: list[PredictedWay] = field(default_factory=list)
     novelty: float = 0.0
+    elsewhere: float = 0.0
 
 
 def path_covariances(start: float, rates: FloatArray, after: FloatArray, run: FloatArray) -> FloatArray:

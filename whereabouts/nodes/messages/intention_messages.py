@@ -98,7 +98,7 @@ def paths_message(
     for label, told in sorted(predictions.items()):
         path = PredictedPath(label=label)
         path.goals = [_point(goal) for goal in told.goals]
-        path.goal_probabilities = told.probabilities.tolist()
+        path.goal_probabilities = ((1.0 - told.elsewhere) * told.probabilities).tolist()
         path.points = _points(told.path, told.covariances, start, horizon, interval)
         path.alternatives = [
             PredictedAlternative(
@@ -117,7 +117,7 @@ def markers_message(header: Header, predictions: Mapping[int, Prediction]) -> Ma
         red, green, blue = COLOURS[label % len(COLOURS)]
         paths = [told.path, *(way.path for way in told.alternatives)]
         for rank, path in enumerate(paths):
-            probability = float(told.probabilities[rank])
+            probability = float((1.0 - told.elsewhere) * told.probabilities[rank])
             colour = ColorRGBA(r=red, g=green, b=blue, a=0.2 + 0.8 * probability)
             name = f"{label}/{rank}"
             line = _marker(header, f"path {name}", Marker.LINE_STRIP, colour, 0.06 if rank == 0 else 0.03)
