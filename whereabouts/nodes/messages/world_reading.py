@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, Vector3
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from estimation.geometry.poses import pose_from_matrix
 from whereabouts.nodes.messages.conversions import fill_pose, pose_from_message, spatial
 from whereabouts.nodes.messages.markers import point
 from whereabouts.nodes.messages.packed import Packed
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, seconds
 from whereabouts.nodes.messages.transforms import TransformBuffer
 from whereabouts_msgs.msg import DiscreteDistribution, PredictedPathArray, Region
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
@@ -124,7 +123,7 @@ def object_from_message(message: ObjectMessage) -> WorldObject:
     }
     return WorldObject(
         message.id, position, np.array([linear.x, linear.y, linear.z]), covariance, attributes,
-        message.existence_probability, message.lost, _seconds(message.last_seen), _seconds(message.first_seen),
+        message.existence_probability, message.lost, seconds(message.last_seen), seconds(message.first_seen),
         place=message.place, place_probability=message.place_probability,
         predicates=tuple(message.predicates), alternatives=tuple(message.alternatives),
         quantities={
@@ -190,7 +189,3 @@ def distribution_message(values: Mapping[str, float]) -> DiscreteDistribution:
 
 def _distribution(message: DiscreteDistribution) -> dict[str, float]:
     return dict(zip(message.values, map(float, message.probabilities), strict=False))
-
-
-def _seconds(stamp: Time) -> float:
-    return nanoseconds(stamp) / NANOSECONDS
