@@ -47,6 +47,8 @@ ADVICE = {
     "Permission denied": "something in this folder belongs to another user: clone into a folder of your own",
     "connection broken by": "the index of Python packages does not answer: look at the network, then try again",
 }
+# With these no other installer gets any further.
+FINAL = ("No space left on device", "quota exceeded", "Read-only file system")
 # Programs at work; each leads a session.
 CHILDREN = set()
 
@@ -282,7 +284,9 @@ def install_packages(name, anew):
             uv = [VENV / "bin" / "uv", "pip", "install", *["--reinstall"] * anew, "-r"]
             run([*uv, f"requirements/{name}.txt"], STATE / (f"requirements-{name}-uv.log"), env)
             return
-        except SetUpError:
+        except SetUpError as error:
+            if any(ADVICE[sign] in str(error) for sign in FINAL):
+                raise
             say(f"requirements-{name}: uv failed, pip takes over")
     run([*pip, "-r", f"requirements/{name}.txt"], log, env)
 

@@ -33,6 +33,16 @@ def is_parameter_file(content: Any) -> bool:
     )
 
 
+def read_yaml(path: Path, error: type[InputError]) -> Any:
+    """What a YAML file holds. Raises `error`, naming the file, where it cannot be read or is no YAML."""
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise error(f"{path}: cannot be read: {problem.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as problem:
+        raise error(f"{path}: is no YAML: {' '.join(str(problem).split())}") from None
+
+
 def read_sections(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """(name of nodes, parameters) in the order of the file; names may have the wildcards * and **.
 
@@ -40,12 +50,7 @@ def read_sections(path: Path) -> list[tuple[str, dict[str, Any]]]:
     ------
     ParameterFileError : no such file, no YAML, or no parameter file.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterFileError(f"{path}: cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterFileError(f"{path}: is no YAML: {' '.join(str(error).split())}") from None
+    content = read_yaml(path, ParameterFileError)
     if not is_parameter_file(content):
         raise ParameterFileError(
             f"{path}: is no ROS parameter file: nodes with `{SECTION}:` below them expected, such as `/**:`"
@@ -105,20 +110,19 @@ def parameters_for(path: Path, node: str) -> dict[str, Any]:
     return given
 
 
-def settings_for(path: Path | None, node: str) -> Any:
-    """The validated parameters of a node: those of a file on the defaults, or the defaults.
+def settings_for(path: Path | None, node: str, **over: Any) -> Any:
+    """The validated parameters of a node: those of a file on the defaults, or the defaults. over : these go before.
 
     Raises
     ------
     ParameterFileError : naming file, node and parameter.
     """
     model = model_of(node)
-    if path is None:
-        return model()
-    given = parameters_for(path, node)
+    given = {**({} if path is None else parameters_for(path, node)), **over}
     problems = problems_of(model, given)
     if problems:
-        raise ParameterFileError(f"{path}: {node}: {'; '.join(problems)}")
+        where = node if path is None else f"{path}: {node}"
+        raise ParameterFileError(f"{where}: {'; '.join(problems)}")
     return model.model_validate({name: value for name, value in given.items() if name in model.model_fields})
 
 

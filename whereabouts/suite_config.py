@@ -17,12 +17,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from estimation.errors import InputError
 from whereabouts.node_names import NODES
-from whereabouts.parameter_file import hint, is_parameter_file, problems_of_file
+from whereabouts.parameter_file import hint, is_parameter_file, problems_of_file, read_yaml
 from whereabouts.parameters.description import explain
 from whereabouts.parameters.registry import model_of
 
@@ -145,12 +144,7 @@ def read_config(path: Path | None, options: dict[str, Any]) -> SuiteConfig:
 
 
 def _mapping(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SuiteConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SuiteConfigError(f"{path}: is no YAML: {' '.join(str(error).split())}") from None
+    content = read_yaml(path, SuiteConfigError)
     if not isinstance(content, dict):
         raise SuiteConfigError(f"{path}: keys with values expected, such as `nodes:`")
     return content

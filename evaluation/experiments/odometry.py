@@ -24,7 +24,7 @@ from evaluation.registration.odometry_wheels import FAULTS, with_faults
 from evaluation.report import Part, Report, RunOptions, Table
 from registration import Odometry, OdometryConfig, Scan
 from whereabouts.logs import OdometryRecord, ScanRecord, open_log
-from whereabouts.recorded.follow import Follower
+from whereabouts.recorded.follow import follow as follow_log
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, random_floor
 from whereabouts.simulation.small_robot import SHORT_RANGE, flat, way
 from whereabouts.system.progress import track
@@ -287,7 +287,10 @@ def _swept(options: RunOptions, report: Report) -> None:
             floor, waypoints = random_floor(rng, 2)
             log, truth = swept_log(floor, Drive(waypoints, speed=speed, turn_rate=turn_rate), rng)
             for method, wheels in (("ours, wheels", True), ("ours, no wheels", False)):
-                outcome = _followed(log, wheels)
+                steps = list(follow_log(log, use_wheels=wheels))
+                unsure = sum(not step.converged for step in steps)
+                poses = np.array([step.pose for step in steps])
+                outcome = OdometryRun(poses, np.full(len(steps), np.nan), unsure)
                 found.setdefault((pace, method), []).append(errors(outcome, outcome.poses, truth))
     note = (
         "Rooms along a corridor, 360 beams all round, each swept in 0.2 s, ranges to 3.5 m with 1.5 cm of noise. Slow: "
@@ -315,20 +318,6 @@ def swept_log(
             truth.append(drive(begun))
             begun = stamp
     return log, np.array(truth)
-
-
-def _followed(log: list[ScanRecord | OdometryRecord], wheels: bool) -> OdometryRun:
-    """Odometry over a log as it is replayed."""
-    follower = Follower(use_wheels=wheels)
-    poses, unsure = [], 0
-    for record in log:
-        if isinstance(record, OdometryRecord):
-            follower.add_wheels(record)
-        else:
-            followed = follower.add_scan(record)
-            poses.append(followed.pose)
-            unsure += not followed.converged
-    return OdometryRun(np.array(poses), np.full(len(poses), np.nan), unsure)
 
 
 def _wheels(options: RunOptions, report: Report) -> None:

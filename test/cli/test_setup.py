@@ -16,7 +16,16 @@ from typer.testing import CliRunner, Result
 from estimation.geometry.poses import pose_to_matrix
 from registration import Scan
 from whereabouts.cli.main import app
-from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, Qos, ScanRecord, Topic, TransformRecord
+from whereabouts.logs import (
+    CloudRecord,
+    LogError,
+    McapWriter,
+    OdometryRecord,
+    Qos,
+    ScanRecord,
+    Topic,
+    TransformRecord,
+)
 from whereabouts.logs.bags.encode import transform_message
 from whereabouts.logs.bags.ros_types import standard_types
 from whereabouts.logs.writer import LATCHED
@@ -351,6 +360,12 @@ def test_doctor_says_where_packages_come_from(tmp_path: Path) -> None:
     folder = Path(__file__).resolve().parents[2]
     assert f"tracking: {folder / 'tracking'}" in result.output
     assert "0 errors, 0 warnings" in result.output
+
+
+def test_doctor_says_nothing_before_an_error(tmp_path: Path) -> None:
+    result = runner.invoke(app, ["doctor", str(tmp_path / "none.mcap")])
+    assert isinstance(result.exception, LogError)
+    assert not result.output
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -145,7 +145,7 @@ def test_learned_settings_are_those_the_log_was_made_with(
         (["--at", "tea time"], "--at: seconds"),
         (["--region", "attic"], "unknown place 'attic'"),
         (["--predicate", "shiny"], "unknown predicate 'shiny'"),
-        (["--params", "/nowhere.yaml"], "no parameter file"),
+        (["--params", "/nowhere.yaml"], "/nowhere.yaml: cannot be read"),
         (["--places", "/nowhere.yaml"], "/nowhere.yaml"),
     ],
 )

@@ -16,7 +16,7 @@ import pytest
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from whereabouts.logs import OversizedLogError, open_log, open_raw
+from whereabouts.logs import OversizedLogError, UnknownFormatError, open_log, open_raw
 from whereabouts.logs.bags.bag_directory import inflate_message
 from whereabouts.logs.bags.unpacking import unpack
 
@@ -98,3 +98,14 @@ def test_what_is_exactly_as_large_as_the_limit_is_read(form: str) -> None:
     assert unpack(form, pack(data), Path("x"), len(data)) == data
     with pytest.raises(OversizedLogError):
         unpack(form, pack(data), Path("x"), len(data) - 1)
+
+
+@pytest.mark.parametrize(("name", "pack"), [("x.mcap.gz", gzip.compress), ("x.mcap.bz2", bz2.compress)])
+@pytest.mark.parametrize("reader", [open_log, open_raw])
+def test_a_compressed_bag_is_to_be_unpacked_first(
+    tmp_path: Path, reader: Callable[[Path], object], name: str, pack: Callable[[bytes], bytes]
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(pack(mcap(CompressionType.NONE, 100)))
+    with pytest.raises(UnknownFormatError, match=r"unpack it first"):
+        reader(path)

@@ -212,6 +212,24 @@ def test_a_fault_of_the_machine_is_told_before_the_end_of_the_log(
     assert said.splitlines()[-1] in str(failure.value)
 
 
+def test_pip_does_not_try_again_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bootstrap = load_bootstrap()
+    monkeypatch.setattr(bootstrap, "STATE", tmp_path)
+    monkeypatch.setattr(bootstrap, "own_index", lambda env: False)
+    called: list[str] = []
+
+    def run(command: list[object], *_: object) -> None:
+        called.append(str(command[0]))
+        if called[-1].endswith("uv"):
+            said = "No space left on device (os error 28)"
+            raise bootstrap.SetUpError(f"{bootstrap.advice(said)}.\n{said}")
+
+    monkeypatch.setattr(bootstrap, "run", run)
+    with pytest.raises(bootstrap.SetUpError, match="the disk is full"):
+        bootstrap.install_requirements("test")
+    assert called[-1].endswith("uv")
+
+
 def test_a_folder_that_cannot_be_written_to_is_no_missing_module(checkout: Path, tmp_path: Path) -> None:
     said = "Error: [Errno 30] Read-only file system"
     python = f'if [ "$1" = "-c" ]; then echo 3.12; else echo "{said}" >&2; exit 1; fi'

@@ -56,6 +56,11 @@ def target_folder(path: Path | None) -> Path | None:
     return path
 
 
+def file_to_write(option: str, metavar: str, what: str) -> Any:
+    """An option that names a file to write; see `target_file`."""
+    return typer.Option(option, metavar=metavar, help=what, callback=target_file)
+
+
 AnyLog = Annotated[
     Path,
     typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
@@ -78,13 +83,11 @@ ParamsFile = Annotated[
 ]
 TumFile = Annotated[
     Path | None,
-    typer.Option(
-        "--out", metavar="T.tum", help="Write the trajectory, one line per scan.", callback=target_file
-    ),
+    file_to_write("--out", "T.tum", "Write the trajectory, one line per scan."),
 ]
 JsonFile = Annotated[
     Path | None,
-    typer.Option("--json", metavar="FILE", help="Write the figures to FILE as JSON.", callback=target_file),
+    file_to_write("--json", "FILE", "Write the figures to FILE as JSON."),
 ]
 
 Dask = Annotated[

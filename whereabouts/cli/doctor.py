@@ -24,11 +24,13 @@ def doctor(
     from whereabouts.robot.imports import import_findings, origins
     from whereabouts.robot.preset import preset as preset_of
 
+    # What is wrong with the bag or the preset is said plainly, with nothing before it.
+    wanted = None if preset is None else preset_of(preset)
+    survey = survey_of(bag, seconds)
+    choice = choose(survey, wanted)
     places = origins()
     for name, place in places.items():
         typer.echo(f"{name}: {place}")
-    survey = survey_of(bag, seconds)
-    choice = choose(survey, None if preset is None else preset_of(preset))
     said = [*import_findings(places), *findings(survey, choice)]
     typer.echo(
         f"frames: map '{choice.map_frame}', odometry '{choice.odom_frame}', robot '{choice.base_frame}'; "

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, target_file, write_figures
+from whereabouts.cli.common import JsonFile, file_to_write, write_figures
 
 Source = Annotated[
     Path,
@@ -31,16 +31,11 @@ Radius = Annotated[
 Load = Annotated[Path | None, typer.Option("--load", metavar="M.npz", help="Continue with a saved model.")]
 SaveOption = Annotated[
     Path | None,
-    typer.Option("--save", metavar="M.npz", help="Save the model to this file.", callback=target_file),
+    file_to_write("--save", "M.npz", "Save the model to this file."),
 ]
 Picture = Annotated[
     Path | None,
-    typer.Option(
-        "--picture",
-        metavar="P.png",
-        help="Draw the learned walks and the predictions.",
-        callback=target_file,
-    ),
+    file_to_write("--picture", "P.png", "Draw the learned walks and the predictions."),
 ]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import Dask, Jobs, JsonFile, target_file, write_figures
+from whereabouts.cli.common import Dask, Jobs, JsonFile, file_to_write, write_figures
 
 if TYPE_CHECKING:
     from evaluation.loops.place_training import Recording
@@ -67,9 +67,7 @@ Negatives = Annotated[
 Seed = Annotated[int, typer.Option("--seed", help="Random seed.")]
 
 
-Out = Annotated[
-    Path, typer.Option("--out", metavar="model.json", help="File for the model.", callback=target_file)
-]
+Out = Annotated[Path, file_to_write("--out", "model.json", "File for the model.")]
 Simulation = Annotated[
     int,
     typer.Option(
@@ -153,9 +151,7 @@ Protocol = Annotated[
 DistancesOption = Annotated[str, typer.Option("--distances", help="Distances to evaluate at, in metres.")]
 Positives = Annotated[int, typer.Option("--positives", min=10, help="Largest number of positive pairs.")]
 Repetitions = Annotated[int, typer.Option("--repetitions", min=1, help="Number of permutations for k-fold.")]
-Curve = Annotated[
-    Path | None, typer.Option("--roc", metavar="PNG", help="Draw the ROC curves.", callback=target_file)
-]
+Curve = Annotated[Path | None, file_to_write("--roc", "PNG", "Draw the ROC curves.")]
 
 
 @app.command()

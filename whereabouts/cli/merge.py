@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import target_file
+from whereabouts.cli.common import file_to_write
 
 
 def merge(
@@ -17,11 +17,10 @@ def merge(
     ],
     map_file: Annotated[
         Path,
-        typer.Option(
+        file_to_write(
             "--map",
-            metavar="M.png",
-            help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
-            callback=target_file,
+            "M.png",
+            "Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
         ),
     ],
 ) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import target_file
+from whereabouts.cli.common import file_to_write
 from whereabouts.node_names import NODES
 
 
@@ -21,9 +21,7 @@ def parameters(
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", metavar="FILE", help="Write them here; default: print them.", callback=target_file
-        ),
+        file_to_write("--out", "FILE", "Write them here; default: print them."),
     ] = None,
 ) -> None:
     """Write a ROS parameter file with the defaults, and the meaning, unit and range of each parameter."""

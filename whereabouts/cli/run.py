@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import target_file, target_folder
+from whereabouts.cli.common import file_to_write, target_file, target_folder
 from whereabouts.node_names import NODES
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ Record = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="OUT.mcap", help="File for the recording.", callback=target_file),
+    file_to_write("--out", "OUT.mcap", "File for the recording."),
 ]
 Params = Annotated[
     Path | None, typer.Option("--params", help="ROS parameter file. It overrides the shipped ones.")

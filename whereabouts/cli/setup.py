@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, target_file, write_figures
+from whereabouts.cli.common import JsonFile, file_to_write, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.robot.survey import Survey
@@ -36,9 +36,7 @@ def setup(
     bag: BagToLookAt = None,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out", metavar="robot.yaml", help="Write the parameter file here.", callback=target_file
-        ),
+        file_to_write("--out", "robot.yaml", "Write the parameter file here."),
     ] = Path("robot.yaml"),
     preset: PresetName = None,
     look: Annotated[

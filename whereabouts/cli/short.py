@@ -34,7 +34,7 @@ def find(name: Named, store: StoreFile = None, namespace: Namespace = "") -> Non
 
     words = " ".join(name)
     if store is None:
-        _live(namespace, lambda client: _found(client, words))
+        _live(namespace, lambda actions, client: _found(actions, client, words))
         return
     try:
         with opened(store) as world:
@@ -46,16 +46,14 @@ def find(name: Named, store: StoreFile = None, namespace: Namespace = "") -> Non
         sys.exit(1)
 
 
-def _found(client: Any, words: str) -> Done:
-    from whereabouts.nodes.live.live_actions import find as search
-    from whereabouts.nodes.live.live_actions import goal_for
+def _found(actions: Any, client: Any, words: str) -> Done:
     from whereabouts.nodes.live.live_world import NoWorldError, live_world
 
     try:
         with live_world(client) as world:
-            goal = goal_for(words, world)
+            goal = actions.goal_for(words, world)
     except NoWorldError:
-        goal = goal_for(words, None)
+        goal = actions.goal_for(words, None)
     said: list[str] = []
 
     def step(reason: str, probability: float) -> None:
@@ -63,14 +61,15 @@ def _found(client: Any, words: str) -> Done:
             said.append(reason)
             typer.echo(f"{reason} (p = {probability:.2f})")
 
-    return search(client, goal, step)
+    done: Done = actions.find(client, goal, step)
+    return done
 
 
 def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> None:
     """Take an object out of the world for good; its history stays. With --store: out of that file."""
     words = " ".join(name)
     if store is None:
-        _live(namespace, lambda client: _forgotten(client, words))
+        _live(namespace, lambda actions, client: _forgotten(actions, client, words))
         return
     from estimation.errors import WhereaboutsError
     from whereabouts.agents.knowledge import Knowledge
@@ -88,25 +87,19 @@ def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> N
     typer.echo(f"{object_id} is forgotten.")
 
 
-def _forgotten(client: Any, words: str) -> Done:
-    from whereabouts.nodes.live.live_actions import forget as take_out
+def _forgotten(actions: Any, client: Any, words: str) -> Done:
     from whereabouts.nodes.live.live_world import live_world
     from world_model.questions.naming import one_named
 
     with live_world(client) as world:
         object_id = one_named(world, words, past=False)
-    return take_out(client, object_id)
+    done: Done = actions.forget(client, object_id)
+    return done
 
 
 def save_map(path: MapPath = "", namespace: Namespace = "") -> None:
     """Have the running node loop_closure write its map."""
-
-    def call(client: Any) -> Done:
-        from whereabouts.nodes.live.live_actions import save_map as written
-
-        return written(client, path)
-
-    _live(namespace, call)
+    _live(namespace, lambda actions, client: actions.save_map(client, path))
 
 
 def load_map(
@@ -117,27 +110,25 @@ def load_map(
     namespace: Namespace = "",
 ) -> None:
     """Have the running node loop_closure read a map and localise in it."""
-
-    def call(client: Any) -> Done:
-        from whereabouts.nodes.live.live_actions import load_map as read
-
-        return read(client, path, extend)
-
-    _live(namespace, call)
+    _live(namespace, lambda actions, client: actions.load_map(client, path, extend))
 
 
-def _live(namespace: str, call: Callable[[Any], Done]) -> None:
-    """Do something with the running suite; ends with 0 where it is done, 1 where not, 2 where nobody runs."""
+def _live(namespace: str, call: Callable[[Any, Any], Done]) -> None:
+    """Do something with the running suite; ends with 0 where it is done, 1 where not, 2 where nobody runs.
+
+    call : given `whereabouts.nodes.live.live_actions`, which needs ROS, and a client.
+    """
     from estimation.errors import InputError, WhereaboutsError
     from whereabouts.cli.ask import without_ros
 
     try:
+        from whereabouts.nodes.live import live_actions
         from whereabouts.nodes.live.live_world import Client, NoWorldError
     except ImportError as error:
         _end(2, f"whereabouts: {without_ros(error)}")
     client = Client(namespace)
     try:
-        done = call(client)
+        done = call(live_actions, client)
     except KeyboardInterrupt:
         _end(1, "cancelled")
     except NoWorldError as error:

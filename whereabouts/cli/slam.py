@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,10 +20,12 @@ from whereabouts.cli.common import (
     TopicToUse,
     TumFile,
     WithWheels,
+    file_to_write,
     reading,
-    target_file,
     write_figures,
 )
+
+Read = Callable[[str], AbstractContextManager[LogReading]]
 
 
 class Proposals(StrEnum):
@@ -35,20 +38,14 @@ class Proposals(StrEnum):
 
 ClosuresOption = Annotated[
     Path | None,
-    typer.Option(
-        "--closures",
-        metavar="C.csv",
-        help="Write the accepted closures to this file.",
-        callback=target_file,
-    ),
+    file_to_write("--closures", "C.csv", "Write the accepted closures to this file."),
 ]
 MapFile = Annotated[
     Path | None,
-    typer.Option(
+    file_to_write(
         "--map",
-        metavar="M.png",
-        help="Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
-        callback=target_file,
+        "M.png",
+        "Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
     ),
 ]
 InMap = Annotated[
@@ -95,33 +92,18 @@ def slam(
         raise typer.BadParameter("--initial needs --in-map")
     if in_map is not None and (closures is not None or map_file is not None):
         raise typer.BadParameter("--in-map changes no map and closes no loop: neither --closures nor --map")
+    read = partial(reading, source, params=params, topic=topic)
     if in_map is not None:
-        _locate(_Input(source, topic, wheels, params), in_map, initial, out, json_file)
+        figures = _locate(read, wheels, in_map, initial, out)
     else:
-        _map(_Input(source, topic, wheels, params), out, closures, map_file, proposals, json_file)
-
-
-@dataclass(frozen=True)
-class _Input:
-    """What is read, and how."""
-
-    source: Path
-    topic: str | None
-    wheels: bool
-    params: Path | None
-
-    def reading(self, what: str) -> AbstractContextManager[LogReading]:
-        return reading(self.source, what, self.params, self.topic)
+        figures = _map(read, wheels, params, out, closures, map_file, proposals)
+    write_figures(json_file, {"source": str(source), **figures})
 
 
 def _map(
-    given: _Input,
-    out: Path | None,
-    closures: Path | None,
-    map_file: Path | None,
-    proposals: Proposals,
-    json_file: Path | None,
-) -> None:
+    read: Read, wheels: bool, params: Path | None, out: Path | None, closures: Path | None,
+    map_file: Path | None, proposals: Proposals,
+) -> dict[str, Any]:  # fmt: skip
     import numpy as np
 
     from whereabouts.logs import write_tum
@@ -129,14 +111,13 @@ def _map(
     from whereabouts.recorded.mapping import closure_rows, map_log, write_map_files
     from whereabouts.system.atomic import atomic_path
 
-    source = given.source
     started = time.perf_counter()
-    settings = settings_for(given.params, "loop_closure")
-    config = None if given.params is None else settings.slam
+    settings = settings_for(params, "loop_closure")
+    config = None if params is None else settings.slam
     chosen: Any = settings.proposals if proposals is Proposals.both else proposals.value
-    with given.reading("mapping") as log:
+    with read("mapping") as log:
         odometry = None if log.robot is None else log.robot.settings.odometry
-        mapped = map_log(log.records, config, given.wheels, log.topic, log.advance, chosen, odometry)
+        mapped = map_log(log.records, config, wheels, log.topic, log.advance, chosen, odometry)
         log.require(len(mapped.stamps))
     elapsed = time.perf_counter() - started
     poses = np.array(mapped.poses)
@@ -153,27 +134,17 @@ def _map(
         f"{len(poses)} scans over {duration:.1f} s, {keyframes} keyframes, {len(mapped.closures)} closures, "
         f"{len(poses) / elapsed:.0f} scans/s, {duration / elapsed:.0f} times real time"
     )
-    write_figures(
-        json_file,
-        {
-            "source": str(source),
-            "scans": len(poses),
-            "keyframes": keyframes,
-            "closures": len(mapped.closures),
-            "duration_s": duration,
-            "scans_per_second": len(poses) / elapsed,
-            "times_real_time": duration / elapsed,
-        },
-    )
+    return {
+        "scans": len(poses),
+        "keyframes": keyframes,
+        "closures": len(mapped.closures),
+        "duration_s": duration,
+        "scans_per_second": len(poses) / elapsed,
+        "times_real_time": duration / elapsed,
+    }
 
 
-def _locate(
-    given: _Input,
-    in_map: Path,
-    initial: str | None,
-    out: Path | None,
-    json_file: Path | None,
-) -> None:
+def _locate(read: Read, wheels: bool, in_map: Path, initial: str | None, out: Path | None) -> dict[str, Any]:
     from loop_closure.maps.map_file import read_map
     from whereabouts.logs import write_tum
     from whereabouts.recorded.mapping import locate_log
@@ -181,9 +152,9 @@ def _locate(
     first = None if initial is None else _pose(initial)
     places = read_map(in_map)
     started = time.perf_counter()
-    with given.reading("locating") as log:
+    with read("locating") as log:
         located = locate_log(
-            log.records, places, first, use_wheels=given.wheels, topic=log.topic, on_scan=log.advance
+            log.records, places, first, use_wheels=wheels, topic=log.topic, on_scan=log.advance
         )
         log.require(len(located.stamps))
     elapsed = time.perf_counter() - started
@@ -200,19 +171,15 @@ def _locate(
         f"{len(located.stamps)} scans over {duration:.1f} s, {when}, known for {len(known)} scans, "
         f"confirmed by {confirmed}, {duration / elapsed:.0f} times real time"
     )
-    write_figures(
-        json_file,
-        {
-            "source": str(given.source),
-            "map": str(in_map),
-            "scans": len(located.stamps),
-            "located": len(known),
-            "confirmed": confirmed,
-            "found_after_s": after,
-            "duration_s": duration,
-            "times_real_time": duration / elapsed,
-        },
-    )
+    return {
+        "map": str(in_map),
+        "scans": len(located.stamps),
+        "located": len(known),
+        "confirmed": confirmed,
+        "found_after_s": after,
+        "duration_s": duration,
+        "times_real_time": duration / elapsed,
+    }
 
 
 def _pose(text: str):  # type: ignore[no-untyped-def]

@@ -16,8 +16,8 @@ from whereabouts.cli.common import (
     ParamsFile,
     TopicToUse,
     WithWheels,
+    file_to_write,
     reading,
-    target_file,
     write_figures,
 )
 
@@ -55,11 +55,10 @@ Source = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
+    file_to_write(
         "--out",
-        metavar="tracks.csv",
-        help="Write the tracks: time, label, x, y, vx, vy, weight (of all targets also person, label_probability).",
-        callback=target_file,
+        "tracks.csv",
+        "Write the tracks: time, label, x, y, vx, vy, weight (of all targets also person, label_probability).",
     ),
 ]
 FrameOption = Annotated[

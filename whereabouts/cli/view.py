@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, target_file, write_figures
+from whereabouts.cli.common import JsonFile, file_to_write, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.viewer.picture_sink import PictureSink
@@ -25,21 +25,11 @@ Bags = Annotated[
 ]
 Save = Annotated[
     Path | None,
-    typer.Option(
-        "--save",
-        metavar="OUT.rrd",
-        help="Write a Rerun file instead of opening a window.",
-        callback=target_file,
-    ),
+    file_to_write("--save", "OUT.rrd", "Write a Rerun file instead of opening a window."),
 ]
 Picture = Annotated[
     Path | None,
-    typer.Option(
-        "--picture",
-        metavar="OUT.png",
-        help="Draw the last state from above. Needs no Rerun.",
-        callback=target_file,
-    ),
+    file_to_write("--picture", "OUT.png", "Draw the last state from above. Needs no Rerun."),
 ]
 Until = Annotated[
     float | None,

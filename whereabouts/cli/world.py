@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, target_file, write_figures
+from whereabouts.cli.common import JsonFile, file_to_write, write_figures
 
 if TYPE_CHECKING:
     from whereabouts.parameters.world_model import WorldModelParameters
     from whereabouts.recorded.world_log import LoggedLook
     from world_model import WorldEvidence, WorldModel
+    from world_model.memory.store import Store
 
 
 Source = Annotated[
@@ -27,15 +28,11 @@ Source = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        "--out", metavar="states.jsonl", help="Write the world after every message.", callback=target_file
-    ),
+    file_to_write("--out", "states.jsonl", "Write the world after every message."),
 ]
 Events = Annotated[
     Path | None,
-    typer.Option(
-        "--events", metavar="events.csv", help="Write what happened to each object.", callback=target_file
-    ),
+    file_to_write("--events", "events.csv", "Write what happened to each object."),
 ]
 StoreOption = Annotated[
     Path | None,
@@ -45,20 +42,18 @@ Params = Annotated[Path | None, typer.Option("--params", help="ROS parameter fil
 Places = Annotated[Path | None, typer.Option("--places", metavar="home.yaml", help="Rooms and furniture.")]
 LookBack = Annotated[
     Path | None,
-    typer.Option(
+    file_to_write(
         "--look-back",
-        metavar="corrected.csv",
-        help="For a moving sensor: at the end assign all detections to objects once more, and write them.",
-        callback=target_file,
+        "corrected.csv",
+        "For a moving sensor: at the end assign all detections to objects once more, and write them.",
     ),
 ]
 LearnOption = Annotated[
     Path | None,
-    typer.Option(
+    file_to_write(
         "--learn",
-        metavar="learned.yaml",
-        help="Learn the detection probability, clutter and noise from the evidence. Write a parameter file.",
-        callback=target_file,
+        "learned.yaml",
+        "Learn the detection probability, clutter and noise from the evidence. Write a parameter file.",
     ),
 ]
 Predicate = Annotated[list[str] | None, typer.Option("--predicate", help="Ask: objects with this symbol.")]
@@ -97,10 +92,13 @@ def world(
     line per object, the most probable first.
     """
     from estimation.errors import InputError
-    from whereabouts.recorded.world_output import moment, settings_from, write_events, write_looked_back
+    from whereabouts.parameter_file import settings_for
+    from whereabouts.recorded.world_output import moment, write_events, write_looked_back
     from world_model.memory.store_file import is_store
 
-    settings = settings_from(params, places, store)
+    named = {"places_file": places, "store_path": store}
+    over = {name: str(path) for name, path in named.items() if path is not None}
+    settings = settings_for(params, "world_model", **over)
     moment(at, 0.0)  # what cannot be understood is said before anything is read
     figures: dict[str, Any] = {"source": str(source)}
     if source.is_file() and is_store(source):
@@ -125,17 +123,13 @@ def _model(settings: WorldModelParameters, remembering: bool) -> Iterator[WorldM
     """A model with its store; a temporary one where the past is asked for and none is named."""
     import tempfile
 
-    from world_model import WorldModel
     from world_model.memory.store import Store
-    from world_model.queries import Words
 
     with tempfile.TemporaryDirectory() as folder:
         path = settings.store_path or (f"{folder}/world.sqlite" if remembering else "")
         store = Store(path) if path else None
-        model = WorldModel(settings.world, settings.places, store)
-        model.words = Words(settings.places, settings.symbols)
         try:
-            yield model
+            yield _with_words(settings, store)
         finally:
             if store is not None:
                 store.close()
@@ -144,14 +138,19 @@ def _model(settings: WorldModelParameters, remembering: bool) -> Iterator[WorldM
 @contextmanager
 def _asked_store(path: Path, settings: WorldModelParameters) -> Iterator[WorldModel]:
     """A model that only answers from what a store remembers."""
-    from world_model import WorldModel
     from world_model.memory.store import Store
-    from world_model.queries import Words
 
     with Store(path, read_only=True) as store:
-        model = WorldModel(settings.world, settings.places, store)
-        model.words = Words(settings.places, settings.symbols)
-        yield model
+        yield _with_words(settings, store)
+
+
+def _with_words(settings: WorldModelParameters, store: Store | None) -> WorldModel:
+    from world_model import WorldModel
+    from world_model.queries import Words
+
+    model = WorldModel(settings.world, settings.places, store)
+    model.words = Words(settings.places, settings.symbols)
+    return model
 
 
 def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]:

@@ -11,8 +11,8 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.poses import compound
 from whereabouts.console.shown import Shown, empty, map_picture, moved, person, thing_of_message
+from whereabouts.messages.decode import nanoseconds
 from whereabouts.messages.records import MAP_FRAME, strip_slash
-from whereabouts.viewer.fields import nanoseconds
 
 TASKS = 20
 """Decisions to look again that are kept."""

@@ -337,9 +337,6 @@ def _things(page: Page, folder: Path, judged: Judged, home: Any) -> None:
     )
     given = [(name, f"{own:g}", f"{shipped:g}") for name, (own, shipped) in rates(folder).items()]
     page.table(("rate", "given here", "shipped"), given, numbers=True)
-    told = judged.run.told
-    for question, answers in (told.answers if told is not None else {}).items():
-        page.text(f"“{question}” {'; '.join(answers) or 'nothing is known'}.")
 
 
 def _missing(page: Page, folder: Path, judged: Judged, home: Any) -> None:

@@ -115,6 +115,7 @@ def _text_format(path: Path, member: str | None) -> str:
     head = TextSource(path, member).head()
     if not head:
         raise EmptyLogError(path, "is empty, or its compressed data is broken from the start")
+    refuse_compressed_bag(path, head)
     words = {line.split(None, 1)[0] for line in head.splitlines() if line.strip()}
     if words & G2O_KEYWORDS:
         return "g2o"
@@ -126,6 +127,17 @@ def _text_format(path: Path, member: str | None) -> str:
             if suffix.lower() in SUFFIXES:
                 return SUFFIXES[suffix.lower()]
     raise UnknownFormatError(path, f"is none of the readable formats: {READABLE}")
+
+
+def refuse_compressed_bag(path: Path, head: bytes) -> None:
+    """Bags need random access. head : the first bytes of a file, without the compression that it may have as a whole.
+
+    Raises
+    ------
+    UnknownFormatError : they are those of a bag.
+    """
+    if head.startswith(tuple(ROS_MAGIC)):
+        raise UnknownFormatError(path, "is a bag in a compressed file; unpack it first (gunzip, bunzip2)")
 
 
 def _refuse_trajectory(path: Path, head: bytes) -> None:

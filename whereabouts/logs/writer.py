@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import yaml
 from mcap.writer import CompressionType, Writer
@@ -68,7 +68,7 @@ class McapWriter:
         """Whether the target is a bare file."""
         return self.target.suffix == ".mcap"
 
-    def __enter__(self) -> McapWriter:
+    def __enter__(self) -> Self:
         temporary = self._stack.enter_context(atomic_path(self.target, directory=not self.bare))
         self._directory = None if self.bare else temporary
         path = temporary if self.bare else temporary / self._file_name

@@ -35,9 +35,14 @@ class UnusableMessageError(ValueError):
     """A well-formed message with content that cannot be used; the message is the reason that is counted."""
 
 
+def nanoseconds(stamp: Any) -> int:
+    """builtin_interfaces/Time in nanoseconds."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
 def seconds(stamp: Any) -> float:
     """builtin_interfaces/Time as seconds, rounded once: a stamp that was a float is that float again."""
-    return (int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)) / 1_000_000_000
+    return nanoseconds(stamp) / 1_000_000_000
 
 
 def scans(message: Any, topic: str) -> Iterator[ScanRecord]:

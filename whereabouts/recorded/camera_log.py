@@ -13,7 +13,7 @@ import numpy as np
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.rotations import quaternion_from_rotation
-from whereabouts.messages.decode import transforms
+from whereabouts.messages.decode import nanoseconds, transforms
 from whereabouts.messages.records import strip_slash
 from whereabouts.recorded.camera_messages import (
     TOLERANCE,
@@ -72,7 +72,7 @@ class CameraLog:
                     turn = quaternion_from_rotation(record.transform[:3, :3])
                     self.transforms.move(child, parent, stamp, np.append(record.transform[:3, 3], turn))
             return
-        frame, stamp = strip_slash(str(message.header.frame_id)), _stamp(message)
+        frame, stamp = strip_slash(str(message.header.frame_id)), nanoseconds(message.header.stamp)
         self._newest = max(self._newest, stamp)
         if kind == INFO:
             self._lenses.take_info(message, frame)
@@ -86,7 +86,7 @@ class CameraLog:
         """Stamps, ns, and evidence of the boxes whose time has come, or why there is none. ended : nothing follows."""
         while self._waiting:
             message = self._waiting[0]
-            stamp = _stamp(message)
+            stamp = nanoseconds(message.header.stamp)
             last = ended or self._newest - stamp >= PATIENCE
             try:
                 found: WorldEvidence | InputError = self._evidence(message, stamp, last)
@@ -131,8 +131,3 @@ class CameraLog:
         depth = depth_from_message(found[1])
         check_depth(depth, frame, camera, frame)
         return depth, found[0]
-
-
-def _stamp(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)

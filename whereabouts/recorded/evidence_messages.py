@@ -5,7 +5,8 @@ Messages are taken by their fields only, so that those of a live graph and those
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -258,18 +259,13 @@ def _things(
     return out
 
 
-class _named:  # noqa: N801 - reads like a function where it is used
+@contextmanager
+def _named(place: str) -> Iterator[None]:
     """Puts the place in front of an InputError raised within."""
-
-    def __init__(self, place: str) -> None:
-        self._place = place
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, InputError):
-            raise InputError(f"{self._place}: {error}") from None
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
 
 
 def most_probably(item: ObjectEvidence, class_name: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from estimation.geometry.poses import between, compound, inverse, pose_to_matrix
 from registration.odometry.follower import Odometry
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
-from whereabouts.logs import CloudRecord, Log, OdometryRecord, ScanRecord
+from whereabouts.logs import CloudRecord, OdometryRecord, Record, ScanRecord
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,10 @@ class Follower:
 
 
 def follow(
-    log: Log, config: OdometryConfig | None = None, use_wheels: bool = True, topic: str | None = None
+    log: Iterable[Record],
+    config: OdometryConfig | None = None,
+    use_wheels: bool = True,
+    topic: str | None = None,
 ) -> Iterator[FollowedPose]:
     """Odometry over a log.
 

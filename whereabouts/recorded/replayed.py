@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound
 from whereabouts.logs import MessageRecord, OdometryRecord, open_log
+from whereabouts.messages.decode import seconds
 
 Array = NDArray[np.float64]
 STEP = 0.1
@@ -72,10 +73,10 @@ def read_replay(recording: Path) -> Replayed:
             if isinstance(record, OdometryRecord):
                 poses[record.stamp] = np.asarray(record.pose)
             elif isinstance(record, MessageRecord) and record.topic.strip("/") == "trajectory":
-                keyframes = {_seconds(item.header.stamp): _planar(item.pose) for item in record.message.poses}
+                keyframes = {seconds(item.header.stamp): _planar(item.pose) for item in record.message.poses}
             elif isinstance(record, MessageRecord) and record.topic.strip("/") == "loop_closures":
                 message = record.message
-                stamps = _seconds(message.earlier_stamp), _seconds(message.header.stamp)
+                stamps = seconds(message.earlier_stamp), seconds(message.header.stamp)
                 closures.append((*stamps, _planar(message.relative.pose)))
             elif isinstance(record, MessageRecord):
                 for status in record.message.status:
@@ -83,10 +84,6 @@ def read_replay(recording: Path) -> Replayed:
     ordered = sorted(poses)
     placed = np.array([poses[stamp] for stamp in ordered]).reshape(-1, 3)
     return Replayed(np.array(ordered), placed, figures, keyframes, closures)
-
-
-def _seconds(stamp: Any) -> float:
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
 def _planar(pose: Any) -> Array:

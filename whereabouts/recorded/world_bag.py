@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -143,29 +142,19 @@ class SuiteMessages:
         )
 
 
-class EvidenceWriter:
-    """A bag with evidence on the topic /evidence; a context manager.
+class EvidenceWriter(McapWriter):
+    """A bag with evidence on the topic /evidence.
 
     frame : that of all positions. Raises InputError where the suite's messages are not installed.
     """
 
     def __init__(self, path: Path, frame: str = "map") -> None:
+        super().__init__(path)
         self._messages = SuiteMessages(EVIDENCE)
         self._frame = frame
         self._topic = self._messages.topic("/evidence", EVIDENCE)
-        self._writer = McapWriter(path)
-
-    def __enter__(self) -> EvidenceWriter:
-        self._writer.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._writer.__exit__(kind, error, trace)
 
     def write(self, evidence: WorldEvidence, stamp: float) -> None:
         """One message, stamped and recorded at `stamp` seconds."""
         message = self._messages.evidence(evidence, stamp, self._frame)
-        data = self._messages.serialized(message, EVIDENCE)
-        self._writer.write_raw(self._topic, data, round(stamp * NANOSECONDS))
+        self.write_raw(self._topic, self._messages.serialized(message, EVIDENCE), round(stamp * NANOSECONDS))

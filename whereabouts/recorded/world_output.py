@@ -1,4 +1,4 @@
-"""What `whereabouts world` reads and writes besides evidence: settings, moments in words, states, answers, events."""
+"""What `whereabouts world` reads and writes besides evidence: moments in words, states, answers, events."""
 
 from __future__ import annotations
 
@@ -8,11 +8,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import yaml
-from pydantic import ValidationError
-
 from estimation.errors import InputError
-from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts.system.atomic import atomic_path
 from world_model import WorldModel, WorldState
 from world_model.queries import LAST_SEEN, QueryAnswer
@@ -101,25 +97,3 @@ def write_looked_back(model: WorldModel, path: Path | None) -> None:
         writer.writerow(("stamp", "detection", "id"))
         for stamp, names in model.look_back():
             writer.writerows((f"{stamp:.6f}", index, name or "") for index, name in enumerate(names))
-
-
-def settings_from(params: Path | None, places: Path | None, store: Path | None) -> WorldModelParameters:
-    """The settings of a parameter file and of options. Raises InputError naming what is wrong."""
-    given: dict[str, Any] = {}
-    if params is not None:
-        try:
-            file = yaml.safe_load(params.read_text(encoding="utf-8"))
-            sections = [file[name] for name in file if name.strip("/*") in ("", "world_model")]
-            given = dict(sections[-1]["ros__parameters"])
-        except (OSError, yaml.YAMLError, KeyError, TypeError, IndexError, AttributeError) as error:
-            raise InputError(f"--params: {params} is no parameter file of world_model: {error}") from error
-    if places is not None:
-        given["places_file"] = str(places)
-    if store is not None:
-        given["store_path"] = str(store)
-    try:
-        return WorldModelParameters(**given)
-    except ValidationError as error:
-        wrong = error.errors()[0]
-        name = wrong["loc"][0] if wrong["loc"] else "parameters"
-        raise InputError(f"--params: {name}: {wrong['msg'].removeprefix('Value error, ')}") from error

@@ -12,11 +12,6 @@ from whereabouts.viewer.drawable import Array
 ELLIPSE = np.linspace(0.0, 2.0 * np.pi, 25)
 
 
-def nanoseconds(stamp: Any) -> int:
-    """builtin_interfaces/Time in ns."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
 def xyz(point: Any) -> tuple[float, float, float]:
     """Point or Vector3."""
     return float(point.x), float(point.y), float(point.z)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from whereabouts.messages.decode import UnusableMessageError, clouds, odometry, scans
+from whereabouts.messages.decode import UnusableMessageError, clouds, nanoseconds, odometry, scans
 from whereabouts.messages.message_rotations import planar_matrix
 from whereabouts.messages.records import MAP_FRAME, ODOM_FRAME, strip_slash
 from whereabouts.viewer.drawable import Array, Color, Lines, Points, Shape, TextNote
-from whereabouts.viewer.fields import matrix_of, nanoseconds, rows, xyz
+from whereabouts.viewer.fields import matrix_of, rows, xyz
 from whereabouts.viewer.frames import Frames
 from whereabouts.viewer.object_shapes import evidence, hypotheses, task, world
 from whereabouts.viewer.people_shapes import predictions, targets

@@ -20,8 +20,8 @@ from whereabouts.logs.bags.rosbag1_file import Ros1File
 from whereabouts.logs.bags.sqlite_file import SqliteFile
 from whereabouts.logs.bags.storage import BagFile, Qos, Stored, Topic, parse_qos
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, copy, unpack
-from whereabouts.logs.formats.text import ZIP_MAGIC, open_file
-from whereabouts.logs.opening import only_member
+from whereabouts.logs.formats.text import ZIP_MAGIC, TextSource, open_file
+from whereabouts.logs.opening import only_member, refuse_compressed_bag
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, LogNotFoundError, UnknownFormatError
 
@@ -58,6 +58,7 @@ def open_bag_file(
         return UnpackedFile(path, summary, _inflate_zstd, limit)
     if magic.startswith(ZIP_MAGIC):
         return UnpackedFile(path, summary, _inflate_zip, limit)
+    refuse_compressed_bag(shown or path, TextSource(path).head(16))
     problem = "is no bag: neither MCAP, sqlite3 nor ROS 1; `whereabouts convert` makes one of other logs"
     raise UnknownFormatError(shown or path, problem)
 

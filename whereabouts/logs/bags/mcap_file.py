@@ -19,9 +19,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Schema
 
-from whereabouts.logs.bags.storage import Stored, Topic, in_time_order, parse_qos
+from whereabouts.logs.bags.storage import ChunkedFile, Stored, Topic, parse_qos
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
-from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import OversizedLogError, UnknownFormatError
 
@@ -45,51 +44,17 @@ _DECODING_ERRORS = (
 )
 
 
-class McapFile:
-    """A bare .mcap file.
-
-    Parameters
-    ----------
-    path : the file; shown : what error messages and remarks call it (the archive it came from).
-    summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
-    """
+class McapFile(ChunkedFile):
+    """A bare .mcap file."""
 
     def __init__(
         self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
     ) -> None:
-        self.path = path
-        self._limit = limit
-        self._shown = shown or path
-        self._summary = summary
-        self._stream = open_file(path)
-        self._size = path.stat().st_size
+        super().__init__(path, summary, shown, limit)
         self._schemas: dict[int, Schema] = {}
-        self._topics: dict[int, Topic] = {}
-        self._chunks: list[ChunkIndex] = []
-        self._indexed = False
-        self._scanned = False
         if self._stream.read(len(MAGIC)) != MAGIC:
             raise UnknownFormatError(self._shown, "is no MCAP file: its first bytes are not MCAP's")
         self._finished = self._read_index()
-
-    @property
-    def progress(self) -> float:
-        return 1.0 if self._stream.closed else self._stream.tell() / max(self._size, 1)
-
-    def close(self) -> None:
-        self._stream.close()
-
-    def topics(self) -> list[Topic]:
-        if not self._indexed and not self._scanned:
-            for _ in self._scan():
-                pass
-        return list(self._topics.values())
-
-    def messages(self) -> Iterator[Stored]:
-        if self._indexed:
-            chunks = [(index.message_start_time, index.chunk_start_offset) for index in self._chunks]
-            return in_time_order(chunks, self._load)
-        return self._scan()
 
     def _read_index(self) -> bool:
         """Topics and chunks from the summary at the end; returns whether the writer finished the file."""
@@ -120,7 +85,7 @@ class McapFile:
     def _note_chunk(self, index: ChunkIndex) -> None:
         if index.chunk_start_offset >= self._size:
             raise ValueError("chunk outside the file")
-        self._chunks.append(index)
+        self._chunks.append((index.message_start_time, index.chunk_start_offset))
 
     def _declare(self, opcode: int, content: bytes) -> None:
         """Take note of a schema or a channel."""
@@ -133,7 +98,6 @@ class McapFile:
                 self._topics[channel.id] = _topic(channel, self._schemas.get(channel.schema_id))
 
     def _load(self, offset: int) -> list[Stored]:
-        """Messages of the chunk at a byte offset; none where it is damaged, which is counted."""
         self._stream.seek(offset)
         try:
             opcode, _, content = next(_frames(self._stream, self._size))
@@ -182,7 +146,6 @@ class McapFile:
         return [Stored(topic, bytes(content[_MESSAGE.size :]), log_time, where)]
 
     def _scan(self) -> Iterator[Stored]:
-        """From front to back, each chunk by log time, up to where the file breaks off."""
         self._stream.seek(len(MAGIC))
         offset = len(MAGIC)
         unit = "message"

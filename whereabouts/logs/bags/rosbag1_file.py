@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from whereabouts.logs.bags.ros1_types import topic_of
-from whereabouts.logs.bags.storage import Stored, Topic, in_time_order
+from whereabouts.logs.bags.storage import ChunkedFile, Stored
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
-from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, OversizedLogError, UnknownFormatError
 
@@ -29,7 +28,7 @@ _DECODING_ERRORS = (ValueError, KeyError, RuntimeError, EOFError, OSError, struc
 _REINDEX = "`rosbag reindex` repairs the file itself"
 
 
-class Ros1File:
+class Ros1File(ChunkedFile):
     """A .bag file.
 
     Raises
@@ -41,32 +40,8 @@ class Ros1File:
     def __init__(
         self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
     ) -> None:
-        self.path = path
-        self._limit = limit
-        self._shown = shown or path
-        self._summary = summary
-        self._stream = open_file(path)
-        self._size = path.stat().st_size
-        self._topics: dict[int, Topic] = {}
-        self._chunks: list[tuple[int, int]] = []
-        self._indexed = False
+        super().__init__(path, summary, shown, limit)
         self._start = self._read_start()
-
-    @property
-    def progress(self) -> float:
-        return 1.0 if self._stream.closed else self._stream.tell() / max(self._size, 1)
-
-    def close(self) -> None:
-        self._stream.close()
-
-    def topics(self) -> list[Topic]:
-        if not self._indexed:
-            for _ in self._scan():
-                pass
-        return list(self._topics.values())
-
-    def messages(self) -> Iterator[Stored]:
-        return in_time_order(self._chunks, self._load) if self._indexed else self._scan()
 
     def _read_start(self) -> int:
         """Read the bag header and, where it points to one, the index; returns where the data begin."""

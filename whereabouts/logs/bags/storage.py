@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import heapq
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 
 import yaml
 
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
+from whereabouts.logs.formats.text import open_file
+from whereabouts.logs.summary import Summary
 from whereabouts.messages.records import strip_slash
 
 Place = TypeVar("Place")
@@ -80,6 +85,55 @@ class BagFile(Protocol):
 
     def close(self) -> None:
         """Release files."""
+
+
+class ChunkedFile(ABC):
+    """A bag file in chunks, read by its index where there is one, else from front to back.
+
+    Parameters
+    ----------
+    path : the file; shown : what error messages and remarks call it (the archive it came from).
+    summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
+    """
+
+    def __init__(
+        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+    ) -> None:
+        self.path = path
+        self._limit = limit
+        self._shown = shown or path
+        self._summary = summary
+        self._stream = open_file(path)
+        self._size = path.stat().st_size
+        self._topics: dict[int, Topic] = {}
+        self._chunks: list[tuple[int, int]] = []  # log time of the first message, byte offset
+        self._indexed = False
+        self._scanned = False
+
+    @property
+    def progress(self) -> float:
+        return 1.0 if self._stream.closed else self._stream.tell() / max(self._size, 1)
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def topics(self) -> list[Topic]:
+        if not self._indexed and not self._scanned:
+            for _ in self._scan():
+                pass
+            self._scanned = True
+        return list(self._topics.values())
+
+    def messages(self) -> Iterator[Stored]:
+        return in_time_order(self._chunks, self._load) if self._indexed else self._scan()
+
+    @abstractmethod
+    def _load(self, offset: int) -> list[Stored]:
+        """Messages of the chunk at a byte offset; none where it is damaged, which is counted."""
+
+    @abstractmethod
+    def _scan(self) -> Iterator[Stored]:
+        """From front to back, each chunk by log time, up to where the file breaks off."""
 
 
 def in_time_order(

@@ -1,4 +1,4 @@
-"""What a person would do while the demo runs: have an object verified, have it looked for, ask where things are."""
+"""What a person would do while the demo runs: have an object verified, have it looked for."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any
 
 from rclpy.action.client import ActionClient
@@ -20,7 +19,7 @@ from whereabouts.nodes.ros.base import LATCHED
 from whereabouts.nodes.ros.private_node import private_node
 from whereabouts.nodes.ros.turns import goal_id, goals_name, mark_of, results_name
 from whereabouts_msgs.action import FindObject
-from whereabouts_msgs.srv import QueryWorld, TriggerVerification
+from whereabouts_msgs.srv import TriggerVerification
 
 PATIENCE = 30.0
 
@@ -42,7 +41,6 @@ class Account:
     """What was asked and what was answered. Stamps are seconds of the bag.
 
     verification : answer to the request. search : kind of thing. started, ended : None where that did not happen.
-    answers : sentences of the world model, by question.
     """
 
     verification: str = ""
@@ -56,7 +54,6 @@ class Account:
     object_id: str = ""
     place: tuple[float, float] | None = None
     distance: float = 0.0
-    answers: dict[str, list[str]] = field(default_factory=dict)
 
 
 class Director:
@@ -80,7 +77,6 @@ class Director:
         self._node, self._executor = private_node("whereabouts_demo")
         self._base = self._node.create_publisher(Bool, "base_available", LATCHED)
         self._trigger = self._node.create_client(TriggerVerification, "world_maintenance/trigger")
-        self._query = self._node.create_client(QueryWorld, "world_model/query")
         self._find = ActionClient(self._node, FindObject, "find_object")
         self._action, self._me = (
             self._node.resolve_topic_name("find_object"),
@@ -90,9 +86,7 @@ class Director:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._result is not None and self._result.done():
             self._end()
         self._node.context.try_shutdown()
@@ -168,18 +162,6 @@ class Director:
     def _take_base(self) -> None:
         self.note(self._base.topic_name)
         self._base.publish(Bool(data=False))
-
-    def ask(self, question: str, stamp: float | None = None, **about: Any) -> None:
-        """Ask the world model about a class now or at a time in seconds of the bag, and keep the answers."""
-        request = QueryWorld.Request(min_probability=0.2, **about)
-        if stamp is not None:
-            request.time.sec = int(stamp)
-        answer = self._call(self._query, request)
-        if answer is not None:
-            self.account.answers[question] = [
-                f"{share:.2f}  {text}"
-                for share, text in zip(answer.probabilities, answer.descriptions, strict=True)
-            ]
 
     def _call(self, client: Any, request: Any) -> Any:
         """Answer of a service, None where there is none in time."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.logs import Qos
 from whereabouts.messages.decode import UnusableMessageError
 from whereabouts.nodes.messages.message_types import message_class
+from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.robot.bags import look_at_message
 from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, Seen, Survey
 
@@ -33,11 +31,7 @@ NAMES = {
 
 def survey_graph(seconds: float) -> Survey:
     """Listen to everything of use for a while."""
-    context = Context()
-    rclpy.init(context=context)
-    node = Node("whereabouts_doctor", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    node, executor = private_node("whereabouts_doctor")
     try:
         listener = _Listener(node)
         begun = looked = time.monotonic()
@@ -51,8 +45,7 @@ def survey_graph(seconds: float) -> Survey:
         listener.survey.seconds = seconds
         return listener.done()
     finally:
-        node.destroy_node()
-        context.try_shutdown()
+        leave(node)
 
 
 class _Listener:

@@ -73,14 +73,13 @@ def listen(
     namespace: str = "",
     seconds: float | None = None,
     on_topic: Callable[[str], None] = lambda topic: None,
-    done: Callable[[], bool] = lambda: False,
 ) -> list[str]:
-    """Listen until Ctrl-C, for so many seconds, or until it is done; returns the topics that were heard."""
+    """Listen until Ctrl-C, or for so many seconds; returns the topics that were heard."""
     node, executor = private_node("whereabouts_view")
     listener = Listener(node, types, take, namespace)
     start, looked = time.monotonic(), -LOOK_PERIOD
     try:
-        while not done() and (seconds is None or time.monotonic() - start < seconds):
+        while seconds is None or time.monotonic() - start < seconds:
             if time.monotonic() - looked >= LOOK_PERIOD:
                 looked = time.monotonic()
                 for topic in listener.look():

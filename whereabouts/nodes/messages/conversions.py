@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Point, Quaternion
+from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import Odometry as OdometryMessage
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
@@ -18,6 +18,7 @@ from estimation.geometry.poses import pose_from_quaternion, pose_to_quaternion
 from registration import Scan
 from registration.crf.online import Segmented
 from whereabouts.messages import decode
+from whereabouts.nodes.messages.markers import point
 from whereabouts_msgs.msg import ScanSegments, Segment
 
 Array = NDArray[np.float64]
@@ -109,7 +110,7 @@ def wheel_pose(message: OdometryMessage) -> Array:
 def fill_pose(pose: Any, value: Array) -> None:
     """Write (6,) x, y, z, roll, pitch, yaw into a geometry_msgs Pose."""
     position, quaternion = pose_to_quaternion(value)
-    pose.position = Point(**dict(zip("xyz", map(float, position), strict=True)))
+    pose.position = point(position)
     pose.orientation = Quaternion(**dict(zip("xyzw", map(float, quaternion), strict=True)))
 
 

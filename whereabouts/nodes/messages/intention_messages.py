@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Point
 from nav_msgs.msg import OccupancyGrid
 from numpy.typing import NDArray
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from estimation.errors import InputError
 from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
 from whereabouts.nodes.messages.conversions import pose_from_message
+from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds
 from whereabouts_msgs.msg import (
     PredictedAlternative,
@@ -27,14 +27,6 @@ from whereabouts_msgs.msg import (
 )
 
 Array = NDArray[np.float64]
-COLOURS = (
-    (0.1, 0.5, 0.9),
-    (0.9, 0.5, 0.1),
-    (0.2, 0.7, 0.2),
-    (0.8, 0.2, 0.3),
-    (0.6, 0.3, 0.8),
-    (0.5, 0.4, 0.3),
-)
 # A ring of points around a path's point stands for a person in a costmap.
 RING = np.column_stack((np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)))
 
@@ -97,7 +89,7 @@ def paths_message(
     message = PredictedPathArray(header=header, horizon=_duration(horizon))
     for label, told in sorted(predictions.items()):
         path = PredictedPath(label=label)
-        path.goals = [_point(goal) for goal in told.goals]
+        path.goals = [point(goal) for goal in told.goals]
         path.goal_probabilities = ((1.0 - told.elsewhere) * told.probabilities).tolist()
         path.points = _points(told.path, told.covariances, start, horizon, interval)
         path.alternatives = [
@@ -114,19 +106,18 @@ def markers_message(header: Header, predictions: Mapping[int, Prediction]) -> Ma
     """A line for every path, and a disc with its probability at every goal that has one."""
     message = MarkerArray(markers=[Marker(header=header, action=Marker.DELETEALL)])
     for label, told in sorted(predictions.items()):
-        red, green, blue = COLOURS[label % len(COLOURS)]
         paths = [told.path, *(way.path for way in told.alternatives)]
         for rank, path in enumerate(paths):
             probability = float((1.0 - told.elsewhere) * told.probabilities[rank])
-            colour = ColorRGBA(r=red, g=green, b=blue, a=0.2 + 0.8 * probability)
+            paint = colour(COLOURS[label % len(COLOURS)], 0.2 + 0.8 * probability)
             name = f"{label}/{rank}"
-            line = _marker(header, f"path {name}", Marker.LINE_STRIP, colour, 0.06 if rank == 0 else 0.03)
-            line.points = [_point(point) for point in path[:, :2]]
-            disc = _marker(header, f"goal {name}", Marker.CYLINDER, colour, 0.4)
+            line = marker(header, f"path {name}", Marker.LINE_STRIP, paint, 0.06 if rank == 0 else 0.03)
+            line.points = [point(at) for at in path[:, :2]]
+            disc = marker(header, f"goal {name}", Marker.CYLINDER, paint, 0.4)
             disc.scale.z = 0.02
-            disc.pose.position = _point(told.goals[rank])
-            text = _marker(header, f"text {name}", Marker.TEXT_VIEW_FACING, colour, 0.3)
-            text.pose.position = _point(told.goals[rank], 0.4)
+            disc.pose.position = point(told.goals[rank])
+            text = marker(header, f"text {name}", Marker.TEXT_VIEW_FACING, paint, 0.3)
+            text.pose.position = point(told.goals[rank], 0.4)
             text.text = f"{probability:.2f}"
             message.markers += [line, disc, text]
     return message
@@ -179,7 +170,7 @@ def _points(
     return [
         PredictedPoint(
             time_from_start=_duration(float(t)),
-            position=_point(place),
+            position=point(place),
             covariance=covariances[k].ravel().tolist(),
         )
         for t, place, k in zip(after, places, index, strict=True)
@@ -189,14 +180,3 @@ def _points(
 def _duration(after: float) -> Duration:
     total = round(after * NANOSECONDS)
     return Duration(sec=total // NANOSECONDS, nanosec=total % NANOSECONDS)
-
-
-def _point(position: Array, z: float = 0.0) -> Point:
-    return Point(x=float(position[0]), y=float(position[1]), z=z)
-
-
-def _marker(header: Header, name: str, kind: int, colour: ColorRGBA, width: float) -> Marker:
-    marker = Marker(header=header, ns=name, type=kind, action=Marker.ADD, color=colour)
-    marker.scale.x = marker.scale.y = marker.scale.z = width
-    marker.pose.orientation.w = 1.0
-    return marker

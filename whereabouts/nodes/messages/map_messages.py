@@ -6,13 +6,12 @@ import struct
 from collections.abc import Sequence
 
 import numpy as np
-from geometry_msgs.msg import Point
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from estimation.geometry.poses import (
@@ -27,6 +26,7 @@ from loop_closure.motions import positions
 from loop_closure.slam.loop_closer import Closure
 from loop_closure.slam.trajectory import Slam
 from whereabouts.nodes.messages.conversions import array_of, fill_pose, spatial, spatial_covariance
+from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts_msgs.msg import LoopClosure
@@ -116,21 +116,9 @@ def update_message(header: Header, offset: tuple[int, int], values: NDArray[np.i
 def marker_messages(header: Header, slam: Slam) -> MarkerArray:
     """The graph for RViz: the path as a line, closures as lines across it."""
     where = positions(slam.graph.poses)
-    path = _marker(header, "path", Marker.LINE_STRIP, (0.1, 0.4, 0.9), 0.05)
-    path.points = [_point(at) for at in where]
-    closures = _marker(header, "closures", Marker.LINE_LIST, (0.9, 0.2, 0.1), 0.03)
+    path = marker(header, "path", Marker.LINE_STRIP, colour((0.1, 0.4, 0.9)), 0.05)
+    path.points = [point(at) for at in where]
+    closures = marker(header, "closures", Marker.LINE_LIST, colour((0.9, 0.2, 0.1)), 0.03)
     for closure in slam.closures:
-        closures.points += [_point(where[closure.earlier]), _point(where[closure.later])]
+        closures.points += [point(where[closure.earlier]), point(where[closure.later])]
     return MarkerArray(markers=[path, closures])
-
-
-def _marker(header: Header, name: str, kind: int, color: tuple[float, float, float], width: float) -> Marker:
-    marker = Marker(header=header, ns=name, id=0, type=kind, action=Marker.ADD)
-    marker.pose.orientation.w = 1.0
-    marker.scale.x = width
-    marker.color = ColorRGBA(r=color[0], g=color[1], b=color[2], a=1.0)
-    return marker
-
-
-def _point(at: Array) -> Point:
-    return Point(x=float(at[0]), y=float(at[1]), z=float(at[2]) if len(at) == 3 else 0.0)

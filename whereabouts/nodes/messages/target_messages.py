@@ -11,19 +11,12 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tracking.people.people_tracker import Person
+from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts_msgs.msg import DiscreteDistribution, ScanSegments, TargetArray
 from whereabouts_msgs.msg import Target as TargetMessage
 
 Array = NDArray[np.float64]
-COLOURS = (
-    (0.1, 0.5, 0.9),
-    (0.9, 0.5, 0.1),
-    (0.2, 0.7, 0.2),
-    (0.8, 0.2, 0.3),
-    (0.6, 0.3, 0.8),
-    (0.5, 0.4, 0.3),
-)
 
 
 def targets_message(header: Header, people: Sequence[Person], expected_count: float) -> TargetArray:
@@ -63,51 +56,37 @@ def people_markers(
     """Per person an ellipse of its extent, a velocity arrow, its number, and where it has been."""
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for person in people:
-        colour = _colour(person.label, 0.35 if person.occluded else 0.9)
-        position = Point(x=float(person.mean[0]), y=float(person.mean[1]), z=0.0)
-        markers.append(_body(header, person, position, colour))
-        markers.append(_arrow(header, person, position, colour))
-        text = _marker(header, "label", person.label, Marker.TEXT_VIEW_FACING, colour)
-        text.pose.position = Point(x=position.x, y=position.y, z=1.9)
-        text.scale.z = 0.25
+        paint = colour(COLOURS[person.label % len(COLOURS)], 0.35 if person.occluded else 0.9)
+        position = point(person.mean[:2])
+        markers.append(_body(header, person, position, paint))
+        markers.append(_arrow(header, person, position, paint))
+        text = marker(header, "label", Marker.TEXT_VIEW_FACING, paint, 0.25, person.label)
+        text.pose.position = point(person.mean[:2], 1.9)
         text.text = f"{person.label}{' (hidden)' if person.occluded else ''}"
         markers.append(text)
         trail = trails.get(person.label, ())
         if len(trail) >= 2:
-            line = _marker(header, "trail", person.label, Marker.LINE_STRIP, colour)
-            line.scale.x = 0.04
-            line.points = [Point(x=float(spot[0]), y=float(spot[1]), z=0.0) for spot in trail]
+            line = marker(header, "trail", Marker.LINE_STRIP, paint, 0.04, person.label)
+            line.points = [point(spot) for spot in trail]
             markers.append(line)
     return MarkerArray(markers=markers)
 
 
-def _body(header: Header, person: Person, position: Point, colour: ColorRGBA) -> Marker:
+def _body(header: Header, person: Person, position: Point, paint: ColorRGBA) -> Marker:
     """A cylinder as wide as two standard deviations of what is seen of the person."""
     values, vectors = np.linalg.eigh(person.extent)
     widths = 4.0 * np.sqrt(np.maximum(values, 0.05**2))
     turn = float(np.arctan2(vectors[1, 1], vectors[0, 1]))
-    body = _marker(header, "extent", person.label, Marker.CYLINDER, colour)
+    body = marker(header, "extent", Marker.CYLINDER, paint, number=person.label)
     body.pose.position = Point(x=position.x, y=position.y, z=0.8)
     body.pose.orientation.z, body.pose.orientation.w = float(np.sin(0.5 * turn)), float(np.cos(0.5 * turn))
     body.scale = Vector3(x=float(widths[1]), y=float(widths[0]), z=1.6)
     return body
 
 
-def _arrow(header: Header, person: Person, position: Point, colour: ColorRGBA) -> Marker:
+def _arrow(header: Header, person: Person, position: Point, paint: ColorRGBA) -> Marker:
     """Where the person will be in a second."""
-    arrow = _marker(header, "velocity", person.label, Marker.ARROW, colour)
+    arrow = marker(header, "velocity", Marker.ARROW, paint, number=person.label)
     arrow.scale = Vector3(x=0.05, y=0.1, z=0.1)
-    ahead = Point(x=position.x + float(person.mean[2]), y=position.y + float(person.mean[3]), z=0.0)
-    arrow.points = [position, ahead]
+    arrow.points = [position, point(person.mean[:2] + person.mean[2:])]
     return arrow
-
-
-def _marker(header: Header, kind: str, label: int, shape: int, colour: ColorRGBA) -> Marker:
-    marker = Marker(header=header, ns=kind, id=label, type=shape, action=Marker.ADD, color=colour)
-    marker.pose.orientation.w = 1.0
-    return marker
-
-
-def _colour(label: int, opacity: float) -> ColorRGBA:
-    r, g, b = COLOURS[label % len(COLOURS)]
-    return ColorRGBA(r=r, g=g, b=b, a=opacity)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, PoseWithCovariance, Vector3
+from geometry_msgs.msg import PoseWithCovariance, Vector3
 from numpy.typing import NDArray
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -17,14 +17,10 @@ from estimation.errors import InputError
 from estimation.geometry.places import Place
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.nodes.messages.conversions import FREE
+from whereabouts.nodes.messages.markers import Rgb, colour, marker, point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts_msgs.msg import (
-    Attribute,
-    DiscreteDistribution,
-    GaussianDistribution,
-    Region,
-    WorldHypotheses,
-)
+from whereabouts.nodes.messages.world_reading import box_region, distribution_message
+from whereabouts_msgs.msg import Attribute, GaussianDistribution, Region, WorldHypotheses
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldObject, WorldState
@@ -32,14 +28,9 @@ from world_model.anchoring.attributes import extent
 from world_model.queries import Words
 
 Array = NDArray[np.float64]
-PALETTE = (
-    (0.9, 0.3, 0.2),
-    (0.2, 0.6, 0.9),
-    (0.3, 0.7, 0.3),
-    (0.9, 0.7, 0.1),
-    (0.6, 0.3, 0.8),
-    (0.4, 0.4, 0.4),
-)
+PALETTE: tuple[Rgb, ...] = (
+    (0.9, 0.3, 0.2), (0.2, 0.6, 0.9), (0.3, 0.7, 0.3), (0.9, 0.7, 0.1), (0.6, 0.3, 0.8), (0.4, 0.4, 0.4),
+)  # fmt: skip
 IDENTITY = np.eye(4)
 ABOVE = np.array([0.0, 0.0, 0.25])
 
@@ -106,27 +97,17 @@ def pose_message(item: WorldObject, transform: Array) -> PoseWithCovariance:
     """Position and its covariance; the orientation is unknown."""
     message = PoseWithCovariance()
     turn = transform[:3, :3]
-    x, y, z = turn @ item.position + transform[:3, 3]
-    message.pose.position = Point(x=float(x), y=float(y), z=float(z))
+    message.pose.position = point(turn @ item.position + transform[:3, 3])
     covariance = np.diag(np.full(6, FREE))
     covariance[:3, :3] = turn @ item.covariance @ turn.T
     message.covariance = covariance.reshape(36)
     return message
 
 
-def distribution_message(values: Mapping[str, float]) -> DiscreteDistribution:
-    """{value: probability} as a message."""
-    return DiscreteDistribution(values=list(values), probabilities=[_share(p) for p in values.values()])
-
-
 def box_message(box: Sequence[Sequence[float]]) -> Region:
     """A box ((x0, x1), (y0, y1), (z0, z1)) as a message."""
     low, high = np.array(box, dtype=np.float64).T
-    message = Region()
-    centre, size = 0.5 * (low + high), high - low
-    message.center.position = Point(**dict(zip("xyz", map(float, centre), strict=True)))
-    message.size = Vector3(**dict(zip("xyz", map(float, size), strict=True)))
-    return message
+    return box_region(0.5 * (low + high), high - low)
 
 
 def state_message(state: WorldState, header: Header, objects: Sequence[ObjectMessage]) -> StateMessage:
@@ -177,20 +158,19 @@ def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words
     stamp = nanoseconds(header.stamp) / NANOSECONDS
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for index, item in enumerate(objects):
-        colour = PALETTE[sum(map(ord, item.most_probable("class"))) % len(PALETTE)]
-        label = Marker(header=header, ns="symbols", id=index, type=Marker.TEXT_VIEW_FACING, action=Marker.ADD)
+        rgb = PALETTE[sum(map(ord, item.most_probable("class"))) % len(PALETTE)]
+        white = colour((1.0, 1.0, 1.0), float(item.existence))
+        label = marker(header, "symbols", Marker.TEXT_VIEW_FACING, white, 0.12, index)
         label.text = words.sentence(item, stamp)
-        label.scale.z = 0.12
-        label.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=float(item.existence))
-        _place(label, item.position + ABOVE)
+        label.pose.position = point(item.position + ABOVE)
         markers.append(label)
         if item.lost:
             continue
-        body = Marker(header=header, ns="objects", id=index, type=Marker.SPHERE, action=Marker.ADD)
+        paint = colour(rgb, 0.3 + 0.6 * float(item.existence))
+        body = marker(header, "objects", Marker.SPHERE, paint, number=index)
         spread = np.sqrt(np.maximum(item.covariance.diagonal(), 1e-4))
         body.scale = Vector3(**dict(zip("xyz", (float(max(2.0 * s, 0.06)) for s in spread), strict=True)))
-        body.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=0.3 + 0.6 * float(item.existence))
-        _place(body, item.position)
+        body.pose.position = point(item.position)
         markers.append(body)
     return MarkerArray(markers=markers)
 
@@ -230,12 +210,6 @@ def by_id(objects: Iterable[WorldObject]) -> list[WorldObject]:
 def stamp_message(seconds: float) -> Any:
     """Seconds as a message stamp; what is before time began is zero."""
     return time_message(max(round(seconds * NANOSECONDS), 0) if np.isfinite(seconds) else 0)
-
-
-def _place(marker: Marker, position: Array) -> None:
-    p = marker.pose.position
-    p.x, p.y, p.z = (float(value) for value in position)
-    marker.pose.orientation.w = 1.0
 
 
 def _share(value: float) -> float:

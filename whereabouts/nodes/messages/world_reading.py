@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, PoseStamped, Vector3
+from geometry_msgs.msg import PoseStamped, Vector3
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
 from std_msgs.msg import Header
@@ -16,8 +15,9 @@ from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import pose_from_matrix
 from whereabouts.nodes.messages.conversions import fill_pose, pose_from_message, spatial
+from whereabouts.nodes.messages.markers import point
 from whereabouts.nodes.messages.packed import Packed
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, seconds
 from whereabouts.nodes.messages.transforms import TransformBuffer
 from whereabouts_msgs.msg import DiscreteDistribution, PredictedPathArray, Region
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
@@ -123,7 +123,7 @@ def object_from_message(message: ObjectMessage) -> WorldObject:
     }
     return WorldObject(
         message.id, position, np.array([linear.x, linear.y, linear.z]), covariance, attributes,
-        message.existence_probability, message.lost, _seconds(message.last_seen), _seconds(message.first_seen),
+        message.existence_probability, message.lost, seconds(message.last_seen), seconds(message.first_seen),
         place=message.place, place_probability=message.place_probability,
         predicates=tuple(message.predicates), alternatives=tuple(message.alternatives),
         quantities={
@@ -174,7 +174,7 @@ def pose_stamped(header: Header, pose: Array) -> PoseStamped:
 def box_region(centre: Array, size: Array) -> Region:
     """A box along the axes of the frame; centre and size (3,) m."""
     region = Region()
-    region.center.position = Point(**dict(zip("xyz", map(float, centre), strict=True)))
+    region.center.position = point(centre)
     region.center.orientation.w = 1.0
     region.size = Vector3(**dict(zip("xyz", map(float, size), strict=True)))
     return region
@@ -183,13 +183,9 @@ def box_region(centre: Array, size: Array) -> Region:
 def distribution_message(values: Mapping[str, float]) -> DiscreteDistribution:
     """{value: probability} as a message."""
     return DiscreteDistribution(
-        values=list(values), probabilities=[min(max(p, 0.0), 1.0) for p in values.values()]
+        values=list(values), probabilities=[min(max(float(p), 0.0), 1.0) for p in values.values()]
     )
 
 
 def _distribution(message: DiscreteDistribution) -> dict[str, float]:
     return dict(zip(message.values, map(float, message.probabilities), strict=False))
-
-
-def _seconds(stamp: Time) -> float:
-    return nanoseconds(stamp) / NANOSECONDS

@@ -150,9 +150,9 @@ class SuiteNode(LifecycleNode):
         self._created.append((lambda item: item.destroy(), server))
         return server
 
-    def add_caller(self, action_type: type, name: str, answers: bool = True) -> Caller:
+    def add_caller(self, action_type: type, name: str) -> Caller:
         """Call an action; see `Caller`."""
-        caller = Caller(self, action_type, name, answers)
+        caller = Caller(self, action_type, name)
         self._created.append((lambda client: client.destroy(), caller.client))
         return caller
 

@@ -181,28 +181,26 @@ class Turns:
 
 
 class Caller:
-    """Sends a node's goals to an action, and hands back what comes of them. answers : whether anybody asks for that."""
+    """Sends a node's goals to an action, and hands back what comes of them."""
 
-    def __init__(self, node: SuiteNode, action_type: type, name: str, answers: bool = True) -> None:
+    def __init__(self, node: SuiteNode, action_type: type, name: str) -> None:
         self._turns, self._me = node.turns, node.get_fully_qualified_name()
         self.client = ActionClient(node, action_type, name)
         action = node.resolve_topic_name(name)
         self._goals, self._results = goals_name(action), results_name(action, mark_of(self._me))
         self._turns.calls(self._goals, lambda: int(self.ready))
-        if answers:
-            self._turns.received[self._results] = 0
+        self._turns.received[self._results] = 0
 
     @property
     def ready(self) -> bool:
         """Whether anybody offers the action."""
         return bool(self.client.server_is_ready())
 
-    def send(self, goal: Any, ended: Callable[[Any], None] | None = None) -> None:
+    def send(self, goal: Any, ended: Callable[[Any], None]) -> None:
         """Send a goal. ended : called with the answer, None where the goal was refused."""
         self._turns.sent[self._goals] += 1
         sent = self.client.send_goal_async(goal, goal_uuid=goal_id(self._me))
-        if ended is not None:
-            sent.add_done_callback(lambda done: self._accepted(done.result(), ended))
+        sent.add_done_callback(lambda done: self._accepted(done.result(), ended))
 
     def _accepted(self, handle: Any, ended: Callable[[Any], None]) -> None:
         if handle is None or not handle.accepted:

@@ -138,13 +138,11 @@ class _Wait:
 
 
 @contextmanager
-def lifecycle_clients(
-    names: Sequence[str], namespace: str = "", arguments: Sequence[str] = ()
-) -> Iterator[list[LifecycleClient]]:
-    """Clients of nodes, from a ROS context of their own; names without a slash are taken in the namespace."""
+def lifecycle_clients(names: Sequence[str], arguments: Sequence[str] = ()) -> Iterator[list[LifecycleClient]]:
+    """Clients of nodes, from a ROS context of their own; names without a slash are taken in its namespace."""
     context = Context()
     rclpy.init(args=list(arguments), context=context)
-    node = Node("bring_up", context=context, namespace=namespace or None)
+    node = Node("bring_up", context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     prefix = node.get_namespace().rstrip("/")
