@@ -91,9 +91,9 @@ class LoopClosureNode(SuiteNode):
         self._publisher = MapPublisher(self, self._map, maps)
         self._transform = MapTransform(self, self._map)
         files = MapFiles(self, self._map, self.finish_work)
-        self._editing = MapEditing(self)
+        self._editing = MapEditing(self, self, settings.map_frame)
         if settings.nav2_services:
-            Nav2Maps(self, files)
+            Nav2Maps(self, self, files)
         self.add_timer(settings.tf_period, lambda: self._transform.repeat(self._stamp))
         self.add_timer(settings.tf_period, self._catch_up)
         self.add_timer(settings.map_period, self.publish_map)

@@ -6,10 +6,11 @@ In: `clicked_point` (PointStamped, RViz's tool "Publish Point"). Services: `~/pa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
+from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from numpy.typing import NDArray
 from std_srvs.srv import SetBool, Trigger
@@ -20,21 +21,40 @@ from loop_closure.motions import positions
 from loop_closure.slam.editing import nearest_closure
 from loop_closure.slam.trajectory import Slam
 from whereabouts.nodes.messages.transforms import frame_name
-
-if TYPE_CHECKING:
-    from whereabouts.nodes.loop_closure_node import LoopClosureNode
+from whereabouts.nodes.ros.base import SuiteNode
 
 REACH = 3.0  # metres from a clicked point within which a closure is meant
 
 
+class Mapping(Protocol):
+    """What the node lets be done to its map."""
+
+    @property
+    def slam(self) -> Slam:
+        """The map in use."""
+
+    @property
+    def extends(self) -> bool:
+        """Whether scans are added to it."""
+
+    def map_now(self) -> OccupancyGrid:
+        """The map with all that is known. Raises InputError where there is none yet."""
+
+    def map_edited(self, before: NDArray[np.float64]) -> None:
+        """Everything is to be published anew; `before` : `slam.pose` as it was."""
+
+    def look_anew(self) -> None:
+        """Look for the robot in the whole map. Raises InputError where there is none yet."""
+
+
 class MapEditing:
-    """Services of the node that makes a map.
+    """Services of a node that makes a map.
 
     paused : whether scans are to be left out of the map.
     """
 
-    def __init__(self, node: LoopClosureNode) -> None:
-        self._node, self._frame = node, frame_name(node.settings.map_frame)
+    def __init__(self, node: SuiteNode, mapping: Mapping, map_frame: str) -> None:
+        self._node, self._mapping, self._frame = node, mapping, frame_name(map_frame)
         self.paused = False
         self._clicked: NDArray[np.float64] | None = None
         # A person, not a sensor: its stamp says nothing about the run.
@@ -57,16 +77,16 @@ class MapEditing:
 
     def _remove(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Take out the closure at the clicked point, or the last one; each click counts once."""
-        if not self._node.extends:
+        if not self._mapping.extends:
             raise InputError("a map in which the robot is only localised is not changed")
-        slam = self._node.slam
+        slam = self._mapping.slam
         point, self._clicked = self._clicked, None
         edge = self._meant(slam, point)
         at = positions(slam.graph.poses)[edge.b]
         first, second = slam.keyframes[edge.a].stamp, slam.keyframes[edge.b].stamp
         before = slam.pose
         count = slam.remove_closure(edge)
-        self._node.map_edited(before)
+        self._mapping.map_edited(before)
         left = sum(item.closure for item in slam.graph.edges)
         response.success = True
         response.message = (
@@ -93,5 +113,5 @@ class MapEditing:
         return edge
 
     def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
-        response.map = self._node.map_now()
+        response.map = self._mapping.map_now()
         return response
