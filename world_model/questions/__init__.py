@@ -14,7 +14,6 @@ from world_model.questions.moments import Span, moment
 from world_model.questions.nearby import how_far, what_is_near
 from world_model.questions.past import (
     history,
-    how_long_at,
     how_long_there,
     how_often,
     what_changed,
@@ -34,9 +33,7 @@ from world_model.questions.usual import (
 from world_model.questions.where import (
     how_many,
     is_at,
-    was_at,
     what_is_at,
-    what_was_at,
     when_last_seen,
     where_is,
     where_to_look,
@@ -47,9 +44,9 @@ from world_model.questions.where import (
 
 __all__ = [
     "CAN_BE_ASKED", "AmbiguousError", "Answer", "NotUnderstoodError", "NothingKnownError", "Recall", "Span",
-    "answered", "ask", "history", "how_far", "how_long_at", "how_long_there", "how_many", "how_often", "is_at",
-    "is_at_usual_place", "moment", "recall", "was_at", "what_changed", "what_is_at", "what_is_missing",
-    "what_is_near", "what_is_needed_next", "what_is_usually_here", "what_left", "what_moved", "what_was_at",
+    "answered", "ask", "history", "how_far", "how_long_there", "how_many", "how_often", "is_at",
+    "is_at_usual_place", "moment", "recall", "what_changed", "what_is_at", "what_is_missing",
+    "what_is_near", "what_is_needed_next", "what_is_usually_here", "what_left", "what_moved",
     "what_was_carried", "when_last_at", "when_last_seen", "when_moved", "where_is", "where_to_look",
     "where_usually", "where_was", "where_will_be", "which_room", "who_is_here", "who_moved", "who_was_here",
 ]  # fmt: skip

@@ -173,9 +173,6 @@ def how_long_there(
     return Answer.stated(sentence, "how_long_there", Trust.NOT_SEEN, span.start, long, evidence)
 
 
-how_long_at = how_long_there
-
-
 def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     if not line.stays:
         raise NothingKnownError(f"{clean(name)} was never seen for certain.")

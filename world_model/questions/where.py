@@ -497,9 +497,6 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     return Answer.stated(sentence, "what_is_at", p, found.span.start, there, evidence, found.options(where))
 
 
-what_was_at = what_is_at
-
-
 def is_at(world: Recall, what: str, place: str, when: str | float | Span | None = None) -> Answer:
     """Whether an object, or one of a class, is or was at a place at a moment, or at any time of a span. value : bool.
 
@@ -526,9 +523,6 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
     evidence = evidence_of(world, world.window(name, span.start, span.end), span.start, span.end)
     options = () if lasts else found.options(where)
     return Answer.stated(sentence, "is_at", max(p, 1.0 - p), span.start, p >= 0.5, evidence, options)
-
-
-was_at = is_at
 
 
 def _not_at(world: Recall, meant: Meant, where: str, found: _Found, verbs: tuple[str, str]) -> str:
