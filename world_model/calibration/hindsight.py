@@ -9,7 +9,8 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.loops.leaves import IntArray, Leaves
-from world_model.calibration.revision import Explanation, Sightings, expected, explain
+from world_model.calibration.revision import Explanation, Sightings, explain
+from world_model.calibration.sensor_bias import lines_of_sight
 from world_model.evidence import Measurements
 
 FIRST_LOOKS = 100  # Looks of a sensor that has not moved; as many as are needed where nobody looks back
@@ -32,7 +33,7 @@ class KeptLook:
 def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
     """Range and bearing of detections (M, 2) and their standard deviations."""
     assert measured.sensor is not None
-    distance, bearing, along = expected(measured.positions[:, :2], measured.sensor.pose)
+    distance, bearing, along = lines_of_sight(measured.positions[:, :2], measured.sensor.pose)
     across = np.stack([-along[:, 1], along[:, 0]], -1)
     spread = measured.covariances[:, :2, :2]
     sigma = [np.sqrt(np.einsum("ni,nij,nj->n", line, spread, line)) for line in (along, across)]

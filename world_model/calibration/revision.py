@@ -18,7 +18,6 @@ from estimation.checks import FloatArray
 from estimation.filters.assignment import cheapest
 from world_model.anchoring.loops.leaves import IntArray
 from world_model.calibration.sensor_bias import (
-    ASIDE,
     CONSTANT,
     JITTER,
     PRIOR,
@@ -26,7 +25,8 @@ from world_model.calibration.sensor_bias import (
     SECONDS,
     SLOW,
     STEPS,
-    depth_share,
+    constants,
+    lines_of_sight,
     within,
 )
 
@@ -70,35 +70,9 @@ class Explanation:
     owner: IntArray
 
 
-def expected(places: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distances and bearings (...) of places (..., 2) from poses (..., 4), and the lines of sight (..., 2)."""
-    off = places - poses[..., :2]
-    distance = np.maximum(np.hypot(off[..., 0], off[..., 1]), 1e-3)
-    bearing = within(np.arctan2(off[..., 1], off[..., 0]) - poses[..., 3])
-    return distance, bearing, off / distance[..., None]
-
-
-def constants(distance: FloatArray, bearing: FloatArray, sight: FloatArray, rates: FloatArray) -> FloatArray:
-    """Change of range and bearing (..., 2, 8) per unit of each constant error, at distances and bearings (...) along
-    lines of sight (..., 2) of a sensor that moves at rates (..., 3)."""
-    aside = np.where(np.abs(bearing) < ASIDE, bearing, 0.0)
-    out = np.zeros((*distance.shape, 2, CONSTANT))
-    out[..., 0, 0] = 1.0
-    out[..., 0, 1] = distance
-    out[..., 0, 2] = depth_share(bearing) * distance
-    out[..., 0, 4] = aside * distance
-    out[..., 0, 7] = (sight * rates[..., :2]).sum(-1)
-    out[..., 1, 3] = 1.0
-    out[..., 1, 5] = aside
-    out[..., 1, 6] = aside**2
-    across = sight[..., 0] * rates[..., 1] - sight[..., 1] * rates[..., 0]
-    out[..., 1, 7] = across / distance + rates[..., 2]
-    return out
-
-
 def residuals(data: Sightings, found: Explanation) -> FloatArray:
     """(N, K, 2) : what is left of range and bearing if a detection is of an object, without shared errors."""
-    distance, bearing, sight = expected(found.places[None], data.poses[data.look][:, None])
+    distance, bearing, sight = lines_of_sight(found.places[None], data.poses[data.look][:, None])
     off = constants(distance, bearing, sight, data.rates[data.look][:, None]) @ found.constant
     return np.stack(
         [data.seen[:, :1] - distance - off[..., 0], within(data.seen[:, 1:] - bearing - off[..., 1])], -1
@@ -169,7 +143,7 @@ def solve(data: Sightings, found: Explanation, known: FloatArray) -> Explanation
     used = np.flatnonzero(found.owner >= 0)
     owner, look = found.owner[used], data.look[used]
     poses, n = data.poses[look], np.arange(len(used))
-    distance, bearing, sight = expected(found.places[owner], poses)
+    distance, bearing, sight = lines_of_sight(found.places[owner], poses)
     errors = constants(distance, bearing, sight, data.rates[look])
     across = np.stack([-sight[:, 1], sight[:, 0]], -1) / distance[:, None]
 
