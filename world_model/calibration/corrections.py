@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,7 +35,7 @@ class Corrections:
     ) -> None:
         self.anchors, self.beliefs, self.objects = anchors, beliefs, objects
         self.learns = anchors.config.learn_sensor_bias
-        self.bias = SensorErrors(constant_errors(anchors.config.sensor_bias))
+        self.bias = SensorErrors(np.resize([*anchors.config.sensor_bias, *np.zeros(CONSTANT)], CONSTANT))
         self.hindsight = Hindsight(most_looks)
         self._said: list[int] | None = None
 
@@ -242,10 +241,3 @@ class Corrections:
             symbols.append((look.stamp, tuple(names)))
             look.owners, look.symbols = tracks, tuple(names)
         return symbols
-
-
-def constant_errors(sensor_bias: Sequence[float]) -> FloatArray:
-    """All constant errors (8,) of those that are stated, or the first of them."""
-    values = np.zeros(CONSTANT)
-    values[: len(sensor_bias)] = sensor_bias
-    return values
