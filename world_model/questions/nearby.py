@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.geometry.polygons import outline_distance
 from world_model.questions.answers import Answer, NothingKnownError, NotUnderstoodError, clean, clock, listed
 from world_model.questions.moments import Span
 from world_model.questions.naming import at_the, described, one_named, place_named, spoken
@@ -47,7 +48,7 @@ def what_is_near(world: Recall, what: str, when: str | float | Span | None = Non
             continue
         away = float(np.linalg.norm(spot.position - mine.position))
         if center:
-            away = _to_outline(world.places[center].polygon, spot.position[:2])
+            away = float(outline_distance(world.places[center].polygon, spot.position[:2]))
         found.append((away, other, spot.p))
     found.sort()
     subject = spoken(world, center).partition(" ")[2] if center else described(world, name)
@@ -126,10 +127,3 @@ def _together(world: Recall, first: str, second: str) -> bool:
         for name in (first, second)
     ]
     return not all(rooms) or bool(rooms[0] & rooms[1])
-
-
-def _to_outline(polygon: FloatArray, point: FloatArray) -> float:
-    """Metres from a point (2,) to the nearest edge of corners (N, 2)."""
-    along = np.roll(polygon, -1, axis=0) - polygon
-    share = np.clip(((point - polygon) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
-    return float(np.linalg.norm(polygon + share[:, None] * along - point, axis=1).min())
