@@ -165,12 +165,17 @@ class Anchors:
                 self.pool.give(slot)
         return whole
 
-    def restrict(self, number: int, keep: npt.NDArray[np.bool_]) -> list[int]:
-        """Hypotheses of a cluster that turned out to be impossible go; returns the clusters that are left."""
-        cluster = self.clusters[number]
-        rows, weights = unify(np.ascontiguousarray(cluster.rows[keep]), cluster.weights[keep])
+    def restrict(
+        self, number: int, keep: npt.NDArray[np.bool_], gained: FloatArray | None = None
+    ) -> list[int]:
+        """Hypotheses of a cluster that turned out to be impossible go; returns the clusters that are left.
+
+        gained (H,) : log weights that the hypotheses gain, none by default.
+        """
+        cluster = self.clusters.pop(number)
+        weights = cluster.weights if gained is None else cluster.weights + gained
+        rows, weights = unify(np.ascontiguousarray(cluster.rows[keep]), weights[keep])
         self.sweep(cluster.rows, rows)
-        del self.clusters[number]
         return self.divide(list(cluster.tracks), rows, weights)
 
     def without_names(self, rows: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -42,7 +42,7 @@ def what_is_near(world: Recall, what: str, when: str | float | Span | None = Non
     if mine is None:
         return where_is(world, name) if when is None else where_was(world, name, when)
     found: list[tuple[float, str, float]] = []
-    for other in _others(world, when is None):
+    for other in world.heads(world.present) if when is None else world.things():
         spot = None if other == name else _spot(world, other, stamp)
         if spot is None or not _together(world, mine.place, spot.place) or spot.place == center:
             continue
@@ -103,10 +103,6 @@ def _furniture(world: Recall, what: str, error: NothingKnownError) -> str:
     if not place or world.places[place].kind == "room":
         raise error
     return place
-
-
-def _others(world: Recall, now: bool) -> list[str]:
-    return world.heads(world.present) if now else world.things()
 
 
 def _spot(world: Recall, name: str, stamp: float) -> _Spot | None:
