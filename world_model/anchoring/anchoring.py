@@ -15,8 +15,7 @@ from world_model.anchoring.loops.look import Look
 from world_model.anchoring.present import Presentation
 from world_model.anchoring.recognition import Recognition
 from world_model.anchoring.single import SingleObjects
-from world_model.calibration.corrections import Corrections
-from world_model.calibration.hindsight import MOST_LOOKS
+from world_model.calibration.corrections import MOST_LOOKS, Corrections
 from world_model.config import WorldModelConfig
 from world_model.evidence import Measurements
 from world_model.predictions import Behavior

@@ -23,8 +23,7 @@ from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Lea
 from world_model.anchoring.misses import detector_table
 from world_model.anchoring.touching import Rounds
 from world_model.anchoring.unseen import Unseen
-from world_model.behaviors import motion_table
-from world_model.config import WorldModelConfig
+from world_model.config import WorldModelConfig, motion_table
 from world_model.evidence import Distribution
 from world_model.predictions import Course
 from world_model.state import WorldObject

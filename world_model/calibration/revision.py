@@ -8,6 +8,7 @@ In polar coordinates about the sensor, where its errors are.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.sparse.linalg import spsolve
 
 from estimation.checks import FloatArray
 from estimation.filters.assignment import cheapest
-from world_model.anchoring.loops.leaves import IntArray
+from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.calibration.sensor_bias import (
     CONSTANT,
     JITTER,
@@ -29,6 +30,7 @@ from world_model.calibration.sensor_bias import (
     lines_of_sight,
     within,
 )
+from world_model.evidence import Measurements
 
 ROUNDS = 12
 SHAKEN = 3  # Times that what was found is tried to be left for something better
@@ -239,3 +241,63 @@ def explain(data: Sightings, found: Explanation, known: FloatArray) -> Explanati
             break
         best = shaken
     return best
+
+
+@dataclass
+class KeptLook:
+    """stamp, s; measured : M detections as they came, without their words; likelihood (M, A); owners (M,) : numbers of
+    tracks; symbols (M,) : what was said of each detection then; rate (3,) : speed of the sensor, m/s and rad/s."""
+
+    stamp: float
+    measured: Measurements
+    likelihood: FloatArray
+    owners: list[int]
+    symbols: tuple[str | None, ...]
+    rate: FloatArray
+
+
+def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing of detections (M, 2) and their standard deviations."""
+    assert measured.sensor is not None
+    distance, bearing, along = lines_of_sight(measured.positions[:, :2], measured.sensor.pose)
+    across = np.stack([-along[:, 1], along[:, 0]], -1)
+    spread = measured.covariances[:, :2, :2]
+    sigma = [np.sqrt(np.einsum("ni,nij,nj->n", line, spread, line)) for line in (along, across)]
+    return np.stack([distance, bearing], -1), np.stack([sigma[0], sigma[1] / distance], -1)
+
+
+def explained(
+    looks: Sequence[KeptLook],
+    numbers: list[int],
+    slots: IntArray,
+    movers: set[int],
+    leaves: Leaves,
+    blocks: IntArray,
+    known: FloatArray,
+) -> tuple[Explanation, list[list[int]]]:
+    """Explain looks by the resting objects `numbers` (K,), leaves `slots`; returns it, and tracks by look.
+
+    Detections of `movers` stay theirs. known (8,) : calibration.
+    """
+    counts = [len(look.owners) for look in looks]
+    whose = np.concatenate([look.owners for look in looks])
+    mine = ~np.isin(whose, np.array(sorted(movers), np.int64))
+    index = np.repeat(np.arange(len(counts)), counts)[mine]
+    likelihood = np.concatenate([look.likelihood for look in looks])[mine]
+    unlike = np.zeros((len(index), len(numbers)))
+    for begin, end in blocks.tolist():
+        if end > begin:
+            factor = likelihood[:, begin:end] @ leaves.attributes[slots, begin:end].T
+            unlike -= 2.0 * np.log(factor + 1e-9)
+    stamps = np.array([look.stamp for look in looks])
+    rates = np.array([look.rate for look in looks])
+    poses = np.array([sensor.pose for look in looks if (sensor := look.measured.sensor) is not None])
+    views = zip(*(polar(look.measured) for look in looks), strict=True)
+    seen, sigma = (np.concatenate(each)[mine] for each in views)
+    data = Sightings(stamps, poses, index, seen, sigma, np.maximum(unlike, 0.0), rates)
+    column = {number: k for k, number in enumerate(numbers)}
+    owner = np.array([column.get(number, -1) for number in whose[mine].tolist()])
+    begun = Explanation(leaves.rest[slots, :2].copy(), known.copy(), np.zeros((len(counts), 2)), owner)
+    found = explain(data, begun, known)
+    whose[mine] = np.append(numbers, -1)[found.owner]
+    return found, [part.tolist() for part in np.split(whose, np.cumsum(counts)[:-1])]

@@ -13,8 +13,7 @@ import numpy as np
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.memory.store_file import StoreFile
 from world_model.memory.store_format import StoreClock
-from world_model.memory.store_places import EVENT, NAME, RUN, places_of
-from world_model.memory.store_rows import COLUMNS, Written, decode
+from world_model.memory.store_rows import COLUMNS, EVENT, NAME, RUN, Written, decode, places_of
 from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
