@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite
+from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from world_model.state import WorldObject
@@ -150,11 +150,11 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
     for index, item in enumerate(objects):
         if not isinstance(item, ObjectEvidence):
             raise InputError(f"objects[{index}] must be an ObjectEvidence, not {type(item).__name__}")
-        positions[index] = _shaped(f"objects[{index}].position", item.position, (3,))
+        positions[index] = as_shape(f"objects[{index}].position", item.position, (3,))
         if item.covariance is None:
             covariances[index] = sigma**2 * np.eye(3)
         else:
-            covariances[index] = _shaped(f"objects[{index}].covariance", item.covariance, (3, 3))
+            covariances[index] = as_shape(f"objects[{index}].covariance", item.covariance, (3, 3))
         for name, distribution in item.attributes.items():
             _check_distribution(f"objects[{index}].attributes[{name!r}]", distribution)
     if not np.isfinite(positions).all():
@@ -167,16 +167,6 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
     )
     told = attributes, ids, sensor, silent, quantities, evidence.view, tuple(i.begins for i in objects)
     return Measurements(positions, _definite(covariances), *told)
-
-
-def _shaped(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be numbers of shape {shape}, not {value!r}") from error
-    if array.shape != shape:
-        raise InputError(f"{name} must have shape {shape}, not {array.shape}")
-    return array
 
 
 def _definite(covariances: FloatArray) -> FloatArray:

@@ -150,9 +150,5 @@ def _covariances(histories: list[_History]) -> dict[str, FloatArray]:
         limit = 6.0 * np.maximum(np.median(np.abs(off), axis=0), 1e-6)
         kept = positions[(np.abs(off) < limit).all(1)]
         by_class[history.kind].append((kept - kept.mean(0)) * np.sqrt(len(kept) / max(len(kept) - 1, 1)))
-    return {kind: _second_moment(np.concatenate(parts)) for kind, parts in by_class.items()}
-
-
-def _second_moment(residuals: FloatArray) -> FloatArray:
-    result: FloatArray = residuals.T @ residuals / len(residuals)
-    return result
+    residuals = {kind: np.concatenate(parts) for kind, parts in by_class.items()}
+    return {kind: off.T @ off / len(off) for kind, off in residuals.items()}

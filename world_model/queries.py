@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,34 +16,16 @@ import numpy.typing as npt
 from estimation.errors import InputError
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.describing import ago, named
-from world_model.state import MOVED_ON, WorldObject, WorldState
+from world_model.state import MOVED_ON, WorldObject
 from world_model.symbols import Symbols, default_symbols
+
+if TYPE_CHECKING:
+    from world_model.world import WorldModel
 
 NEAR = 0.75  # m: what is this close to an object is there, where a region is named by an object
 CORNERS = 24
 LAST_SEEN = "last_seen"
 World = tuple[float, Sequence[WorldObject]]  # Probability and objects of one hypothesis
-
-
-class Past(Protocol):
-    """The part of a store that questions need."""
-
-    def objects_at(self, stamp: float) -> list[WorldObject]: ...
-
-    def last_seen(self, place: Place) -> float | None: ...
-
-
-class Model(Protocol):
-    """The part of `WorldModel` that questions need."""
-
-    stamp: float
-
-    @property
-    def store(self) -> Past | None: ...
-
-    def hypotheses(self) -> list[WorldState]: ...
-
-    def propagate(self, stamp: float) -> WorldState: ...
 
 
 @dataclass(frozen=True)
@@ -183,7 +165,7 @@ def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -
     ]
 
 
-def worlds_at(model: Model, stamp: float | None) -> tuple[list[World], float]:
+def worlds_at(model: WorldModel, stamp: float | None) -> tuple[list[World], float]:
     """All hypotheses now, or the most probable world at another time, and the moment that is.
 
     Raises InputError for a stamp that is no number, and for the past where nothing is remembered.
@@ -201,7 +183,7 @@ def worlds_at(model: Model, stamp: float | None) -> tuple[list[World], float]:
     return [(1.0, model.store.objects_at(stamp))], float(stamp)
 
 
-def last_seen(model: Model, region: str | Place | npt.ArrayLike | None, words: Words) -> float:
+def last_seen(model: WorldModel, region: str | Place | npt.ArrayLike | None, words: Words) -> float:
     """The newest stamp at which something was measured in a region, or the object that it is named by.
 
     Raises InputError where nothing ever was.

@@ -14,7 +14,7 @@ from estimation.checks import as_vectors
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
-from world_model.calibration.hindsight import FIRST_LOOKS, MOST_LOOKS
+from world_model.calibration.corrections import FIRST_LOOKS, MOST_LOOKS
 from world_model.config import WorldModelConfig
 from world_model.evidence import WorldEvidence, checked
 from world_model.memory.household import SUFFIX, ByNow, Household

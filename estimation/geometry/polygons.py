@@ -50,6 +50,14 @@ def points_inside(polygon: FloatArray, points: FloatArray) -> npt.NDArray[np.boo
     return result
 
 
+def outline_distance(polygon: FloatArray, points: FloatArray) -> FloatArray:
+    """Metres (...) from points (..., 2), inside or not, to the nearest edge of corners (N, 2)."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    offset = points[..., None, :] - polygon
+    share = np.clip((offset * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0.0, 1.0)
+    return np.linalg.norm(offset - share[..., None] * along, axis=-1).min(-1)
+
+
 def gaussian_mass(
     corners: FloatArray, starts: Sequence[int], mean: FloatArray, covariance: FloatArray
 ) -> FloatArray:

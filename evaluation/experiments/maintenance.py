@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 
 from evaluation.drawing import saved
 from evaluation.maintenance import maintenance_scenes as scenes
+from evaluation.maintenance.maintenance_printed import PrintedRule, PrintedRun, simulate
 from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
 from whereabouts.system.parallel import each
 from whereabouts.system.progress import track
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import MaintenanceConfig
-from world_model.tasks.maintenance_printed import PrintedRule, PrintedRun, simulate
 
 PLAN = RoomPlan()
 THRESHOLDS = (1.0, 3.0, 5.0, 7.0, 8.0, 9.0, 10.0, 11.0, 13.0, 15.0, 17.0)

@@ -16,10 +16,10 @@ from estimation.conversion.particles import log_total, normalise_log, systematic
 from estimation.errors import InputError
 from estimation.filters import kalman
 from evaluation.drawing import saved
+from evaluation.maintenance.maintenance_printed import entropy
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig
-from world_model.tasks.maintenance_printed import entropy
 
 FRAME = 1.0 / 30.0  # s
 SECONDS = 5.0

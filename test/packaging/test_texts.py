@@ -66,7 +66,7 @@ def test_names_exist():
         "loop_closure": ("AdaBoost", "Slam", "pair_features"),
         "loop_closure.graph.esdf": ("EsdfGraph",),
         "registration": ("align", "align_globally"),
-        "world_model.tasks.maintenance_printed": ("PrintedRule",),
+        "evaluation.maintenance.maintenance_printed": ("PrintedRule",),
         "evaluation.conversion.switching_printed": ("PrintedSwitchingFilter",),
     }.items():
         for name in names:

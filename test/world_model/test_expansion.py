@@ -48,7 +48,7 @@ def test_of_every_parent_the_best_child_is_kept_where_it_is_near_the_best_of_all
         0.0, 0.0, np.arange(detections), np.zeros((detections, 3)), np.zeros((detections, 3, 3)),
         np.ones((detections, 1)), new, np.ones(detections),
     )  # fmt: skip
-    movers = Movers(np.zeros(leaves), np.zeros((leaves, 3)), none, np.zeros(leaves, np.int64), none, 0.0)
+    movers = Movers(np.zeros(leaves), np.zeros((leaves, 3)), none, np.zeros(leaves, np.int64), 0.0)
     got, _, values, _ = expand(rows, weights, matrix, missing, seen, movers, 100, THRESHOLD)
     wanted = [best_child(row, w, matrix, missing, new) for row, w in zip(rows, weights, strict=True)]
     assert values[0] == pytest.approx(max(wanted))

@@ -23,8 +23,7 @@ from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Lea
 from world_model.anchoring.misses import detector_table
 from world_model.anchoring.touching import Rounds
 from world_model.anchoring.unseen import Unseen
-from world_model.behaviors import motion_table
-from world_model.config import WorldModelConfig
+from world_model.config import WorldModelConfig, motion_table
 from world_model.evidence import Distribution
 from world_model.predictions import Course
 from world_model.state import WorldObject
@@ -165,12 +164,17 @@ class Anchors:
                 self.pool.give(slot)
         return whole
 
-    def restrict(self, number: int, keep: npt.NDArray[np.bool_]) -> list[int]:
-        """Hypotheses of a cluster that turned out to be impossible go; returns the clusters that are left."""
-        cluster = self.clusters[number]
-        rows, weights = unify(np.ascontiguousarray(cluster.rows[keep]), cluster.weights[keep])
+    def restrict(
+        self, number: int, keep: npt.NDArray[np.bool_], gained: FloatArray | None = None
+    ) -> list[int]:
+        """Hypotheses of a cluster that turned out to be impossible go; returns the clusters that are left.
+
+        gained (H,) : log weights that the hypotheses gain, none by default.
+        """
+        cluster = self.clusters.pop(number)
+        weights = cluster.weights if gained is None else cluster.weights + gained
+        rows, weights = unify(np.ascontiguousarray(cluster.rows[keep]), weights[keep])
         self.sweep(cluster.rows, rows)
-        del self.clusters[number]
         return self.divide(list(cluster.tracks), rows, weights)
 
     def without_names(self, rows: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -22,25 +22,22 @@ from world_model.anchoring.loops.gating import touch, weigh
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
 from world_model.anchoring.loops.look import Classes, Detections, Look
 from world_model.anchoring.occlusion import free, hide, restrict
-from world_model.anchoring.touching import Touching, sharing, touched_by
+from world_model.anchoring.touching import REACH, sharing, touched_by
 from world_model.anchoring.unseen import sensor_array
 from world_model.evidence import Measurements
 
 BURST = 1e-3  # Probability that a look finds new objects in company: a cupboard was opened, a room entered
 COVERED = 0.5  # Probability of being hidden within the view from which on a mover counts as hidden
 COMPANY = 10.0  # How many they are then, mean
-NOBODY = Movers(
-    np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros((0, 3, 3)), 0.0
-)
+NOBODY = Movers(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), 0.0)
 
 
 class Association:
-    """touching : how near two movers are detected as one."""
+    """Decides which detections are of which anchors, and what is new."""
 
     def __init__(self, anchors: Anchors, bodies: Bodies) -> None:
         self.anchors = anchors
         self.bodies = bodies
-        self.touching = Touching(anchors.config.detection_probability)
 
     @property
     def merging(self) -> bool:
@@ -78,7 +75,8 @@ class Association:
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
         weigh(leaves, chosen, clear, seen, self._classes, anchors.detector, matrix, missing)
         seen = self._with_origins(seen, measured, chosen, born, clutter)
-        reach = self.touching.metres(spread, anchors.config.measurement_sigma) if self.merging else 0.0
+        usual = float(np.median(spread)) if M else anchors.config.measurement_sigma
+        reach = REACH * usual if self.merging else 0.0
         return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
 
     def _with_origins(
@@ -266,13 +264,5 @@ class Association:
         if reach <= 0.0:
             return NOBODY
         leaves = self.anchors.leaves
-        common = leaves.common[slots, :3, :3]
-        common[leaves.together[slots] == 0] = 0.0
-        return Movers(
-            sharing(leaves, slots, here),
-            leaves.moving[slots, :3],
-            leaves.moving_cov[slots, :3, :3],
-            leaves.together[slots],
-            common,
-            reach,
-        )
+        centres, spreads = leaves.moving[slots, :3], leaves.moving_cov[slots, :3, :3]
+        return Movers(sharing(leaves, slots, here), centres, spreads, leaves.together[slots], reach)

@@ -125,13 +125,10 @@ class Bodies:
             leaves.visible[slot] = visible
         touched: list[int] = []
         for number in sorted({anchors.tracks[track].cluster for track in leaves.track[hit].tolist()}):
-            cluster = anchors.clusters.pop(number)
+            cluster = anchors.clusters[number]
             gained = np.where(cluster.rows >= 0, factor[cluster.rows], 0.0).sum(1)
             own = cluster.weights + gained
-            good = own >= own.max() - THRESHOLD
-            rows, weights = unify(np.ascontiguousarray(cluster.rows[good]), own[good])
-            anchors.sweep(cluster.rows, rows)
-            touched += anchors.divide(list(cluster.tracks), rows, weights)
+            touched += anchors.restrict(number, own >= own.max() - THRESHOLD, gained)
         return touched
 
     def _crossed(self, slots: IntArray, origin: FloatArray, ends: FloatArray) -> npt.NDArray[np.bool_]:

@@ -45,22 +45,8 @@ class Presentation:
         existence = rest + moving if sought and not lost else 1.0 - none
         seen = float(leaves.last[slot]), float(leaves.first[slot])
         noise, quantities = self.guidance.growth(track, slot), anchors.quantities.described(leaves, slot)
-        return WorldObject(
-            *(
-                track.id or "",
-                position,
-                velocity,
-                covariance,
-                attributes,
-                existence,
-                lost,
-                *seen,
-                behaviors,
-                region,
-            ),
-            process_noise=noise,
-            quantities=quantities,
-        )
+        signature = track.id or "", position, velocity, covariance, attributes, existence, lost, *seen
+        return WorldObject(*signature, behaviors, region, process_noise=noise, quantities=quantities)
 
     def predicted(self, stamp: float) -> list[WorldObject]:
         """What is shown, propagated to `stamp` on copies."""

@@ -22,7 +22,7 @@ from world_model.anchoring.loops.expansion import unify
 from world_model.anchoring.loops.kernels import copy_leaf, learn_attributes
 from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
 from world_model.anchoring.single import SingleObjects
-from world_model.behaviors import motion_of
+from world_model.config import motion_of
 from world_model.state import WorldObject
 
 RETURN_SECONDS = 10.0  # Mean time for which a carried object is out of sight

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -14,13 +14,15 @@ from world_model.anchoring.loops.kernels import attribute_factor
 from world_model.anchoring.loops.leaves import REST
 from world_model.anchoring.loops.look import Look
 from world_model.anchoring.single import SingleObjects
-from world_model.calibration.hindsight import MOST_LOOKS, Hindsight, KeptLook
+from world_model.calibration.revision import KeptLook, explained
 from world_model.calibration.sensor_bias import CONSTANT
 from world_model.calibration.sensor_errors import SensorErrors
 from world_model.calibration.sensor_filter import error_basis
 from world_model.calibration.sensor_worlds import NEAR, SensorDetections
 from world_model.evidence import Measurements
 
+FIRST_LOOKS = 100  # Looks of a sensor that has not moved; as many as are needed where nobody looks back
+MOST_LOOKS = 4000  # Older looks are forgotten: what they said is in the places of objects
 TWINS = 0.03  # m: no two objects rest as near each other, nor nearer than a detection's standard deviation
 Symbols = tuple[str | None, ...]
 Looks = list[tuple[float, Symbols]]  # Stamp, s, and object of each detection, per look
@@ -36,14 +38,14 @@ class Corrections:
     ) -> None:
         self.anchors, self.beliefs, self.objects = anchors, beliefs, objects
         self.learns = anchors.config.learn_sensor_bias
-        self.bias = SensorErrors(constant_errors(anchors.config.sensor_bias))
-        self.hindsight = Hindsight(most_looks)
+        self.bias = SensorErrors(np.resize([*anchors.config.sensor_bias, *np.zeros(CONSTANT)], CONSTANT))
+        self.looks: deque[KeptLook] = deque(maxlen=most_looks)
         self._said: list[int] | None = None
 
     def reset(self) -> None:
         """Nothing is known but what the settings say."""
         self.bias.reset()
-        self.hindsight.reset()
+        self.looks.clear()
 
     @property
     def values(self) -> FloatArray:
@@ -124,7 +126,7 @@ class Corrections:
 
     def _catch_up(self) -> None:
         """The sensor has moved for the first time: what it said before counts as well."""
-        looks = [look for look in self.hindsight.looks if look.stamp >= self.bias.since]
+        looks = [look for look in self.looks if look.stamp >= self.bias.since]
         resting = set(self.anchors.resting({number for look in looks for number in look.owners}))
         for look in looks:
             self.bias.worlds.predict(look.stamp)
@@ -175,7 +177,9 @@ class Corrections:
             # The words take many times the room of the numbers, and their likelihood says what they did.
             seen = replace(raw, attributes=(), quantities=(), object_ids=())
             look = KeptLook(stamp, seen, likelihood, list(owners), symbols, self.bias.rate)
-            self.hindsight.add(look, self.bias.moved)
+            if not self.bias.moved and len(self.looks) >= FIRST_LOOKS:
+                self.looks.popleft()
+            self.looks.append(look)
 
     def _join_twins(self, raw: Measurements, owners: list[int], names: dict[int, int]) -> None:
         """What was taken for two objects, because the sensor was off, and is at one place now, is one: the older."""
@@ -217,15 +221,14 @@ class Corrections:
             if track.number in self.anchors.shown and not track.lost
         ]
         resting = [track for track in believed if not self.anchors.moves(self.anchors.best_leaf(track))]
-        if not resting or not self.hindsight.looks:
-            return [(look.stamp, look.symbols) for look in self.hindsight.looks]
+        if not resting or not self.looks:
+            return [(look.stamp, look.symbols) for look in self.looks]
         slots = np.array([self.anchors.best_leaf(track) for track in resting], np.int64)
         best = {number: self.anchors.best_leaf(track) for number, track in self.anchors.tracks.items()}
         movers = {number for number, slot in best.items() if slot >= 0 and self.anchors.moves(slot)}
         leaves, numbers = self.anchors.leaves, [track.number for track in resting]
-        found, owners = self.hindsight.explained(
-            numbers, slots, movers, leaves, self.anchors.vocabulary.blocks, self.bias.known
-        )
+        blocks, known = self.anchors.vocabulary.blocks, self.bias.known
+        found, owners = explained(self.looks, numbers, slots, movers, leaves, blocks, known)
         shifts = found.places - leaves.rest[slots, :2]
         for track, shift in zip(resting, shifts, strict=True):
             of = self.anchors.leaves_of(track)
@@ -234,7 +237,7 @@ class Corrections:
         self.bias.take(found.constant, found.shared[-1], dict(zip(numbers, found.places, strict=True)))
         self.beliefs.show(track.cluster for track in resting)
         symbols = []
-        for look, tracks in zip(self.hindsight.looks, owners, strict=True):
+        for look, tracks in zip(self.looks, owners, strict=True):
             names = [
                 (self.anchors.tracks[now].id if now in self.anchors.tracks else None) or symbol
                 for now, symbol in zip(tracks, look.symbols, strict=True)
@@ -242,10 +245,3 @@ class Corrections:
             symbols.append((look.stamp, tuple(names)))
             look.owners, look.symbols = tracks, tuple(names)
         return symbols
-
-
-def constant_errors(sensor_bias: Sequence[float]) -> FloatArray:
-    """All constant errors (8,) of those that are stated, or the first of them."""
-    values = np.zeros(CONSTANT)
-    values[: len(sensor_bias)] = sensor_bias
-    return values

@@ -8,6 +8,7 @@ In polar coordinates about the sensor, where its errors are.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +17,8 @@ from scipy.sparse.linalg import spsolve
 
 from estimation.checks import FloatArray
 from estimation.filters.assignment import cheapest
-from world_model.anchoring.loops.leaves import IntArray
+from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.calibration.sensor_bias import (
-    ASIDE,
     CONSTANT,
     JITTER,
     PRIOR,
@@ -26,9 +26,11 @@ from world_model.calibration.sensor_bias import (
     SECONDS,
     SLOW,
     STEPS,
-    depth_share,
+    constants,
+    lines_of_sight,
     within,
 )
+from world_model.evidence import Measurements
 
 ROUNDS = 12
 SHAKEN = 3  # Times that what was found is tried to be left for something better
@@ -70,35 +72,9 @@ class Explanation:
     owner: IntArray
 
 
-def expected(places: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distances and bearings (...) of places (..., 2) from poses (..., 4), and the lines of sight (..., 2)."""
-    off = places - poses[..., :2]
-    distance = np.maximum(np.hypot(off[..., 0], off[..., 1]), 1e-3)
-    bearing = within(np.arctan2(off[..., 1], off[..., 0]) - poses[..., 3])
-    return distance, bearing, off / distance[..., None]
-
-
-def constants(distance: FloatArray, bearing: FloatArray, sight: FloatArray, rates: FloatArray) -> FloatArray:
-    """Change of range and bearing (..., 2, 8) per unit of each constant error, at distances and bearings (...) along
-    lines of sight (..., 2) of a sensor that moves at rates (..., 3)."""
-    aside = np.where(np.abs(bearing) < ASIDE, bearing, 0.0)
-    out = np.zeros((*distance.shape, 2, CONSTANT))
-    out[..., 0, 0] = 1.0
-    out[..., 0, 1] = distance
-    out[..., 0, 2] = depth_share(bearing) * distance
-    out[..., 0, 4] = aside * distance
-    out[..., 0, 7] = (sight * rates[..., :2]).sum(-1)
-    out[..., 1, 3] = 1.0
-    out[..., 1, 5] = aside
-    out[..., 1, 6] = aside**2
-    across = sight[..., 0] * rates[..., 1] - sight[..., 1] * rates[..., 0]
-    out[..., 1, 7] = across / distance + rates[..., 2]
-    return out
-
-
 def residuals(data: Sightings, found: Explanation) -> FloatArray:
     """(N, K, 2) : what is left of range and bearing if a detection is of an object, without shared errors."""
-    distance, bearing, sight = expected(found.places[None], data.poses[data.look][:, None])
+    distance, bearing, sight = lines_of_sight(found.places[None], data.poses[data.look][:, None])
     off = constants(distance, bearing, sight, data.rates[data.look][:, None]) @ found.constant
     return np.stack(
         [data.seen[:, :1] - distance - off[..., 0], within(data.seen[:, 1:] - bearing - off[..., 1])], -1
@@ -169,7 +145,7 @@ def solve(data: Sightings, found: Explanation, known: FloatArray) -> Explanation
     used = np.flatnonzero(found.owner >= 0)
     owner, look = found.owner[used], data.look[used]
     poses, n = data.poses[look], np.arange(len(used))
-    distance, bearing, sight = expected(found.places[owner], poses)
+    distance, bearing, sight = lines_of_sight(found.places[owner], poses)
     errors = constants(distance, bearing, sight, data.rates[look])
     across = np.stack([-sight[:, 1], sight[:, 0]], -1) / distance[:, None]
 
@@ -265,3 +241,63 @@ def explain(data: Sightings, found: Explanation, known: FloatArray) -> Explanati
             break
         best = shaken
     return best
+
+
+@dataclass
+class KeptLook:
+    """stamp, s; measured : M detections as they came, without their words; likelihood (M, A); owners (M,) : numbers of
+    tracks; symbols (M,) : what was said of each detection then; rate (3,) : speed of the sensor, m/s and rad/s."""
+
+    stamp: float
+    measured: Measurements
+    likelihood: FloatArray
+    owners: list[int]
+    symbols: tuple[str | None, ...]
+    rate: FloatArray
+
+
+def polar(measured: Measurements) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing of detections (M, 2) and their standard deviations."""
+    assert measured.sensor is not None
+    distance, bearing, along = lines_of_sight(measured.positions[:, :2], measured.sensor.pose)
+    across = np.stack([-along[:, 1], along[:, 0]], -1)
+    spread = measured.covariances[:, :2, :2]
+    sigma = [np.sqrt(np.einsum("ni,nij,nj->n", line, spread, line)) for line in (along, across)]
+    return np.stack([distance, bearing], -1), np.stack([sigma[0], sigma[1] / distance], -1)
+
+
+def explained(
+    looks: Sequence[KeptLook],
+    numbers: list[int],
+    slots: IntArray,
+    movers: set[int],
+    leaves: Leaves,
+    blocks: IntArray,
+    known: FloatArray,
+) -> tuple[Explanation, list[list[int]]]:
+    """Explain looks by the resting objects `numbers` (K,), leaves `slots`; returns it, and tracks by look.
+
+    Detections of `movers` stay theirs. known (8,) : calibration.
+    """
+    counts = [len(look.owners) for look in looks]
+    whose = np.concatenate([look.owners for look in looks])
+    mine = ~np.isin(whose, np.array(sorted(movers), np.int64))
+    index = np.repeat(np.arange(len(counts)), counts)[mine]
+    likelihood = np.concatenate([look.likelihood for look in looks])[mine]
+    unlike = np.zeros((len(index), len(numbers)))
+    for begin, end in blocks.tolist():
+        if end > begin:
+            factor = likelihood[:, begin:end] @ leaves.attributes[slots, begin:end].T
+            unlike -= 2.0 * np.log(factor + 1e-9)
+    stamps = np.array([look.stamp for look in looks])
+    rates = np.array([look.rate for look in looks])
+    poses = np.array([sensor.pose for look in looks if (sensor := look.measured.sensor) is not None])
+    views = zip(*(polar(look.measured) for look in looks), strict=True)
+    seen, sigma = (np.concatenate(each)[mine] for each in views)
+    data = Sightings(stamps, poses, index, seen, sigma, np.maximum(unlike, 0.0), rates)
+    column = {number: k for k, number in enumerate(numbers)}
+    owner = np.array([column.get(number, -1) for number in whose[mine].tolist()])
+    begun = Explanation(leaves.rest[slots, :2].copy(), known.copy(), np.zeros((len(counts), 2)), owner)
+    found = explain(data, begun, known)
+    whose[mine] = np.append(numbers, -1)[found.owner]
+    return found, [part.tolist() for part in np.split(whose, np.cumsum(counts)[:-1])]

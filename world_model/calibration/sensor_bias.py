@@ -36,11 +36,6 @@ JITTER = 0.02  # The same of how old a look's detections are, s
 STEPS = np.linspace(-2.0, 2.0, 9)  # Turns that are tried, in standard deviations
 
 
-def depth_share(bearing: FloatArray) -> FloatArray:
-    """Change of range per unit of depth and distance, at bearings within half a turn."""
-    return np.where(np.abs(bearing) < ASIDE, 0.5 * bearing**2, 0.0)
-
-
 def within(angle: FloatArray) -> FloatArray:
     """Angles within half a turn."""
     return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)), dtype=np.float64)
@@ -55,24 +50,38 @@ def rates(poses: FloatArray, before: FloatArray, elapsed: FloatArray) -> FloatAr
     return np.where(known[..., None], out, 0.0)
 
 
+def lines_of_sight(places: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Distances and bearings (...) of places (..., 2) from poses (..., 4), and the lines of sight (..., 2)."""
+    off = places - poses[..., :2]
+    distance = np.maximum(np.hypot(off[..., 0], off[..., 1]), 1e-3)
+    bearing = within(np.arctan2(off[..., 1], off[..., 0]) - poses[..., 3])
+    return distance, bearing, off / distance[..., None]
+
+
+def constants(distance: FloatArray, bearing: FloatArray, sight: FloatArray, rates: FloatArray) -> FloatArray:
+    """Change of range and bearing (..., 2, 8) per unit of each constant error, at distances and bearings (...) along
+    lines of sight (..., 2) of a sensor that moves at rates (..., 3)."""
+    aside = np.where(np.abs(bearing) < ASIDE, bearing, 0.0)
+    out = np.zeros((*distance.shape, 2, CONSTANT))
+    out[..., 0, 0] = 1.0
+    out[..., 0, 1] = distance
+    out[..., 0, 2] = 0.5 * aside**2 * distance
+    out[..., 0, 4] = aside * distance
+    out[..., 0, 7] = (sight * rates[..., :2]).sum(-1)
+    out[..., 1, 3] = 1.0
+    out[..., 1, 5] = aside
+    out[..., 1, 6] = aside**2
+    across = sight[..., 0] * rates[..., 1] - sight[..., 1] * rates[..., 0]
+    out[..., 1, 7] = across / distance + rates[..., 2]
+    return out
+
+
 def basis(positions: FloatArray, pose: FloatArray, rate: FloatArray | None = None) -> FloatArray:
     """Displacements (M, 2, 8) per unit of each error of positions (M, 2 or 3) seen from a pose (4,).
 
     rate (3,) : the sensor's velocity (m/s) and yaw rate (rad/s), world axes; None for one that stands.
     """
-    off = positions[:, :2] - pose[:2]
-    across = np.stack([-off[:, 1], off[:, 0]], -1)
-    distance = np.maximum(np.hypot(off[:, 0], off[:, 1]), 1e-6)
-    bearing = within(np.arctan2(off[:, 1], off[:, 0]) - pose[3])
-    aside = np.where(np.abs(bearing) < ASIDE, bearing, 0.0)[:, None]
-    out = np.zeros((len(positions), 2, CONSTANT))
-    out[:, :, 0] = off / distance[:, None]
-    out[:, :, 1] = off
-    out[:, :, 2] = depth_share(bearing)[:, None] * off
-    out[:, :, 3] = across
-    out[:, :, 4] = aside * off
-    out[:, :, 5] = aside * across
-    out[:, :, 6] = aside**2 * across
-    if rate is not None:
-        out[:, :, 7] = rate[:2] + rate[2] * across
-    return out
+    distance, bearing, sight = lines_of_sight(positions[:, :2], pose)
+    change = constants(distance, bearing, sight, np.zeros(3) if rate is None else rate)
+    across = np.stack([-sight[:, 1], sight[:, 0]], -1) * distance[:, None]
+    return sight[:, :, None] * change[:, :1] + across[:, :, None] * change[:, 1:]

@@ -42,12 +42,6 @@ class SensorFilter:
         self.numbers: tuple[int, ...] = ()
         self.stamp: float | None = None
 
-    def copy(self) -> SensorFilter:
-        """One that can go on otherwise."""
-        other = SensorFilter.__new__(SensorFilter)
-        other.__dict__.update(self.__dict__)
-        return other
-
     @property
     def places(self) -> FloatArray:
         """(K, 2) m."""

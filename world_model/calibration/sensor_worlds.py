@@ -7,6 +7,7 @@ together.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -160,7 +161,7 @@ class SensorWorlds:
             said = said or numbers
             if last in kept:
                 continue
-            filter = parent.filter.copy()
+            filter = copy(parent.filter)
             R = seen.R * scale[:, None, None]
             old, new = np.flatnonzero(owner >= 0), np.flatnonzero(owner < 0)
             if len(old):

@@ -14,8 +14,7 @@ from pathlib import Path
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.geometry.places import Places
-from world_model.behaviors import motion_of
-from world_model.config import WorldModelConfig
+from world_model.config import WorldModelConfig, motion_of
 from world_model.kept_file import read_kept, set_aside, write_kept
 from world_model.memory.courses import PlaceWords, courses_of, days_moved, routines_of
 from world_model.memory.routines import FEWEST_DAYS, Routines, RoutinesConfig

@@ -31,9 +31,21 @@ from world_model.memory.store_format import (
     StoreTable,
     summed,
 )
-from world_model.memory.store_places import EVENT, KEPT, NAME, RUN, places_row, places_text
 from world_model.memory.store_records import HistoryEntry, Memory, Records
-from world_model.memory.store_rows import Written, attributes_text, decode, encode, event, is_drift
+from world_model.memory.store_rows import (
+    EVENT,
+    KEPT,
+    NAME,
+    RUN,
+    Written,
+    attributes_text,
+    decode,
+    encode,
+    event,
+    is_drift,
+    places_row,
+    places_text,
+)
 from world_model.state import WorldObject, WorldState
 
 __all__ = ["HistoryEntry", "Memory", "Store", "StoreError"]

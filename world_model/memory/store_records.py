@@ -13,8 +13,7 @@ import numpy as np
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.memory.store_file import StoreFile
 from world_model.memory.store_format import StoreClock
-from world_model.memory.store_places import EVENT, NAME, RUN, places_of
-from world_model.memory.store_rows import COLUMNS, Written, decode
+from world_model.memory.store_rows import COLUMNS, EVENT, NAME, RUN, Written, decode, places_of
 from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
@@ -92,19 +91,13 @@ class Records:
             self._execute("SELECT epoch, first_stamp, last_stamp FROM epochs WHERE epoch >= 0 ORDER BY epoch")
         )
 
-    def epoch_at(self, stamp: float) -> int | None:
-        """The newest run that had begun by `stamp`; None before all of them."""
-        run: int | None = self._value(
-            "SELECT max(epoch) FROM epochs WHERE first_stamp <= ? AND epoch >= 0", stamp
-        )
-        return run
-
     def objects_at(self, stamp: float, epoch: int | None = None) -> list[WorldObject]:
         """All objects as they were known at `stamp`, of the newest run that had begun by then or of `epoch`.
 
         Covariances have grown by the process noise since the last row.
         """
-        run = self.epoch_at(stamp) if epoch is None else epoch
+        begun = "SELECT max(epoch) FROM epochs WHERE first_stamp <= ? AND epoch >= 0"
+        run = self._value(begun, stamp) if epoch is None else epoch
         rows = self._execute(
             f"SELECT o.id, h.stamp, h.event, {COLUMNS} FROM objects o JOIN history h ON h.row = "
             "(SELECT row FROM history WHERE key = o.key AND stamp <= ? ORDER BY stamp DESC, row DESC LIMIT 1) "

@@ -9,6 +9,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.geometry.places import Place
+from estimation.geometry.polygons import outline_distance
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed
 from world_model.questions.moments import Span
 from world_model.questions.naming import (
@@ -231,12 +232,7 @@ def _at(place: Place, positions: FloatArray) -> Any:
     inside = place.contains(positions[:, :2])
     if place.kind == "room" or not len(positions):
         return inside
-    corners = place.polygon
-    along = np.roll(corners, -1, axis=0) - corners
-    offset = positions[:, None, :2] - corners
-    share = np.clip((offset * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0.0, 1.0)
-    apart = np.linalg.norm(offset - share[..., None] * along, axis=-1).min(1)
-    return inside | (apart <= BESIDE)
+    return inside | (outline_distance(place.polygon, positions[:, :2]) <= BESIDE)
 
 
 def _joined(name: str, stamps: FloatArray) -> list[Visit]:

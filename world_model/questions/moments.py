@@ -138,14 +138,15 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
         if more and not re.search(_DAY, f"{first} {last}"):
             rest, first, last = _without(rest, more), f"{first} {more[0]}", f"{last} {more[0]}"
         return rest, _between(first, last, found[0], now), "between"
-    found = _longest(text)
+    # The longest time, the last of these; a bare number behind "since" is one where no other is as long.
+    found = max(_FOUND.finditer(text), key=lambda each: (len(each[0]), each.start()), default=None)
     if found is None:
         return text, None, ""
     phrase, word = found["phrase"] or found["bare"], found["word"] or found["bare_word"] or ""
     span = moment(phrase, now)
     if word == "after":  # "after lunch yesterday" is of that day
         day = re.search(_DAY, phrase) and re.search(f"{_PART}|{_CLOCK}", phrase)
-        midnight = _stamp(_midnight(datetime.fromtimestamp(span.start)) + timedelta(days=1))
+        midnight = (_midnight(datetime.fromtimestamp(span.start)) + timedelta(days=1)).timestamp()
         span, word = Span(min(span.end, now), min(midnight, now) if day else now, span.words), "since"
     elif word in ("since", "after", "from"):
         span, word = Span(span.start, now, span.words), "since"
@@ -192,11 +193,6 @@ def _between(first: str, last: str, words: str, now: float) -> Span:
     return Span(start, end, words)
 
 
-def _longest(text: str) -> re.Match[str] | None:
-    """The longest time in a text, the last of these; a bare number behind "since" is one where no other is as long."""
-    return max(_FOUND.finditer(text), key=lambda found: (len(found[0]), found.start()), default=None)
-
-
 def _without(text: str, found: re.Match[str]) -> str:
     return " ".join(f"{text[: found.start()]} {text[found.end() :]}".replace(" ,", ",").split()).strip(" ,")
 
@@ -204,13 +200,9 @@ def _without(text: str, found: re.Match[str]) -> str:
 def _span(reader: Reader, text: str, now: float) -> Span:
     try:
         start, end = reader(text, datetime.fromtimestamp(now))
-        return Span(_stamp(start), _stamp(end), text)
+        return Span(start.timestamp(), end.timestamp(), text)
     except (ValueError, OverflowError, OSError) as error:
         raise InputError(f'no time: "{clean(text)}": {error}') from error
-
-
-def _stamp(at: datetime) -> float:
-    return at.timestamp()
 
 
 def _at(stamp: float) -> Pair:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.geometry.polygons import outline_distance
 from world_model.questions.answers import Answer, NothingKnownError, NotUnderstoodError, clean, clock, listed
 from world_model.questions.moments import Span
 from world_model.questions.naming import at_the, described, one_named, place_named, spoken
@@ -41,13 +42,13 @@ def what_is_near(world: Recall, what: str, when: str | float | Span | None = Non
     if mine is None:
         return where_is(world, name) if when is None else where_was(world, name, when)
     found: list[tuple[float, str, float]] = []
-    for other in _others(world, when is None):
+    for other in world.heads(world.present) if when is None else world.things():
         spot = None if other == name else _spot(world, other, stamp)
         if spot is None or not _together(world, mine.place, spot.place) or spot.place == center:
             continue
         away = float(np.linalg.norm(spot.position - mine.position))
         if center:
-            away = _to_outline(world.places[center].polygon, spot.position[:2])
+            away = float(outline_distance(world.places[center].polygon, spot.position[:2]))
         found.append((away, other, spot.p))
     found.sort()
     subject = spoken(world, center).partition(" ")[2] if center else described(world, name)
@@ -104,10 +105,6 @@ def _furniture(world: Recall, what: str, error: NothingKnownError) -> str:
     return place
 
 
-def _others(world: Recall, now: bool) -> list[str]:
-    return world.heads(world.present) if now else world.things()
-
-
 def _spot(world: Recall, name: str, stamp: float) -> _Spot | None:
     """None where it is believed to be nowhere."""
     line = line_at(world, name, stamp)
@@ -126,10 +123,3 @@ def _together(world: Recall, first: str, second: str) -> bool:
         for name in (first, second)
     ]
     return not all(rooms) or bool(rooms[0] & rooms[1])
-
-
-def _to_outline(polygon: FloatArray, point: FloatArray) -> float:
-    """Metres from a point (2,) to the nearest edge of corners (N, 2)."""
-    along = np.roll(polygon, -1, axis=0) - polygon
-    share = np.clip(((point - polygon) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
-    return float(np.linalg.norm(polygon + share[:, None] * along - point, axis=1).min())

@@ -6,7 +6,6 @@ import itertools
 import json
 import math
 import re
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -32,7 +31,6 @@ LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
 PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
 BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
-KEPT = 256
 NEWEST = 400  # Rows of an object's history that a question about the present reads
 RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
 AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
@@ -80,13 +78,12 @@ class Life(NamedTuple):
 
 @dataclass(frozen=True)
 class Timeline:
-    """The stays of one object, oldest first. lost : nobody knows where it is now. since : s, under this id.
-    cut : whether there is more of it, before these stays, that was not read."""
+    """The stays of one object, oldest first. lost : nobody knows where it is now. cut : whether there is more of it,
+    before these stays, that was not read."""
 
     id: str
     stays: tuple[ObjectStay, ...]
     lost: bool
-    since: float = math.inf
     cut: bool = False
 
     @property
@@ -161,68 +158,6 @@ class Timeline:
         return spent
 
 
-class Links:
-    """Which ids are of one object."""
-
-    def __init__(self, recall: Recall) -> None:
-        self._recall = recall
-
-    def of(self, kind: str) -> dict[str, tuple[str, float]]:
-        """For ids of a class that ended the id that goes on, with its probability."""
-        if kind == PERSON or not kind or self._recall.store is None:
-            return {}
-        return self._recall.once(f"links {kind}", lambda: self._made(kind))
-
-    def _made(self, kind: str) -> dict[str, tuple[str, float]]:
-        lives = self._lives(kind)
-        links = _linked(lives)
-        self._doubles(lives, links)
-        return links
-
-    def _doubles(self, lives: list[Life], links: dict[str, tuple[str, float]]) -> None:
-        """What ended where another one like it is from then on was that one, with an id of its own for a while."""
-        doubles: set[str] = set()
-        for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
-            stays = self._recall.read(life.id, self._recall.epoch).stays
-            likes = [
-                other
-                for other in lives
-                if other.id != life.id
-                and other.first <= life.last <= other.last
-                and likeness(life.attributes, other.attributes) >= LOOKS_ALIKE
-            ]
-            for other in likes if stays else ():
-                there = self._recall.read(
-                    other.id, self._recall.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY
-                ).stays
-                apart = [np.linalg.norm(stay.position[:2] - stays[-1].position[:2]) for stay in there]
-                if apart and min(apart) < APART and other.id not in doubles:
-                    links[life.id] = (other.id, SAME)
-                    doubles.add(life.id)
-                    break
-        self._recall.doubles |= doubles
-
-    def _lives(self, kind: str) -> list[Life]:
-        assert self._recall.store is not None
-        lives = []
-        for name, first, last, text in self._recall.store.lives(f"{kind}-"):
-            item = self._recall.present.get(name)
-            ended = item is None or item.lost
-            if last - first > 0.0 or not ended:
-                lives.append(Life(name, first, last, ended, _attributes(text)))
-        return sorted(lives, key=lambda life: life.first)
-
-    def before(self, object_id: str) -> list[str]:
-        """Earlier ids of an object, the newest first."""
-        links = self.of(self._recall.kind(object_id))
-        previous = {after: name for name, (after, _) in links.items() if name not in self._recall.doubles}
-        found = []
-        while object_id in previous:
-            object_id = previous[object_id]
-            found.append(object_id)
-        return found
-
-
 @dataclass
 class Recall:
     """The world as a store or a model remembers it, for questions.
@@ -237,7 +172,6 @@ class Recall:
     symbols: Symbols
     store: Store | None = None
     sequence: int = -1
-    _timelines: OrderedDict[tuple[str, int], Timeline] = field(default_factory=OrderedDict, repr=False)
     kept: dict[str, Any] = field(default_factory=dict, repr=False)
     doubles: set[str] = field(default_factory=set, repr=False)
 
@@ -265,10 +199,6 @@ class Recall:
         places = model.places or (model.store.places() if model.store is not None else Places())
         present = {item.id: item for item in objects}
         return cls(now, model.epoch, present, places, model.words.symbols, model.store)
-
-    @property
-    def _links(self) -> Links:
-        return Links(self)
 
     @cached_property
     def epochs(self) -> dict[str, int]:
@@ -312,27 +242,71 @@ class Recall:
         What was carried out of sight may have another id where it is found again: what looks like something that went,
         and came since, is taken for it.
         """
-        links = self._links.of(self.kind(object_id))
+        links = self._links(self.kind(object_id))
         certain = 1.0
         while object_id in links:
             object_id, share = links[object_id]
             certain *= share
         return object_id, certain
 
+    def _links(self, kind: str) -> dict[str, tuple[str, float]]:
+        """For ids of a class that ended the id that goes on, with its probability."""
+        if kind == PERSON or not kind or self.store is None:
+            return {}
+        return self.once(f"links {kind}", lambda: self._linked(self._lives(kind)))
+
+    def _linked(self, lives: list[Life]) -> dict[str, tuple[str, float]]:
+        """As `_followed`, and what ended where another one like it is from then on was that one, with an id of its own
+        for a while."""
+        links = _followed(lives)
+        doubles: set[str] = set()
+        for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
+            stays = self.read(life.id, self.epoch).stays
+            for other in lives if stays else ():
+                if other.id == life.id or other.id in doubles or not other.first <= life.last <= other.last:
+                    continue
+                if likeness(life.attributes, other.attributes) < LOOKS_ALIKE:
+                    continue
+                there = self.read(other.id, self.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY).stays
+                spot = stays[-1].position[:2]
+                if any(np.linalg.norm(stay.position[:2] - spot) < APART for stay in there):
+                    links[life.id] = (other.id, SAME)
+                    doubles.add(life.id)
+                    break
+        self.doubles |= doubles
+        return links
+
+    def _lives(self, kind: str) -> list[Life]:
+        assert self.store is not None
+        lives = []
+        for name, first, last, text in self.store.lives(f"{kind}-"):
+            item = self.present.get(name)
+            ended = item is None or item.lost
+            if last - first > 0.0 or not ended:
+                lives.append(Life(name, first, last, ended, _attributes(text)))
+        return sorted(lives, key=lambda life: life.first)
+
+    def _before(self, object_id: str) -> list[str]:
+        """Earlier ids of an object, the newest first."""
+        links = self._links(self.kind(object_id))
+        previous = {after: name for name, (after, _) in links.items() if name not in self.doubles}
+        found = []
+        while object_id in previous:
+            object_id = previous[object_id]
+            found.append(object_id)
+        return found
+
     def timeline(self, object_id: str, epoch: int | None = None) -> Timeline:
         """The stays of an object, {} where it is unknown."""
         run = self.epochs.get(object_id, self.epoch) if epoch is None else epoch
         name = self.individual(object_id)[0] if run == self.epoch else object_id
-        key = (name, run)
-        if key not in self._timelines:
-            line = self.read(name, run)
-            if run == self.epoch:
-                for before in self._links.before(name):
-                    line = _joined(self.read(before, run), line)
-            self._timelines[key] = line
-            if len(self._timelines) > KEPT:
-                self._timelines.popitem(last=False)
-        return self._timelines[key]
+        return self.once(f"timeline {name} {run}", lambda: self._whole(name, run))
+
+    def _whole(self, name: str, run: int) -> Timeline:
+        line = self.read(name, run)
+        for before in self._before(name) if run == self.epoch else ():
+            line = _joined(self.read(before, run), line)
+        return line
 
     def has_changed(self, object_id: str) -> bool:
         """Whether an object looks otherwise than when it was first seen: others may have changed places with it."""
@@ -357,8 +331,8 @@ class Recall:
         most : rows of history to read.
         """
         name = self.individual(object_id)[0]
-        if (name, self.epoch) in self._timelines:
-            return self._timelines[name, self.epoch]
+        if f"timeline {name} {self.epoch}" in self.kept:
+            return self.timeline(name)
         line = self.once(f"latest {name} {most}", lambda: self.read(name, self.epoch, most=most))
         return line if line.cut and line.stays else self.timeline(name)
 
@@ -366,7 +340,8 @@ class Recall:
         """The part of an object's timeline around a span of time, from where it was seen last before that on, with that
         of its earlier ids."""
         name = self.individual(object_id)[0]
-        if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
+        known = f"timeline {name} {self.epoch}" in self.kept
+        if known or start - AROUND < 0.0 or not math.isfinite(start):
             return self.timeline(name)
         until = math.inf if end + AROUND >= self.now else end + AROUND
         return self.once(f"window {name} {start} {until}", lambda: self._around(name, start, until))
@@ -377,7 +352,7 @@ class Recall:
             # It was not looked at for long before: from when it was seen last.
             earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
             known = self.read(name, self.epoch, earlier[0][0], until) if earlier else known
-        for before in self._links.before(name):
+        for before in self._before(name):
             if known.stays and known.stays[0].since <= start:
                 break
             known = _joined(self.read(before, self.epoch, start - AROUND, until), known)
@@ -397,7 +372,7 @@ class Recall:
     def names_of(self, object_id: str) -> list[str]:
         """The newest id of an object, then its earlier ones."""
         name = self.individual(object_id)[0]
-        return [name, *self._links.before(name)]
+        return [name, *self._before(name)]
 
     def read(
         self, object_id: str, run: int, start: float = -math.inf, end: float = math.inf, most: int = -1
@@ -422,8 +397,7 @@ class Recall:
             positions = np.vstack([positions[:1], positions])
         words = self.words(positions)
         stays = _stays(stamps, here, seen, positions, words)
-        first = stays[0].since if stays else math.inf
-        return Timeline(object_id, stays, not here[-1] if here else True, first, cut)
+        return Timeline(object_id, stays, not here[-1] if here else True, cut)
 
     def words(self, positions: FloatArray) -> list[str]:
         """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
@@ -464,7 +438,7 @@ class Recall:
 _attributes = lru_cache(4096)(json.loads)
 
 
-def _linked(lives: list[Life]) -> dict[str, tuple[str, float]]:
+def _followed(lives: list[Life]) -> dict[str, tuple[str, float]]:
     """Each that begins with the one like it that ended last before that; lives in order of their beginning."""
     links: dict[str, tuple[str, float]] = {}
     open_ends: list[Life] = []

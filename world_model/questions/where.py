@@ -33,7 +33,7 @@ from world_model.questions.naming import (
     things_named,
 )
 from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
-from world_model.state import BELIEVED, PERSON
+from world_model.state import BELIEVED, PERSON, most_probable
 
 TWIN, SWAPPED = 0.85, 0.5
 """That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
@@ -141,7 +141,7 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
         )
     if kind == "where_is" and (line.lost or not chances):
         return _missing(world, name, line, stay, stamp)
-    place = max(chances, key=lambda each: chances[each], default="")
+    place = most_probable(chances)
     certain = chances.get(place, 0.0)
     item = world.present.get(line.id)
     if kind == "where_is" and item is not None:
@@ -195,20 +195,8 @@ def _identity(world: Recall, line: Timeline, twins: list[str]) -> float:
     if any(each.cut for each in lines):
         return SWAPPED  # in all the time that was not read they may have been
     mine, *others = map(_gaps, lines)
-    return SWAPPED if any(_overlap(mine, gaps) for gaps in others) else TWIN
-
-
-def _overlap(mine: list[tuple[float, float]], others: list[tuple[float, float]]) -> bool:
-    """Whether a span of one list overlaps one of another, both in order of time."""
-    first = second = 0
-    while first < len(mine) and second < len(others):
-        if mine[first][0] < others[second][1] and others[second][0] < mine[first][1]:
-            return True
-        if mine[first][1] <= others[second][1]:
-            first += 1
-        else:
-            second += 1
-    return False
+    both = any(a < d and c < b for gaps in others for c, d in gaps for a, b in mine)
+    return SWAPPED if both else TWIN
 
 
 def _gaps(line: Timeline) -> list[tuple[float, float]]:
@@ -253,7 +241,7 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     else:
         usual = usual_places(world, name)
         usual.pop(stay.place, None)
-        guess = max(usual, key=lambda place: usual[place], default="")
+        guess = most_probable(usual)
         sentence += f"; it is often {spoken(world, guess)}" if guess else ""
     probability = 0.55 if back else may.out
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
@@ -551,7 +539,7 @@ def _elsewhere(world: Recall, name: str, stamp: float) -> str:
     chances = _chances(world, line_at(world, name, stamp), stamp)
     if sum(chances.values()) < BELIEVED:
         return "at no place that I know"
-    return spoken(world, max(chances, key=lambda each: chances[each]))
+    return spoken(world, most_probable(chances))
 
 
 def how_many(world: Recall, what: str, place: str = "", when: str | float | Span | None = None) -> Answer:

@@ -123,13 +123,8 @@ def _each(rules: Iterable[tuple[str, str]], text: str) -> str:
 
 def is_swapped(word: str, other: str) -> bool:
     """Whether two neighbouring letters are all in which two words of one length differ."""
-    apart = [index for index, (a, b) in enumerate(zip(word, other, strict=True)) if a != b]
-    return (
-        len(apart) == 2
-        and apart[1] == apart[0] + 1
-        and word[apart[0]] == other[apart[1]]
-        and word[apart[1]] == other[apart[0]]
-    )
+    pairs = range(len(word) - 1)
+    return word != other and any(word[:k] + word[k + 1] + word[k] + word[k + 2 :] == other for k in pairs)
 
 
 SAME = (

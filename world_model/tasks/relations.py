@@ -226,7 +226,7 @@ class Relations:
         norm = sum(joint.values())
         return {name: value / norm for name, value in joint.items()} if norm > 0.0 else {}
 
-    def room_probability(self, name: str, room: str) -> float:
+    def _in_room(self, name: str, room: str) -> float:
         """p(name | room): the share of the room's frames that show it, smoothed as (5.1)."""
         number = max(len(self._index), 1)
         at = self._index.get(self.unified(name))
@@ -236,7 +236,7 @@ class Relations:
 
     def rooms(self, target: str, among: Sequence[str]) -> dict[str, float]:
         """p(room | target) over room types, by Bayes' law with equal priors; sums to one."""
-        likelihood = {room: self.room_probability(target, room) for room in among}
+        likelihood = {room: self._in_room(target, room) for room in among}
         norm = sum(likelihood.values())
         return {room: value / norm for room, value in likelihood.items()} if norm > 0.0 else {}
 

@@ -212,11 +212,6 @@ class ObjectSearch:
         self._looked: set[str] = set()
         self._step: SearchStep | None = None
 
-    @property
-    def dead_ends(self) -> tuple[str, ...]:
-        """Objects that were reached in vain (F)."""
-        return tuple(self._dead)
-
     def tried(self, name: str, spot: npt.ArrayLike) -> bool:
         """Whether the object of this name at a place (2,) or (3,) is a dead end; one elsewhere is another."""
         place = as_vectors("spot", spot, 2, 3)[:2]

@@ -7,24 +7,23 @@ from __future__ import annotations
 
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote
 
 from nav_msgs.srv import GetMap
 from std_srvs.srv import Empty
 
 from estimation.errors import InputError
+from whereabouts.nodes.mapping.map_editing import Mapping
 from whereabouts.nodes.mapping.map_files import MapFiles
-
-if TYPE_CHECKING:
-    from whereabouts.nodes.loop_closure_node import LoopClosureNode
+from whereabouts.nodes.ros.base import SuiteNode
 
 
 class Nav2Maps:
     """nav2's services of a map; files are named as in the node's own services, and as safe."""
 
-    def __init__(self, node: LoopClosureNode, files: MapFiles) -> None:
-        self._node, self._files = node, files
+    def __init__(self, node: SuiteNode, mapping: Mapping, files: MapFiles) -> None:
+        self._node, self._mapping, self._files = node, mapping, files
         node.add_service(GetMap, "map_server/map", self._get)
         node.add_service(Empty, "reinitialize_global_localization", self._look)
         try:
@@ -42,11 +41,11 @@ class Nav2Maps:
             node.add_service(kind, name, answer)
 
     def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
-        response.map = self._node.map_now()
+        response.map = self._mapping.map_now()
         return response
 
     def _look(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
-        self._node.look_anew()
+        self._mapping.look_anew()
         return response
 
     def _save(self, request: Any, response: Any) -> Any:
@@ -89,7 +88,7 @@ class Nav2Maps:
             return response
         response.result = response.RESULT_SUCCESS
         with suppress(InputError):  # there is no image of clouds
-            response.map = self._node.map_now()
+            response.map = self._mapping.map_now()
         return response
 
     def _complain(self, problem: str) -> None:

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.anchoring.loops.kernels import inverse_3x3, log_gauss, step
+from world_model.anchoring.loops.kernels import inverse_3x3, log_gauss
 from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
 
 MERGED = 0.3  # that two movers at the same place, told apart at the last look, are detected as one
@@ -29,14 +29,12 @@ AT_ONCE = 3  # events in one child
 class Movers(NamedTuple):
     """N leaves that may be detected as one. present (N,) : probability of being there, 0 of what never shares; centres
     (N, 3), spreads (N, 3, 3) : predicted positions; together (N,) : looks for which they have been detected with
-    another; common (N, 3, 3) : covariance of the centre of their group then. reach : distance, m, at which a detector
-    ceases to tell two objects apart."""
+    another. reach : distance, m, at which a detector ceases to tell two objects apart."""
 
     present: FloatArray
     centres: FloatArray
     spreads: FloatArray
     together: IntArray
-    common: FloatArray
     reach: float
 
 
@@ -91,24 +89,14 @@ def group_weight(members, size, j, local, touching, seen, movers):  # type: igno
             return -np.inf
         joined[at] = True
         weight += np.log(best)
-    centres, common = movers.centres, movers.common
+    centres = movers.centres
     centre = np.zeros(3)
     S, inverse = seen.covariances[j].copy(), np.empty((3, 3))
-    known = False
-    for p in range(size):
-        if common[local[members[p]], 0, 0] > 0.0:
-            # One that was in a group stays in it: where that is, is known better than who is where in it.
-            for a in range(3):
-                for b in range(3):
-                    S[a, b] += common[local[members[p]], a, b]
-            known = True
-            break
     for p in range(size):
         for a in range(3):
             centre[a] += centres[local[members[p]], a] / size
             for b in range(3):
-                if not known:
-                    S[a, b] += movers.spreads[local[members[p]], a, b] / size**2
+                S[a, b] += movers.spreads[local[members[p]], a, b] / size**2
     for p in range(size):
         x = centres[local[members[p]]]
         for a in range(3):
@@ -239,14 +227,14 @@ def combinations(members, row, gains):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def resolved_weight(touching, chosen, local, missing, seen, movers):  # type: ignore[no-untyped-def]
+def resolved_weight(touching, chosen, local, missing):  # type: ignore[no-untyped-def]
     """Log weight of how leaves in contact were told apart; chosen (n,) : detection, -1 missed, or alike for a group.
 
     Those detected as one have it in the weight of their group. Of two that are missed only one may have been there to
-    see. Of two that part, the centre is known better than each of them.
+    see.
     """
     total = 0.0
-    n, M = local.size, seen.log_new.size
+    n = local.size
     for x in range(n):
         for y in range(x + 1, n):
             value = touching[x, y]
@@ -257,27 +245,7 @@ def resolved_weight(touching, chosen, local, missing, seen, movers):  # type: ig
                 total += np.log(value * np.exp(-lower) + 1.0 - value)
                 continue
             total += np.log(1.0 - value)
-            a, b = local[x], local[y]
-            parts = chosen[x] >= 0 and chosen[y] >= 0 and chosen[x] < M and chosen[y] < M
-            if parts and movers.together[a] > 0 and movers.together[b] > 0:
-                total += _parting(a, b, chosen[x], chosen[y], seen, movers)
     return total
-
-
-@numba.njit(cache=True)
-def _parting(a, b, i, j, seen, movers):  # type: ignore[no-untyped-def]
-    """How much likelier detections i and j of two that part are, as their centre is known by a filter of its own."""
-    off, known, spread, inverse = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    for p in range(3):
-        off[p] = 0.5 * (
-            seen.positions[i, p] + seen.positions[j, p] - movers.centres[a, p] - movers.centres[b, p]
-        )
-        for q in range(3):
-            noise = 0.25 * (seen.covariances[i, p, q] + seen.covariances[j, p, q])
-            known[p, q] = 0.5 * (movers.common[a, p, q] + movers.common[b, p, q]) + noise
-            spread[p, q] = 0.25 * (movers.spreads[a, p, q] + movers.spreads[b, p, q]) + noise
-    well = log_gauss(off[0], off[1], off[2], known, inverse)
-    return well - log_gauss(off[0], off[1], off[2], spread, inverse)
 
 
 @numba.njit(cache=True)
@@ -285,49 +253,38 @@ def correct_shared(leaves, i, slots, group, z, R, stamp):  # type: ignore[no-unt
     """Correct a mover with a detection of the whole group that it is in, in place.
 
     group : indices of slots (not changed yet), filled up with -1. The detection says where the group is and nothing
-    about who is where in it: all are moved alike, by the gain of a filter of their centre, and their covariances stay
-    as they are. So the covariance of the difference of two, the sum of theirs, is what it is without these detections,
-    and who is who when they part is decided on what is known.
+    about who is where in it: all are moved alike, by the gain of their centre, and their covariances stay as they are.
+    So the covariance of the difference of two, the sum of theirs, is what it is without these detections, and who is
+    who when they part is decided on what is known.
     """
-    S, inverse, centre = np.empty((3, 3)), np.empty((3, 3)), np.zeros(3)
-    C = leaves.common[i]
-    size, spread = 0, 0.0
+    size, spread, centre = 0, 0.0, np.zeros(3)
+    CH, S, inverse, off = np.zeros((6, 3)), R.copy(), np.empty((3, 3)), np.empty(3)
     for g in group:
         size += g >= 0
-    if leaves.together[i] == 0:
-        C[:, :] = 0.0
     for g in group:
         if g < 0:
             continue
-        other = slots[g]
-        for a in range(3):
-            centre[a] += leaves.moving[other, a] / size
-            spread += leaves.moving_cov[other, a, a] / size
-        if leaves.together[i] == 0:
-            for a in range(6):
-                for b in range(6):
-                    C[a, b] += leaves.moving_cov[other, a, b] / size**2
-    for a in range(3):
         for b in range(3):
-            S[a, b] = C[a, b] + R[a, b]
+            centre[b] += leaves.moving[slots[g], b] / size
+            spread += leaves.moving_cov[slots[g], b, b] / size
+            for a in range(6):
+                CH[a, b] += leaves.moving_cov[slots[g], a, b] / size**2
+    for a in range(3):
+        off[a] = z[a] - centre[a]
+        for b in range(3):
+            S[a, b] += CH[a, b]
     for g in group:
-        if g >= 0:
-            for a in range(3):
-                for b in range(3):
-                    off = (leaves.moving[slots[g], a] - centre[a]) * (leaves.moving[slots[g], b] - centre[b])
-                    S[a, b] += SCATTER * off / size
+        if g < 0:
+            continue
+        x = leaves.moving[slots[g]]
+        for a in range(3):
+            for b in range(3):
+                S[a, b] += SCATTER * (x[a] - centre[a]) * (x[b] - centre[b]) / size
     inverse_3x3(S, inverse)
-    CH, off, P = np.empty((6, 3)), np.empty(3), leaves.moving_cov[i]
-    for b in range(3):
-        off[b] = z[b] - centre[b]
-        for a in range(6):
-            CH[a, b] = C[a, b]
-    gain = CH @ inverse
-    moved = gain @ off
+    P, moved = leaves.moving_cov[i], CH @ inverse @ off
     for a in range(6):
         # Who is known less well is moved more.
-        moved[a] *= (P[0, 0] + P[1, 1] + P[2, 2]) / spread
-    step(leaves.moving[i], C, moved, gain @ CH.T)
+        leaves.moving[i, a] += moved[a] * (P[0, 0] + P[1, 1] + P[2, 2]) / spread
     leaves.together[i] += 1
     here = leaves.behavior[i, REST] + leaves.behavior[i, MOVING]
     if here > 0.0:

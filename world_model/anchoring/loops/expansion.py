@@ -186,7 +186,7 @@ def _add_children(parent, k, missing, seen, movers, threshold, children, counts,
                     chosen[rest_columns[solution[r]]] = parent.used[rest_rows[r]]
             if touch:
                 _share(parent, sets[number], events, event_row, M, children.groups, counts, chosen)
-                weight += resolved_weight(parent.touching, chosen, parent.local, missing, seen, movers)
+                weight += resolved_weight(parent.touching, chosen, parent.local, missing)
                 if weight < best - threshold:
                     continue
             best = max(best, weight)

@@ -30,7 +30,7 @@ class Leaves(NamedTuple):
     hits (L,) : detections. missed (L,) : clear looks without detection since the last. track (L,) : owner.
     values, variances (L, Q) : Gaussians over quantities, a variance below zero where nothing was measured.
     said (L,) : index of the look's detection that it took in, -1 for none. together (L,) : looks in which it shared its
-    detection with another leaf, since it last had one alone; common (L, 6, 6) : covariance of their centre meanwhile.
+    detection with another leaf, since it last had one alone.
     strain (L,) : squared Mahalanobis distance of late detections from where a mover was expected, fading mean;
     negative for what does not walk, or whose motion has turns.
     """
@@ -52,7 +52,6 @@ class Leaves(NamedTuple):
     values: FloatArray
     variances: FloatArray
     said: IntArray
-    common: FloatArray
     together: IntArray
     strain: FloatArray
 
@@ -60,7 +59,7 @@ class Leaves(NamedTuple):
 def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
     """Storage for `size` leaves."""
     filters = ((3,), (3, 3), (3,), (6,), (6, 6), (4,))
-    values = (attributes,), (), (), (), (), (), (quantities,), (quantities,), (), (6, 6), (), ()
+    values = (attributes,), (), (), (), (), (), (quantities,), (quantities,), (), (), ()
     made = Leaves(*(np.zeros((size, *shape)) for shape in (*filters, (), (), *values)))
     whole = {
         name: np.full(size, start)

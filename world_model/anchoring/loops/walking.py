@@ -11,12 +11,6 @@ def flow(x, P, dt, q):  # type: ignore[no-untyped-def]
     """Constant velocity over dt with white acceleration of density q, in place."""
     for a in range(3):
         x[a] += dt * x[a + 3]
-    spread_out(P, dt, q)
-
-
-@numba.njit(cache=True)
-def spread_out(P, dt, q):  # type: ignore[no-untyped-def]
-    """Covariance of constant velocity over dt with white acceleration of density q, in place."""
     for a in range(3):
         for b in range(3):
             P[a, b] += dt * (P[a + 3, b] + P[a, b + 3]) + dt * dt * P[a + 3, b + 3]
@@ -40,12 +34,9 @@ def walk(leaves, i, dt, q, turning):  # type: ignore[no-untyped-def]
     A heading that diffuses leaves the speed as it is: dv = -turning²/2 v dt + turning v⊥ dW. The noise across enters
     mean and covariance by E[|v|² I - v v'] alone, so that they follow from those before.
     """
-    x, P, C = leaves.moving[i], leaves.moving_cov[i], leaves.common[i]
-    together = leaves.together[i] > 0
+    x, P = leaves.moving[i], leaves.moving_cov[i]
     if turning <= 0.0:
         flow(x, P, dt, q)
-        if together:
-            spread_out(C, dt, 0.5 * q)
         return
     fade = 0.5 * turning * turning
     slower = np.exp(-fade * dt)
@@ -73,16 +64,10 @@ def walk(leaves, i, dt, q, turning):  # type: ignore[no-untyped-def]
         x[a] = ahead[a]
         for b in range(6):
             P[a, b] = spread[a, b]
-    if together:
-        spread = F @ C @ F.T
-        for a in range(6):
-            for b in range(6):
-                C[a, b] = spread[a, b]
     for a in range(3):
         for b in range(3):
             n = noise[a, b]
-            for T, share in ((P, 1.0), (C, 0.5 if together else 0.0)):
-                T[a, b] += share * n * place
-                T[a, b + 3] += share * n * both
-                T[b + 3, a] += share * n * both
-                T[a + 3, b + 3] += share * n * twice
+            P[a, b] += n * place
+            P[a, b + 3] += n * both
+            P[b + 3, a] += n * both
+            P[a + 3, b + 3] += n * twice

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from world_model.tasks.maintenance_printed import PrintedRule, actions, entropy, expected, simulate
+from evaluation.maintenance.maintenance_printed import PrintedRule, actions, entropy, expected, simulate
 
 RULE = PrintedRule(threshold=2.0, speed=0.5, time_step=1.0)
 
