@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import re
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -31,6 +32,7 @@ LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
 PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
 BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
+KEPT = 256  # Timelines, of a store that may have known thousands of objects
 NEWEST = 400  # Rows of an object's history that a question about the present reads
 RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
 AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
@@ -174,6 +176,7 @@ class Recall:
     sequence: int = -1
     kept: dict[str, Any] = field(default_factory=dict, repr=False)
     doubles: set[str] = field(default_factory=set, repr=False)
+    _timelines: OrderedDict[tuple[str, int], Timeline] = field(default_factory=OrderedDict, repr=False)
 
     def once(self, key: str, make: Callable[[], T]) -> T:
         """What `make` says, which is asked once."""
@@ -300,7 +303,12 @@ class Recall:
         """The stays of an object, {} where it is unknown."""
         run = self.epochs.get(object_id, self.epoch) if epoch is None else epoch
         name = self.individual(object_id)[0] if run == self.epoch else object_id
-        return self.once(f"timeline {name} {run}", lambda: self._whole(name, run))
+        key = (name, run)
+        if key not in self._timelines:
+            self._timelines[key] = self._whole(name, run)
+            if len(self._timelines) > KEPT:
+                self._timelines.popitem(last=False)
+        return self._timelines[key]
 
     def _whole(self, name: str, run: int) -> Timeline:
         line = self.read(name, run)
@@ -331,7 +339,7 @@ class Recall:
         most : rows of history to read.
         """
         name = self.individual(object_id)[0]
-        if f"timeline {name} {self.epoch}" in self.kept:
+        if (name, self.epoch) in self._timelines:
             return self.timeline(name)
         line = self.once(f"latest {name} {most}", lambda: self.read(name, self.epoch, most=most))
         return line if line.cut and line.stays else self.timeline(name)
@@ -340,8 +348,7 @@ class Recall:
         """The part of an object's timeline around a span of time, from where it was seen last before that on, with that
         of its earlier ids."""
         name = self.individual(object_id)[0]
-        known = f"timeline {name} {self.epoch}" in self.kept
-        if known or start - AROUND < 0.0 or not math.isfinite(start):
+        if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
             return self.timeline(name)
         until = math.inf if end + AROUND >= self.now else end + AROUND
         return self.once(f"window {name} {start} {until}", lambda: self._around(name, start, until))

@@ -195,8 +195,20 @@ def _identity(world: Recall, line: Timeline, twins: list[str]) -> float:
     if any(each.cut for each in lines):
         return SWAPPED  # in all the time that was not read they may have been
     mine, *others = map(_gaps, lines)
-    both = any(a < d and c < b for gaps in others for c, d in gaps for a, b in mine)
-    return SWAPPED if both else TWIN
+    return SWAPPED if any(_overlap(mine, gaps) for gaps in others) else TWIN
+
+
+def _overlap(mine: list[tuple[float, float]], others: list[tuple[float, float]]) -> bool:
+    """Whether a span of one list overlaps one of another, both in order of time."""
+    first = second = 0
+    while first < len(mine) and second < len(others):
+        if mine[first][0] < others[second][1] and others[second][0] < mine[first][1]:
+            return True
+        if mine[first][1] <= others[second][1]:
+            first += 1
+        else:
+            second += 1
+    return False
 
 
 def _gaps(line: Timeline) -> list[tuple[float, float]]:

@@ -107,19 +107,19 @@ class Looks:
         return angle
 
 
-def looks_at(objects: Sequence[WorldObject], sensors: Sequence[Sensor]) -> Looks:
-    """All that can be looked at: not lost, with a finite position and covariance."""
-    able = [
-        item
-        for item in objects
-        if not item.lost and np.isfinite(item.position).all() and np.isfinite(item.covariance).all()
-    ]
-    positions = np.array([item.position for item in able], dtype=np.float64).reshape(-1, 3)
-    P, Q = (
-        np.array([getattr(item, name) for item in able], dtype=np.float64).reshape(-1, 3, 3)
-        for name in ("covariance", "process_noise")
-    )
+def looks_at(objects: Sequence[WorldObject], sensors: Sequence[Sensor], process_noise: float) -> Looks:
+    """All that can be looked at: not lost, with a finite position and covariance.
+
+    process_noise : m²/s, growth of the variance where an object states none.
+    """
+    able = [item for item in objects if not getattr(item, "lost", False)]
+    positions, P = _stacked(able)
+    usable = np.asarray(np.isfinite(positions).all(axis=1) & np.isfinite(P).all(axis=(1, 2)))
+    if not usable.all():
+        able = [item for item, good in zip(able, usable, strict=True) if good]
+        positions, P = positions[usable], P[usable]
     flat = _repair(P)
+    Q = _growths(able, process_noise)
     Q[flat, 2, :], Q[flat, :, 2] = 0.0, 0.0
     R = []
     for sensor in sensors:
@@ -132,6 +132,26 @@ def looks_at(objects: Sequence[WorldObject], sensors: Sequence[Sensor]) -> Looks
         R.append(noise)
     dimensions = 2 if flat.all() else 3
     return Looks(able, list(sensors), positions, P, Q, R, dimensions)
+
+
+def _stacked(objects: list[WorldObject]) -> tuple[FloatArray, FloatArray]:
+    """Positions (N, 3) and covariances (N, 3, 3); planar ones are filled up, what has another shape becomes NaN."""
+    try:
+        positions = np.array([item.position for item in objects], dtype=np.float64)
+        P = np.array([item.covariance for item in objects], dtype=np.float64)
+    except ValueError:
+        positions, P = np.zeros(0), np.zeros(0)
+    if positions.shape == (len(objects), 3) and P.shape == (len(objects), 3, 3):
+        return positions, P
+    positions, P = np.zeros((len(objects), 3)), np.zeros((len(objects), 3, 3))
+    for k, item in enumerate(objects):
+        where, covariance = np.asarray(item.position), np.asarray(item.covariance)
+        if where.shape not in ((2,), (3,)) or covariance.shape not in ((2, 2), (3, 3)):
+            positions[k] = np.nan
+            continue
+        positions[k, : len(where)] = where
+        P[k, : len(covariance), : len(covariance)] = covariance
+    return positions, P
 
 
 def _repair(P: FloatArray) -> npt.NDArray[np.bool_]:
@@ -149,3 +169,20 @@ def _repair(P: FloatArray) -> npt.NDArray[np.bool_]:
         fixed = np.maximum(values, floor)
         P[~sound] = (vectors * fixed[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     return flat
+
+
+def _growths(objects: list[WorldObject], default: float) -> FloatArray:
+    """(N, 3, 3) m²/s of process noises that may be numbers, vectors or matrices, or be missing."""
+    stated = [getattr(item, "process_noise", None) for item in objects]
+    if all(type(value) is np.ndarray and value.shape == (3, 3) for value in stated):
+        return np.array(stated, dtype=np.float64).reshape(-1, 3, 3)
+    Q = np.zeros((len(objects), 3, 3))
+    for k, value in enumerate(stated):
+        given = np.asarray(default if value is None else value, dtype=np.float64)
+        if given.ndim == 0:
+            Q[k] = np.eye(3) * float(given)
+        elif given.ndim == 1:
+            Q[k, range(len(given)), range(len(given))] = given
+        else:
+            Q[k, : given.shape[0], : given.shape[1]] = given
+    return Q

@@ -144,7 +144,7 @@ class Maintenance:
         for wanted in triggers:
             asked = Trigger(wanted) if isinstance(wanted, str) else wanted
             self.trigger(asked.object_id, asked.requester)
-        looks = looks_at(world_state.objects, sensors)
+        looks = looks_at(world_state.objects, sensors, self.config.process_noise)
         if not looks.objects:
             self._pending = None
             self.idle_reason = self._nothing_known(world_state)
