@@ -165,7 +165,10 @@ class Graph:
             if value:
                 return value
             self.executor.spin_once(timeout_sec=0.05)
-        logs = "\n".join(f"{name}:\n{node.log_tail(30)}" for name, node in self.supervisor.nodes.items())
+        logs = "\n".join(
+            f"{name}, {'running' if node.running else f'ended with {node.process.returncode}'}:\n{node.log_tail(30)}"
+            for name, node in self.supervisor.nodes.items()
+        )
         pytest.fail(f"never happened: {what}\n{logs}")
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
