@@ -25,11 +25,11 @@ from scipy.stats import theilslopes
 from estimation.geometry.poses import between, compound, inverse
 from estimation.metrics.statistics import absolute_trajectory_error
 from loop_closure.loop_closure_warm_up import warm_up
+from loop_closure.maps.map_grid import MapGrid
 from loop_closure.slam.trajectory import Slam
 from registration import Scan
 from whereabouts.logs import OdometryRecord, ScanRecord
 from whereabouts.recorded.follow import Follower
-from whereabouts.recorded.mapping import MapGrid
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, ApartmentDay
 
 RESULT = Path(__file__).with_suffix(".txt")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from loop_closure.keyframes import Keyframes
+from loop_closure.maps.map_grid import MapGrid
 from registration.laser.scan import Scan
-from whereabouts.recorded.mapping import MapGrid
 
 MOVE = np.array([0.2, -0.1, 0.05])
 

@@ -13,11 +13,11 @@ from estimation.metrics.statistics import absolute_trajectory_error
 from loop_closure.graph.esdf import EsdfGraph
 from loop_closure.keyframes import Keyframes
 from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.maps.map_grid import MapGrid
 from loop_closure.slam.closing import Gate
 from loop_closure.slam.thinning import BATCH, Thinning
 from loop_closure.slam.trajectory import Slam
 from registration import Scan
-from whereabouts.recorded.mapping import MapGrid
 from whereabouts.simulation import Lidar, Shapes, box, joined
 
 ROUND = 20  # scans of a round of 12 m

@@ -22,12 +22,11 @@ LEFT: deque[int] = deque()
 class Lent:
     """The host that all tests of this process fork their nodes from: they are imported and loaded once."""
 
-    def __init__(self, log: Path) -> None:
-        self._log = log
+    def __init__(self) -> None:
         self._host: Host | None = None
         self._broken: OSError | None = None
 
-    def lend(self, log: Path) -> Lent:
+    def lend(self) -> Lent:
         """In place of a host of one's own."""
         return self
 
@@ -42,7 +41,7 @@ class Lent:
         if command[1] != "-m":
             raise OSError("only modules are forked")
         try:
-            self._host = self._host or Host(self._log)
+            self._host = self._host or Host()
             return self._host.start(command, log, environment)
         except OSError as error:
             self._broken = error
@@ -58,8 +57,8 @@ class Lent:
 
 
 @pytest.fixture(scope="session")
-def lent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lent]:
-    host = Lent(tmp_path_factory.mktemp("host") / "host.log")
+def lent() -> Iterator[Lent]:
+    host = Lent()
     yield host
     host.close()
 

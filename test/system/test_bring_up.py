@@ -18,7 +18,7 @@ from whereabouts.nodes.runtime.bring_up import bring_up
 from whereabouts.nodes.runtime.supervisor import SuiteError
 
 UNCONFIGURED, INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
-ACTIVE = State.PRIMARY_STATE_ACTIVE
+ACTIVE, ASKED = State.PRIMARY_STATE_ACTIVE, -1
 
 
 class Pretender:
@@ -35,17 +35,22 @@ class Pretender:
         self._asked += 1
         return State.PRIMARY_STATE_UNKNOWN if self._asked % 3 else self._state
 
+    def ask(self, state: int) -> None:
+        assert state == self._state == UNCONFIGURED
+        self._steps.append((self.name, ASKED))
+
     def advance(self, state: int) -> None:
         assert state == self._state
         self._state = INACTIVE if state == UNCONFIGURED else ACTIVE
         self._steps.append((self.name, self._state))
 
 
-def test_all_are_configured_in_order_before_the_first_is_active() -> None:
+def test_all_are_asked_to_configure_at_once_and_are_configured_before_the_first_is_active() -> None:
     steps: list[tuple[str, int]] = []
     states = {"a": UNCONFIGURED, "b": INACTIVE, "c": UNCONFIGURED, "d": ACTIVE}
     bring_up([Pretender(name, steps, state) for name, state in states.items()])  # type: ignore[misc]
-    assert steps == [("a", INACTIVE), ("c", INACTIVE), ("a", ACTIVE), ("b", ACTIVE), ("c", ACTIVE)]
+    asked, configured = [("a", ASKED), ("c", ASKED)], [("a", INACTIVE), ("c", INACTIVE)]
+    assert steps == [*asked, *configured, ("a", ACTIVE), ("b", ACTIVE), ("c", ACTIVE)]
 
 
 def test_waiting_ends_and_says_for_whom() -> None:

@@ -12,6 +12,7 @@ from whereabouts.cli.common import file_to_write, target_file, target_folder
 from whereabouts.node_names import NODES
 
 if TYPE_CHECKING:
+    from whereabouts.nodes.ros.host import Host
     from whereabouts.nodes.runtime.supervisor import NodeSpec
     from whereabouts.suite_config import SuiteConfig
 
@@ -85,10 +86,15 @@ def run(
 ) -> None:
     """Run nodes and end them cleanly on Ctrl-C.
 
-    All nodes are configured, then activated, in order. A node that dies is started again. With --bag the bag is
+    All nodes are configured at once, then activated in order. A node that dies is started again. With --bag the bag is
     replayed with /clock at --rate (default 1), or in lock-step. At the end it prints how many messages were
     sent, lost and not processed. The replay has a ROS domain of its own on this machine, unless ROS_DOMAIN_ID is set.
     """
+    from whereabouts.nodes.ros.host import Host
+
+    # It has much to load: meanwhile the rest is imported, and what to run is read.
+    host = None if nodes and len(nodes) == 1 else Host.early()
+
     from whereabouts.nodes.runtime.suite_run import prepare_environment
     from whereabouts.suite_config import read_config
 
@@ -110,9 +116,9 @@ def run(
     # A bag must not mix with a robot, nor with another bag.
     prepare_environment(private=chosen.bag is not None)
     if chosen.bag is None:
-        _run_live(chosen)
+        _run_live(chosen, host)
     else:
-        _run_bag(chosen, chosen.bag)
+        _run_bag(chosen, chosen.bag, host)
 
 
 def _recorded(text: str) -> tuple[str, str]:
@@ -140,7 +146,7 @@ def _specs(config: SuiteConfig, **above: Any) -> list[NodeSpec]:
     ]
 
 
-def _run_live(config: SuiteConfig) -> None:
+def _run_live(config: SuiteConfig, host: Host | None) -> None:
     import time
     from dataclasses import replace
 
@@ -148,9 +154,8 @@ def _run_live(config: SuiteConfig) -> None:
     from whereabouts.nodes.runtime.log_echo import LogEcho
     from whereabouts.nodes.runtime.supervisor import Supervisor
 
-    several = len(config.nodes) > 1
     echo = LogEcho(lambda text: typer.echo(text, err=True))
-    with Supervisor(config.logs, on_event=typer.echo, patient=True, hosted=several) as supervisor:
+    with Supervisor(config.logs, on_event=typer.echo, patient=True, host=host) as supervisor:
         try:
             # Those that shall not configure themselves are somebody else's to bring up.
             managed = []
@@ -174,7 +179,7 @@ def _run_live(config: SuiteConfig) -> None:
             typer.echo("ending")
 
 
-def _run_bag(config: SuiteConfig, bag: Path) -> None:
+def _run_bag(config: SuiteConfig, bag: Path, host: Host | None) -> None:
     from whereabouts.nodes.runtime.log_echo import LogEcho
     from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
     from whereabouts.system.progress import share_bar
@@ -191,6 +196,7 @@ def _run_bag(config: SuiteConfig, bag: Path) -> None:
             namespace=config.namespace,
             record=list(config.record.items()),
             output=config.out,
+            host=host,
             on_event=lambda text: typer.echo(text, err=True),
             on_progress=share,
         )

@@ -1,7 +1,6 @@
 """The name by which users import `whereabouts.nodes.ros.base`."""
 
 from whereabouts.nodes.ros.base import (
-    ACTIVE_VARIABLE,
     HOUSEKEEPING_PERIOD,
     LATCHED,
     TF_QOS,
@@ -15,7 +14,6 @@ from whereabouts.nodes.ros.base import (
 from whereabouts.nodes.ros.diagnostics import MOST_SILENCED, WARNING_PERIOD
 
 __all__ = [
-    "ACTIVE_VARIABLE",
     "HOUSEKEEPING_PERIOD",
     "LATCHED",
     "MOST_SILENCED",

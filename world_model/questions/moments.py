@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import cache
 
 from estimation.errors import InputError
 from world_model.questions.answers import clean, clock
@@ -118,8 +119,8 @@ def moment(words: str | float, now: float) -> Span:
     if isinstance(words, (int, float)) and not isinstance(words, bool):
         return Span(float(words), float(words), str(words))
     text = re.sub(rf"^{_WORD} ", "", _rewritten(" ".join(str(words).lower().split())))
-    for pattern, reader in _COMPILED:
-        if pattern.fullmatch(text):
+    for pattern, reader in (*_PHRASES, (_BARE, _when)):
+        if _compiled(pattern).fullmatch(text):
             return _span(reader, text, now)
     raise InputError(
         f'no time: "{clean(str(words))}"; say "yesterday morning", "at nine", "two hours ago", "since breakfast", '
@@ -130,7 +131,7 @@ def moment(words: str | float, now: float) -> Span:
 def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     """A question without its time, the time, and the word before it ("since"); lower-case text, single spaces."""
     text = _rewritten(text)
-    found = _RANGE.search(text)
+    found = _compiled(_RANGE).search(text)
     if found:
         rest = _without(text, found)
         first, last = found["a"], found["b"]
@@ -139,7 +140,7 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
             rest, first, last = _without(rest, more), f"{first} {more[0]}", f"{last} {more[0]}"
         return rest, _between(first, last, found[0], now), "between"
     # The longest time, the last of these; a bare number behind "since" is one where no other is as long.
-    found = max(_FOUND.finditer(text), key=lambda each: (len(each[0]), each.start()), default=None)
+    found = max(_compiled(_FOUND).finditer(text), key=lambda each: (len(each[0]), each.start()), default=None)
     if found is None:
         return text, None, ""
     phrase, word = found["phrase"] or found["bare"], found["word"] or found["bare_word"] or ""
@@ -158,7 +159,7 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
 def ahead(text: str, now: float) -> tuple[str, Span | None]:
     """A question about the future without its time, and the time; lower-case text, single spaces."""
     text = _rewritten(text)
-    found = max(_AHEAD.finditer(text), key=lambda each: len(each[0]), default=None)
+    found = max(_compiled(_AHEAD).finditer(text), key=lambda each: len(each[0]), default=None)
     if found is None:
         return text, None
     amount = found["after"] or found["later"]
@@ -393,16 +394,21 @@ _PHRASES: tuple[tuple[str, Reader], ...] = (  # of two that begin alike the long
 )
 """What stands for a time, and what reads it."""
 _BARE = rf"{_TIME}(?:,? {_ATOM}){{0,2}}"
-_COMPILED = tuple((re.compile(pattern), reader) for pattern, reader in (*_PHRASES, (_BARE, _when)))
 _ANY = "|".join(f"(?:{pattern})" for pattern, _ in _PHRASES)
-_RANGE = re.compile(
+_RANGE = (
     rf"{_BEFORE}(?:between|from) (?P<a>{_ANY}|{_BARE}) (?:and|to|until|till) (?P<b>{_ANY}|{_BARE}){_AFTER}"
 )
-_FOUND = re.compile(
+_FOUND = (
     rf"{_BEFORE}(?:(?:(?P<word>{_WORD}) )?(?P<phrase>{_ANY})"
     rf"|(?P<bare_word>since|after|before|until|till|by) (?P<bare>{_BARE})){_AFTER}"
 )
-_AHEAD = re.compile(
+_AHEAD = (
     rf"{_BEFORE}(?:(?:in|within) (?P<after>{_AMOUNT})|(?P<later>{_AMOUNT}) from now"
     rf"|(?:(?:by|until) )?(?P<phrase>{_WHEN}|(?<=by ){_BARE})){_AFTER}"
 )
+
+
+@cache
+def _compiled(pattern: str) -> re.Pattern[str]:
+    """These are long: compiled with the first question, not wherever the module is imported."""
+    return re.compile(pattern)

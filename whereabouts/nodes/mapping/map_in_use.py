@@ -13,13 +13,13 @@ from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.maps.localization import Localizer
 from loop_closure.maps.map_file import read_map, write_map
+from loop_closure.maps.map_grid import MapGrid
 from loop_closure.maps.merging import EarlierMap
 from loop_closure.motions import planar
 from loop_closure.slam.trajectory import Slam
 from registration.laser.scan import Scan
 from whereabouts.nodes.messages.conversions import spatial
 from whereabouts.nodes.ros.base import SuiteNode
-from whereabouts.recorded.mapping import MapGrid
 from whereabouts.system.atomic import atomic_path
 
 Array = NDArray[np.float64]

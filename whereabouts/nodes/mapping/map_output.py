@@ -12,9 +12,9 @@ from std_msgs.msg import Header
 
 from estimation.geometry.grid_kernels import TILE
 from estimation.geometry.tiles import VIEW_CELLS, TileView
+from loop_closure.maps.map_grid import MapGrid
 from whereabouts.nodes.messages.map_messages import grid_message, update_message
 from whereabouts.nodes.ros.base import LATCHED
-from whereabouts.recorded.mapping import MapGrid
 
 if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode

@@ -12,6 +12,7 @@ from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, inverse, pose_from_matrix
+from loop_closure.maps.map_grid import map_points
 from whereabouts.nodes.mapping.map_in_use import MapInUse
 from whereabouts.nodes.mapping.map_output import MapOutput
 from whereabouts.nodes.messages.conversions import PLANAR, cloud_message
@@ -19,7 +20,6 @@ from whereabouts.nodes.messages.map_messages import marker_messages, packed_path
 from whereabouts.nodes.messages.stamps import time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.ros.base import LATCHED, SuiteNode
-from whereabouts.recorded.mapping import map_points
 
 
 class MapPublisher:

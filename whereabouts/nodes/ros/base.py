@@ -36,7 +36,7 @@ from whereabouts.nodes.ros.diagnostics import Complaints, DiagnosticsPublisher, 
 from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.nodes.ros.footprint import keep_packed, release, settle
 from whereabouts.nodes.ros.guarded_calls import guarded_action, guarded_answer
-from whereabouts.nodes.ros.host import SUPERVISOR_VARIABLE
+from whereabouts.nodes.ros.host import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE
 from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Handler, Input
 from whereabouts.nodes.ros.outputs import QUIET, Output, OutputAccount
 from whereabouts.nodes.ros.timekeeping import Timekeeper
@@ -46,8 +46,6 @@ from whereabouts.system.interrupts import interrupts_kept, listen_to_interrupts
 from whereabouts_msgs.srv import Reset
 
 HOUSEKEEPING_PERIOD = 0.2
-# A file that a node makes once it is active: from then on its death is no failure to start.
-ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -6,7 +6,6 @@ import ctypes
 import gc
 import mmap
 import weakref
-import zlib
 from typing import Any
 
 LIBRARY = "libllvmlite"
@@ -56,7 +55,7 @@ def _pack(library: Any, state: Any) -> None:
     """What `_unserialize` parsed of the second of `state`'s data is forgotten again."""
     if getattr(library, "_shared_module", None) is None or len(state) != 3 or state[1] != "object":
         return
-    library._get_module_for_linking = _Unpacking(library, zlib.compress(state[2][1], 1))
+    library._get_module_for_linking = _Unpacking(library, state[2][1])
     library._shared_module = None
 
 
@@ -73,7 +72,7 @@ class _Unpacking:
         library = self._library()
         assert library is not None
         del library._get_module_for_linking
-        library._shared_module = parse_bitcode(zlib.decompress(self._packed))
+        library._shared_module = parse_bitcode(self._packed)
         return library._shared_module
 
 

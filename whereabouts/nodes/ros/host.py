@@ -28,6 +28,8 @@ READY_WITHIN = 60.0
 """s for imports and compiled functions; a host that takes longer is given up, and nodes start by themselves."""
 LONGEST = 1 << 20
 ADOPTED_WITHIN = 5.0
+ACTIVE_VARIABLE = "WHEREABOUTS_ACTIVE_MARK"
+"""Set to a file that a node makes once it is active: from then on its death is no failure to start."""
 SUPERVISOR_VARIABLE = "WHEREABOUTS_SUPERVISOR"
 """Set by a supervisor to its process id: a node whose supervisor is gone has nobody left to end it, and ends itself."""
 
@@ -70,19 +72,28 @@ class Forked:
 
 
 class Host:
-    """The supervisor's end. Raises OSError where this machine cannot do it."""
+    """The supervisor's end: the host begins to load at once. Raises OSError where this machine cannot do it."""
 
-    def __init__(self, log: Path) -> None:
+    def __init__(self) -> None:
         if ctypes.CDLL(None, use_errno=True).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) != 0:
             raise OSError(ctypes.get_errno(), "children of children cannot be adopted here")
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket = ours
         ours.settimeout(READY_WITHIN)
-        with theirs, log.open("ab") as out:
+        with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", __name__, str(theirs.fileno())],
-                stdout=out, stderr=subprocess.STDOUT, pass_fds=[theirs.fileno()], start_new_session=True,
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, pass_fds=[theirs.fileno()],
+                start_new_session=True,
             )  # fmt: skip
+
+    @classmethod
+    def early(cls) -> Host | None:
+        """One that loads while this process still reads what it has to start; None where this machine cannot do it."""
+        try:
+            return cls()
+        except OSError:
+            return None
 
     def start(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Forked:
         """Fork a node. command : as for a process of its own, `python -m MODULE ...`. Raises OSError."""

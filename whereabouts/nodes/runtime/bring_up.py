@@ -45,6 +45,7 @@ class LifecycleClient:
         self._node, self._executor = node, executor
         self._get = node.create_client(GetState, f"{name}/get_state")
         self._change = node.create_client(ChangeState, f"{name}/change_state")
+        self._asked: Any = None  # what it has been asked for and not yet answered
 
     @property
     def present(self) -> bool:
@@ -61,6 +62,11 @@ class LifecycleClient:
         answer = self._call(self._get, GetState.Request(), wait)
         return State.PRIMARY_STATE_UNKNOWN if answer is None else int(answer.current_state.id)
 
+    def ask(self, state: int) -> None:
+        """Begin the step that follows `state`; `advance` waits for its end."""
+        if self._change.service_is_ready():
+            self._asked = self._change.call_async(_step_from(state))
+
     def advance(self, state: int) -> None:
         """Take the step that follows `state` on the way to active.
 
@@ -68,24 +74,29 @@ class LifecycleClient:
         ------
         SuiteError : the node refused, and has not gone on by itself.
         """
-        transition, done = STEPS[state]
-        request = ChangeState.Request()
-        request.transition.id = transition
-        answer = self._call(self._change, request, ANSWER_TIMEOUT)
+        asked, self._asked = self._asked, None
+        answer = self._call(self._change, _step_from(state), ANSWER_TIMEOUT, asked)
         if answer is not None and not answer.success and self.state() == state:
-            raise SuiteError(f"{self.name} could not be {done}; its log says why")
+            raise SuiteError(f"{self.name} could not be {STEPS[state][1]}; its log says why")
 
-    def _call(self, client: Any, request: Any, wait: float) -> Any:
+    def _call(self, client: Any, request: Any, wait: float, asked: Any = None) -> Any:
         with interrupts_kept():
             if not client.service_is_ready():
                 self._executor.spin_once(timeout_sec=0.05)
                 return None
-            future = client.call_async(request)
+            future = asked or client.call_async(request)
             self._executor.spin_until_future_complete(future, timeout_sec=wait)
             if not future.done():
                 client.remove_pending_request(future)
                 return None
             return future.result()
+
+
+def _step_from(state: int) -> Any:
+    """The request for the step that follows `state`."""
+    request = ChangeState.Request()
+    request.transition.id = STEPS[state][0]
+    return request
 
 
 def bring_up(
@@ -94,7 +105,7 @@ def bring_up(
     timeout: float = TIMEOUT,
     tell: Callable[[str], None] = lambda text: None,
 ) -> None:
-    """Configure all nodes in order, then activate them in order. One that is further already is left as it is.
+    """Configure all nodes, then activate them in order. One that is further already is left as it is.
 
     look_after : called again and again while waiting; may raise. timeout : s until a node has to be there. tell :
     called with a sentence if a node takes long.
@@ -104,6 +115,13 @@ def bring_up(
     SuiteError : a node refuses, is not there in time, or is there and not active for `COMPILING`.
     """
     wait = _Wait(timeout, tell)
+    for client in clients:
+        # All configure themselves at once: each has a lot to set up.
+        while (state := client.state()) == State.PRIMARY_STATE_UNKNOWN:
+            look_after()
+            wait.check(client)
+        if state == State.PRIMARY_STATE_UNCONFIGURED:
+            client.ask(state)
     for enough in ((State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE), (State.PRIMARY_STATE_ACTIVE,)):
         for client in clients:
             while (state := client.state()) not in enough:

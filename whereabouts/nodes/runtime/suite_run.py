@@ -15,6 +15,7 @@ from lifecycle_msgs.msg import State
 from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.nodes.ros.host import Host
 from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.nodes.runtime.bring_up import LifecycleClient
 from whereabouts.nodes.runtime.domain import free_domain
@@ -40,7 +41,7 @@ class SuiteRun:
 
     bag : as of `Replayer`. rate : multiple of the recorded speed, None for lock-step.
     record : (topic, type) to record to `output`.
-    clock_period : as of `Replayer`, s.
+    clock_period : as of `Replayer`, s. host : as of `Supervisor`.
     on_event : called with a sentence about a node that died, came back or was killed.
     on_progress : called with the share of the bag that has been sent.
     """
@@ -53,6 +54,7 @@ class SuiteRun:
     clock_period: float = 0.005
     record: Sequence[tuple[str, str]] = ()
     output: Path | None = None
+    host: Host | None = None
     on_event: Callable[[str], None] = lambda text: None
     on_progress: Callable[[float], None] = lambda share: None
     on_message: Callable[[RawMessage], None] = lambda message: None
@@ -84,7 +86,7 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
         node, executor = private_node("whereabouts_replay", run.namespace)
         stack.callback(leave, node)
         supervisor = stack.enter_context(
-            Supervisor(run.log_directory, on_event=run.on_event, hosted=len(run.nodes) > 1)
+            Supervisor(run.log_directory, on_event=run.on_event, hosted=len(run.nodes) > 1, host=run.host)
         )
         run.supervisor = supervisor
         replayer = Replayer(

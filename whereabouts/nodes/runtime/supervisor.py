@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from estimation.errors import WhereaboutsError
-from whereabouts.nodes.ros.base import ACTIVE_VARIABLE
-from whereabouts.nodes.ros.host import SUPERVISOR_VARIABLE, Host
+from whereabouts.nodes.ros.host import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE, Host
 from whereabouts.nodes.runtime.shared_memory import remove_orphans
 from whereabouts.system.resources import config_file
 
@@ -164,6 +163,7 @@ class Supervisor:
     patient : go on for ever with a node that was active once; otherwise it is given up after RESTART_LIMIT deaths.
     on_event : called with a sentence whenever a node died, came back or was given up.
     hosted : fork nodes from one process that has loaded everything (`Host`), where this machine can: for several nodes.
+    host : that process, where it was begun already; it ends with the supervisor.
     """
 
     def __init__(
@@ -173,10 +173,11 @@ class Supervisor:
         on_event: Callable[[str], None] | None = None,
         patient: bool = False,
         hosted: bool = False,
+        host: Host | None = None,
     ) -> None:
         self._patient = patient
-        self._hosted = hosted
-        self._host: Host | None = None
+        self._hosted = hosted or host is not None
+        self._host = host
         self._log_directory = log_directory
         self._restart = restart
         self._on_event = on_event or (lambda text: None)
@@ -206,7 +207,7 @@ class Supervisor:
         if self._hosted:
             try:
                 if self._host is None:
-                    self._host = Host(self._log_directory / "host.log")
+                    self._host = Host()
                 return self._host.start(command, log, environment)
             except OSError as error:
                 self._hosted = False
