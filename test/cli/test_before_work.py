@@ -60,6 +60,20 @@ def test_logs_of_run_that_cannot_be_written_are_one_sentence(tmp_path: Path) -> 
     assert answer.stderr == f"whereabouts: log/nodes: {tmp_path}/log is a file; name a directory\n"
 
 
+def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
+    answer = command("segment", "any-log", "--model", "missing.json", cwd=tmp_path)
+    assert answer.returncode == 1
+    assert answer.stderr == "whereabouts: missing.json: No such file or directory\n"
+
+
+@pytest.mark.parametrize("option", ["--rate", "--max-range"])
+def test_what_does_nothing_for_a_bag_is_refused(option: str, tmp_path: Path) -> None:
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
+    answer = command("convert", "a.bag", "b.mcap", option, 10, cwd=tmp_path)
+    assert answer.returncode == 1
+    assert "are for CARMEN and g2o logs" in answer.stderr
+
+
 def test_a_missing_package_is_one_sentence(tmp_path: Path) -> None:
     log = ROOT / "bags" / "apartment.mcap"
     if not log.exists():

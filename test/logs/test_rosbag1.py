@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from whereabouts.logs import (
     open_log,
     open_raw,
 )
+from whereabouts.viewer.playback import play
 
 
 def expected(path):
@@ -58,6 +60,11 @@ def test_raw_messages_are_those_of_rosbags_as_cdr(tmp_path, bag1, noetic, jazzy,
     assert message.header.stamp.sec == 102
     assert not hasattr(message.header, "seq")
     assert last.topic.type_hash == jazzy.store.hash_rihs01("sensor_msgs/msg/LaserScan")
+
+
+def test_a_bag_is_drawn(tmp_path, bag1, noetic, entries):
+    scene = play([bag1(tmp_path / "a.bag", entries(noetic))], SimpleNamespace(draw=lambda stamp, shapes: None))
+    assert scene.taken == 90  # scans, odometry and tf
 
 
 def test_messages_are_given_by_log_time_even_where_chunks_overlap(tmp_path, bag1, noetic):

@@ -34,8 +34,8 @@ MaxRange = Annotated[
     typer.Option(
         "--max-range",
         min=0.1,
-        help="Readings beyond this are no-returns, in metres. Default: the log's own limit, or 50 m "
-        "if a CARMEN or g2o log states none.",
+        help="Readings of a CARMEN or g2o log beyond this are no-returns, in metres. Default: the log's own limit, "
+        "or 50 m if it states none.",
     ),
 ]
 Rate = Annotated[
@@ -74,9 +74,13 @@ def convert(
     OUT appears only when everything is written. Warnings on standard error list what was left out or is unusual, and
     where it occurs first.
     """
+    from estimation.errors import InputError
     from whereabouts.logs.log_conversion import convert_log
+    from whereabouts.logs.opening import detect
     from whereabouts.system.progress import share_bar
 
+    if (max_range or rate) and detect(source)[0] not in ("carmen", "g2o"):
+        raise InputError("--max-range and --rate are for CARMEN and g2o logs; a bag keeps what was recorded")
     with share_bar(f"converting {source.name}") as share:
         result = convert_log(
             source,

@@ -104,6 +104,11 @@ def main() -> None:
     except BrokenPipeError:
         # The reader of our output has gone, as `| head` does.
         sys.exit(0)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        print(f"whereabouts: {error.filename}: {error.strerror}", file=sys.stderr)
+        sys.exit(1)
 
 
 if __name__ == "__main__":

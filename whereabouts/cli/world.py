@@ -23,7 +23,8 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="IN",
-        help="Bag with evidence, detections (boxes with camera_info, depth and tf) or targets; or a store.",
+        help="Bag with evidence, detections in space or targets, all in one frame, or with boxes, camera_info, depth "
+        "and tf; or a store.",
     ),
 ]
 Out = Annotated[

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -75,7 +76,8 @@ def _messages(
                 continue
             try:
                 if raw.name not in decoders:
-                    decoders[raw.name] = Decoder(raw.topic)
+                    # What `open_raw` hands out is CDR already.
+                    decoders[raw.name] = Decoder(replace(raw.topic, to_cdr=None))
                 message = decoders[raw.name](raw.data)
             except UnreadableTypeError:
                 continue

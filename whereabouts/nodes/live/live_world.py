@@ -78,7 +78,7 @@ class Client:
         if not heard:
             raise NoWorldError(
                 "no live world: nobody says world_state; start the suite with `whereabouts run world_model`, or name a "
-                "store: whereabouts ask world.sqlite ..."
+                "store: `ask world.sqlite ...`, or `--store world.sqlite` with other commands"
             )
         return heard[-1]
 
