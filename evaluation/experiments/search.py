@@ -18,6 +18,7 @@ from evaluation.drawing import saved
 from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.recipe_rooms import (
     RECIPE_SIZE,
+    SMALLS,
     RecipeRoom,
     driven,
     learning_frames,
@@ -163,9 +164,10 @@ def _one(
     elif strategy == "chain":
         chooser = _Ours(ObjectSearch(relations, SearchConfig(method="chain")))
     else:
-        chooser = _Ours(
-            ObjectSearch(relations, places=_known_room(room.width) if strategy == "belief" else None)
-        )
+        # From how far it recognises the target a robot knows.
+        config = SearchConfig(view=scale * SMALLS[TARGET][0])
+        places = _known_room(room.width) if strategy == "belief" else None
+        chooser = _Ours(ObjectSearch(relations, config, places))
     outcome = driven(room, corner, TARGET, scale, chooser.next_goal, chooser.reached)
     return outcome.failed, outcome.length
 

@@ -63,7 +63,9 @@ def test_raw_messages_are_those_of_rosbags_as_cdr(tmp_path, bag1, noetic, jazzy,
 
 
 def test_a_bag_is_drawn(tmp_path, bag1, noetic, entries):
-    scene = play([bag1(tmp_path / "a.bag", entries(noetic))], SimpleNamespace(draw=lambda stamp, shapes: None))
+    scene = play(
+        [bag1(tmp_path / "a.bag", entries(noetic))], SimpleNamespace(draw=lambda stamp, shapes: None)
+    )
     assert scene.taken == 90  # scans, odometry and tf
 
 

@@ -101,8 +101,8 @@ def test_the_most_likely_room_is_gone_to_first_and_the_next_one_after_it_failed(
     for _ in range(20):
         relations.observe(["t"], room="kitchen")
         relations.observe(["a"], room="office")
-    square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]
-    away = [[x + 6.0, y] for x, y in square]
+    square = [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [0.0, 4.0]]
+    away = [[x + 10.0, y] for x, y in square]
     places = Places.from_mapping(
         {
             "places": {
@@ -114,14 +114,21 @@ def test_the_most_likely_room_is_gone_to_first_and_the_next_one_after_it_failed(
     search = ObjectSearch(relations, places=places)
     step = search.next_goal({"a": [1.0, 1.0]}, "t", [2.0, 2.0, 0.0])
     assert step.kind == "room"
-    np.testing.assert_allclose(np.asarray(step.goal), [8.0, 2.0])
-    search.reached(step.goal)
-    step = search.next_goal({"a": [1.0, 1.0]}, "t", [8.0, 2.0, 0.0])
-    # Nothing is in view in the kitchen: back to the study, and there to A.
-    assert step.kind == "room"
-    np.testing.assert_allclose(np.asarray(step.goal), [2.0, 2.0])
-    step = search.next_goal({"a": [1.0, 1.0]}, "t", [2.0, 2.0, 0.0])
+    np.testing.assert_allclose(np.asarray(step.goal), [14.0, 2.0])
+    stops = []
+    while not step.object:
+        assert step.kind == "room"
+        assert step.goal is not None
+        stops.append(step.goal)
+        search.reached()
+        step = search.next_goal({"a": [1.0, 1.0]}, "t", [*stops[-1], 0.0])
+    # Not before the kitchen has been looked at, to both sides of its middle; then to A in the study.
     assert step.object == "a"
+    seen = np.array([stop[0] for stop in stops if stop[0] > 10.0])
+    assert seen.min() < 13.0
+    assert seen.max() > 15.0
+    assert len(stops) < 8
+    assert [stop[0] > 10.0 for stop in stops] == sorted((stop[0] > 10.0 for stop in stops), reverse=True)
 
 
 def two_rooms(kitchen: list[list[float]]) -> tuple[Relations, Places]:

@@ -6,10 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
+from estimation.geometry.places import Place
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres
@@ -38,6 +40,8 @@ class Coverage:
         if grid is not None:
             self._cells = self._cells[grid.lookup(self._cells) < 0.0]
         self._seen = np.zeros(len(self._cells), dtype=np.bool_)
+        self._within: dict[str, npt.NDArray[np.bool_]] = {}
+        self._going: tuple[str, int] | None = None  # room and cell of the last answer
 
     def look(self, place: FloatArray) -> None:
         """The robot was at a place (2,)."""
@@ -54,9 +58,29 @@ class Coverage:
         """Share of the floor that has been looked at."""
         return float(self._seen.mean()) if len(self._seen) else 1.0
 
-    def next_place(self, place: FloatArray) -> FloatArray | None:
-        """Where to look next from a place (2,): much that is new for little driving; None when all has been seen."""
-        left = self._cells[~self._seen]
+    def unseen(self, room: Place, spot: FloatArray | None = None, radius: float = 0.0) -> float:
+        """Share of a room's cells, within `radius` of a `spot` (2,) if one is given, that are still to be seen."""
+        inside = self._inside(room)
+        if spot is not None:
+            inside = inside & (np.hypot(*(self._cells - spot).T) <= radius)
+        return float((~self._seen[inside]).mean()) if inside.any() else 0.0
+
+    def _inside(self, room: Place) -> npt.NDArray[np.bool_]:
+        if room.name not in self._within:
+            self._within[room.name] = np.asarray(room.contains(self._cells))
+        return self._within[room.name]
+
+    def next_place(self, place: FloatArray, room: Place | None = None) -> FloatArray | None:
+        """Where to look next from a place (2,), in a room or anywhere: much that is new for little driving.
+
+        The same as the last time until it has been seen; None when all has been seen.
+        """
+        name = "" if room is None else room.name
+        if self._going is not None and self._going[0] == name and not self._seen[self._going[1]]:
+            return np.asarray(self._cells[self._going[1]])
+        open_cells = ~self._seen if room is None else ~self._seen & self._inside(room)
+        numbers = np.flatnonzero(open_cells)
+        left = self._cells[numbers]
         if not len(left):
             return None
         lengths = np.hypot(*(left - place).T)
@@ -64,14 +88,15 @@ class Coverage:
             lengths = GridPaths(self._grid, place, CLEARANCE).lengths(left)
         able = np.flatnonzero(np.isfinite(lengths))
         if not len(able):
-            self._seen[:] = True
+            self._seen[numbers] = True
             return None
         # A few candidates are enough: those that are nearest by bearing and distance alike.
         order = able[np.argsort(lengths[able], kind="stable")]
         chosen = order[:: max(len(order) // 30, 1)]
         fresh = (np.hypot(*(left[chosen, None] - left[None]).transpose(2, 0, 1)) <= self.view).sum(axis=1)
-        worth = fresh / (lengths[chosen] + self.view)
-        return np.asarray(left[chosen[int(np.argmax(worth))]])
+        best = chosen[int(np.argmax(fresh / (lengths[chosen] + self.view)))]
+        self._going = name, int(numbers[best])
+        return np.asarray(left[best])
 
 
 def where_more_is_seen(

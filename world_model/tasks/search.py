@@ -5,8 +5,8 @@ after the other, intermediate targets (steps 1 to 4 of section 5.3). "belief", t
 shorten the path: an object is worth visiting by how exclusively it goes with the target, sqrt(p'(o|T) p(T|o)) with p'
 what exceeds p(o)², or through one intermediate object; worth is weighed against the drive by division, and near a dead
 end it is discounted, for the target would have been seen; and where nothing in view has much to do with the target,
-the robot goes to the middle of the room, where most can be seen, and in a room nobody knows on to where it has not
-been, instead of trying whatever is near.
+the robot goes to the middle of the room, where most can be seen, and on to where it has not been, instead of trying
+whatever is near. A room is worth how probable it is times how much of its floor nobody has looked at.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ LINKS = 40  # names that a chain may lead through
 FLOOR = 0.1  # least share of p(o | T) that counts, whatever is in view everywhere
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 LIKELY = 0.2  # probability of a place from which on the search goes there first
+LEAST = 0.1  # share of a room's floor that may stay unseen: corners, and what stands in front of them
 MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
 
 
@@ -51,7 +52,11 @@ class SearchConfig:
     )
     nearness: float = setting(0.5, "m", "objects nearer than this count as equally near", 0.01, 10.0)
     dead_end_radius: float = setting(
-        1.5, "m", "radius around a dead end in which the target is not expected", 0.0, 20.0
+        1.5,
+        "m",
+        "around a dead end, and around an object on floor that was looked at, no target is expected",
+        0.0,
+        20.0,
     )
     chain_share: float = setting(0.7, "", "weight of a relation through a third object", 0.0, 1.0)
     view: float = setting(2.0, "m", "distance from which the target can be recognised", 0.1, 50.0)
@@ -272,8 +277,9 @@ class ObjectSearch:
         self._target, self._start = target, place
         self._worths = Worths(self.relations, self.config.chain_share, target)
         self._chain = self.chain_type(self.relations, self.config, target)
-        if self.places is not None:
+        if self.places is not None and len(self.places.rooms):
             self._rooms_left = {room.name for room in self.places.rooms}
+            self._coverage = self._floor({})
 
     def _follow(self, place: FloatArray) -> None:
         if not self._track or math.dist(self._track[-1], place) > 0.2:
@@ -305,10 +311,23 @@ class ObjectSearch:
             best, chance = self._chain.best(able, self._dead, place)
             step = self._towards(best, able[best], chance)
         if step is None and room is not None:
-            self._rooms_left.discard(room.name)
-            if self._room(place) is not None:
+            # The text's rule is done with a room once no object of it is left.
+            step = self._rest_of(room, place) if self.config.method != "chain" else None
+            if step is None:
+                self._rooms_left.discard(room.name)
                 return self._choose(known, place)
         return step or self._anywhere(known, place)
+
+    def _rest_of(self, room: Place, place: FloatArray) -> SearchStep | None:
+        """On to what of a room's floor nobody has looked at; None where it cannot be reached."""
+        assert self._coverage is not None
+        goal = self._coverage.next_place(place, room)
+        if goal is None:
+            return None
+        said = self._said(
+            f"Nothing in view is usually found with {self._target}", f"look at the rest of {room.name}."
+        )
+        return SearchStep("room", goal, "", said)
 
     def _likely(self, place: FloatArray) -> SearchStep | None:
         """The place where the target probably is by now, of those nobody has looked at yet: probable, and near."""
@@ -343,8 +362,17 @@ class ObjectSearch:
         for room in rooms:
             length = 0.0 if room.name in here else ways[room.name][1]
             if room.name in self._rooms_left and math.isfinite(length):
-                worth[room.name] = share.get(room.type, 0.0) / (length + 3.0)
-        return self.places[max(worth, key=lambda name: worth[name])] if worth else None
+                worth[room.name] = share.get(room.type, 0.0) * self._unseen(room) / (length + 3.0)
+        best = max(worth, key=lambda name: worth[name], default=None)
+        return self.places[best] if best is not None and worth[best] > 0.0 else None
+
+    def _unseen(self, room: Place) -> float:
+        """Share of a room's floor that is worth looking at."""
+        if self.config.method == "chain":
+            return 1.0
+        assert self._coverage is not None
+        left = self._coverage.unseen(room)
+        return left if left >= LEAST else 0.0
 
     def _by_belief(
         self,
@@ -354,7 +382,7 @@ class ObjectSearch:
         room: Place | None,
     ) -> SearchStep | None:
         of = self._worths.of(room.type if room is not None else "")
-        worth = {name: self._value(name, room) * self._freshness(spot) for name, spot in able.items()}
+        worth = {name: self._value(name, room) * self._freshness(spot, room) for name, spot in able.items()}
         most = max((value for name, value in of.items() if name != self._target), default=0.0)
         related = {
             name: value
@@ -392,9 +420,11 @@ class ObjectSearch:
         of = self._worths.of(room.type if room is not None else "")
         return of.get(self.relations.unified(name), 0.0)
 
-    def _freshness(self, spot: FloatArray) -> float:
-        """Falls to zero where dead ends are: the target would have been seen from there."""
+    def _freshness(self, spot: FloatArray, room: Place | None) -> float:
+        """Falls to zero where the target would have been seen: on floor that was looked at, or near dead ends."""
         radius, value = self.config.dead_end_radius, 1.0
+        if room is not None and self._coverage is not None and radius > 0.0:
+            return self._coverage.unseen(room, spot, radius)
         for dead in (stop for looks in self._dead.values() for _, stop in looks):
             if radius > 0.0:
                 value *= 1.0 - math.exp(-((math.dist(spot, dead) / radius) ** 2))
@@ -443,16 +473,7 @@ class ObjectSearch:
     def _anywhere(self, known: Mapping[str, FloatArray], place: FloatArray) -> SearchStep:
         """The last resort: cover the floor."""
         if self._coverage is None:
-            every = np.array([*known.values(), *self._track])
-            low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
-            if self.grid is not None:
-                low, high = bounds_of(self.grid)
-            elif self.places is not None and len(self.places.rooms):
-                corners = np.vstack([room.polygon for room in self.places.rooms])
-                low, high = corners.min(axis=0), corners.max(axis=0)
-            self._coverage = Coverage(self.config.view, low, high, self.grid)
-            for been in self._track:
-                self._coverage.look(been)
+            self._coverage = self._floor(known)
         goal = self._coverage.next_place(place)
         if goal is None:
             return SearchStep(
@@ -464,3 +485,18 @@ class ObjectSearch:
         why = f"No object hints at {self._target} any more"
         said = self._said(why, f"search the whole floor ({self._coverage.share:.0%} seen).")
         return SearchStep("random", goal, "", said)
+
+    def _floor(self, known: Mapping[str, FloatArray]) -> Coverage:
+        """What there is to look at, and what the robot has looked at so far."""
+        if self.grid is not None:
+            low, high = bounds_of(self.grid)
+        elif self.places is not None and len(self.places.rooms):
+            corners = np.vstack([room.polygon for room in self.places.rooms])
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        else:
+            every = np.array([*known.values(), *self._track])
+            low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
+        floor = Coverage(self.config.view, low, high, self.grid)
+        for been in self._track:
+            floor.look(been)
+        return floor
