@@ -14,7 +14,7 @@ from whereabouts.logs import McapWriter, Topic
 from whereabouts.recorded.camera_log import BOXES, IMAGE, INFO, TF
 from whereabouts.recorded.evidence_messages import Reader
 from whereabouts.recorded.world_bag import SuiteMessages
-from whereabouts.recorded.world_log import EvidenceLog
+from whereabouts.recorded.world_log import DETECTIONS, EvidenceLog
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import apartment
 from whereabouts.system.log_errors import NothingRecognisedError
@@ -31,7 +31,7 @@ class CameraRecorder:
     """Writes the messages of a camera, a detector and tf, with a look four times a second."""
 
     def __init__(self, path: Path) -> None:
-        self.messages = SuiteMessages(BOXES)
+        self.messages = SuiteMessages(BOXES, DETECTIONS)
         self.make = self.messages.make
         self.writer = McapWriter(path)
         self.camera = DepthCamera()
@@ -39,7 +39,7 @@ class CameraRecorder:
         self.now = 10.0
 
     def write(self, topic: str, kind: str, message: Any, at: float) -> None:
-        where = self.messages.topic(topic, kind) if kind == BOXES else Topic(topic, kind)
+        where = self.messages.topic(topic, kind) if kind in (BOXES, DETECTIONS) else Topic(topic, kind)
         self.writer.write_raw(where, self.messages.serialized(message, kind), round(at * 1e9))
 
     def transform(self, topic: str, parent: str, child: str, matrix: np.ndarray, stamp: float) -> None:
@@ -168,3 +168,49 @@ def test_boxes_without_depth_are_skipped_and_said(tmp_path: Path) -> None:
         pytest.raises(NothingRecognisedError, match=r"no depth image of 'eye' within 0\.05 s"),
     ):
         list(log)
+
+
+def in_space(path: Path, mapped: bool) -> Path:
+    """A cup, told of in the frame of the camera, while the robot drives; tf comes after what it is for."""
+    recorder = CameraRecorder(path)
+    make, messages = recorder.make, recorder.messages
+    cup = make("vision_msgs/msg/ObjectHypothesis", class_id="cup", score=0.9)
+    with recorder.writer:
+        recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)
+        for step in range(8):
+            recorder.now = now = 10.0 + step
+            base, later = BASE.copy(), BASE.copy()
+            base[1, 3] += 0.1 * step
+            later[1, 3] += 0.1 * (step + 0.2)
+            spot = np.linalg.solve(base @ MOUNT, np.append(CUP[1], 1.0))[:3]
+            pose = make(
+                "geometry_msgs/msg/PoseWithCovariance", pose=messages.pose(spot), covariance=np.zeros(36)
+            )
+            found = make("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=cup, pose=pose)
+            size = messages.vector("Vector3", np.full(3, 0.1))
+            box = make("vision_msgs/msg/BoundingBox3D", center=messages.pose(spot), size=size)
+            header = messages.header(now, "eye")
+            one = make("vision_msgs/msg/Detection3D", header=header, results=[found], bbox=box, id="")
+            recorder.write("/found", DETECTIONS, make(DETECTIONS, header=header, detections=[one]), now)
+            if mapped:
+                recorder.transform("/tf", "map", "base_link", later, now + 0.2)
+    return path
+
+
+def test_detections_in_the_frame_of_a_driving_camera_are_placed(tmp_path: Path) -> None:
+    reader = Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)
+    with EvidenceLog(in_space(tmp_path / "driven.mcap", True), reader) as log:
+        looks = list(log)
+    # Of the first there is no transform before it; each of the others waits for the one after it.
+    assert [look.stamp for look in looks] == [11.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0]
+    assert {look.frame for look in looks} == {"map"}
+    for look in looks:
+        np.testing.assert_allclose(look.evidence.objects[0].position, CUP[1], atol=1e-6)
+
+
+def test_without_a_map_in_tf_detections_are_in_their_own_frame(tmp_path: Path) -> None:
+    reader = Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)
+    with EvidenceLog(in_space(tmp_path / "still.mcap", False), reader) as log:
+        looks = list(log)
+    assert len(looks) == 8
+    assert {look.frame for look in looks} == {"eye"}

@@ -23,8 +23,8 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="IN",
-        help="Bag with evidence, detections in space or targets, all in one frame, or with boxes, camera_info, depth "
-        "and tf; or a store.",
+        help="Bag with evidence, detections in space or targets, in the map's frame or with tf to it (without a map in "
+        "tf all in one frame), or with boxes, camera_info, depth and tf; or a store.",
     ),
 ]
 Out = Annotated[

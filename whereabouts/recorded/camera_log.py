@@ -102,18 +102,15 @@ class CameraLog:
         frame, settings = strip_slash(str(message.header.frame_id)), self._settings
         found = self._lenses.lens_for(frame, of_image=True)
         assert found is not None
-        camera, pose = found[1], self.transforms.lookup(settings.map_frame, frame, stamp)
+        robot = self.placed(frame, stamp)
+        camera, pose = found[1], robot.matrix
         depth, at = self._depth(frame, camera, stamp)
         turned = None
         if at != stamp:
             with suppress(*[TransformError] * last):
                 then = self.transforms.lookup(settings.map_frame, frame, at)
                 turned = np.asarray(np.linalg.solve(then, pose))
-        origin = pose[:2, 3]
-        with suppress(TransformError):  # a camera may stand by itself
-            origin = self.transforms.lookup(settings.map_frame, settings.base_frame, stamp)[:2, 3]
-        view = CameraView(camera, pose, depth, None, settings.pose_covariance, origin, self.rates)
-        robot = SeenFrame(pose, origin, settings.pose_covariance)
+        view = CameraView(camera, pose, depth, None, settings.pose_covariance, robot.origin, self.rates)
         evidence, refused = self._reader.boxes(
             message, robot, lambda box, others: located(box, camera, depth, turned, others)
         )
@@ -121,6 +118,15 @@ class CameraLog:
         evidence.view = replace(view, taken=taken, turned=turned)
         evidence.blocked = self._lenses.repeats(frame, stamp)
         return evidence
+
+    def placed(self, frame: str, stamp: int) -> SeenFrame:
+        """A frame on the robot in the map, by tf. Raises TransformError."""
+        settings = self._settings
+        matrix = self.transforms.lookup(settings.map_frame, frame, stamp)
+        origin = matrix[:2, 3]
+        with suppress(TransformError):  # a camera may stand by itself
+            origin = self.transforms.lookup(settings.map_frame, settings.base_frame, stamp)[:2, 3]
+        return SeenFrame(matrix, origin, settings.pose_covariance)
 
     def _depth(self, frame: str, camera: CameraModel, stamp: int) -> tuple[DepthImage, int]:
         """The depth image of detections, and its stamp, ns."""

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from estimation.errors import InputError
-from whereabouts.logs import open_raw
+from estimation.geometry.frame_tree import TransformError
+from whereabouts.logs import RawMessage, open_raw
 from whereabouts.logs.bags.ros_types import Decoder
 from whereabouts.logs.bags.storage import Topic
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.cdr import UnreadableTypeError
-from whereabouts.recorded.camera_log import TYPES, CameraLog, CameraSettings
+from whereabouts.recorded.camera_log import PATIENCE, TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from whereabouts.system.log_errors import NothingRecognisedError
 from world_model import WorldEvidence
@@ -37,9 +39,10 @@ class LoggedLook:
 class EvidenceLog:
     """All evidence of a bag in the order of recording; a context manager.
 
-    Evidence, detections in space and targets must be in one frame, that of the first or `frame`. Boxes in an image
-    (Detection2DArray) are placed by CameraInfo, depth image and tf of the bag, as `camera` says. What cannot be used is
-    skipped and accounted for in `summary`. Raises LogError where there is no such bag.
+    Evidence, detections in space and targets in other frames than the map's are placed by the tf of the bag, boxes in
+    an image (Detection2DArray) by CameraInfo and depth image, too, as `camera` says. In a bag whose tf has no map they
+    must be in one frame, that of the first or `frame`. What cannot be used is skipped and accounted for in `summary`.
+    Raises LogError where there is no such bag.
     """
 
     def __init__(
@@ -47,7 +50,10 @@ class EvidenceLog:
     ) -> None:
         self.path = path
         self.frame = frame
-        self.camera = CameraLog(reader, camera or CameraSettings())
+        settings = camera or CameraSettings()
+        self._map_frame = settings.map_frame
+        self.camera = CameraLog(reader, settings)
+        self._waiting: deque[tuple[str, Any, RawMessage]] = deque()
         self._reader = reader
         self._bag = open_raw(path)
         self._decoders: dict[str, Decoder] = {}
@@ -71,21 +77,40 @@ class EvidenceLog:
                 message = self._decoder(raw.topic)(raw.data)
                 if raw.type_name in TYPES:
                     self.camera.take(raw.type_name, message, raw.name)
-                    looks = list(self._of_boxes())
                 else:
-                    looks = [self._look(raw.type_name, message)]
+                    self._waiting.append((raw.type_name, message, raw))
             except (UnreadableTypeError, InputError) as error:
-                self._bag.summary.skip(f"{raw.name}: {error}", f"time {raw.log_time / NANOSECONDS:.3f}")
+                self._skip(raw, error)
                 continue
-            count += len(looks)
-            yield from looks
-        for look in self._of_boxes(ended=True):
+            for look in (*self._of_space(raw.log_time - PATIENCE), *self._of_boxes()):
+                count += 1
+                yield look
+        for look in (*self._of_space(None), *self._of_boxes(ended=True)):
             count += 1
             yield look
         if count == 0:
             raise NothingRecognisedError(
                 self.path, f"there is no usable evidence in it{_first(self._bag.summary)}"
             )
+
+    def _skip(self, raw: RawMessage, error: Exception) -> None:
+        self._bag.summary.skip(f"{raw.name}: {error}", f"time {raw.log_time / NANOSECONDS:.3f}")
+
+    def _of_space(self, until: int | None) -> Iterator[LoggedLook]:
+        """What evidence, detections and targets say whose transforms have come; those of before `until`, ns, or all
+        where that is None, wait no longer."""
+        while self._waiting:
+            kind, message, raw = self._waiting[0]
+            last = until is None or raw.log_time <= until
+            try:
+                look = self._look(kind, message, last)
+            except (InputError, TransformError) as error:
+                if isinstance(error, TransformError) and not last:
+                    return
+                self._skip(raw, error)
+            else:
+                yield look
+            self._waiting.popleft()
 
     def _of_boxes(self, ended: bool = False) -> Iterator[LoggedLook]:
         """What boxes say whose depth image and transforms have come."""
@@ -101,23 +126,40 @@ class EvidenceLog:
             self._decoders[topic.name] = Decoder(topic)
         return self._decoders[topic.name]
 
-    def _look(self, type_name: str, message: Any) -> LoggedLook:
+    def _look(self, type_name: str, message: Any, last: bool) -> LoggedLook:
         header = message.header
         frame = str(header.frame_id).lstrip("/")
         if not frame:
             raise InputError("header.frame_id is empty")
-        self.frame = self.frame or frame
-        if frame != self.frame:
-            raise InputError(f"is in frame '{frame}', '{self.frame}' expected")
-        stamp = int(header.stamp.sec) + int(header.stamp.nanosec) / NANOSECONDS
+        stamp = int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
+        seen = self._place_of(frame, stamp, last)
         missing: list[str] = []
         if type_name == EVIDENCE:
-            evidence, missing = self._reader.evidence(message, SeenFrame())
+            evidence, missing = self._reader.evidence(message, seen)
         elif type_name == DETECTIONS:
-            evidence = self._reader.detections(message, SeenFrame())
+            evidence = self._reader.detections(message, seen)
         else:
-            evidence, _ = self._reader.targets(message, SeenFrame(), {})
-        return LoggedLook(stamp, frame, evidence, tuple(missing))
+            evidence, _ = self._reader.targets(message, seen, {})
+        return LoggedLook(stamp / NANOSECONDS, self.frame, evidence, tuple(missing))
+
+    def _place_of(self, frame: str, stamp: int, last: bool) -> SeenFrame:
+        """How to get from a frame to the world. last : nothing is waited for. Raises TransformError, InputError."""
+        world = self.frame or self._map_frame
+        if frame != world and world == self._map_frame:
+            try:
+                seen = self.camera.placed(frame, stamp)
+            except TransformError as error:
+                if not last:
+                    raise
+                if self.frame or self.camera.transforms.knows(world):
+                    raise InputError(f"is in frame '{frame}', '{world}' expected: {error}") from None
+                world, seen = frame, SeenFrame()
+        elif frame != world:
+            raise InputError(f"is in frame '{frame}', '{world}' expected")
+        else:
+            seen = SeenFrame()
+        self.frame = world
+        return seen
 
     def close(self) -> None:
         """Release files."""
