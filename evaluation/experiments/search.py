@@ -1,18 +1,19 @@
 """Where to look for an object, over chains of intermediate ones (Figures 5.2 to 5.4, Table 5.1).
 
 Rooms are made after a recipe and learned by looking around in thirty of them; the search is judged in rooms of another
-design, entered from each corner, until the remote control is seen. A failed search ends in a sweep.
+design, entered from each corner, until the remote control is seen. A failed search ends in a sweep. Whole homes follow.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Places
 from evaluation.drawing import saved
 from evaluation.report import Part, Report, RunOptions
@@ -25,8 +26,18 @@ from whereabouts.simulation.scenes.recipe_rooms import (
     recipe_room,
     swept,
 )
+from whereabouts.simulation.scenes.search_homes import (
+    CLEARANCE,
+    FOUND,
+    STRIDE,
+    Home,
+    driven_through,
+    home,
+    learned_homes,
+)
 from whereabouts.system.parallel import each
 from whereabouts.system.progress import track
+from world_model.tasks.coverage import bounds_of
 from world_model.tasks.relations import Relations
 from world_model.tasks.search import Chain, ObjectSearch, SearchConfig
 
@@ -104,12 +115,14 @@ def _known_room(width: float = RECIPE_SIZE) -> Places:
 class _Ours:
     """`ObjectSearch` as the simulated robot asks it: None where only a random search is left."""
 
-    def __init__(self, search: ObjectSearch) -> None:
-        self._search = search
+    def __init__(
+        self, search: ObjectSearch, target: str = TARGET, over: Sequence[str] = ("random", "none")
+    ) -> None:
+        self._search, self._target, self._over = search, target, over
 
     def next_goal(self, known: Mapping[str, Array], place: Array) -> Array | None:
-        step = self._search.next_goal(known, TARGET, [*place, 0.0])
-        return None if step.kind in ("random", "none") else step.goal
+        step = self._search.next_goal(known, self._target, [*place, 0.0])
+        return None if step.kind in self._over else step.goal
 
     def reached(self, goal: Array) -> None:
         self._search.reached(goal)
@@ -224,6 +237,73 @@ def _sizes(options: RunOptions, report: Report) -> None:
     )  # fmt: skip
 
 
+class _GreedyFloor:
+    """A plain planner: the place from which most unseen floor comes into view per metre of the way there, floor
+    counting by the share of its type of room among where the target was seen; by nothing where `shares` is empty."""
+
+    def __init__(self, made: Home, shares: Mapping[str, float]) -> None:
+        self._grid = made.grid
+        low, high = bounds_of(made.grid)
+        x, y = (np.arange(low[a], high[a], 2.0 * STRIDE) for a in range(2))
+        cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        self._cells = cells[made.grid.lookup(cells) < 0.0]
+        self._weights = np.ones(len(self._cells))
+        for room in made.places.rooms if shares else ():
+            inside = room.contains(self._cells)
+            self._weights[inside] = (shares.get(room.type, 0.0) + 1e-3) / max(
+                int(np.count_nonzero(inside)), 1
+            )
+        self._left = np.ones(len(self._cells), dtype=bool)
+        self._going = -1
+
+    def next_goal(self, known: Mapping[str, Array], place: Array) -> Array | None:
+        offsets = self._cells - place
+        away = np.hypot(*offsets.T)
+        near = np.flatnonzero(self._left & (away <= FOUND))
+        seen = self._grid.ray_cast(place, np.arctan2(*offsets[near].T[::-1]), FOUND) >= away[near]
+        self._left[near[seen]] = False
+        if self._going < 0 or not self._left[self._going]:
+            left = np.flatnonzero(self._left)
+            lengths = GridPaths(self._grid, place, CLEARANCE).lengths(self._cells[left])
+            able = np.isfinite(lengths)
+            if not able.any():
+                return None
+            goals = left[able]
+            close = (
+                np.hypot(*(self._cells[goals, None] - self._cells[None, left]).transpose(2, 0, 1)) <= FOUND
+            )
+            self._going = goals[np.argmax(close @ self._weights[left] / (lengths[able] + 1.0))]
+        return np.asarray(self._cells[self._going])
+
+    def reached(self, goal: Array) -> None:
+        self._left[self._going] = False
+
+
+def _home_outcomes(seed: int, relations: Relations) -> list[float]:
+    """Metres of the search and of both plain planners in one home."""
+    made = home(seed)
+    shares = relations.rooms(made.target, sorted({room.type for room in made.places.rooms}))
+    search = ObjectSearch(relations, SearchConfig(view=FOUND), made.places, made.grid)
+    choosers = (_Ours(search, made.target, ("none",)), _GreedyFloor(made, shares), _GreedyFloor(made, {}))
+    return [driven_through(made, chooser) for chooser in choosers]
+
+
+def _homes(options: RunOptions, report: Report) -> None:
+    """Homes of several rooms."""
+    count = options.share(100, 20)
+    relations = learned_homes(options.seed, 60)
+    seeds = np.random.default_rng([options.seed, 6]).integers(2**31, size=count).tolist()
+    lengths = np.array(each(_home_outcomes, [(seed, relations) for seed in seeds], options.jobs, "homes"))
+    names = ("search", "most floor per metre, by rooms", "most floor per metre")
+    rows: list[list[object]] = [
+        [name, float(path.mean()), float(np.median(path)), float(np.quantile(path, 0.9))]
+        for name, path in zip(names, lengths.T, strict=True)
+    ]
+    note = "From four to eight rooms, most with doors to their neighbours; one thing in four lies anywhere."
+    columns = ["", "path, mean, m ↓", "median, m ↓", "90 % are shorter than, m ↓"]
+    report.add("Search through homes", columns, rows, note, "homes", data="simulated", samples=count)
+
+
 def _teachers(options: RunOptions, report: Report) -> None:
     """Figure 5.4: relations learned with another view scale."""
     teachers = (4.0, 15.0) if options.quick else (4.0, 5.0, 10.0, 15.0)
@@ -298,4 +378,5 @@ PARTS = {
     "strategies": Part(_strategies),
     "sizes": Part(_sizes),
     "teachers": Part(_teachers),
+    "homes": Part(_homes),
 }

@@ -197,6 +197,23 @@ def test_a_robot_that_is_off_the_map_drives_to_rooms_all_the_same() -> None:
     assert "kitchen" in step.reason
 
 
+def test_a_map_that_comes_while_it_searches_is_heeded() -> None:
+    relations, places = two_rooms([[1.0, 0.5], [4.0, 0.5], [4.0, 3.5], [1.0, 3.5]])
+    values = np.zeros((50, 160), dtype=int)
+    values[:, 45:47] = 100
+    open_floor = OccupancyGrid.from_values(0 * values, 0.1)
+    search = ObjectSearch(relations, SearchConfig(view=10.0), places, open_floor)
+    here = [4.9, 2.0, 0.0]
+    # On one floor without walls it is in view at once.
+    assert "kitchen" not in search.next_goal({}, "t", here).reason
+    search.grid = OccupancyGrid.from_values(values, 0.1)
+    assert "kitchen" not in search.next_goal({}, "t", here).reason
+    # What was taken for looked at, through what turns out to be a wall with a door at its end, was not.
+    values[5:15, 45:47] = 0
+    search.grid = OccupancyGrid.from_values(values, 0.1)
+    assert "kitchen" in search.next_goal({}, "t", here).reason
+
+
 def test_a_class_nobody_has_heard_of_is_looked_for_all_the_same() -> None:
     search = ObjectSearch(example())
     step = search.next_goal({"a": [2.0, 0.0]}, "unicorn", HERE)

@@ -33,7 +33,7 @@ class Coverage:
         self, view: float, low: FloatArray, high: FloatArray, grid: OccupancyGrid | None = None
     ) -> None:
         self.view = view
-        self._grid = grid
+        self.grid = grid
         x = np.arange(low[0] + 0.5 * CELL, max(high[0], low[0] + CELL), CELL)
         y = np.arange(low[1] + 0.5 * CELL, max(high[1], low[1] + CELL), CELL)
         self._cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -46,10 +46,10 @@ class Coverage:
     def look(self, place: FloatArray) -> None:
         """The robot was at a place (2,)."""
         near = np.flatnonzero(~self._seen & (np.hypot(*(self._cells - place).T) <= self.view))
-        if self._grid is not None and len(near):
+        if self.grid is not None and len(near):
             offsets = self._cells[near] - place
             away = np.hypot(*offsets.T)
-            free = self._grid.ray_cast(place, np.arctan2(offsets[:, 1], offsets[:, 0]), self.view)
+            free = self.grid.ray_cast(place, np.arctan2(offsets[:, 1], offsets[:, 0]), self.view)
             near = near[free >= away]
         self._seen[near] = True
 
@@ -84,8 +84,8 @@ class Coverage:
         if not len(left):
             return None
         lengths = np.hypot(*(left - place).T)
-        if self._grid is not None:
-            lengths = GridPaths(self._grid, place, CLEARANCE).lengths(left)
+        if self.grid is not None:
+            lengths = GridPaths(self.grid, place, CLEARANCE).lengths(left)
         able = np.flatnonzero(np.isfinite(lengths))
         if not len(able):
             self._seen[numbers] = True

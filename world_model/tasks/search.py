@@ -212,6 +212,7 @@ class ObjectSearch:
         self._exploring: tuple[int, FloatArray] | None = None
         self._start: FloatArray | None = None
         self._coverage: Coverage | None = None
+        self._looks: list[FloatArray] = []  # where the robot looked from, and goals that it could not reach
         self._track: list[FloatArray] = []
         self._expected: dict[str, float] = {}
         self._looked: set[str] = set()
@@ -238,8 +239,7 @@ class ObjectSearch:
             self._driven_to |= {self._room_ahead} - {""}
         elif step.object:
             self._dead.setdefault(step.object, []).append((step.goal, np.array(where, dtype=np.float64)))
-        if self._coverage is not None:
-            self._coverage.look(np.asarray(where, dtype=np.float64))
+        self._look(np.array(where, dtype=np.float64))
         self._step = None
 
     def expect(self, places: Mapping[str, float]) -> None:
@@ -269,6 +269,9 @@ class ObjectSearch:
             self._begin(wanted, place)
         known = {name: as_vectors(f"position of {name!r}", spot, 2, 3)[:2] for name, spot in observed.items()}
         self._follow(place)
+        if self._coverage is not None and self._coverage.grid is not self.grid:
+            # The map has grown, or shows other walls.
+            self._coverage = self._floor(known)
         self._room_ahead = ""
         self._step = self._choose(known, place)
         return self._step
@@ -284,8 +287,12 @@ class ObjectSearch:
     def _follow(self, place: FloatArray) -> None:
         if not self._track or math.dist(self._track[-1], place) > 0.2:
             self._track.append(place)
-            if self._coverage is not None:
-                self._coverage.look(place)
+            self._look(place)
+
+    def _look(self, place: FloatArray) -> None:
+        self._looks.append(place)
+        if self._coverage is not None:
+            self._coverage.look(place)
 
     def _choose(self, known: dict[str, FloatArray], place: FloatArray) -> SearchStep:
         for name, spot in known.items():
@@ -497,6 +504,6 @@ class ObjectSearch:
             every = np.array([*known.values(), *self._track])
             low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
         floor = Coverage(self.config.view, low, high, self.grid)
-        for been in self._track:
-            floor.look(been)
+        for place in self._looks:
+            floor.look(place)
         return floor
