@@ -7,6 +7,7 @@ that the supervisor, which is made the one that adopts orphans, becomes its pare
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import importlib
 import json
@@ -91,9 +92,12 @@ class Host:
     def early(cls) -> Host | None:
         """One that loads while this process still reads what it has to start; None where this machine cannot do it."""
         try:
-            return cls()
+            host = cls()
         except OSError:
             return None
+        # It would go on to load for somebody who has found nothing to start.
+        atexit.register(host.end)
+        return host
 
     def start(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Forked:
         """Fork a node. command : as for a process of its own, `python -m MODULE ...`. Raises OSError."""
