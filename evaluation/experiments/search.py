@@ -290,7 +290,7 @@ def _home_outcomes(seed: int, relations: Relations) -> list[float]:
 
 def _homes(options: RunOptions, report: Report) -> None:
     """Homes of several rooms."""
-    count = options.share(100, 20)
+    count = options.share(500, 100)
     relations = learned_homes(options.seed, 60)
     seeds = np.random.default_rng([options.seed, 6]).integers(2**31, size=count).tolist()
     lengths = np.array(each(_home_outcomes, [(seed, relations) for seed in seeds], options.jobs, "homes"))
