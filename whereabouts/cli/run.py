@@ -110,6 +110,9 @@ def run(
     }
     options = {key: value for key, value in options.items() if value}
     chosen = read_config(config, options).only(nodes or [])
+    if host is not None and len(chosen.nodes) == 1:
+        host.end()
+        host = None
     target_folder(chosen.logs)
     if chosen.out is not None and chosen.out.suffix == ".mcap":
         target_file(chosen.out)
@@ -155,7 +158,8 @@ def _run_live(config: SuiteConfig, host: Host | None) -> None:
     from whereabouts.nodes.runtime.supervisor import Supervisor
 
     echo = LogEcho(lambda text: typer.echo(text, err=True))
-    with Supervisor(config.logs, on_event=typer.echo, patient=True, host=host) as supervisor:
+    several = len(config.nodes) > 1
+    with Supervisor(config.logs, on_event=typer.echo, patient=True, hosted=several, host=host) as supervisor:
         try:
             # Those that shall not configure themselves are somebody else's to bring up.
             managed = []

@@ -45,7 +45,9 @@ class LifecycleClient:
         self._node, self._executor = node, executor
         self._get = node.create_client(GetState, f"{name}/get_state")
         self._change = node.create_client(ChangeState, f"{name}/change_state")
-        self._asked: Any = None  # what it has been asked for and not yet answered
+        self._asked: dict[
+            int, Any
+        ] = {}  # by the state that the step is from, steps whose answers are to come
 
     @property
     def present(self) -> bool:
@@ -65,7 +67,7 @@ class LifecycleClient:
     def ask(self, state: int) -> None:
         """Begin the step that follows `state`; `advance` waits for its end."""
         if self._change.service_is_ready():
-            self._asked = self._change.call_async(_step_from(state))
+            self._asked[state] = self._change.call_async(_step_from(state))
 
     def advance(self, state: int) -> None:
         """Take the step that follows `state` on the way to active.
@@ -74,8 +76,7 @@ class LifecycleClient:
         ------
         SuiteError : the node refused, and has not gone on by itself.
         """
-        asked, self._asked = self._asked, None
-        answer = self._call(self._change, _step_from(state), ANSWER_TIMEOUT, asked)
+        answer = self._call(self._change, _step_from(state), ANSWER_TIMEOUT, self._asked.pop(state, None))
         if answer is not None and not answer.success and self.state() == state:
             raise SuiteError(f"{self.name} could not be {STEPS[state][1]}; its log says why")
 

@@ -176,7 +176,7 @@ class Supervisor:
         host: Host | None = None,
     ) -> None:
         self._patient = patient
-        self._hosted = hosted or host is not None
+        self._hosted = hosted
         self._host = host
         self._log_directory = log_directory
         self._restart = restart
